@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators import find_method, method_entries
+from scenetruth.estimators import find_method, list_methods
 from scenetruth.scene import Scene
 from scenetruth.testing import check_estimator
 from tests.cli.calling import scenetruth
@@ -85,7 +85,7 @@ def test_a_broken_plug_in_hurts_nobody_else(
     data: tuple[xr.Dataset, xr.Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     offer(tmp_path, monkeypatch, "crooked", {"crooked": "crooked:Method"}, "raise RuntimeError('no luck today')")
-    assert "crooked" in {entry.name for entry in method_entries()}
+    assert "crooked" in {entry.name for entry in list_methods()}
     assert find_method("structure_tensor").name == "structure_tensor"
     Scene.model_json_schema()
     with pytest.raises(st.EstimateError, match=r"loaded from crooked 1: RuntimeError: no luck today.*'crooked'"):
@@ -119,7 +119,7 @@ def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     points = {"structure_tensor": "takes_ours:Flat", "No-Name": "takes_ours:Flat", "twin": "takes_ours:Flat"}
     offer(tmp_path / "one", monkeypatch, "takes_ours", points, WORKS.format(name="twin"))
     offer(tmp_path / "two", monkeypatch, "other", {"twin": "other:Flat"}, WORKS.format(name="twin"))
-    problems = {(entry.name, entry.origin): entry.problem for entry in method_entries() if entry.problem}
+    problems = {(entry.name, entry.origin): entry.problem for entry in list_methods() if entry.problem}
     assert "its name is that of a method of scenetruth" in problems["structure_tensor", "takes_ours 1"]
     assert "its name is not possible" in problems["No-Name", "takes_ours 1"]
     assert "several installed plug-ins have this name" in problems["twin", "other 1"]

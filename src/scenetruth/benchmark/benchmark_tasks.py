@@ -14,6 +14,7 @@ from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.input_files import collect_input_files
 from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task
 from scenetruth.provenance import content_hash
+from scenetruth.resources import Limits
 from scenetruth.scene import Scene
 
 __all__ = [
@@ -36,12 +37,14 @@ class BenchmarkTask:
     ``points``: The points.
     ``contestants``: The methods.
     ``versions``: What figures depend on besides.
+    ``limits``: Resource limits of each scene.
     """
 
     folder: str
     points: tuple[DesignPoint, ...]
     contestants: tuple[MethodSpec, ...]
     versions: tuple[tuple[str, str], ...]
+    limits: Limits | None = None
 
     @property
     def store(self) -> ResultStore:
@@ -64,14 +67,18 @@ class BenchmarkTask:
 
 
 def list_design_points(
-    cases: Sequence[Case], suite: str, values: Sequence[float | str] | None = None
+    cases: Sequence[Case],
+    suite: str,
+    values: Sequence[float | str] | None = None,
+    seeds: Sequence[int] | None = None,
 ) -> list[DesignPoint]:
     """Return the scenes of cases."""
     found = []
     for case in cases:
         chosen = tuple(case.value_of(value) for value in (case.values(suite) if values is None else values))
         groups = [chosen] if case.one_scene else [(value,) for value in chosen]
-        found += [DesignPoint(case.kind, group, case.seeds[suite]) for group in groups]
+        chosen_seeds = tuple(range(case.seeds[suite]) if seeds is None else seeds)
+        found += [DesignPoint(case.kind, group, chosen_seeds) for group in groups]
     return found
 
 
@@ -108,7 +115,7 @@ def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
     point = job.points[number]
 
     def work() -> dict[str, Any]:
-        found = measure(all_cases()[point.case], point, job.contestants)
+        found = measure(all_cases()[point.case], point, job.contestants, job.limits)
         plain = {
             "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,

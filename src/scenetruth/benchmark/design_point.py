@@ -25,6 +25,7 @@ from scenetruth.estimators import prepare
 from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.jobs.results import refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
+from scenetruth.resources import Limits
 from scenetruth.scene import Scene
 from scenetruth.scoring import detect_convention_mismatches, get_units
 from scenetruth.scoring.error_pairs import EstimateTruthPairs
@@ -157,12 +158,16 @@ class DesignPoint:
 
     ``case``: Kind of the case.
     ``values``: What was varied: one value, or all of a case whose values are of one scene.
-    ``seeds``: How many noises.
+    ``seeds``: Seeds of the noise.
     """
 
     case: str
     values: tuple[float, ...]
-    seeds: int
+    seeds: tuple[int, ...]
+
+    def scene(self) -> Scene:
+        """Return the scene, without noise."""
+        return Scene.from_dict(all_cases()[self.case].scene(self.values[0]))
 
     @property
     def name(self) -> str:
@@ -188,17 +193,19 @@ class PointResult:
     maps: CaseErrorMaps | None = None
 
 
-def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -> PointResult:
+def measure(
+    case: Case, point: DesignPoint, contestants: Sequence[MethodSpec], limits: Limits | None = None
+) -> PointResult:
     """Make a scene, let all methods estimate from the same images, and measure what they find."""
     measured = PointResult()
     first = point.values[0]
     noise_std = case.noise_std(first)
     with ignore_scene_warnings():
-        ideal, whole = simulate(Scene.from_dict(case.scene(first)))
+        ideal, whole = simulate(point.scene(), limits=limits)
         truth = whole.sel(t=[0])
         truth = truth.assign(seen_throughout=(("y", "x"), visible_throughout(whole)))
         found = []
-        for seed in range(point.seeds if noise_std else 1):
+        for realisation, seed in enumerate(point.seeds if noise_std else (0,)):
             recording = add_noise(ideal, noise_std, case.kind, seed)
             estimates = {}
             for one in contestants:
@@ -214,7 +221,7 @@ def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -
                     continue
                 took = time.perf_counter() - took
                 estimates[one.label] = maps
-                if seed == 0 and not one.is_own:
+                if realisation == 0 and not one.is_own:
                     with suppress(ScoreError):
                         measured.slips[one.label] = [slip.message for slip in detect_convention_mismatches(maps, truth)]
                 for name, number, unit in (("seconds", took, "s"), ("peak_memory", held.megabytes, "MB")):

@@ -21,8 +21,9 @@ from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
+from scenetruth.plain_data import seed_problems
 from scenetruth.progress import Progress, say
-from scenetruth.scene import Scene
+from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.simulation import simulate
 
 __all__ = ["compare", "select_available_cases", "write_recordings"]
@@ -31,6 +32,7 @@ __all__ = ["compare", "select_available_cases", "write_recordings"]
 INDEX = "comparison.json"
 """What a folder of a comparison is known by."""
 _FOLDER = JobFolder(INDEX, "a comparison", "points")
+_MAX_SEEDS = 1000
 
 
 def compare(
@@ -39,6 +41,8 @@ def compare(
     suite: str = "core",
     cases: Sequence[str] | None = None,
     levels: Sequence[float | str] | None = None,
+    seeds: int | Sequence[int] | None = None,
+    limits: Limits | None = None,
     output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
@@ -61,6 +65,10 @@ def compare(
         Only these cases, by their kinds.
     levels
         Only these values of what is varied, for a single case; labels where values have some, as names of scenes.
+    seeds
+        Number of realisations of the noise at each level, or their seeds; by default those of the case and the suite.
+    limits
+        Resource limits of each scene (`scenetruth.Limits`); the default limits if not given.
     output
         Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a
         file for each scene. If not given, nothing is kept.
@@ -84,7 +92,9 @@ def compare(
     EstimateError
         If there is no such method, a setting is impossible, or a function cannot be sent to another process.
     ArgumentError
-        If there is no such suite, case or value, or a case needs what is not there.
+        If there is no such suite, case or value, a case needs what is not there, or seeds are impossible.
+    SceneError
+        If a scene exceeds a limit.
     OutputExistsError
         If the folder holds a comparison of other methods, or something else.
 
@@ -102,16 +112,22 @@ def compare(
     """
     contestants = read_methods(methods)
     chosen = select_available_cases(suite, cases, levels)
+    if seeds is not None and (wrong := seed_problems(seeds, _MAX_SEEDS)):
+        raise ArgumentError(wrong)
+    numbers = range(seeds) if isinstance(seeds, int) else seeds
     resolve_workers(workers)
     _refuse_what_cannot_travel(contestants, workers, scheduler)
     identity = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
     with _FOLDER.open(output, identity, other=_describe_other, scheduler=scheduler) as place:
-        points = list_design_points(chosen, suite, levels)
+        points = list_design_points(chosen, suite, levels, numbers)
+        for point in points:
+            refuse_beyond_limits(point.scene(), limits)
         job = BenchmarkTask(
             str((place / "points").resolve()),
             tuple(points),
             tuple(contestants),
             tuple(sorted(collect_versions().items())),
+            limits,
         )
         missing = [number for number in range(len(points)) if not job.is_done(number)]
         if len(missing) < len(points):
@@ -256,8 +272,8 @@ def write_recordings(
         case = all_cases()[point.case]
         noise_std = case.noise_std(point.values[0])
         with ignore_scene_warnings():
-            ideal = simulate(Scene.from_dict(case.scene(point.values[0])))[0]
-        for seed in range(point.seeds if noise_std else 1):
+            ideal = simulate(point.scene()).recording
+        for seed in point.seeds if noise_std else (0,):
             recording = add_noise(ideal, noise_std, case.kind, seed)
             place = Path(folder) / recording_key(recording)
             if not place.exists():

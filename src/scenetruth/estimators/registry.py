@@ -41,7 +41,7 @@ __all__ = [
     "MethodEntry",
     "choose",
     "find_method",
-    "method_entries",
+    "list_methods",
     "name_problems",
     "offered",
     "validate_settings",
@@ -75,13 +75,13 @@ class MethodEntry:
 
     See Also
     --------
-    scenetruth.estimators.method_entries : Those of all methods that are installed.
+    scenetruth.estimators.list_methods : Those of all methods that are installed.
     scenetruth.estimators.find_method : The method itself, loaded and looked over.
 
     Examples
     --------
-    >>> from scenetruth.estimators import method_entries
-    >>> entry = next(entry for entry in method_entries() if entry.name == "plane_sweep")
+    >>> from scenetruth.estimators import list_methods
+    >>> entry = next(entry for entry in list_methods() if entry.name == "plane_sweep")
     >>> entry.origin, entry.problem, sorted(entry.load().gives)
     ('scenetruth', '', ['depth', 'disparity'])
     """
@@ -92,7 +92,7 @@ class MethodEntry:
     load: Callable[[], Any]
 
 
-def method_entries() -> list[MethodEntry]:
+def list_methods() -> list[MethodEntry]:
     """Return all methods that are installed, without loading any, in order of their names; ours first.
 
     Returns
@@ -106,7 +106,7 @@ def method_entries() -> list[MethodEntry]:
 
     Examples
     --------
-    >>> names = [entry.name for entry in method_entries() if not entry.problem]
+    >>> names = [entry.name for entry in list_methods() if not entry.problem]
     >>> "plane_sweep" in names, "refined" in names, "structure_tensor" in names
     (True, True, True)
     """
@@ -141,7 +141,7 @@ def find_method(name: object) -> Estimator:
 
     See Also
     --------
-    scenetruth.estimators.method_entries : All methods that are installed, loaded or not.
+    scenetruth.estimators.list_methods : All methods that are installed, loaded or not.
     scenetruth.estimators.validate_settings : Settings of a method from plain values.
 
     Examples
@@ -167,13 +167,13 @@ def find_method(name: object) -> Estimator:
         return _made(_attribute_of(name), name)
     # A plug-in cannot take the name of one of ours: those need no look at what is installed.
     entries = [entry for entry in _own_entries() if entry.name == name]
-    entries = entries or [entry for entry in method_entries() if entry.name == name]
+    entries = entries or [entry for entry in list_methods() if entry.name == name]
     if not entries:
         import difflib
 
         if hint := _file_hint(name):
             raise _refused(hint, name)
-        known = sorted({entry.name for entry in method_entries()})
+        known = sorted({entry.name for entry in list_methods()})
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else "."
         raise _refused(f"no such method{hint} Installed: {', '.join(known)}", name)
@@ -194,7 +194,7 @@ _OFFERED: dict[str, Estimator] = {}
 @contextmanager
 def offered(method: Estimator) -> Iterator[None]:
     """Let a method that was made just now be found by its name, in this process, until the block ends."""
-    if method.name in _OFFERED or method.name in {entry.name for entry in method_entries()}:
+    if method.name in _OFFERED or method.name in {entry.name for entry in list_methods()}:
         raise _refused("is the name of a method that is there already; choose another", method.name)
     _OFFERED[method.name] = method
     try:
@@ -319,7 +319,7 @@ def name_problems(name: object) -> list[Problem]:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         message = "must be lower-case letters, digits and underscores, beginning with a letter"
         return [Problem("name", message, name)]
-    if name in {entry.name for entry in method_entries()}:
+    if name in {entry.name for entry in list_methods()}:
         return [Problem("name", "is that of a method that is installed; choose another", name)]
     return []
 
@@ -360,7 +360,7 @@ class MethodChoice(BaseModel):
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return one object for every method that can be loaded; broken ones are left out."""
         variants = []
-        for entry in method_entries():
+        for entry in list_methods():
             try:
                 method = find_method(entry.name)
             except EstimateError:

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from scenetruth.design.sweeps.sweep_plan import SweepError, build_plan
+from scenetruth.design.sweeps.sweep_plan import build_plan
 from scenetruth.errors import ArgumentError, SceneError
 from scenetruth.scene import Scene
 from tests.design.sweep.small import scene
 
 
 def refused(vary: dict[str, Any], given: Any = None, **options: Any) -> list[str]:
-    with pytest.raises(SweepError) as error:
+    with pytest.raises(ArgumentError) as error:
         build_plan(scene() if given is None else given, vary, **options)
     return list(map(str, error.value.problems))
 

@@ -43,6 +43,7 @@ from scenetruth.resources import Limits, limited_objects
 from scenetruth.scene import Scene
 from scenetruth.scoring import QUANTITIES, score
 from scenetruth.simulation import simulate
+from scenetruth.truth import TruthMaps
 
 __all__ = [
     "ConfirmationResult",
@@ -202,6 +203,7 @@ class ConfirmationTask:
     ``seeds``: Seeds of each.
     ``objectives``: What is measured.
     ``versions``: What figures depend on besides.
+    ``limits``: Resource limits of every scene.
     """
 
     folder: str
@@ -209,6 +211,7 @@ class ConfirmationTask:
     seeds: tuple[int, ...]
     objectives: tuple[Objective, ...]
     versions: tuple[tuple[str, str], ...]
+    limits: Limits | None = None
 
     def __len__(self) -> int:
         """Return how many simulations there are."""
@@ -251,10 +254,11 @@ class ConfirmationTask:
         return None if lacking else figures
 
 
-def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...]) -> Figures:
+def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...], limits: Limits | None = None) -> Figures:
     """Simulate a scene, estimate with its method, and score."""
     with ignore_scene_warnings():
-        recording, truth = simulate(scene, truth_content="complete" if _is_further(objectives) else "standard")
+        content: TruthMaps = "complete" if _is_further(objectives) else "standard"
+        recording, truth = simulate(scene, truth_content=content, limits=limits)
         maps = estimate(recording, scene.estimate.method, scene.estimate.settings.model_dump())
         found = score(maps, truth, settings=scene.score)
     figures: Figures = {}
@@ -284,7 +288,7 @@ def simulate_candidate(job: ConfirmationTask, number: int) -> TaskResult:
     rig, seed = divmod(number, len(job.seeds))
 
     def work() -> dict[str, Any]:
-        found = simulate_objectives(job.scene(number), job.objectives)
+        found = simulate_objectives(job.scene(number), job.objectives, job.limits)
         key = job.key(number)
         job.store.write(key, key, {"figures": found})
         return {"simulation": number}
@@ -320,6 +324,7 @@ def simulate_candidates(
     scheduler: str | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
+    limits: Limits | None = None,
 ) -> ConfirmationResult:
     """Simulate rigs with several seeds, in pieces of work that are done once."""
     if not rigs:
@@ -332,6 +337,7 @@ def simulate_candidates(
         derive_seeds(prepared.scene.seed, confirm.seeds),
         task.objectives,
         tuple(sorted(collect_versions().items())),
+        limits,
     )
     missing = [number for number in range(len(job)) if job.figures(number) is None]
     for_each(

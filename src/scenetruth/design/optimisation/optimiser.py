@@ -49,6 +49,7 @@ from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.results import compute_key
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.progress import Progress, say
+from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, Scene
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ def optimise(
     specification: DesignSpecLike,
     *,
     overrides: Overrides = (),
+    seeds: int | None = None,
+    limits: Limits | None = None,
     output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
@@ -85,6 +88,10 @@ def optimise(
         The design specification, its values, its file, or the name of one that is shipped.
     overrides
         Changes of the specification, as of `scenetruth.load_scene`.
+    seeds
+        Number of simulated recordings of each confirmed rig; by default ``confirmation.seeds`` of the specification.
+    limits
+        Resource limits of every scene that is simulated (`scenetruth.Limits`); the default limits if not given.
     output
         Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
         ``recommended_preview.yaml``, ``pareto_front.csv``, ``evaluations.csv``, ``design.json``. If not given, nothing
@@ -140,11 +147,14 @@ def optimise(
     resolve_workers(workers)
     require_optional_libraries()
     known = load_design_spec(specification, overrides=overrides)
+    if seeds is not None:
+        known = load_design_spec(known, overrides={"confirmation.seeds": seeds})
     prepared = prepare_problem(known)
+    refuse_beyond_limits(prepared.scene, limits)
     identity = {"format": 1, "key": _key(prepared), "title": known.title}
     other = "is of a design with another scene, other constraints or objectives; choose another folder"
     with _FOLDER.open(output, identity, other=other, scheduler=scheduler) as place:
-        run = _Run(known, prepared, place, progress, say)
+        run = _Run(known, prepared, place, progress, say, limits)
         crew = create_executor(workers, 1, scheduler)
         try:
             run.search(crew)
@@ -186,6 +196,7 @@ class _Run:
     folder: Path
     progress: Progress | None
     say: Callable[[str], None]
+    limits: Limits | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     found: list[Evaluation] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
@@ -240,6 +251,7 @@ class _Run:
                 scheduler=scheduler,
                 progress=self.progress,
                 notice=self.say,
+                limits=self.limits,
             )
         by_number = {rig.number: simulated.rigs.get(rig.number, rig) for rig in rigs}
         recommended = self._recommended(list(by_number.values()), simulated)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from scenetruth.bound import ClosedFormBound, closed_form_bound
 from scenetruth.design.patterns.generation import Pattern, list_pattern_types
-from scenetruth.design.patterns.pattern_model import PatternError
 from scenetruth.design.patterns.pattern_rig import PatternGreyLevel, PatternRig, compute_grey_level, find_grey_level
 from scenetruth.design.patterns.pattern_spectrum import (
     NYQUIST,
@@ -285,7 +284,9 @@ def assess_pattern(
             motion,
         )
     if rig is None:
-        raise PatternError([Problem("rig", "is missing: a photograph does not tell for which camera")])
+        raise ArgumentError(
+            [Problem("rig", "is missing: a photograph does not tell for which camera")], source="a pattern"
+        )
     _refuse_numbers(mm_per_px, picture_noise_std)
     grey = load_grey_values(pattern, encoding)
     name = label or (Path(pattern).name if isinstance(pattern, str | Path) else "picture")
@@ -293,12 +294,12 @@ def assess_pattern(
     if min(grey.shape) * pitch < _LEAST_PX:
         message = f"shows less than {_LEAST_PX} px of the rig's image along a side: take a larger picture"
         told = " x ".join(f"{side * pitch:.3g}" for side in reversed(grey.shape)) + " px"
-        raise PatternError([Problem("picture", message, told)])
+        raise ArgumentError([Problem("picture", message, told)], source="a pattern")
     if pitch > 1:
         message = f"is coarser than the rig sees, {rig.mm_per_px:.4g} mm per px: take a picture from nearer by"
-        raise PatternError([Problem("mm_per_px", message, mm_per_px)])
+        raise ArgumentError([Problem("mm_per_px", message, mm_per_px)], source="a pattern")
     if grey.mean() <= 0:
-        raise PatternError([Problem("picture", "is black", name)])
+        raise ArgumentError([Problem("picture", "is black", name)], source="a pattern")
     if mm_per_px is not None:
         shown = _illuminate(remove_shading(grey), rig, pitch, noise_std=picture_noise_std or 0.0)
     else:
@@ -374,7 +375,7 @@ def _render_pattern(pattern: Pattern, rig: PatternRig) -> _ImagedPattern:
     sides_px = [min(side / rig.mm_per_px, _PATCH_PX) for side in pattern.size_mm]
     if min(sides_px) < _LEAST_PX:
         message = f"is less than {_LEAST_PX} px of the rig's image along a side: make a larger pattern"
-        raise PatternError([Problem("size_mm", message, pattern.size_mm)])
+        raise ArgumentError([Problem("size_mm", message, pattern.size_mm)], source="a pattern")
     columns, rows = (int(side) * _PARTS for side in sides_px)
     width, height = (count / _PARTS * rig.mm_per_px for count in (columns, rows))
     box = ((pattern.size_mm[0] - width) / 2, (pattern.size_mm[1] - height) / 2, width, height)
@@ -382,7 +383,7 @@ def _render_pattern(pattern: Pattern, rig: PatternRig) -> _ImagedPattern:
     brightest = float(shown.grey.max())
     if brightest > 1:
         message = f"saturates the sensor: paper would be at {100 * brightest:.0f} % of full scale; lower it, or expose"
-        raise PatternError([Problem("light", f"{message} for a shorter time", rig.light)])
+        raise ArgumentError([Problem("light", f"{message} for a shorter time", rig.light)], source="a pattern")
     return shown
 
 
@@ -393,7 +394,7 @@ def _illuminate(
     level = compute_grey_level(rig, float(reflectance.mean()) * rig.light)
     if level.gain <= 0:
         message = "gives a grey value that does not follow the light: the sensor is saturated; lower it"
-        raise PatternError([Problem("light", message, rig.light)])
+        raise ArgumentError([Problem("light", message, rig.light)], source="a pattern")
     grey = level.grey + level.gain * rig.light * (reflectance - reflectance.mean())
     return _ImagedPattern(grey, level, pitch_px, rig, texel_px, noise_std * level.gain * rig.light)
 
@@ -466,7 +467,7 @@ def _refuse_numbers(mm_per_px: float | None, picture_noise_std: float | None) ->
     if picture_noise_std is not None and not 0 <= picture_noise_std < 1:
         problems.append(Problem("picture_noise_std", "must be a share of full scale, from 0 on", picture_noise_std))
     if problems:
-        raise PatternError(problems)
+        raise ArgumentError(problems, source="a pattern")
 
 
 SIZES_PX = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0)

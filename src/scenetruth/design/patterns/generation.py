@@ -11,17 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.design.patterns.pattern_model import (
-    Box,
-    Marks,
-    PatternDrawing,
-    PatternError,
-    PatternModel,
-    validate_values,
-)
+from scenetruth.design.patterns.pattern_model import Box, Marks, PatternDrawing, PatternModel, validate_values
 from scenetruth.design.patterns.pattern_rig import PatternRig
 from scenetruth.discovery import kinds_in
-from scenetruth.errors import Problem
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 
@@ -163,7 +156,7 @@ def generate_pattern(
     rig = rig if isinstance(rig, PatternRig) else PatternRig.from_scene(rig)
     kinds = list_pattern_types()
     if kind not in kinds:
-        raise PatternError([Problem("kind", f"must be one of {', '.join(kinds)}", kind)])
+        raise ArgumentError([Problem("kind", f"must be one of {', '.join(kinds)}", kind)], source="a pattern")
     lengths, problems = _in_mm(settings, kinds[kind], rig)
     model, found = validate_values(kinds[kind], {"kind": kind, **lengths})
     problems += found
@@ -176,7 +169,7 @@ def generate_pattern(
         else:
             problems += model.size_problems(size)
     if model is None or size is None or problems:
-        raise PatternError(problems)
+        raise ArgumentError(problems, source="a pattern")
     width, height = (float(side) for side in size)
     drawing = model.draw((width, height), generator_for(seed, "pattern", kind))
     return Pattern(model, (width, height), seed, rig, drawing)

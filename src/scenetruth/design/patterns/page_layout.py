@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 from scenetruth.design.patterns.generation import Pattern
-from scenetruth.design.patterns.pattern_model import Box, PatternError
-from scenetruth.errors import Problem
+from scenetruth.design.patterns.pattern_model import Box
+from scenetruth.errors import ArgumentError, Problem
 
 __all__ = ["PageLine", "PageText", "PrintPage", "lay_out_pages"]
 
@@ -89,18 +89,18 @@ def lay_out_pages(pattern: Pattern, page: str = "A4", margin_mm: float = 10.0) -
     if not 0 <= margin_mm <= 100:
         problems.append(Problem("margin_mm", "must be from 0 to 100 mm", margin_mm))
     if problems:
-        raise PatternError(problems)
+        raise ArgumentError(problems, source="a pattern")
     told = _compose_label(pattern)
     laid = [(size, _compute_tile_area(size, margin_mm, told)) for size in sizes]
     laid = [(size, room) for size, room in laid if min(room[2:]) >= _LEAST_TILE_MM]
     if not laid:
         message = f"leaves less than {_LEAST_TILE_MM:g} mm for the pattern within its margins; take a larger one"
-        raise PatternError([Problem("page", message, page)])
+        raise ArgumentError([Problem("page", message, page)], source="a pattern")
     size, room = min(laid, key=lambda each: math.prod(_tiles(pattern.size_mm, each[1])))
     columns, rows = _tiles(pattern.size_mm, room)
     if columns * rows > _MOST_PAGES:
         message = f"takes {columns * rows:,} pages, more than {_MOST_PAGES}; take larger ones, or a smaller pattern"
-        raise PatternError([Problem("page", message, page)])
+        raise ArgumentError([Problem("page", message, page)], source="a pattern")
     return [
         _page(pattern, size, room, (row, column), (rows, columns), margin_mm, told)
         for row in range(rows)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from scenetruth.errors import ArgumentError, Problem
+from scenetruth.errors import Problem
 from scenetruth.validated_model import FrozenModel
 
 __all__ = [
@@ -21,19 +21,12 @@ __all__ = [
     "InkDots",
     "Marks",
     "PatternDrawing",
-    "PatternError",
     "PatternModel",
     "validate_values",
 ]
 
 
 Model = TypeVar("Model", bound=BaseModel)
-
-
-class PatternError(ArgumentError):
-    """A pattern that cannot be made, printed or judged; lists every problem with its path."""
-
-    _noun = "pattern"
 
 
 def validate_values(

@@ -12,9 +12,9 @@ from pydantic import Field
 
 from scenetruth.camera import AnySensor, Defocus, GaussianSensor, build_sensor_chain
 from scenetruth.camera.lens import Psf
-from scenetruth.design.patterns.pattern_model import PatternError, validate_values
+from scenetruth.design.patterns.pattern_model import validate_values
 from scenetruth.design.prediction.camera_response import compute_grey_levels
-from scenetruth.errors import Problem, SceneError, SceneWarning
+from scenetruth.errors import ArgumentError, Problem, SceneError, SceneWarning
 from scenetruth.scene import Scene, SceneLike, load_scene
 from scenetruth.scene.texture.procedural_textures import UniformTexture
 from scenetruth.validated_model import FrozenModel, Positive
@@ -101,7 +101,7 @@ class PatternRig(FrozenModel):
 
         Raises
         ------
-        PatternError
+        ArgumentError
             If a number is missing or impossible; lists all that is wrong.
         SceneError
             If the scene cannot be made.
@@ -136,7 +136,7 @@ class PatternRig(FrozenModel):
             values = {**_read_values(load_scene(scene), measured=distance_mm is None), **values}
         rig, problems = validate_values(cls, values)
         if rig is None:
-            raise PatternError(problems, source="the rig")
+            raise ArgumentError(problems, source="the rig")
         return rig
 
     @property

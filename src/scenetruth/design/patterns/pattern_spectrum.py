@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.compilation import thread_count
-from scenetruth.design.patterns.pattern_model import PatternError
 from scenetruth.design.patterns.pattern_rig import PatternRig, compute_contrast_transfer
 from scenetruth.design.prediction.camera_response import compute_derivative_response
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.scene.texture.image_textures import compute_luminance, read_image_header
 
 __all__ = [
@@ -38,13 +37,13 @@ _MOST_SIDE = 2048
 def load_grey_values(picture: str | Path | NDArray[Any], encoding: str) -> Array:
     """Return the linear grey values of a photograph, from 0 to 1; of a large one, its middle."""
     if encoding not in ("linear", "srgb"):
-        raise PatternError([Problem("encoding", "must be linear or srgb", encoding)])
+        raise ArgumentError([Problem("encoding", "must be linear or srgb", encoding)], source="a pattern")
     image = _read(Path(picture)) if isinstance(picture, str | Path) else np.asarray(picture)
     told = str(picture) if isinstance(picture, str | Path) else f"shape {image.shape}, {image.dtype}"
     if image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
-        raise PatternError([Problem("picture", "must be one picture in grey or in colours", told)])
+        raise ArgumentError([Problem("picture", "must be one picture in grey or in colours", told)], source="a pattern")
     if image.dtype.kind not in "uifb" or not np.isfinite(image).all():
-        raise PatternError([Problem("picture", "must hold numbers, all of them finite", told)])
+        raise ArgumentError([Problem("picture", "must hold numbers, all of them finite", told)], source="a pattern")
     slices = tuple(slice(max((side - _MOST_SIDE) // 2, 0), None) for side in image.shape[:2])
     image = image[slices][:_MOST_SIDE, :_MOST_SIDE]
     return compute_luminance(image, encoding).astype(np.float64)
@@ -67,14 +66,18 @@ def _read(file: Path) -> NDArray[Any]:
     try:
         read_image_header(file)
     except SceneError as error:
-        raise PatternError([Problem("picture", problem.message, str(file)) for problem in error.problems]) from error
+        raise ArgumentError(
+            [Problem("picture", problem.message, str(file)) for problem in error.problems], source="a pattern"
+        ) from error
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             image = np.asarray(imageio.imread(file.read_bytes(), extension=file.suffix))
     except Exception as error:  # the readers of imageio's plugins raise whatever they like
         told = " ".join(str(error).split())[:200] or type(error).__name__
-        raise PatternError([Problem("picture", f"cannot be read as an image: {told}", str(file))]) from error
+        raise ArgumentError(
+            [Problem("picture", f"cannot be read as an image: {told}", str(file))], source="a pattern"
+        ) from error
     return image[0] if image.ndim > 2 and image.shape[0] == 1 else image
 
 

@@ -21,10 +21,9 @@ from scenetruth.design.patterns.pattern_model import (
     InkAreas,
     InkDots,
     PatternDrawing,
-    PatternError,
     PatternModel,
 )
-from scenetruth.errors import Problem
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.scene.texture.band_limited_noise import contains_wavelength, make_band_limited_noise
 from scenetruth.validated_model import Positive
 
@@ -442,7 +441,7 @@ def _place_centres(model: SpecklePattern, size_mm: tuple[float, float], generato
         if offered > _PATIENCE * max(expected, 1.0) + 64 * batch:
             reached = so_far / covered.size
             message = f"is not reached: random places end at {reached:.2f}; lower it, or spacing"
-            raise PatternError([Problem("coverage", message, model.coverage)])
+            raise ArgumentError([Problem("coverage", message, model.coverage)], source="a pattern")
         candidates = generator.random((batch, 2)) * (width + 2 * radius, height + 2 * radius) - radius
         count, so_far = place_dots(candidates, placed, count, cells, least, covered, texel, radius, wanted, so_far)
         offered += batch

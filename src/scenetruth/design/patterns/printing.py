@@ -213,7 +213,7 @@ def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", ma
 
     Raises
     ------
-    PatternError
+    ArgumentError
         If the paper is unknown, or too small.
 
     See Also

@@ -20,16 +20,11 @@ from scenetruth.dataset.distributions import (
 from scenetruth.dataset.sampler import UniformDraws
 from scenetruth.design.sweeps.factors import Factor, format_level, parse_factors
 from scenetruth.errors import ArgumentError, Problem, SceneError
+from scenetruth.plain_data import seed_problems
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
 
-__all__ = ["SweepError", "SweepPlan", "SweepPoint", "build_plan"]
-
-
-class SweepError(ArgumentError):
-    """A sweep that cannot be made; lists every problem with its path."""
-
-    _noun = "sweep"
+__all__ = ["SweepPlan", "SweepPoint", "build_plan"]
 
 
 @dataclass(frozen=True)
@@ -125,7 +120,7 @@ def build_plan(
     """Return all simulations of a sweep."""
     labels, bases = _loaded(scenes, overrides)
     plains = tuple(base.to_dict() for base in bases)
-    wrong_seeds = list(_seed_problems(seeds))
+    wrong_seeds = seed_problems(seeds, MOST_SIMULATIONS)
     problems = [*wrong_seeds, *_sobol_problems(sobol)]
     factors, wrong = parse_factors(vary, 0 if _sobol_problems(sobol) else sobol)
     problems += wrong
@@ -142,7 +137,7 @@ def build_plan(
         plan = _plan(labels, bases, plains, placed, 1 if wrong_seeds else seeds, 0 if _sobol_problems(sobol) else sobol)
         problems += [*_find_impossible(plan), *_find_ineffective(plan, [factor for factor, _ in placed], own_methods)]
     if problems or plan is None:
-        raise SweepError(_each_once(problems))
+        raise ArgumentError(_each_once(problems), source="a sweep")
     return plan
 
 
@@ -160,7 +155,7 @@ def _plan(
     count = len(combinations) * len(bases) * len(own[0])
     if count > MOST_SIMULATIONS:
         message = f"makes {count:,} simulations, more than {MOST_SIMULATIONS:,}: fewer values, or sobol points"
-        raise SweepError([Problem("vary", message)])
+        raise ArgumentError([Problem("vary", message)], source="a sweep")
     return SweepPlan(
         labels,
         plains,
@@ -182,7 +177,7 @@ def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tup
     """Return the scenes, with what they are called."""
     several = [given] if isinstance(given, Scene | Mapping | str | PathLike) else list(given)
     if not several:
-        raise SweepError([Problem("scenes", "at least one scene is needed")])
+        raise ArgumentError([Problem("scenes", "at least one scene is needed")], source="a sweep")
     scenes: list[Scene] = []
     failed: list[SceneError] = []
     for one in several:
@@ -211,27 +206,14 @@ def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tup
     ]
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
-        raise SweepError([Problem("scenes", "is there twice", label) for label in twice])
+        raise ArgumentError([Problem("scenes", "is there twice", label) for label in twice], source="a sweep")
     return tuple(labels), scenes
-
-
-def _seed_problems(seeds: int | Sequence[int]) -> Iterator[Problem]:
-    if isinstance(seeds, int) and not isinstance(seeds, bool):
-        if not 1 <= seeds <= MOST_SIMULATIONS:
-            yield Problem("seeds", "must be at least 1: how many, or a list of them", seeds)
-        return
-    if not isinstance(seeds, Sequence) or isinstance(seeds, str) or not len(seeds):
-        yield Problem("seeds", "must be a number of seeds, or a list of them", seeds)
-    elif not all(isinstance(seed, int) and 0 <= seed <= _LARGEST_SEED for seed in seeds):
-        yield Problem("seeds", "must be whole numbers from 0 on", list(seeds))
-    elif len(set(seeds)) < len(seeds):
-        yield Problem("seeds", "are there twice: the same seed makes the same images", list(seeds))
 
 
 def _sobol_problems(sobol: int) -> list[Problem]:
     if isinstance(sobol, int) and not isinstance(sobol, bool) and 0 <= sobol <= MOST_SIMULATIONS:
         return []
-    return [Problem("sobol", "must be a number of points, or 0 for none", sobol)]
+    return [Problem("sobol_points", "must be a number of points, or 0 for none", sobol)]
 
 
 def _list_seeds(scenes: Sequence[Scene], seeds: int | Sequence[int]) -> tuple[tuple[int, ...], ...]:

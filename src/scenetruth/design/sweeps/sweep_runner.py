@@ -13,9 +13,9 @@ from typing import Any
 from scenetruth.design.sweeps.aggregation import collect_result
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.point_simulation import BOUND, SweepTask, methods_from_scene, run_sweep_task
-from scenetruth.design.sweeps.sweep_plan import SweepError, SweepPlan, build_plan
+from scenetruth.design.sweeps.sweep_plan import SweepPlan, build_plan
 from scenetruth.design.sweeps.sweep_result import Sweep
-from scenetruth.errors import EstimateError, Problem, SceneError
+from scenetruth.errors import ArgumentError, EstimateError, Problem, SceneError
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
@@ -104,7 +104,7 @@ def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: P
     if progress is not None and points:
         progress("checks", len(points), len(points))
     if problems:
-        raise SweepError(list(problems.values()))
+        raise ArgumentError(list(problems.values()), source="a sweep")
 
 
 INDEX = "sweep.json"

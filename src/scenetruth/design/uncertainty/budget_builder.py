@@ -48,7 +48,7 @@ from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
-from scenetruth.plain_data import parse_json
+from scenetruth.plain_data import parse_json, seed_problems
 from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
@@ -162,8 +162,7 @@ def budget(
     numbers = [whole.seed + k for k in range(seeds)] if isinstance(seeds, int) and 1 <= seeds <= _MAX_SEEDS else []
     if not isinstance(seeds, int):
         numbers = [seed for seed in seeds if isinstance(seed, int) and seed >= 0]
-    if not 1 <= len(numbers) <= _MAX_SEEDS or isinstance(seeds, bool) or len(set(numbers)) < len(numbers):
-        problems.append(Problem("seeds", f"must be how many, 1 to {_MAX_SEEDS}, or a list of different ones", seeds))
+    problems += seed_problems(seeds, _MAX_SEEDS)
     if not 0 <= simulated_share <= 1:
         problems.append(Problem("simulated_share", "must be a share, 0 to 1", simulated_share))
     regions = ["all", "interior", *(f"object_{item.name}" for _, item in whole.parts)]

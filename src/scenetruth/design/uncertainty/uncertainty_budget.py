@@ -312,7 +312,7 @@ class Budget(Result):
             told = {"simulated": one.simulated, "value": one.simulated, "valid_fraction": one.valid_fraction}
             rows.append({"cause": "everything", "title": "everything on", **place, **told})
             told = {"simulated": one.ideal, "value": one.ideal}
-            rows.append({"cause": "ideal", "title": "ideal images", **place, **told})
+            rows.append({"cause": "ideal_images", "title": "ideal images", **place, **told})
         return pd.DataFrame(rows, columns=list(Contribution.__dataclass_fields__))
 
     def summary(self, region: str = "interior") -> str:
