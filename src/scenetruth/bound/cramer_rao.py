@@ -245,10 +245,7 @@ def bound_maps(
     window_sigma_px: float,
     step_px: int = 1,
 ) -> dict[str, Map]:
-    """Return the bound of any model with any noise, as maps (y, x) named as in `compute_functionals`.
-
-    Arguments are not checked, unlike in `cramer_rao_bound`.
-    """
+    """Return bound maps (y, x) for any model and noise, without checks; see `cramer_rao_bound`."""
     return _Scene(truth, recording, noise).bound(model, window_weights("gaussian", window_sigma_px), step_px)
 
 

@@ -57,12 +57,10 @@ def compute_brightness_modes(views: ImageTimes) -> Map:
 def compute_pixel_information(
     points: ReferencePoints, views: ImageTimes, shown: Mask, layers: Sequence[SignedTexture], model: WindowUnknowns
 ) -> Map:
-    """Return the Fisher information of every pixel after elimination of its texture.
+    """Return the Fisher information of every pixel after elimination of its texture, shape (pairs, y, x).
 
-    It is Σ_i (a_i - ā)(a_i - ā)ᵀ / σ², with the derivatives a_i of image i by the fields of the pixel, and their mean ā
-    over the images that show its point (``shown``, shape (n, y, x)). Each image contributes one sample per pixel.
-
-    Returns: The products of each pair of fields, in the order of `index_pairs`, shape (pairs, y, x).
+    It is Σ_i (a_i - ā)(a_i - ā)ᵀ / σ² by pairs of fields (`index_pairs`), with the derivatives a_i of image i by the
+    fields of the pixel, and their mean ā over the images that show its point (``shown``, shape (n, y, x)).
     """
     height, width = points.d.shape
     pairs = index_pairs(model.fields)
@@ -147,10 +145,8 @@ def window_weights(window: Window, sigma_px: float) -> Map:
 class WindowSums:
     """Sums over the windows around n pixels.
 
-    ``rows``, ``columns``: The pixels, each of shape (n,).
-    ``sums``: Weighted sums of products, by the index of the pair of fields and the powers of the distance along x and
-      y, each of shape (n,).
-    ``squares``: The sums with squared weights.
+    ``sums``: Weighted sums of products (n,), by the index of the pair of fields and the powers of the distance along x
+      and y; ``squares``: the sums with squared weights.
     """
 
     rows: NDArray[np.int64]

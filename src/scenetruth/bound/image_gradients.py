@@ -32,12 +32,7 @@ _NOISE_STD_HINT = "specify noise_std in grey values of the recording"
 
 @dataclass(frozen=True)
 class GreyNoise:
-    """Variance of white noise, linear in the grey value.
-
-    ``at_zero``: Variance at a grey value of 0, in squared grey values.
-    ``per_grey``: Increase of the variance per grey value.
-    ``least``: Lower limit of the variance: rounding, or readout noise.
-    """
+    """Variance of white noise, linear in the grey value, with a lower limit (rounding or readout noise)."""
 
     at_zero: float
     per_grey: float = 0.0
@@ -109,8 +104,7 @@ class SignedTexture:
     """A texture whose products of gradients enter the sums with a sign.
 
     ``gradient``: Gradient along x and y, in grey values per px, shape (2, y, x); 0 where invalid.
-    ``grey``: Grey value minus a mean, shape (y, x).
-    ``one``: Value of a constant offset in this layer.
+    ``grey``, ``one``: Grey value minus a mean, shape (y, x), and value of a constant offset in this layer.
     ``weight``: Signed inverse of the noise variance, shape (y, x); 0 where invalid.
     """
 

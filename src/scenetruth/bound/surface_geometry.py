@@ -37,10 +37,9 @@ class ImagePosition(NamedTuple):
 class ReferencePoints:
     """Surface points of the pixels at the reference time, and their motion; all arrays have the shape of the pixels.
 
-    ``x``, ``y``: Pixel coordinates from the principal point, in px.
+    ``x``, ``y``, ``focal``: Pixel coordinates from the principal point, and focal length, in px.
     ``d``, ``d_x``, ``d_y``: Disparity in px per step, and its slopes along x and y.
     ``q``, ``q_x``, ``q_y``: Velocity in baselines per frame, and its slopes along x and y, shape (3, ...).
-    ``focal``: Focal length in px.
     """
 
     x: Map
@@ -78,10 +77,7 @@ class ReferencePoints:
 
 @dataclass(frozen=True, eq=False)
 class ImageTimes:
-    """Camera positions in baselines and times in frames of all images, each of shape (n,).
-
-    ``frame_of``: Indices of the images in the recording along s_y, s and t, shape (n, 3).
-    """
+    """Camera positions in baselines, times in frames, and indices (s_y, s, t) in the recording, of n images."""
 
     s: Map
     s_y: Map
@@ -145,10 +141,7 @@ _REACH_PX = 2
 
 
 def label_surface_segments(truth: xr.Dataset) -> NDArray[np.int64]:
-    """Label the connected surface segments visible to the reference camera at the reference time; -1 elsewhere.
-
-    A segment ends at silhouettes and creases, whose mixed pixels belong to no segment, and at other objects.
-    """
+    """Label connected surface segments of the reference image, bounded by mixed pixels and objects; -1 elsewhere."""
     from scipy.ndimage import label
 
     depth = truth["depth"].values
@@ -164,10 +157,7 @@ def label_surface_segments(truth: xr.Dataset) -> NDArray[np.int64]:
 
 
 def compute_interior_mask(pieces: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return the pixels at least 2 px away from other segments; image borders do not count.
-
-    At other pixels, image derivatives are those of outlines, not of the surface texture.
-    """
+    """Return the pixels at least 2 px inside their segment, where image derivatives are those of the texture."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     size = 2 * _REACH_PX + 1

@@ -54,8 +54,6 @@ class WindowUnknowns:
     ``surface``: ``"constant"``: the disparity; ``"plane"``: also its slopes.
     ``motion``: ``"translation"``: the velocity; ``"rigid"``: also a rotation; ``"growing"``: also a rotation and
       isotropic growth; ``"affine"``: also any velocity gradient along the surface.
-    ``moving``: Whether motion is unknown (several frames).
-    ``brightness``: Number of fields of brightness.
     ``stereo``: Whether disparity is unknown. A single camera has no disparity; the flow in its windows is linear in
       image coordinates, with all parameters of q_X and q_Y.
     """

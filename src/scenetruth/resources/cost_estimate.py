@@ -18,13 +18,7 @@ _SPEEDS = (0.25, 4.0)
 
 @dataclass(frozen=True)
 class StageForecast:
-    """Estimated cost of a stage.
-
-    ``memory_bytes``: Peak memory of the process.
-    ``disk_bytes``: Size of the output.
-    ``seconds``: Run time.
-    ``disk_at_most_bytes``: Upper limit of the size of the output, for any compression ratio.
-    """
+    """Estimated cost of a stage; ``disk_at_most_bytes`` is an upper limit for any compression ratio."""
 
     memory_bytes: float
     disk_bytes: float

@@ -152,7 +152,7 @@ def _growth(scene: Scene) -> Iterator[str]:
         *given,
         *((f"plants.{index}.growth", plant.growth) for index, plant in enumerate(scene.plants)),
     ]:
-        # Stretching makes a surface narrower as it gets longer, at any rate.
+        # A stretched surface becomes narrower as it gets longer, possibly at a high rate.
         if not isinstance(entry, Growth) or not 0 <= (entry.along_share or 0) <= 1:
             continue
         if abs(entry.rate_per_hour) > _MOST_GROWTH_PER_HOUR:

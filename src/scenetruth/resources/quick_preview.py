@@ -40,12 +40,10 @@ _QUICKLY_READ = 4_000_000
 class QuickPreview:
     """A coarse preview of a scene.
 
-    ``world``: Coarse bodies without textures, accepted by `scene.check`.
-    ``times``: Times to evaluate, in frames, including the first and the last.
+    ``world``, ``times``: Coarse bodies without textures, and times to evaluate, in frames, including both ends.
     ``left_out``: Names of the omitted objects: too many, or from files that take long to read.
     ``depth``, ``object_id``: Approximate depth (NaN for background) and body index (-1 for background) in the
-      reference camera and frame, shape (h, w).
-    ``scale``: Camera pixels per preview pixel, along both sides.
+      reference image, reduced by ``scale`` along both sides.
     """
 
     world: BuiltScene
@@ -179,10 +177,7 @@ def _picture(corners: Sequence[NDArray[np.float64]], camera: Camera) -> tuple[ND
 def _drawn(
     corners: Sequence[NDArray[np.float64]], camera: Camera, most_pieces: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
-    """Return depths and body indices, or None if there are too many pieces.
-
-    Triangles larger than a pixel are subdivided; each piece is drawn at its centroid.
-    """
+    """Return depths and body indices, or None if there are too many pieces of triangles, each drawn at its centroid."""
     parts = [part for part in corners if len(part)]
     body = np.repeat(np.arange(len(corners)), [len(part) for part in corners])
     pieces = np.concatenate(parts) if parts else np.empty((0, 3, 3))

@@ -27,8 +27,6 @@ class Machine:
     """Resources available to this process; None where unknown to the operating system.
 
     ``memory_bytes``: Total memory: used by the process and still available.
-    ``disk_bytes``: Free disk space at the output path.
-    ``processors``: Processors that the process may run on.
     ``unwritable``: The directory at the output path without write permission; empty if there is none.
     """
 

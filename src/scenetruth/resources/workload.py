@@ -44,10 +44,7 @@ _AUTOMATIC_MOMENTS = 16
 class ObjectWorkload:
     """Workload of an object or leaf, computed before it is built.
 
-    ``path``, ``item``: Path of the object in the scene, and the object.
-    ``size``: Size of its mesh.
     ``sketch``: A coarse mesh of similar shape; None if the mesh file is too large to read quickly.
-    ``texels``: Number of texels of its texture.
     ``painted``: Whether the finished texture is cached.
     """
 
@@ -63,8 +60,6 @@ class ObjectWorkload:
 class MethodWorkload:
     """Resources required by an estimation method.
 
-    ``in_memory``: Whether it holds all frames.
-    ``bytes_per_pixel``: Memory per pixel of the frames that are estimated together.
     ``pixels_at_once``: Pixels of all frames that are estimated together, unless one frame has more.
     ``seconds_per_sample``: Time per pixel and image of an estimated frame, on two processors.
     """
@@ -77,14 +72,7 @@ class MethodWorkload:
 
 @dataclass(frozen=True)
 class RecordingWorkload:
-    """Quantities that determine the cost of processing a recording.
-
-    ``pixels``: Pixels of one image.
-    ``positions``: Number of cameras in all rows.
-    ``frames``: Number of frames.
-    ``sample_bytes``: Bytes per pixel.
-    ``effort``: Resources required by the estimation method.
-    """
+    """Quantities that determine the cost of processing a recording; ``pixels`` is per image."""
 
     pixels: float
     positions: int
@@ -98,20 +86,12 @@ class Workload(RecordingWorkload):
     """Quantities that determine the cost of rendering a scene.
 
     ``fine_pixels``: Pixels of one sharp image: more than `pixels` with a point-spread function.
-    ``save_radiance``: Whether linear images are stored too.
     ``sharp_images``: Number of sharp images averaged to one image.
-    ``supersampling``: Samples along each side of a pixel of a sharp image.
     ``strips``: Parts of an image with separate times: one, or the rows with a rolling shutter.
-    ``lamps``: Number of lights.
-    ``lit``: Whether light is computed.
-    ``vertices``, ``faces``: Totals of all meshes.
     ``leaf_faces``: Faces of leaves, whose meshing is more expensive.
-    ``texels``: Texels of all textures.
-    ``largest_texels``: Texels of the largest texture.
     ``noise_texels_to_paint``, ``leaf_texels_to_paint``: Texels that are not cached.
     ``views``: Cameras with ground truth.
-    ``complete``: Whether the ground truth has all maps.
-    ``narrow``: Whether the ground truth is stored in 32 bits.
+    ``complete``, ``narrow``: Whether the ground truth has all maps, and is stored in 32 bits.
     ``rays``: Whether images are rendered by ray casting; None: by the available backend.
     """
 

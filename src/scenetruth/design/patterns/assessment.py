@@ -489,10 +489,7 @@ def describe_pattern(pattern: Pattern) -> list[str]:
 
 
 def compute_size_table(rig: PatternRig, coverage: float = 0.5) -> list[tuple[float, float, float, float]]:
-    """Return the predicted precision with dots of several sizes, for a Boolean model.
-
-    Returns: Diameter in px and in mm, noise of depth and motion relative to dots of 4 px, and the aliased fraction.
-    """
+    """Return dot diameters in px and mm, noise relative to dots of 4 px, and aliased fraction, for a Boolean model."""
     seen = compute_statistics_by_size(rig, SIZES_PX, coverage)
     own = seen[_OWN_PX].gradient_x
     return [(size, size * rig.mm_per_px, own / each.gradient_x, each.aliased_share) for size, each in seen.items()]

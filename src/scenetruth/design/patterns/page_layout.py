@@ -63,12 +63,7 @@ class PageText:
 
 @dataclass(frozen=True)
 class PrintPage:
-    """A page to print.
-
-    ``place_mm``: Position of the tile on the page.
-    ``tile_mm``: Position of the tile in the pattern.
-    ``lines``, ``texts``: Crop marks, rulers and labels.
-    """
+    """A page to print: size, positions of the tile on the page and in the pattern, crop marks, rulers and labels."""
 
     size_mm: tuple[float, float]
     place_mm: Box
@@ -78,11 +73,7 @@ class PrintPage:
 
 
 def lay_out_pages(pattern: Pattern, page: str = "A4", margin_mm: float = 10.0) -> list[PrintPage]:
-    """Lay out a pattern on pages.
-
-    ``page``: A page size (`PAGES_MM`), or width and height in mm: ``"300x400"``. Named sizes are used in landscape
-      orientation if that takes fewer pages.
-    """
+    """Lay out a pattern on pages of a named size, in either orientation, or of WIDTHxHEIGHT in mm."""
     sizes = _page_sizes(page)
     problems = [] if sizes else [Problem("page", f"must be one of {', '.join(PAGES_MM)}, or WIDTHxHEIGHT in mm", page)]
     if not 0 <= margin_mm <= 100:

@@ -144,9 +144,5 @@ class PatternModel(FrozenModel, ABC):
         return []
 
     def power(self, count: int, pitch_mm: float) -> Array | None:
-        """Return the analytic power spectrum of the ink coverage; None if there is no closed form.
-
-        Returns: Power at the frequencies of `numpy.fft.fftfreq` along y and x, shape (count, count); its sum is the
-        variance.
-        """
+        """Return the analytic power of the ink at `numpy.fft.fftfreq` frequencies, shape (count, count), or None."""
         return None

@@ -225,10 +225,7 @@ _LEVELS = 257
 
 @dataclass(frozen=True)
 class PatternGreyLevel:
-    """A grey value relative to full scale, its derivative by radiance (``gain``), and its temporal noise.
-
-    ``noise_std``: Standard deviation, including rounding; 0 for an ideal sensor.
-    """
+    """Grey value relative to full scale, its derivative by radiance, and temporal noise including rounding."""
 
     grey: float
     gain: float

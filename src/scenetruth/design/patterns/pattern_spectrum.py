@@ -86,9 +86,8 @@ _REACH_PX = 16
 
 @dataclass(frozen=True, eq=False)
 class PatternSpectrum:
-    """Power at the frequencies of `numpy.fft.fftfreq`; its sum is the variance.
+    """Power (rows, columns) at the frequencies of `numpy.fft.fftfreq`; its sum is the variance.
 
-    ``power``: Shape (rows, columns).
     ``pitch_px``: Sampling distance on the sensor, in px.
     ``window``: Autocorrelation of the window applied to the picture, by distance in rows and columns; None for none.
     ``fade``: Contribution of the window's slopes along x and y to squared gradients, relative to the variance.
@@ -109,7 +108,6 @@ class PatternSpectrum:
 class PatternStatistics:
     """Image statistics of a pattern for a rig, in units of the picture.
 
-    ``contrast``: Standard deviation.
     ``gradient_x``, ``gradient_y``: RMS derivatives, per px, of the quintic spline through the pixels, as used by the
       bound and the refined method, for frequencies below Nyquist.
     ``aliased_share``: Fraction of the variance beyond the Nyquist frequency.

@@ -54,8 +54,7 @@ def predict_analytic(
 ) -> Prediction:
     """Predict the precision of a scene from surface samples and spectra; see `predict`.
 
-    ``painting``: Whether textures without an exact analytic spectrum are painted, which takes seconds once and loads
-      compiled code. If not, approximate spectra are used, and objects without a spectrum are omitted.
+    Without ``painting``, approximate spectra are used, objects without a spectrum are omitted, and no code is compiled.
     """
     setup = prepare_method(scene, method, window_sigma_px, motion)
     look = sample_surface(setup.scene, parts, folder)

@@ -35,11 +35,8 @@ def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px:
 
     Pixels average over n x n samples, sin(π f) / (n sin(π f / n)) along x and y; the lens has its point-spread
     function; the aperture is a disc; motion averages over a line. Waves beyond the Nyquist frequency are set to 0:
-    their aliases do not move with the surface.
-
-    ``frequency``: Frequencies along x and y in periods per px, shape (points, waves, 2).
-    ``depth_mm``: Depth of the points, shape (points,).
-    ``motion_px``: Motion of the points during the exposure, shape (points, 2).
+    their aliases do not move with the surface. ``frequency`` is in periods per px, shape (points, waves, 2),
+    ``motion_px`` the motion during the exposure, shape (points, 2).
     """
     found = _pixel(frequency, scene.render.supersampling)
     optics, focal = scene.optics, scene.camera.focal_px
@@ -54,10 +51,7 @@ def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px:
 
 
 def compute_blur_px(scene: Scene, depth_mm: Array, flow_px: Array) -> Array:
-    """Return the motion of points during the exposure, by their own motion and that of the stage, shape (points, 2).
-
-    ``depth_mm``, ``flow_px``: Depth, shape (points,), and optical flow in px per frame, shape (points, 2).
-    """
+    """Return the motion (points, 2) in px during the exposure, by the flow in px per frame and by the stage."""
     shutter = scene.shutter
     found = flow_px * (shutter.exposure_time_s / scene.frames.frame_interval_s)
     travel_mm = shutter.stage_speed_mm_per_s * shutter.exposure_time_s
@@ -66,10 +60,7 @@ def compute_blur_px(scene: Scene, depth_mm: Array, flow_px: Array) -> Array:
 
 
 def compute_derivative_response(frequency: Array) -> Array:
-    """Return the derivative at the pixels of a quintic spline through a wave of amplitude 1, in radian per px.
-
-    ``frequency``: Periods per px. The result is 2π f for long waves, and 0 at two pixels per period.
-    """
+    """Return the derivative in radian per px of a quintic spline through waves at ``frequency`` periods per px."""
     turn = 2 * np.pi * frequency
     return np.asarray(5 * (10 * np.sin(turn) + np.sin(2 * turn)) / (33 + 26 * np.cos(turn) + np.cos(2 * turn)))
 
@@ -100,10 +91,8 @@ _SIDE, _LEVELS, _IMAGES = 48, 9, 8
 class GreyLevelNoise:
     """Grey values of points and their noise, in fractions of full scale, each of shape (n,).
 
-    ``level``: Mean grey value.
     ``gain``: Derivative of the grey value by radiance.
-    ``noise``: Standard deviation of temporal noise, including rounding.
-    ``pattern``: Standard deviation of fixed-pattern noise.
+    ``noise``, ``pattern``: Standard deviations of temporal noise, including rounding, and of fixed-pattern noise.
     """
 
     level: Array
@@ -133,10 +122,7 @@ def compute_grey_levels(sensor: Any, radiance: Array) -> GreyLevelNoise:
 
 
 def compute_irradiance(scene: Scene, points_mm: Array, normals: Array) -> Array:
-    """Return the ratio of radiance to texture value of points at the reference frame, without shadows.
-
-    ``points_mm``, ``normals``: World coordinates, and unit normals towards the camera, shape (n, 3).
-    """
+    """Return radiance / texture value at world points with unit normals towards the camera at t = 0, unshadowed."""
     lighting = scene.lighting
     factor = np.full(len(points_mm), lighting.brightness(0.0))
     if not lighting.lit:

@@ -51,9 +51,6 @@ class MethodSetup:
     """An estimation method with its settings, applied to a scene.
 
     ``scene``: The scene, without lens distortion.
-    ``settings``: Settings of the method.
-    ``window_sigma_px``: Standard deviation of the window.
-    ``motion``: Motion model: unknowns of the velocity gradient.
     ``views``: Images that are estimated together: those of the window's frames around the reference frame.
     """
 

@@ -160,10 +160,7 @@ def _longer(scene: Scene, region: str, quantity: str, figure: PredictedValue, ag
 
 
 def _wider(scene: Scene, figure: PredictedValue, power: float) -> str:
-    """Return another recommendation, for motion specified per frame.
-
-    Standard deviations of motion are proportional to 1 / window width, those of its gradient to the square of that.
-    """
+    """Return another recommendation; the standard deviation is proportional to window width ** -``power``."""
     factor = _missing(figure)
     sigma = getattr(scene.estimate.settings, "window_sigma_px", None)
     if sigma is not None and (wider := _nice(sigma * factor ** (1 / power))) <= _WIDEST_PX:

@@ -31,15 +31,11 @@ _CACHED_TIMES = 4
 
 @dataclass(frozen=True, eq=False)
 class ReferenceRender:
-    """Inputs of the Cramér-Rao bound for a scene.
+    """Inputs of the Cramér-Rao bound for a scene; grey values and noise are fractions of full scale.
 
     ``truth``: Maps of the reference camera and frame, and ``visible`` of all images.
-    ``recording``: The noise-free reference image, repeated for all images, as ``image`` in fractions of full scale and
-      as ``radiance``.
-    ``noise``: Noise as a function of the grey value, in fractions of full scale.
-    ``noise_map``, ``pattern_map``, ``level_map``: Temporal noise, fixed-pattern noise and grey level, in fractions of
-      full scale, shape (y, x).
-    ``names``: Object names by index.
+    ``recording``: The noise-free reference image, repeated for all images, as ``image`` and as ``radiance``.
+    ``noise_map``, ``pattern_map``, ``level_map``: Temporal noise, fixed-pattern noise and grey level, shape (y, x).
     """
 
     truth: xr.Dataset

@@ -34,10 +34,7 @@ _AT_A_TIME = 2_000_000
 
 
 def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> Numbers:
-    """Return the nearest triangle at image points, -1 for none, shape (rows, columns).
-
-    ``corners_mm``: Corners of the triangles in camera coordinates, shape (m, 3, 3).
-    """
+    """Return the nearest triangle, given corners (m, 3, 3) in camera coordinates, at image points; -1 for none."""
     width, height = len(x_px), len(y_px)
     nearest = np.zeros(width * height)
     face = np.full(width * height, -1, dtype=np.int64)
@@ -78,8 +75,7 @@ def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> N
 def label_patches(face: Numbers, normals: Array, body: Numbers, most_turned: Array) -> Numbers:
     """Label surface segments: connected pixels of one body whose neighbouring normals differ by less than a limit.
 
-    ``normals``, ``body``: Unit normals towards the camera and body index of the triangles, shape (m, 3) and (m,).
-    Returns: An arbitrary label per segment, -1 for background, in the shape of ``face``.
+    ``normals``: Unit normals (m, 3) towards the camera. Returns: Labels in the shape of ``face``, -1 for background.
     """
     number = np.arange(face.size).reshape(face.shape)
     seen = face >= 0
@@ -140,16 +136,13 @@ _LOST, _OUTSIDE = -2, -3
 class SurfaceSamples:
     """Sampled surface points visible to the reference camera at the reference frame.
 
-    ``points``: Position, orientation and motion.
-    ``depth_mm``, ``normals``: Depth, shape (n,), and unit normals towards the camera, shape (n, 3).
-    ``body``, ``names``: Object index of each point, shape (n,), and object names.
-    ``share``: Image pixels represented by each point, shape (n,).
+    ``points``, ``normals``: Position and motion, and unit normals towards the camera, shape (n, 3).
+    ``share``: Image pixels represented by each point.
     ``chart``: Derivative of surface coordinates in mm by px along x and y, shape (n, 2, 2): chart by pixel.
     ``light``: Ratio of radiance to texture value.
-    ``growth``: Growth rate, per frame, shape (n,).
-    ``principal_growth_rates``: Largest and smallest principal growth rate, per frame, shape (2, n).
-    ``piece``, ``step_px``, ``first_px``: Raster of segment labels, shape (rows, columns); its spacing in camera pixels;
-      and position (x, y) of its first pixel from the principal point.
+    ``growth``, ``principal_growth_rates``: Growth rate, and principal growth rates, shape (2, n), per frame.
+    ``piece``, ``step_px``, ``first_px``: Raster of segment labels; its spacing in camera pixels; and position (x, y) of
+      its first pixel from the principal point.
     ``left_out``: Names of the omitted objects, whose files are slow to read.
     """
 

@@ -40,15 +40,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ImagedTexture:
-    """Imaged texture of points, and the noise of the images; grey values are fractions of full scale.
+    """Imaged texture of n points, and the noise of the images; grey values are fractions of full scale.
 
-    ``frequency``: Waves in periods per px along x and y, shape (n, w, 2).
-    ``variance``: Variance of the grey value per wave, shape (n, w).
-    ``surface_variance``: The variance before blur by lens, pixels and motion.
+    ``frequency``: Frequencies of w waves in periods per px along x and y, shape (n, w, 2).
+    ``variance``, ``surface_variance``: Variance of the grey value per wave with and without blur, shape (n, w).
     ``response``: Response of the derivatives along x and y to each wave, in radian per px, shape (n, w, 2).
     ``level``, ``white``, ``noise``, ``pattern``: Mean grey value, grey value of a texture of 1 in the same light,
-      standard deviations of temporal and of fixed-pattern noise, shape (n,).
-    ``blur_px``: Motion of the points during the exposure, shape (n,).
+      standard deviations of temporal and of fixed-pattern noise.
     """
 
     frequency: Array
@@ -141,8 +139,7 @@ _HIGHEST_POWER = 2
 def compute_moments(look: SurfaceSamples, sigma_px: float, highest: int) -> tuple[Moments, Moments]:
     """Return sums over windows of the weights, and of their squares, times powers of the distance, on the own segment.
 
-    Returns: The sums by the powers along x and y, each of shape (n,); NaN where too little of the window is on the
-    segment.
+    Returns: The sums by the powers along x and y; NaN where too little of the window is on the segment.
     """
     line = window_weights("gaussian", sigma_px)[0]
     reach = len(line) // 2
@@ -185,7 +182,6 @@ def compute_deviations(
 ) -> dict[str, Array]:
     """Return the lowest standard deviations of a fit in windows, averaged over textures; see `cramer_rao_bound`.
 
-    ``shown``: Visibility of the points in each image, shape (images, n).
     Returns: As in `compute_functionals`, each of shape (n,); not finite where undetermined.
     """
     points = look.points

@@ -37,12 +37,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SpectralComponents:
-    """A texture as a sum of waves on its surface with random phases.
-
-    ``frequencies_per_mm``: Frequencies along both surface coordinates, shape (n, 2).
-    ``variances``: Variance of the radiance per wave, shape (n,).
-    ``mean``: Mean radiance.
-    """
+    """Waves of random phase on a surface: frequencies (n, 2), variances of the radiance (n,), and mean radiance."""
 
     frequencies_per_mm: Array
     variances: Array
@@ -130,7 +125,7 @@ _LEAF_RADII, _LEAF_ANGLES = 10, 8
 
 
 class LeafSpectrum(TextureSpectrum):
-    """Mottling, with a power density proportional to frequency to the power -2.5, and hairs at random positions.
+    """Mottling with a power density f ** -2.5, and hairs at random positions.
 
     Veins have no formula and are not included: the result is a lower limit of the contrast.
     """

@@ -30,13 +30,7 @@ _LEAST = 1e-3
 
 @dataclass(frozen=True)
 class WaterfallBar:
-    """A bar of the waterfall chart.
-
-    ``group``: Group of the source; empty for several sources.
-    ``start``, ``end``: Root sum of squares before and after adding the contribution.
-    ``figure``: The contribution.
-    ``simulated``: Whether it was simulated.
-    """
+    """A waterfall bar from the root sum of squares before to that with a contribution; no group for several sources."""
 
     title: str
     group: str
@@ -47,10 +41,7 @@ class WaterfallBar:
 
 
 def compute_bars(found: Budget, quantity: str, region: str = "interior") -> list[WaterfallBar]:
-    """Return the bars of a waterfall, each from the root sum of squares before it to that with it, in descending order.
-
-    Small contributions are combined in one bar.
-    """
+    """Return the bars of a waterfall in descending order; small contributions are combined in one bar."""
     from scenetruth.design.uncertainty.source import all_sources
 
     parts = [one for one in found.of(quantity, region) if math.isfinite(one.figure) and one.figure > 0]

@@ -42,13 +42,10 @@ __all__ = [
 class Contribution:
     """Contribution of one source to the error of one quantity, RMS over the pixels of a region.
 
-    ``cause``, ``title``: Identifier and title of the source.
     ``size``: Magnitude of the source in this scene, with its unit.
-    ``quantity``: A key of `scenetruth.scoring.QUANTITIES`.
     ``predicted``: By propagation of one standard deviation of the source; NaN without a model.
     ``predicted_for_seeds``: By propagation of the simulated errors; NaN if the source is not random or not simulated.
-    ``simulated``: RMS change of the estimate, pixel by pixel, when the source is switched on; NaN if it was not
-      simulated, as for surfaces, which cannot be switched off.
+    ``simulated``: RMS change of the estimate, pixel by pixel, when the source is switched on; NaN if not simulated.
     ``valid_fraction``: Fraction of the pixels valid with ideal images that remain valid; NaN if not simulated.
     ``figure``: Contribution to the budget: simulated if available, otherwise predicted; for surfaces, the part of the
       error with ideal images that correlates with the prediction. NaN if neither is available.
@@ -74,10 +71,8 @@ class CombinedUncertainty:
     ``root_sum_square``: Root sum of squares of all contributions, assuming independence.
     ``signed_sum``: RMS of the signed sum, pixel by pixel, of all simulated contributions, combined in quadrature with
       contributions that were only predicted. Biases may cancel; NaN if only ideal images were simulated.
-    ``simulated``: The error with all sources; NaN without a valid estimate.
-    ``ideal``: The error with ideal images.
-    ``signal``: RMS of the true value.
-    ``valid_fraction``: Fraction of the pixels that are valid with all sources.
+    ``simulated``, ``ideal``: The error with all sources (NaN without a valid estimate), and with ideal images.
+    ``signal``, ``valid_fraction``: RMS of the true value, and fraction of the pixels that are valid with all sources.
     """
 
     quantity: str
@@ -234,11 +229,8 @@ class BudgetTable:
     """Results and predictions for a budget.
 
     ``read``: Returns the errors of a run by its sources and seed; None if it failed.
-    ``scene``, ``calibration``: The scene with all sources, and the calibration.
     ``predicted``, ``drawn``: Predictions by source: for one standard deviation, and for the simulated errors.
-    ``places``: Quantities and regions.
     ``sets``: The sources switched on to simulate a source.
-    ``everything``: All sources of the scene.
     ``explained``: Fractions of the error with ideal images that surfaces explain.
     """
 

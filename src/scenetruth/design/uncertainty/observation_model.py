@@ -40,11 +40,7 @@ Mask = NDArray[np.bool_]
 
 
 class ImageDisturbance(NamedTuple):
-    """Effect of a disturbance on one image, at the points of the reference pixels.
-
-    ``x``, ``y``: Displacement of the points in the image, in px.
-    ``grey``: Change of the grey value, relative to full scale.
-    """
+    """Displacement in px of the reference points in an image, and change of grey values relative to full scale."""
 
     x: Map | float = 0.0
     y: Map | float = 0.0
@@ -60,10 +56,8 @@ class ObservationModel:
     """A scene without the errors under investigation, at the reference camera and frame.
 
     ``scene``: The scene with all its errors.
-    ``recording``: Images without errors, in fractions of full scale or digital numbers, and ``radiance``, the input of
-      the sensor.
+    ``recording``: Images without errors, and ``radiance``, the input of the sensor.
     ``truth``: Ground truth at t = 0, of one camera.
-    ``points``: The surface and its motion.
     ``texture``: The reference image, relative to full scale.
     ``known``: Mask of the valid depth and motion estimates for these images.
     """

@@ -80,10 +80,7 @@ class RefinedPropagation:
 
     With the derivatives a_i of image i by the fields of a pixel, and the disturbance p_i = ∇T · δ_i - e_i, the error of
     the parameters of a window is H⁻¹ Σ w Φᵀ Σ_i (a_i - ā) p_i. With a gain per image, the part of e that a gain and an
-    offset explain in a window has no effect.
-
-    ``sight``: Observation model with at least two cameras.
-    ``step_px``: Errors are computed in every n-th row and column.
+    offset explain in a window has no effect. Errors are computed in every ``step_px``-th row and column.
     """
 
     name = "refined"

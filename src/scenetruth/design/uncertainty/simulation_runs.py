@@ -56,12 +56,7 @@ BUDGET_QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity
 
 @dataclass(frozen=True, eq=False)
 class ErrorMaps:
-    """Errors of an estimate at the reference frame.
-
-    ``errors``: Estimate minus truth by quantity, shape (y, x), NaN where invalid; growth in %/h.
-    ``truths``: The true values in the same form.
-    ``regions``: Masks of the regions: ``all``, ``interior`` and objects.
-    """
+    """Errors and true values (y, x) by quantity at the reference frame, NaN where invalid, and masks of regions."""
 
     errors: Mapping[str, Map]
     truths: Mapping[str, Map]
@@ -99,11 +94,7 @@ def compute_error_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreS
 
 @dataclass(frozen=True)
 class SimulationRun:
-    """A simulation.
-
-    ``kinds``: Active sources, sorted.
-    ``draw``: Index of the seed, which determines the calibration errors.
-    """
+    """A simulation: active sources (sorted), seed of the scene, and index of the seed for calibration errors."""
 
     kinds: tuple[str, ...]
     seed: int
@@ -115,13 +106,7 @@ _REMEDY = "compute the budget again"
 
 @dataclass(frozen=True)
 class BudgetTask:
-    """Inputs of a worker for any run of a budget.
-
-    ``folder``: Folder for the files of runs.
-    ``plain``, ``settings``: The scene with all sources, and settings of the method, as JSON.
-    ``calibration``: Uncertainty of the calibration.
-    ``versions``: Versions of software that affects the results.
-    """
+    """Inputs of a worker for any run of a budget; the scene with all sources and the settings are JSON texts."""
 
     folder: str
     plain: str
@@ -171,7 +156,7 @@ def perform_run(job: BudgetTask, number: int) -> TaskResult:
 
 
 def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Dataset]:
-    """Return recording, including linear images, and truth of a run, equal to `simulate` for its scene.
+    """Return recording, with linear images, and truth of a run, equal to `simulate` for its scene.
 
     Consecutive runs that differ only in the sensor or the calibration are rendered once.
     """

@@ -109,11 +109,7 @@ Group = Literal["images", "stage", "calibration", "surface"]
 
 @dataclass(frozen=True)
 class Mitigation:
-    """Mitigation of a source.
-
-    ``words``: The design change, with the scene field and its new value.
-    ``factors``: Remaining fractions of contributions, by source.
-    """
+    """A design change in words, with scene field and new value, and the remaining fractions of contributions."""
 
     words: str
     factors: Mapping[str, float] = field(default_factory=dict)
@@ -122,8 +118,7 @@ class Mitigation:
 class UncertaintySource:
     """Base class of sources of uncertainty; subclasses in the package `sources` are discovered automatically.
 
-    Derive from it, set the class attributes, and implement `disturbances`, or `responses` for sources that do not
-    affect images.
+    They set the class attributes, and implement `disturbances`, or `responses` for sources without effect on images.
     """
 
     kind: ClassVar[str]

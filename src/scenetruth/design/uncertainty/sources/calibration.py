@@ -46,11 +46,7 @@ class CalibrationSource(UncertaintySource):
         return f"{getattr(calibration, self.field):g} {self.unit}"
 
     def drawn_values(self, draw: int) -> list[float]:
-        """Return the errors of a draw, in standard deviations: plus or minus one.
-
-        The signs are an orthogonal design over four draws: a few draws then have the expected mean square, without
-        products between sources.
-        """
+        """Return the errors of a draw, ±1 standard deviation, by an orthogonal design over four draws."""
         return [1.0 if signs[draw % len(signs)] == "+" else -1.0 for signs in self.signs]
 
     def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:

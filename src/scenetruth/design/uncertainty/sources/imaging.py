@@ -76,8 +76,7 @@ class SensorSource(UncertaintySource):
 def compute_blur_change(sight: ObservationModel, variance: Callable[[Map, Map], Map]) -> Disturbance:
     """Return the effect of a change of blur over time: δ/2 ∇²T for an increase δ of the variance of a Gaussian blur.
 
-    ``variance``: Change of the blur variance along x and y, in px² of the reference image, as a function of the
-      relative increase in scale of a point, and of its depth in mm at that time.
+    ``variance``: Function of the relative increase in scale and the depth in mm of points that returns δ in px².
     """
     curvature = 0.5 * laplace(sight.texture)
 
@@ -220,10 +219,7 @@ def _variance(psf: GaussianPsf | AiryPsf) -> float:
 
 
 class MotionBlurSource(UncertaintySource):
-    """Motion of the object or the camera during the exposure.
-
-    With steady motion, all images are blurred equally: contrast is reduced, but images are not displaced.
-    """
+    """Motion during the exposure; steady motion reduces contrast, but does not displace images."""
 
     kind = "motion_blur"
     title = "motion during the exposure"
@@ -315,10 +311,7 @@ class QuantisationSource(SensorSource):
 
 
 class ShadingSource(UncertaintySource):
-    """Change of shading of surfaces that rotate, or move relative to a lamp.
-
-    Switched off, the scene is unlit and radiance equals the texture. There is no model: it is always simulated.
-    """
+    """Change of shading of moving surfaces, without a model: always simulated; switched off, the scene is unlit."""
 
     kind = "shading"
     title = "shading"

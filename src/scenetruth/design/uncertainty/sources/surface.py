@@ -67,10 +67,7 @@ class MethodBiasSource(SurfaceSource):
 
 
 class SlopeSource(SurfaceSource):
-    """Variation of disparity and motion over a window that the method assumes to be constant.
-
-    Pixels with strong texture have more weight, so the estimate does not refer to the window centre.
-    """
+    """Variation of disparity and motion over a window, assumed constant by the method, weighted by local texture."""
 
     kind = "slope"
     title = "slanted surfaces"
