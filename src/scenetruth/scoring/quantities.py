@@ -74,10 +74,10 @@ QUANTITIES: Mapping[str, Quantity] = {
     # Follows from depth and velocity; no variable holds it.
     "growth_rate_windowed": Quantity("", None, "%/h", "g", "Growth rate, windowed", "windowed growth", _BOTH),
     "growth_principal_1": Quantity(
-        "principal_growth_rates", 0, "%/h", "g_1", "Largest growth of length", "principal growth", _BOTH
+        "principal_growth_rates", 0, "%/h", "g_1", "Largest principal growth rate", "principal growth", _BOTH
     ),
     "growth_principal_2": Quantity(
-        "principal_growth_rates", 1, "%/h", "g_2", "Least growth of length", "principal growth", _BOTH
+        "principal_growth_rates", 1, "%/h", "g_2", "Smallest principal growth rate", "principal growth", _BOTH
     ),
     "growth_direction": Quantity(
         "principal_growth_direction", None, "°", "e_1", "Direction of growth", "growth direction", _BOTH, "axis_angle"

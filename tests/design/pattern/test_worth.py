@@ -208,7 +208,7 @@ def test_words_and_tables() -> None:
     ]
     words = describe_assessments(worths)
     ratio = worths[0].gradient / worths[1].gradient
-    assert f"grey_noise: {ratio:.2g} times the noise of depth and motion that speckle gives" in words
+    assert f"grey_noise: {ratio:.2g} times the noise of depth and motion (reference: speckle)" in words
     frame = assessments_to_dataframe(worths).set_index(["pattern", "quantity"])
     assert frame.loc[("speckle", "gradient_x"), "value"] == worths[0].gradient_x
     assert frame.loc[("speckle", "depth_mm"), "unit"] == "mm"
@@ -224,7 +224,7 @@ def test_what_cannot_be_judged_is_told(tmp_path: Path) -> None:
     picture = np.random.default_rng(0).random((64, 64))
     with pytest.raises(ArgumentError, match=r"(?s)mm_per_px.*picture_noise_std"):
         assess_pattern(picture, rig, mm_per_px=-1, picture_noise_std=2)
-    with pytest.raises(ArgumentError, match=r"coarser than the rig sees, 0\.2 mm per px"):
+    with pytest.raises(ArgumentError, match=r"coarser than the pixels of the rig, 0\.2 mm per px"):
         assess_pattern(picture, rig, mm_per_px=0.5)
     with pytest.raises(ArgumentError, match="shows less than 24 px"):
         assess_pattern(picture, rig, mm_per_px=0.01)
@@ -234,7 +234,7 @@ def test_what_cannot_be_judged_is_told(tmp_path: Path) -> None:
         assess_pattern(picture)
     with pytest.raises(ArgumentError, match="encoding: must be linear or srgb"):
         assess_pattern(picture, rig, encoding="log")
-    with pytest.raises(ArgumentError, match="one picture in grey or in colours"):
+    with pytest.raises(ArgumentError, match="single grey or colour picture"):
         assess_pattern(picture[0], rig)
     with pytest.raises(ArgumentError, match="no such image file"):
         assess_pattern(tmp_path / "none.png", rig)
