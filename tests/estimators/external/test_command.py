@@ -262,7 +262,7 @@ def test_a_signal_is_named(recording: xr.Dataset, tmp_path: Path) -> None:
 
 def test_what_was_promised_must_be_there(recording: xr.Dataset, tmp_path: Path) -> None:
     method = CommandMethod(command(tmp_path, CONSTANT), "mine", gives=["depth", "flow"])
-    with pytest.raises(st.EstimateError, match="flow: is promised by the method, but missing"):
+    with pytest.raises(st.EstimateError, match="flow: is declared by the method, but missing"):
         st.estimate(recording, method)
 
 
@@ -276,7 +276,7 @@ def test_what_was_promised_must_be_there(recording: xr.Dataset, tmp_path: Path) 
         ({"command": "mine '{recording} {output}"}, "cannot be split into words"),
         ({"command": 3}, "command: "),
         ({"name": "My-Program"}, "must be lower-case letters"),
-        ({"name": "structure_tensor"}, "is that of a method that is installed"),
+        ({"name": "structure_tensor"}, "is that of an installed method"),
         ({"images": "jpeg"}, "images: "),
         ({"timeout_s": 0}, "timeout_s: "),
         ({"memory_mb": -5}, "memory_mb: "),
@@ -314,7 +314,7 @@ def test_masks_reach_the_program(recording_of: Make, tmp_path: Path) -> None:
     mask[4, 5] = True
     recording = recording_of(np.uint8, 0, 255, exclusion_mask=mask)
     words = command(tmp_path, CONSTANT)
-    with pytest.raises(st.EstimateError, match="mask: 'mine' would use the pixels that it marks"):
+    with pytest.raises(st.EstimateError, match="mask: is not supported by 'mine'"):
         st.estimate(recording, CommandMethod(words, "mine"))
     method = CommandMethod(words, "mine", keep_in=tmp_path / "kept", needs=Needs(exclusion_mask=True))
     st.estimate(recording, method)

@@ -190,7 +190,7 @@ def test_motion_beyond_reach_is_unknown_and_not_wrong(
 
 
 def test_one_camera_needs_more_than_one_frame_at_once() -> None:
-    with pytest.raises(st.EstimateError, match="window_frames: one camera shows motion only"):
+    with pytest.raises(st.EstimateError, match="window_frames: one camera determines motion only"):
         st.estimate(PLANE.recording(1, 5), "refined", window_frames=1)
 
 
