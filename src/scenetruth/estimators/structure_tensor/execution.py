@@ -63,7 +63,7 @@ def carry_to_reference(
 
 # Bytes per pixel of `BestRegistration`, bytes of all pixels in memory, and smallest number of rows of a band.
 _BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 128e6, 128
-# Bytes per pixel of `Maps`, and bytes of all maps in memory.
+# Bytes per pixel of `EstimateMaps`, and bytes of all maps in memory.
 _BYTES_PER_PIXEL_OF_MAPS, _MAP_BYTES = 84, 192e6
 
 
@@ -106,7 +106,7 @@ def run_kernel(
             gaussian_window(settings.window_sigma_px, settings.window_taps_px) @ np.arange(-half, half + 1) ** 2
         ),
     )
-    # Read-only view, because numba compiles a second time for writeable arrays, which are not read from a store.
+    # Read-only view, because numba would compile a second time for writeable arrays.
     images = candidate.images.view()
     images.flags.writeable = False
     still = registration.flow == (0, 0)

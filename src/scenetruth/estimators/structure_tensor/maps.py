@@ -20,7 +20,7 @@ class Texture(NamedTuple):
     """Noise transfer of the filters for the texture at each grid point; arrays (y / stride, x / stride).
 
     numba keeps compiled kernels until their own files change; a change of the fields requires a change of
-    `kernels.world`.
+    `world_coordinate_kernels`.
     """
 
     passed_x: Floats
@@ -49,7 +49,7 @@ class BestRegistration(NamedTuple):
     """Output of the structure-tensor kernel for a row band: the values of the best registration of every pixel.
 
     All arrays have the shape (frame, y, x), the eigenvalues (frame, 5, y, x). Motion is in the scales of the
-    derivatives (`Task.scales`). Disparity and flow are those of the registration with the smallest residual
+    derivatives (`EstimationInputs.scales`). Disparity and flow are those of the registration with the smallest residual
     displacement, the divergence that of the registration with the smallest uncertainty.
     """
 
