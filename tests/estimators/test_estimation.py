@@ -67,7 +67,7 @@ HERE = r"[\w/]*test_estimation\.py"
         (write_to, "method 'doing': modifies the recording passed to it"),
         (lambda _: None, "output of method 'doing'.*is not an xarray.Dataset.*'NoneType'"),
         (lambda r: good(r).drop_vars("flow"), "flow: is declared by the method, but missing"),
-        (lambda r: good(r).astype(np.int32), "depth: must hold floats"),
+        (lambda r: good(r).astype(np.int32), "depth: must contain floats"),
         (lambda r: good(r).isel(x=slice(5, 30)), "x: must have the recording's 40 pixels"),
         (lambda r: good(r).assign_coords(x=np.arange(40) + 100), "x: has 40 values that are missing in the recording"),
         (lambda r: good(r).assign_coords(t=[9]), "t: has 1 values that are missing in the recording"),

@@ -61,7 +61,7 @@ def test_impossible_settings(settings: dict[str, Any], path: str) -> None:
 def test_images_that_are_not_finite() -> None:
     broken = recording()
     broken["image"].values[1, 2, 3, 4] = np.nan
-    with pytest.raises(st.EstimateError, match="image: holds 1 values that are not finite in float32"):
+    with pytest.raises(st.EstimateError, match="image: contains 1 values that are not finite in float32"):
         st.estimate(broken)
 
 
