@@ -58,10 +58,7 @@ _LOADED: dict[str, tuple[Any, list[bytes]]] = {}
 
 
 def _is_outdated(module: str, files: list[Path]) -> bool:
-    """Return whether files have changed on disk since their module was loaded.
-
-    The results of such a module cannot be attributed to either version and must not be reused.
-    """
+    """Return whether files have changed since their module was loaded: its results must then not be reused."""
     pieces = [_hash_of(file) for file in files]
     spec = getattr(sys.modules.get(module), "__spec__", None)
     seen, before = _LOADED.get(module, (None, []))

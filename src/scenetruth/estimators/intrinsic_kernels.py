@@ -11,10 +11,7 @@ __all__ = ["add", "fma", "least", "ones", "subtract"]
 
 @intrinsic
 def fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
-    """Compute a b + c with one rounding; a, b and c have one floating type.
-
-    With contraction left to the compiler (fast mathematics), results would depend on inlining.
-    """
+    """Compute a b + c with one rounding, for one floating type; independent of compiler contraction and inlining."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.fma(*arguments)

@@ -125,10 +125,7 @@ class MethodSpec:
         return isinstance(self.method, str) and not self.fingerprint
 
     def choice(self, own: MethodChoice | None = None) -> MethodChoice:
-        """Return the name of the method with all settings; the settings of ``own`` apply if it is the same method.
-
-        For a method that is not installed, the name is valid within `offered_methods`.
-        """
+        """Return the name of the method with all settings, including those of ``own`` if it is the same method."""
         name = self.method if isinstance(self.method, str) else find_method(self.method).name
         base = own.settings.model_dump(mode="json") if own is not None and own.method == name else {}
         if own is not None and base and not self.settings:

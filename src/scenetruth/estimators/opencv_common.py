@@ -149,10 +149,9 @@ def cv2_problems() -> list[Problem]:
 
 
 def eight_bit_images(recording: xr.Dataset) -> GreyImages:
-    """Return a function that reads the images of a recording one by one, as 8-bit grey images for OpenCV.
+    """Return a function that reads the images as 8-bit grey images, with a common scale for other types.
 
-    Other types are scaled by the 0.1th and 99.9th percentiles of the whole recording, alike for all images, so that
-    intensities stay comparable.
+    The scale is from the 0.1th to the 99.9th percentile of the whole recording.
     """
     image = recording["image"].variable
     # A grid of one row is a single row.
@@ -232,10 +231,7 @@ def _frame_by_frame(what: str, found: Callable[[int], Map], count: int, progress
 
 
 def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, *, to_the_right: bool) -> Map:
-    """Return the disparity of every pixel of the reference image in px, positive; NaN where invalid.
-
-    ``reference``, ``other``: Images of a rectified pair, shape (y, x).
-    """
+    """Return the disparity of a rectified pair at the pixels of the reference, shape (y, x), in px; NaN if invalid."""
     if not to_the_right:
         # In mirrored images, the left camera becomes the right one.
         mirrored = disparity_between(
@@ -287,10 +283,7 @@ def _least_disparity(reference: Bytes, other: Bytes, span: int) -> int:
 
 
 def flow_between(first: Bytes, second: Bytes, settings: FlowSettings) -> Map:
-    """Return the optical flow from one image to another in px, (dx, dy), shape (2, y, x).
-
-    ``first``, ``second``: The images, shape (y, x); the flow is defined at the pixels of the first.
-    """
+    """Return the optical flow (dx, dy) from one image to another at the pixels of the first, in px, shape (2, y, x)."""
     import cv2
 
     if settings.flow == "farneback":

@@ -63,10 +63,7 @@ def split_command(command: str) -> list[str]:
 
 
 def fill_placeholders(words: list[str], folders: Mapping[str, Path], base: Path) -> list[str]:
-    """Return words with placeholders replaced by folders, and files below ``base`` as absolute paths.
-
-    The program runs in a different working directory, so that relative paths would be invalid.
-    """
+    """Return words with placeholders replaced by folders, and files below ``base`` as absolute paths."""
     return [_filled(word, folders, base) for word in words]
 
 

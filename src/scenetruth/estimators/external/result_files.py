@@ -30,10 +30,7 @@ _FLO_INVALID = 1e9
 
 
 def read_map(file: Path, name: str) -> Array:
-    """Return the array of a file, with the invalid values of its format as NaN.
-
-    Returns: As written, of any type and shape; for .pfm (y, x) or (3, y, x), for .flo (2, y, x).
-    """
+    """Return the array of a file as written, invalid values as NaN; .pfm is (y, x) or (3, y, x), .flo is (2, y, x)."""
     try:
         return ENDINGS[file.suffix](file, name)
     except (OSError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, struct.error) as error:
@@ -181,11 +178,7 @@ _NEAR = 0.75
 
 @dataclass(frozen=True)
 class ResultFile:
-    """A file of results.
-
-    ``name``: Quantity.
-    ``t``: Frame; None if the file contains one or more frames that its name does not specify.
-    """
+    """A results file: path, quantity, and frame, which is None if the file name does not specify it."""
 
     path: Path
     name: str
@@ -193,10 +186,7 @@ class ResultFile:
 
 
 def find_results(folder: Path, problems: list[Problem]) -> dict[str, list[ResultFile]]:
-    """Return the files of every quantity; append problems, also for ambiguous files, which are omitted.
-
-    Sub-folders and files with other extensions are ignored, unless they are named like a quantity.
-    """
+    """Return the files of every quantity, without ambiguous files; append problems, but not for unrelated files."""
     if not folder.is_dir():
         what = "is not a folder" if folder.exists() else "does not exist: no output was written"
         problems.append(Problem(str(folder), what))

@@ -183,18 +183,12 @@ class BestHypothesis:
     """Whether the nearest view on at least one side has the same best hypothesis at this point, shape (y, x)."""
 
     def sure(self, distinctness: float) -> NDArray[np.bool_]:
-        """Return where the hypothesis is unique by this cost ratio, and the bits are unlikely to match by chance.
-
-        In unrelated neighbourhoods, 24 bits differ on average; about 18 for the best of many hypotheses.
-        """
+        """Return where the hypothesis is unique by this cost ratio, and a match by chance (18 to 24 bits) unlikely."""
         return self.agreed & (self.distinct > distinctness) & (self.bits < _MOST_BITS)
 
 
 def choose_hypotheses(images: Images, row: CameraRow, hypotheses: Hypotheses) -> BestHypothesis:
-    """Return the best hypothesis for every pixel of the reference.
-
-    ``images``: Grey values, shape (s, y, x).
-    """
+    """Return the best hypothesis for every pixel of the reference, from grey values of shape (s, y, x)."""
     from scipy import ndimage
 
     height, width = images.shape[1:]

@@ -42,10 +42,7 @@ _MOST_COSTS = 5e8
 
 
 def disparity_ranges(images: NDArray[np.float32], row: CameraRow) -> list[tuple[float, float]]:
-    """Return the disparity ranges that occur in the images, in columns per step; empty without texture.
-
-    ``images``: Grey values, shape (s, y, x).
-    """
+    """Return the disparity ranges that occur in images (s, y, x), in columns per step; empty without texture."""
     factor = _COARSEST
     while factor > 1 and images.shape[2] // factor < _LEAST_WIDTH:
         factor //= 2
@@ -138,20 +135,14 @@ def sweep_disparity(
 
 
 def _step(farthest: float) -> float:
-    """Return the distance between hypotheses: a quarter of a column in the farthest view.
-
-    For a view beyond four steps from the reference it is half a column.
-    """
+    """Return the distance between hypotheses: 1/4 column in the farthest view, 1/2 column beyond four steps."""
     return min(0.25, max(0.25 / farthest, min(0.125, 0.5 / farthest)))
 
 
 def estimate_disparities(
     recording: xr.Dataset, settings: PlaneSweepSettings, progress: Progress | None
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.bool_]]]:
-    """Yield the disparity of the reference camera in every frame, px per step of s, and where the match is ambiguous.
-
-    Disparity is NaN where invalid.
-    """
+    """Yield the disparity in every frame, px per step of s, NaN where invalid, and where the match is ambiguous."""
     reader = FrameReader(recording)
     missing = reader.missing()
     if missing:

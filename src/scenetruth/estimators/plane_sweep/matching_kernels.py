@@ -39,10 +39,7 @@ _SIDE = 2 * _REACH + 1
 
 @_jit
 def shifted(image: Any, phase: int, out: Any) -> None:
-    """Shift an image to the left by phase / PHASES px, by cubic convolution (Catmull-Rom), with border replication.
-
-    ``out``: Output, of the same shape.
-    """
+    """Shift an image to the left by phase / PHASES px, by cubic convolution (Catmull-Rom), with border replication."""
     height, width = image.shape
     f = np.float32(phase / PHASES)
     half, one = np.float32(0.5), np.float32(1.0)
@@ -62,10 +59,7 @@ def shifted(image: Any, phase: int, out: Any) -> None:
 
 @_jit
 def census(image: Any, out: Any) -> None:
-    """Write which of the 7 x 7 pixels around each are darker, as 48 bits, with border replication.
-
-    ``out``: Output, uint64 of the same shape.
-    """
+    """Write which of the 7 x 7 pixels around each are darker, as 48 bits (uint64), with border replication."""
     height, width = image.shape
     rows = np.empty((2 * _REACH + 1, width + 2 * _REACH), dtype=np.float32)
     halves = np.empty((2, width), dtype=np.uint32)

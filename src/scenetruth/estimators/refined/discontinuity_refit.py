@@ -99,10 +99,7 @@ def estimate_gain_offset(
     bad: NDArray[np.uint8],
     good: NDArray[np.bool_],
 ) -> GainOffset:
-    """Estimate gains and offsets of the images relative to their mean, by regression in blocks.
-
-    ``good``: Pixels to use, shape (y, x).
-    """
+    """Estimate gains and offsets of the images relative to their mean by regression in blocks over ``good`` pixels."""
     count, height, width = coefficients.shape
     down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
     gain = np.full((count, down, across), np.nan, dtype=np.float32)
@@ -200,10 +197,7 @@ class HypothesisSelection:
         """Smallest residual of any other model that belongs to another surface."""
 
     def offer(self, theta: Map) -> None:
-        """Select models where they explain the images better.
-
-        ``theta``: Parameters, shape (15 or 18, y, x); NaN where invalid.
-        """
+        """Select models where they explain the images better; parameters are (15 or 18, y, x), NaN where invalid."""
         cost = self._judge(theta)
         with np.errstate(invalid="ignore"):
             moved = self._images.moved_px(extract_fields(self.theta), extract_fields(theta))
@@ -280,10 +274,7 @@ def refit_discontinuities(
     settings: RefinedSettings,
     told: Callable[[int], None] | None = None,
 ) -> tuple[RefinedState, DiscontinuityContext]:
-    """Fit pixels again whose windows contain more than one surface.
-
-    ``start``: Initial disparity and velocity of the full windows, shape (4, y, x), finite.
-    """
+    """Fit pixels again whose windows contain several surfaces, from disparity and velocity of shape (4, y, x)."""
     noise = estimate_noise(np.sqrt(refined.fit.residual[0]))
     sigma = settings.window_sigma_px
     whole = refined.fit.theta

@@ -42,38 +42,26 @@ Map = NDArray[np.float64]
 
 
 def initial_parameters(start: Map, *, accelerated: bool) -> Map:
-    """Return initial parameters, shape (15 or 18, y, x).
-
-    ``start``: Disparity and velocity, shape (4, y, x).
-    """
+    """Return initial parameters, shape (15 or 18, y, x), from disparity and velocity, shape (4, y, x)."""
     theta = np.zeros((ALL if accelerated else FULL, *start.shape[1:]))
     theta[STEADY_PLACES] = start
     return theta
 
 
 def accelerated(theta: Map) -> Map:
-    """Return parameters extended by an acceleration, 0 if there was none, shape (18, y, x).
-
-    ``theta``: Parameters, shape (15 or 18, y, x).
-    """
+    """Return parameters extended by an acceleration, 0 if there was none, shape (18, y, x)."""
     out = np.zeros((ALL, *theta.shape[1:]))
     out[: len(theta)] = theta
     return out
 
 
 def extract_fields(theta: Map) -> Map:
-    """Return d, q and, if present, their acceleration at the pixels, shape (4 or 7, y, x).
-
-    ``theta``: Parameters, shape (15 or 18, y, x).
-    """
+    """Return d, q and, if present, their acceleration at the pixels, shape (4 or 7, y, x), from parameters."""
     return theta[STEADY_PLACES + (_ACCELERATION if len(theta) > FULL else [])]
 
 
 def fill_between(theta: Map) -> None:
-    """Propagate the parameters of even rows and columns to the pixels below and to the right, in place.
-
-    ``theta``: Parameters, shape (15 or 18, y, x); read at even rows and columns, written elsewhere.
-    """
+    """Propagate the parameters of even rows and columns to the pixels below and to the right, in place."""
     even = theta[:, ::2, ::2]
     for down, right in ((0, 1), (1, 0), (1, 1)):
         out = theta[:, down::2, right::2]
@@ -81,10 +69,7 @@ def fill_between(theta: Map) -> None:
 
 
 def carried(theta: Map, right: int, down: int) -> Map:
-    """Return the parameters at every pixel that follow from the model of the pixel at an offset.
-
-    ``theta``: Parameters of the full model, shape (15 or 18, y, x).
-    """
+    """Return the parameters (15 or 18, y, x) at every pixel that follow from the model of the pixel at an offset."""
     height, width = theta.shape[1:]
     out = np.full_like(theta, np.nan)
     if abs(right) >= width or abs(down) >= height:
@@ -133,10 +118,7 @@ def blank_fit(state: Map, *, variances: bool) -> Fit:
 
 
 def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:
-    """Return one fit where selected, else another; without acceleration, if one has none.
-
-    ``where``: Pixels of the first fit, shape (y, x).
-    """
+    """Return one fit in the mask ``where``, else another; without acceleration, if one has none."""
     if len(fit.theta) != len(other.theta):
         fit, other = (each._replace(theta=each.theta[:FULL], variance=each.variance[:_STEADY]) for each in (fit, other))
     return Fit(*(np.where(where, getattr(fit, name), getattr(other, name)) for name in Fit._fields))

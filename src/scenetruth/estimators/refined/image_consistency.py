@@ -58,10 +58,7 @@ class ImageAgreement:
 
 
 def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even: bool = False) -> ImageAgreement:
-    """Correlate every image with the mean of all others, block by block.
-
-    ``fields``: d and q of every pixel, shape (4, y, x).
-    """
+    """Correlate every image with the mean of all others, block by block, for fields of shape (4, y, x)."""
     height, width = images.shape
     edge = min(2 * math.ceil(_CUT * sigma_px) + 1, height, width)
     rows = np.unique(np.linspace(0, height - edge, min(_ROWS, height // edge)).round().astype(np.intp))
@@ -136,10 +133,7 @@ def find_inconsistent_images(
 
 
 def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
-    """Return the correlation of every image with the mean of the others, and the contrast of the median image.
-
-    ``values``: Grey values of a block, shape (n, pixels), NaN where invalid.
-    """
+    """Return the correlation of every image (n, pixels) with the mean of the others, and the median contrast."""
     known = np.isfinite(values)
     counts = known.sum(axis=1)
     shown = counts >= _LEAST_SHARE * values.shape[1]
@@ -211,10 +205,7 @@ def describe_missing_contrast(images: ImageStack) -> str:
 
 
 class ExclusionReport:
-    """Record of excluded images and of frames without an estimate.
-
-    ``recording``: Recording whose s and t, and s_y of a grid, identify the images.
-    """
+    """Record of excluded images and of frames without an estimate, identified by the coordinates of the recording."""
 
     def __init__(self, recording: xr.Dataset) -> None:
         self._t = recording["t"].values.tolist()

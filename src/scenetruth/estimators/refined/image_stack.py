@@ -48,11 +48,7 @@ def frames_needed(count: int, window: int, *, every: bool) -> list[FramesNeeded]
 
 
 class Splines:
-    """Spline coefficients of the images of a window of frames; each frame is transformed once.
-
-    ``images``: Reader of the images.
-    ``order``: Order of the splines, 3 or 5.
-    """
+    """Spline coefficients, order 3 or 5, of the images of a window of frames; each frame is transformed once."""
 
     def __init__(self, images: DefectFilteredFrames, order: int) -> None:
         self._images, self._order = images, order
@@ -211,10 +207,7 @@ class ImageStack:
         return float(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)]))
 
     def moved_px(self, before: Map, after: Map) -> Map:
-        """Return the largest displacement, in px, over all images, due to a change of d, q and acceleration.
-
-        ``before``, ``after``: Fields as for `warp_rows`, shape (4 or 7, ...).
-        """
+        """Return the largest displacement over all images, in px, due to a change of fields, shape (4 or 7, ...)."""
         steps = np.abs(after - before)
         moved = steps[0] * self.farthest
         for place, step in enumerate(steps[1:]):

@@ -56,7 +56,7 @@ class InitialEstimate:
 def initialise_by_plane_sweep(
     images: NDArray[np.float32], estimated: int, times: NDArray[np.float64], rig: CameraLayout
 ) -> InitialEstimate:
-    """Estimate disparity (columns per step) and velocity of every pixel by trying disparities, then motions.
+    """Estimate disparity (columns per step) and velocity by plane sweep and motion search.
 
     ``images``: The estimated frame and the adjacent frames, shape (channel, s, t, y, x).
     """
@@ -121,11 +121,7 @@ def initialise_by_structure_tensor(recording: xr.Dataset, frame: int, baseline_m
 
 
 def fill_gaps(fields: NDArray[np.float64], known: NDArray[np.bool_], median_px: int = 1) -> NDArray[np.float64]:
-    """Replace invalid values by the nearest valid values, and take medians over squares.
-
-    ``fields``: Values, shape (n, y, x).
-    ``known``: Validity mask, shape (y, x); at least one pixel must be valid.
-    """
+    """Replace invalid values of maps (n, y, x) by the nearest valid values, and take medians over squares."""
     from scipy import ndimage
 
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)

@@ -152,10 +152,7 @@ def fit_surface(
     settings: RefinedSettings,
     where: NDArray[np.bool_] | None = None,
 ) -> tuple[Map, NDArray[np.bool_], NDArray[np.int8]]:
-    """Fit the models and select one for every pixel; return parameters, where the surface is curved, and model index.
-
-    ``where``: Pixels to fit, shape (y, x); default: all.
-    """
+    """Fit the models and select one for every pixel; return parameters, where the surface is curved, and index."""
     sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
     every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
@@ -224,10 +221,7 @@ def fit_round(
     shifts: ShiftObservations | None = None,
     coarse: bool = False,
 ) -> list[Fit]:
-    """Warp all images by the current parameters, and fit each model, or the selected one, to every window.
-
-    ``state``: Parameters of all pixels, shape (15 or 18, y, x); pixels with NaN are skipped.
-    """
+    """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model."""
     view, windows = images.view(), window_weights(sigma_px)
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen.copy()
     if (chosen == EVERY_MODEL).any():
@@ -273,20 +267,14 @@ def fit_round(
 
 
 def is_valid_step(state: Map, theta: Map) -> NDArray[np.bool_]:
-    """Return where new parameters are finite, and the disparity changes neither its sign nor by half or more.
-
-    ``state``, ``theta``: Parameters before and after, shape (15 or 18, y, x).
-    """
+    """Return where new parameters are finite, and the disparity changes neither its sign nor by half or more."""
     with np.errstate(invalid="ignore"):
         sound = np.isfinite(theta).all(axis=0) & (theta[0] * state[0] > 0)
         return np.asarray(sound & (np.abs(theta[0] - state[0]) < 0.5 * np.abs(state[0])))
 
 
 def fill_invalid_parameters(state: Map, theta: Map) -> Map:
-    """Return parameters without gaps: those of a fit where its step is valid, else those of the nearest valid pixel.
-
-    ``state``, ``theta``: Parameters before and after, shape (15 or 18, y, x).
-    """
+    """Return parameters without gaps: those of a fit where its step is valid, else those of the nearest valid pixel."""
     sound = is_valid_step(state, theta)
     return fill_gaps(theta, sound) if sound.any() else state
 

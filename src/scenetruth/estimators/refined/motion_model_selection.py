@@ -134,10 +134,7 @@ def choose_motion_model(
 
 
 def _leaves_less(fit: Fit, trial: MotionModelTrial, among: Mask, sigma_px: float, noise: float) -> Mask:
-    """Return where the residual of a trial is smaller than that of the previous selection, averaged over a window.
-
-    Where it still exceeds the noise, the motion is not the cause of the misfit, unless it is much smaller.
-    """
+    """Return where a trial reduces the windowed residual, to the noise level or to less than half of its square."""
     from scipy.ndimage import gaussian_filter
 
     before, after = (gaussian_filter(np.where(among, each.residual[0], 0.0), sigma_px) for each in (fit, trial.fit))

@@ -35,10 +35,7 @@ def estimate_noise(left: NDArray[np.float64]) -> float:
 
 
 def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: int, spline: int) -> NDArray[np.bool_]:
-    """Return where the gradient of the mean image exceeds that of its noise.
-
-    ``mean_square_gradient``: Mean over a window of the squared gradient of the mean image, in grey values per px.
-    """
+    """Return where the windowed mean square gradient of the mean image, in grey values per px, exceeds its noise."""
     by_noise = 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
     with np.errstate(invalid="ignore"):
         return np.asarray(mean_square_gradient > _ABOVE_NOISE * by_noise)

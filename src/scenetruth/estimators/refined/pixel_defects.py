@@ -35,10 +35,7 @@ Flags = NDArray[np.bool_]
 
 
 class DefectFilteredFrames:
-    """Images of a recording with defective pixels detected and interpolated.
-
-    ``recording``: A validated recording.
-    """
+    """Images of a recording with defective pixels detected and interpolated."""
 
     def __init__(self, recording: xr.Dataset) -> None:
         self._recording = recording
@@ -60,10 +57,7 @@ class DefectFilteredFrames:
         return dict(zip(CAUSES, self._counts.tolist(), strict=True))
 
     def frames(self, first: int, last: int) -> NDArray[Any]:
-        """Return the filled images of consecutive frames as `FrameReader.frames`, finite.
-
-        Without defects they have the type of the recording, else float32.
-        """
+        """Return the filled images of consecutive frames: float32, or of the recorded type if without defects."""
         images = self._reader.frames(first, last)
         causes = [self._causes(frame, images[:, :, frame - first]) for frame in range(first, last)]
         for frame, found in zip(range(first, last), causes, strict=True):
@@ -87,10 +81,7 @@ class DefectFilteredFrames:
         return images
 
     def bad(self, first: int, last: int) -> list[NDArray[np.uint8]]:
-        """Return where consecutive frames must not be sampled, as from `spread_defects`.
-
-        Returns: 1 where defective, for each frame, shape (s, y, x); empty if no frame has defects.
-        """
+        """Return where consecutive frames must not be sampled, shape (s, y, x) each, or an empty list if nowhere."""
         found = [self._bad[frame] for frame in range(first, last)]
         if all(flags is None for flags in found):
             return []
@@ -209,11 +200,7 @@ def find_saturated_runs(image: NDArray[Any], white: float) -> Flags:
 
 
 def fill_defects(image: NDArray[np.float32], bad: Flags) -> NDArray[np.float32]:
-    """Return an image with defective pixels interpolated from their surroundings.
-
-    ``image``: Grey values, finite where not bad, shape (y, x).
-    ``bad``: Pixels to be filled, of the same shape; if all are, the image becomes 0.
-    """
+    """Return an image, shape (y, x), with defective pixels interpolated; zero if all pixels are defective."""
     from scipy.ndimage import distance_transform_edt
 
     from scenetruth.estimators.refined.kernels.warp import smooth_over

@@ -51,11 +51,7 @@ class PointDerivatives:
 def compute_point_derivatives(
     view: ImageView, fields: Array, at: Array, *, accelerated: bool = False
 ) -> PointDerivatives:
-    """Return the derivatives of the image positions of points.
-
-    ``fields``: d, q_X, q_Y and q_Z of the points, shape (4, points).
-    ``at``: Column and row of the points in the reference image, shape (2, points).
-    """
+    """Return the derivatives of the image positions of points: fields (4, points) at column and row (2, points)."""
     d, q_x, q_y, q_z = fields[:, :, None]
     s, s_y, t = view.s[None], view.s_y[None], view.t[None]
     scale = 1.0 / (1.0 + t * d * q_z / view.focal)
@@ -190,10 +186,7 @@ class Equations:
 
 
 def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
-    """Return the observations of blocks with texture.
-
-    ``fields``: d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
-    """
+    """Return the observations of blocks with texture, with the finite fields of every pixel, shape (4, y, x)."""
     rows, columns = shifts.centres()
     height, width = fields.shape[1:]
     rows, columns = np.minimum(rows, height - 1), np.minimum(columns, width - 1)
@@ -217,11 +210,7 @@ def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
 
 
 class Elimination:
-    """Reduced normal equations of the corrections, with the depth and motion of every block eliminated.
-
-    ``blocks``: Observations of the blocks.
-    ``view``: Positions and times of the images.
-    """
+    """Reduced normal equations of the corrections, with the depth and motion of every block eliminated."""
 
     def __init__(self, blocks: Blocks, view: ImageView) -> None:
         self._noise = blocks.noise
@@ -233,10 +222,7 @@ class Elimination:
         ]
 
     def equations(self, weight: Array) -> Equations:
-        """Return the equations of all blocks together.
-
-        ``weight``: Weights of the blocks, shape (blocks,).
-        """
+        """Return the equations of all blocks, with weights of shape (blocks,)."""
         matrix, side = np.zeros((self._size, self._size)), np.zeros(self._size)
         own = np.zeros((self._size // CORRECTIONS, CORRECTIONS, CORRECTIONS))
         for part, w in self._weighted(weight):
@@ -250,9 +236,8 @@ class Elimination:
         return Equations(matrix, side)
 
     def misfit(self, corrections: Array) -> Array:
-        """Return the residual of the block shifts after corrections, with depth and motion adjusted.
+        """Return the residual of the block shifts after corrections (n, 4), with depth and motion adjusted.
 
-        ``corrections``: Corrections of every image, shape (n, 4).
         Returns: In squares of the image noise per degree of freedom, shape (blocks,).
         """
         c = corrections.ravel()
@@ -420,9 +405,6 @@ class PoseCorrections:
         return float(moved.max())
 
     def effect(self, images: ImageStack, fields: Array) -> CorrectionUncertainty:
-        """Return the effect of the uncertainty of the corrections on disparity and velocity.
-
-        ``fields``: d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
-        """
+        """Return the effect of the uncertainty of the corrections on disparity and velocity, shape (4, y, x)."""
         rooted = self._parts @ np.linalg.cholesky(self._covariance)
         return compute_correction_uncertainty(images.view(), fields, rooted)

@@ -70,10 +70,7 @@ def window_weights(sigma_px: float) -> Map:
 
 
 def around(where: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Return the pixels within a distance, in rows and columns, of marked pixels.
-
-    ``where``: Marked pixels, shape (y, x).
-    """
+    """Return the pixels within a distance, in rows and columns, of pixels in the mask ``where``."""
     from scipy.ndimage import maximum_filter
 
     return np.asarray(maximum_filter(where, 2 * reach + 1))
@@ -166,10 +163,7 @@ _SQUARES, _FREEDOM, _KNOWN, _GRADIENT = 14, 15, 16, 17
 
 
 def local_means(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the means over a pixel and its neighbours.
-
-    ``values``: Values, shape (y, x).
-    """
+    """Return the means over a pixel and its neighbours, shape (y, x)."""
     from scipy.ndimage import gaussian_filter
 
     return np.asarray(gaussian_filter(values, _SIGMA_PX, truncate=_EVIDENCE_CUT))
@@ -196,10 +190,7 @@ class PixelEvidence:
         return cls(np.full(shape, np.inf, dtype=np.float32), np.zeros(shape, dtype=np.float32))
 
     def chosen(self, where: NDArray[np.bool_], seen: PixelEvidence) -> PixelEvidence:
-        """Return the evidence of another fit where selected, else this one.
-
-        ``where``: Pixels of the other fit, shape (y, x).
-        """
+        """Return the evidence of another fit in the mask ``where``, else this evidence."""
         return PixelEvidence(np.where(where, seen.square, self.square), np.where(where, seen.gradient, self.gradient))
 
     def put(self, band: RowBand) -> None:

@@ -54,10 +54,7 @@ def make_inputs(
     intrinsics: Intrinsics,
     full_scale: float,
 ) -> EstimationInputs:
-    """Return the inputs with filters scaled to grey values and to equal noise.
-
-    ``images``: Images, shape (channel, s, t, y, x).
-    """
+    """Return the inputs for images (channel, s, t, y, x), with filters scaled to grey values and to equal noise."""
     # Grey values in [-1, 1] are 2 image / full scale - 1; derivatives do not depend on the constant.
     grey = 2 / full_scale
     # Total least squares assumes equal errors in all derivatives.
@@ -81,11 +78,7 @@ def make_inputs(
 
 
 def columns_of_s(rig: AcquisitionAxes, disparity: int) -> NDArray[np.int64]:
-    """Return the column offset at which the image of each camera is read for a registration disparity.
-
-    ``disparity``: Registration disparity in px per step of s.
-    Returns: Whole columns to the right, shape (s,), int64.
-    """
+    """Return the column offset (int64) at which the image of each camera is read for a disparity in px per step."""
     return -np.rint(disparity * rig.positions).astype(np.int64)
 
 
@@ -130,9 +123,8 @@ def check_common_view(task: EstimationInputs, registrations: Sequence[Registrati
 
 
 def shift_by_subpixels(task: EstimationInputs, disparity: int) -> NDArray[Any]:
-    """Shift the images by the subpixel remainder of the registration, by quintic spline interpolation.
+    """Shift images by the subpixel remainder of a registration disparity (px per step) with quintic splines.
 
-    ``disparity``: Registration disparity in px per step of s.
     Returns: Images, shape (channel, s, t, y, x): as recorded if no camera requires a shift, else float32.
     """
     part = -disparity * task.rig.positions - columns_of_s(task.rig, disparity)

@@ -86,10 +86,7 @@ def run_kernel(
     best: BestRegistration,
     first_row: int,
 ) -> None:
-    """Estimate the frames of a task in a set of tiles at one registration.
-
-    ``tiles``: First and last + 1 row, then column, of every tile, shape (n, 4).
-    """
+    """Estimate the frames of a task in tiles (first and last + 1 row, then column) at one registration."""
     from scenetruth.estimators.structure_tensor.tensor_kernels import Criteria, Registered, estimate_tile
 
     if len(tiles) == 0:

@@ -67,11 +67,7 @@ class FilterPair:
         return float(np.sum(self.derivative**2) / np.sum(self.smoothing**2))
 
     def transfer(self, wave_number: float | Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return the transfer functions of D and S; matched filters have D̂(w) = i w Ŝ(w).
-
-        ``wave_number``: w in radian per step, any shape.
-        Returns: D̂ and Ŝ, of the same shape, complex128.
-        """
+        """Return D̂(w) and Ŝ(w), complex128, for w in radian per step; matched filters have D̂(w) = i w Ŝ(w)."""
         phase = np.exp(1j * np.multiply.outer(np.asarray(wave_number, dtype=np.float64), self.nodes))
         return np.asarray(phase @ self.derivative), np.asarray(phase @ self.smoothing)
 
@@ -268,10 +264,7 @@ def choose_acquisition_axes(positions: Array, count_t: int, settings: StructureT
 def axis_problems(
     settings: StructureTensorSettings, cameras: int, frames: int, width: int, height: int
 ) -> list[Problem]:
-    """Return the problems of a recording that is too small for the filters and the window.
-
-    ``width``, ``height``: Size of the images in px.
-    """
+    """Return the problems of a recording that is too small for the filters and the window, sizes in px."""
     border = 2 * REACH + settings.window_taps_px
     problems = []
     if cameras == 1 and frames == 1:

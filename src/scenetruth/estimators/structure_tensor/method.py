@@ -129,10 +129,7 @@ class LowTextureCount:
 
 
 def _sample(task: EstimationInputs, registrations: Sequence[Registration]) -> tuple[float, float]:
-    """Return the power of the image noise, from the model residuals at a grid of pixels, and the largest eigenvalue.
-
-    Each pixel has its best registration, as in the estimate itself.
-    """
+    """Return the power of the image noise, from the model residuals at a grid of pixels, and the largest eigenvalue."""
     plain = replace(task, settings=task.settings.model_copy(update={"tau": 0.0}), outputs=task.outputs[:1])
     model, (height, width) = task.noise, task.images.shape[-2:]
     rows, columns = (np.linspace(0, size - 1, _SAMPLES + 2).astype(np.int64)[1:-1] for size in (height, width))

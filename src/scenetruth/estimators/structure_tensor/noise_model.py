@@ -108,10 +108,7 @@ def _smoothing_noise(pair: FilterPair, window: Array) -> Array:
 
 
 def texture_transfer(image: NDArray[np.float32], settings: StructureTensorSettings) -> Texture:
-    """Return noise transfer and wave numbers of the local texture of an image, shape (y / 4, x / 4), rounded up.
-
-    ``image``: One image, or several channels of one, shape (channel, y, x), any scale.
-    """
+    """Return noise transfer and wave numbers of the texture, shape (y / 4, x / 4), of an image (channel, y, x)."""
     from scenetruth.estimators.structure_tensor.registration_kernels import ENERGIES, gradient_energies
 
     blocks = tuple(-(-size // STRIDE) for size in image.shape[1:])
@@ -156,10 +153,7 @@ def _ratios(energies: dict[str, NDArray[np.float32]], settings: StructureTensorS
 
 @lru_cache(maxsize=8)
 def _band_factors(window_sigma_px: float, window_taps_px: int) -> tuple[Array, Array]:
-    """Return the ratio of the mean of Ŝ² in the band of the window to Ŝ² at its centre, for every wave number.
-
-    The second ratio is for the window times a coordinate. A truncated window has side lobes, which extend far.
-    """
+    """Return the mean of Ŝ² in the band of the window over Ŝ² at its centre, also for the window times a coordinate."""
     window = gaussian_window(window_sigma_px, window_taps_px)
     local = window * (np.arange(len(window)) - len(window) // 2)
     weights = np.broadcast_to(PAPER.smoothing, (len(_PHASES), len(PAPER.smoothing)))

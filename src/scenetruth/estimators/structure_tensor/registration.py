@@ -120,10 +120,7 @@ def _best(total: NDArray[Any], distance: NDArray[Any], margin: float = 1e-9) -> 
 def registrations_along_surfaces(
     images: NDArray[Any], positions: NDArray[np.float64], largest: int
 ) -> list[Registration]:
-    """Return the integer disparities at which the images of one frame agree, with the cells in which they do.
-
-    ``images``: Images of one frame, shape (channel, s, y, x).
-    """
+    """Return the disparities at which the images (channel, s, y, x) of a frame agree, with the cells of each."""
     channels = np.ascontiguousarray(images, dtype=np.float32)
     middle = find_working_point(np.concatenate(channels, axis=1), positions)
     reach = max(_SMALLEST_RANGE, images.shape[-1] // 16)
@@ -138,8 +135,7 @@ def _sweep(
 ) -> tuple[NDArray[np.int64], int]:
     """Return the index of the best disparity at the points of a grid, and the grid step in px.
 
-    Disparities are tried in sequence. A later one replaces the current best if it is adjacent to it and better, or if
-    it is clearly better.
+    Only a clearly better disparity replaces the current best, unless it is adjacent to it.
     """
     from scenetruth.estimators.structure_tensor.registration_kernels import STEP, matching_costs
 
@@ -162,11 +158,7 @@ def _sweep(
 def registrations_from_coarse(
     disparity: NDArray[Any], flow: NDArray[Any], known: NDArray[np.bool_], shape: Sequence[int], largest: int
 ) -> list[Registration]:
-    """Return the registrations for the disparity and flow of an estimate at half the resolution.
-
-    ``disparity``, ``flow``: Coarse estimates in px of the coarse image, shapes (y, x) and (2, y, x).
-    ``known``: Validity mask, shape (y, x).
-    """
+    """Return the registrations for an estimate at half resolution: disparity (y, x), flow (2, y, x) and validity."""
     if not known.any():
         return [Registration(0)]
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
@@ -229,9 +221,8 @@ _LOW_ROWS, _JOIN = 4 * CELL, 32
 
 
 def split_into_tiles(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> NDArray[np.int64]:
-    """Return tiles that cover the requested cells inside an area, several for each thread.
+    """Return tiles that cover the requested cells (None: all) inside an area, several for each thread.
 
-    ``cells``: Requested cells of `CELL` px; None for all.
     Returns: First and last + 1 row, then column, of every tile, shape (n, 4), int64.
     """
     top, bottom, left, right = area

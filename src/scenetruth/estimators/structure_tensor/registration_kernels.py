@@ -25,10 +25,7 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @_jit
 def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: Any) -> None:
-    """Sum the squared image differences of neighbouring cameras over blocks of STEP pixels of a row.
-
-    Pixels outside the view of a camera are not compared: repeated border pixels would match any uniform surface.
-    """
+    """Sum the squared image differences of neighbouring cameras over blocks of STEP pixels, where both have a view."""
     width = images.shape[3]
     compared = np.zeros(out.shape[0], dtype=np.float32)
     wanted = np.zeros(out.shape[0], dtype=np.float32)

@@ -63,10 +63,7 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Filters(NamedTuple):
-    """Filters and windows as one-dimensional correlation kernels.
-
-    The filters along s have one value per camera, and include the scale from image values to grey values.
-    """
+    """Filters and windows as correlation kernels; those along s have one value per camera and scale to grey values."""
 
     smoothing_s: NDArray[np.float32]
     """S along s."""
@@ -179,10 +176,7 @@ def _add_rows(rows: Any, first: int, kernel: Any, out: Any) -> None:
 def _reduce_cameras(
     view: Registered, channel: int, frame: int, corner: Any, filters: Filters, values: Any, out: Any
 ) -> None:
-    """Filter the registered images of a frame along s: with S, with D, and with the moment of S.
-
-    ``corner``: Row and column at which the camera at s = 0 is read. ``values``: Scratch, shape (s, x).
-    """
+    """Filter the registered images of a frame along s, from row and column ``corner`` of the camera at s = 0."""
     _, rows, columns = out.shape
     top, left = corner
     out[:] = 0.0
@@ -283,10 +277,7 @@ def _accumulate_products(derivatives: Any, w: Any, with_correction: bool, y: int
 
 @_jit
 def _window_columns(products: Any, y: int, filters: Filters, out: Any) -> None:
-    """Sum the weighted products along y: 15 rows, which the window w along x sums to the entries of the tensor.
-
-    The entries with z also require sums with w ξ and w ξ², which `_window_row` computes from these rows.
-    """
+    """Sum the weighted products along y to 15 rows, which `_window_row` sums along x to the entries of the tensor."""
     w0, w1, w2 = filters.window, filters.window_moment, filters.window_second_moment
     double = filters.window_twice_moment
     out[:] = 0.0
@@ -562,11 +553,7 @@ def _solve_part(j: Any, m: Any, n: int, r: Any) -> None:
 
 @_jit
 def _solve_row(entries: Any, criteria: Criteria, found: Any) -> None:
-    """Solve all pixels of a row.
-
-    ``entries``: The entries of the tensor, shape (15, x), from `_J_XX` to `_J_TT`.
-    ``found``: Output, shape (23, x), from `_TO_MOVE` to `_COVARIANCE_Y_Z`.
-    """
+    """Solve all pixels of a row: entries `_J_XX` to `_J_TT`, shape (15, x); results, shape (23, x)."""
     j, m, r = np.zeros(_ENTRIES * _LANES), np.empty(_PLACES * _LANES), np.empty(_FOUND_AND_NEEDED * _LANES)
     count = entries.shape[1]
     for start in range(0, count, _LANES):
@@ -634,10 +621,7 @@ def estimate_tile(
     first_row: int,
     tile: NDArray[np.int64],
 ) -> None:
-    """Estimate frames at one registration in one tile, in one thread and with scratch memory for the tile only.
-
-    ``tile``: First and last + 1 row, then column, of the tile's output; shape (4,).
-    """
+    """Estimate frames at one registration in one tile (first and last + 1 row, then column), in one thread."""
     taps_t, taps = filters.smoothing_t.shape[0], filters.smoothing.shape[0]
     frames_in_window, window = filters.window_t.shape[0], filters.window.shape[0]
     channels, cameras = view.images.shape[0], view.images.shape[1]

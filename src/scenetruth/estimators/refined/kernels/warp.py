@@ -256,10 +256,7 @@ def mean_of_row(warped: Any, row: int, least: int, mean: Any) -> None:
 
 @_jit
 def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.float32], rows: tuple[int, int]) -> None:
-    """Compute the mean of the images at each pixel, NaN where fewer than ``least`` are valid.
-
-    ``texture``: Output, shape (rows, width).
-    """
+    """Compute the mean of the images at each pixel, shape (rows, width), NaN where fewer than ``least`` are valid."""
     mean = np.empty(warped.shape[2])
     for row in range(rows[0], rows[1]):
         mean_of_row(warped, row, least, mean)

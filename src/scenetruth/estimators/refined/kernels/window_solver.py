@@ -417,10 +417,7 @@ def _solve(factor: Any, n: int, x: Any) -> None:
 
 @_jit
 def _full_matrix(moments: Any, place: int, surface: int, count: int, out: Any, weights: Any) -> None:
-    """Write W H W with the normal matrix H at a pixel, for ``count`` parameters, and weights W of the fields.
-
-    Entries of surface parameters outside the model are unchanged.
-    """
+    """Write W H W with the normal matrix H at a pixel and weights W of the fields, for parameters of the model only."""
     for p in range(count):
         if surface <= p < CURVED:
             continue

@@ -163,10 +163,7 @@ def _belongs(
     reach: Any,
     step: Any,
 ) -> bool:
-    """Return whether a pixel at (x, y) from the centre of a window belongs to the surface fitted there.
-
-    This requires that the parameters of the surface at the pixel are close to its own, and explain its images.
-    """
+    """Return whether a pixel at (x, y) from a window centre belongs to its surface: parameters and residual agree."""
     x_x, x_y, y_y = x * x, x * y, y * y
     if not products[v, u, 14] <= limit * products[v, u, 15]:
         return False
