@@ -172,7 +172,7 @@ def compute_maps(
         # Points at infinity have no depth.
         rough = start.known & ~known & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX)
         rough &= _own_texture(images, usual)
-        # If almost no pixel fits, the images do not show a single scene.
+        # If almost no pixel fits, the images are not of a single scene.
         rough &= known.sum() > rough.sum()
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
     # These maps have values everywhere.
