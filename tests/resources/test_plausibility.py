@@ -17,7 +17,7 @@ GROWTH = "objects.0.deformation=[{kind: growth, "
     [
         ("cube", "sensor={noise_std: 2}", "sensor.noise_std: is 2 times full scale"),
         ("leaf", GROWTH + "rate_per_hour: 3}]", "objects.0.deformation.0.rate_per_hour: is 300 % per hour"),
-        (  # noqa: E501
+        (
             "leaf",
             GROWTH + "rate_per_hour: -3, along_share: 0.5}]",
             "is -300 % per hour; specify a fraction of the area",

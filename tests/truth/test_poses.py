@@ -187,7 +187,7 @@ def test_a_truth_of_a_grid_can_be_scored(tmp_path: Any) -> None:
         st.save_store(dataset, tmp_path / name)
         xr.testing.assert_identical(st.load_store(tmp_path / name, name), dataset)  # type: ignore[arg-type]
     with pytest.raises(
-        st.EstimateError, match=r"stage\.rows: a grid cannot be estimated as a whole .* recording\.sel\(s_y=0\)"
+        st.EstimateError, match=r"stage\.rows: a grid is not supported .* recording\.sel\(s_y=0\)"
     ):
         st.estimate(recording)
     plain, reference = st.simulate(scene_of(frames={"count": 2}))
