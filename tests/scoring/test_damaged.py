@@ -44,7 +44,7 @@ TREE = json.loads(GOOD)
         (GOOD.replace('"margin_px": ', '"margin_px": "a", "x": ').encode(), "metadata.margin_px: must be a finite"),
         (
             GOOD.replace('"score_settings": ', '"score_settings": 3, "x": ').encode(),
-            "metadata.score_settings: are none",
+            "metadata.score_settings: invalid",
         ),
     ],
 )
