@@ -72,7 +72,7 @@ def test_multiples_of_the_bound(text: str, multiple: float) -> None:
         ({"depth_mm": "2 x bund"}, "depth_mm.rmse", "a multiple of the bound"),
         ({"depth_mm": "0 x bound"}, "depth_mm.rmse", "a multiple of the bound"),
         ({"depth_mm": "1..5 x bound"}, "depth_mm.rmse", "a multiple of the bound"),
-        ({"depth_mm": {"median_abs_error": "2 x bound"}}, "depth_mm.median_abs_error", "limits rmse"),
+        ({"depth_mm": {"median_abs_error": "2 x bound"}}, "depth_mm.median_abs_error", "only rmse"),
         ({"normal_deg": "2 x bound"}, "normal_deg.rmse", "has no bound"),
         ({}, "limits", "specify at least one"),
     ],

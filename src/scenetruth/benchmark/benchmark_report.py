@@ -31,13 +31,7 @@ _SCALE_PX = 0.5
 
 @dataclass(frozen=True)
 class WorstRegion:
-    """An image of the largest errors of a method.
-
-    ``method``: Label of the method.
-    ``title``: Case, level and inlier rate.
-    ``alt``: Alternative text.
-    ``picture``: A PNG in base64.
-    """
+    """An image of the largest errors of a method: label, title, alternative text, and a PNG in base64."""
 
     method: str
     title: str

@@ -21,10 +21,7 @@ __all__ = ["BenchmarkResult", "RankedMethod", "Ranking"]
 class RankedMethod:
     """Values of one statistic for several methods; lower is better (errors, or a cut-off period).
 
-    ``case``: The case.
-    ``quantity``, ``statistic``: The evaluated statistic.
     ``label``: The level, or empty for the median over all levels.
-    ``unit``: Unit of the values.
     ``numbers``: Value of each method with a result, by label, and of the bound; NaN if undefined.
     """
 
@@ -43,11 +40,7 @@ class RankedMethod:
 
 
 class Ranking:
-    """Records of a benchmark grouped by case, quantity and statistic.
-
-    ``rows``: All records.
-    ``methods``: Labels, in their order.
-    """
+    """Records of a benchmark grouped by case, quantity and statistic."""
 
     def __init__(self, rows: Sequence[BenchmarkRecord], methods: Sequence[str]) -> None:
         self._methods = [*methods, BOUND]

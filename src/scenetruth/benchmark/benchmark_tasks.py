@@ -30,13 +30,7 @@ _REMEDY = "run the comparison again"
 
 @dataclass(frozen=True)
 class BenchmarkTask:
-    """The data that a worker needs to process any design point.
-
-    ``folder``: Directory of the result files.
-    ``points``: The design points.
-    ``contestants``: The methods.
-    ``versions``: Versions on which the results depend.
-    """
+    """The directory, design points, methods and versions that a worker needs to process any design point."""
 
     folder: str
     points: tuple[DesignPoint, ...]

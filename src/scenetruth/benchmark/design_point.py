@@ -95,12 +95,7 @@ PICTURED_QUANTITIES = ("disparity", "flow_x", "flow_y")
 
 @dataclass(frozen=True)
 class CaseErrorMaps:
-    """Image and error maps of a design point.
-
-    ``image``: Image of the reference camera at t = 0, shape (y, x).
-    ``quantity``: The quantity of the errors.
-    ``errors``: Estimate minus truth in px by method, shape (y, x); NaN where invalid.
-    """
+    """Image (y, x) of the reference camera at t = 0, and errors of a quantity in px by method, NaN where invalid."""
 
     image: NDArray[np.float32]
     quantity: str
@@ -152,12 +147,7 @@ BOUND_SIGMA_PX = 6.0
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """A scene of a case and its evaluation.
-
-    ``case``: Key of the case.
-    ``values``: The levels: one, or all of a case whose levels share one scene.
-    ``seeds``: Number of noise realisations.
-    """
+    """A scene of a case, with its levels (several if they share the scene) and the number of noise realisations."""
 
     case: str
     values: tuple[float, ...]
@@ -173,7 +163,6 @@ class DesignPoint:
 class PointResult:
     """The result of a design point.
 
-    ``rows``: The records.
     ``failures``: Reasons for missing results, by label.
     ``settled``: Labels whose failures are final: installed methods that reject the recording.
     ``slips``: Likely convention mismatches of methods that are not built in, by label.

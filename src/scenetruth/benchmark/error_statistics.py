@@ -58,11 +58,7 @@ class IntervalStatistic:
 
 
 def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[str, IntervalStatistic]:
-    """Return bias, RMSE, standard deviation and median absolute error with confidence intervals.
-
-    ``errors``: Estimate minus truth, shape (seed, y, x).
-    ``kept``: Mask of the evaluated pixels, same shape; errors are finite there.
-    """
+    """Return bias, RMSE, standard deviation and median absolute error of the ``kept`` errors (seed, y, x)."""
     values = errors[kept]
     if not values.size:
         return {}

@@ -18,13 +18,7 @@ __all__ = ["RankDifference", "RankLeaders", "build_charts", "compute_rank_leader
 
 @dataclass(frozen=True)
 class RankDifference:
-    """A statistic for which external methods are better than the built-in methods.
-
-    ``kind``, ``title``: The case, and its level if it refers to one.
-    ``what``: Quantity and statistic.
-    ``others``: The better external methods with their values, the best first.
-    ``own``: The best built-in method with its value; empty without a result.
-    """
+    """A statistic for which external methods are better than the best built-in method, with their values."""
 
     kind: str
     title: str
@@ -37,7 +31,6 @@ class RankDifference:
 class RankLeaders:
     """Comparison of external and built-in methods.
 
-    ``own``, ``others``: Labels of built-in and of external methods.
     ``cases``: Number of cases with results of external methods; 0 if either group is empty.
     ``ahead``: Cases in which external methods are better, by the headline of the case.
     ``figures``: Number of values of external methods, for each quantity and each named level of a case.

@@ -28,11 +28,7 @@ _RELATIVE_TOLERANCE = 1e-6
 
 
 def align(estimate: xr.Dataset, truth: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
-    """Return an estimate and the matching part of the truth.
-
-    Frames and pixels are matched by their coordinates t, y and x, not by array index: the estimate may cover a part of
-    the image, or be subsampled.
-    """
+    """Return an estimate and the matching part of the truth; frames and pixels are matched by coordinates t, y, x."""
     check_alignable(estimate, truth)
     reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth.dims}).sel(t=estimate["t"].values)
     if "boundary_distance" not in reference:

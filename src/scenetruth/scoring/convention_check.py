@@ -42,12 +42,10 @@ _PIXELS = 1500
 """Maximum number of pixels that are evaluated."""
 
 _LEAST_EXPLAINED = 0.6
-"""Minimum fraction of the residual that undoing a mismatch must remove. For a correct estimate, undoing an absent
-mismatch increases the residual; only errors that resemble the mismatch are removed, and they are the smaller part."""
+"""Minimum fraction of the residual that undoing a mismatch removes; undoing an absent mismatch increases it."""
 
 _LEAST_SHARE = 0.75
-"""Minimum fraction of the change caused by a mismatch at pixels where the estimate is closer to the mismatch than to
-the truth. With 10 % of outliers on each side 0.9 remains; for errors unrelated to the mismatch it is below 0.5."""
+"""Minimum fraction of the change by a mismatch at pixels closer to the mismatch than to the truth; random: < 0.5."""
 
 _GLANCED = 500
 _GLANCED_SHARE = 0.4
@@ -75,9 +73,8 @@ _EQUAL = 1.1
 
 @dataclass(frozen=True)
 class MismatchVerdict:
-    """Detected mismatches and the fraction of the residual that they explain.
+    """Detected mismatches.
 
-    ``hypothesis``: The mismatches.
     ``explained``: Fraction of the residual that is removed by undoing them.
     ``errors``: Remaining error at every evaluated pixel, in the units of the truth; NaN where undefined.
     """
@@ -90,8 +87,7 @@ class MismatchVerdict:
 def search_mismatches(material: MismatchSamples) -> MismatchVerdict | None:
     """Return the mismatches that explain most of an estimate's residual, or None.
 
-    Every combination of one mismatch of position, meaning and scale each is compared with a correct estimate,
-    weighted by the change that the mismatches would cause.
+    Every combination of one mismatch of position, meaning and scale each is compared with a correct estimate.
     """
     places = material.drawn(_PIXELS)
     found, truth = material.estimate_at(places), material.truth_at(places)
@@ -239,8 +235,7 @@ _REACH_PX = 0.15
 """Largest deviation of a measured shift from a multiple of half a pixel: 2.5 times the largest standard error."""
 
 _LEAST_SHIFT_EXPLAINED = 0.05
-"""Minimum fraction of the squared residual in the interior. The change by a shift is small there compared with the
-noise of a method, so the standard error decides; this threshold excludes shifts that explain almost nothing."""
+"""Minimum explained fraction of the squared residual; the change by a shift is small compared with noise."""
 
 _LEAST_OWN = 0.01
 """Minimum fraction of a gradient's variance that is independent of offset, gain, blur and the other gradient."""
@@ -256,9 +251,9 @@ _OF_MEDIAN = 1 / 0.6745
 
 @dataclass(frozen=True)
 class ShiftFit:
-    """A measured shift and the fraction of the squared residual that it explains.
+    """A measured shift.
 
-    ``right``, ``down``: Shift of the maps: 0, 1/2 or 1 px in either direction, or None where undetermined.
+    ``right``, ``down``: 0, 1/2 or 1 px in either direction, or None where undetermined.
     ``explained``: Fraction of the squared residual in the interior that is removed by undoing the shift.
     ``left``: Median of the remaining error.
     """
@@ -294,9 +289,8 @@ def fit_shift(material: MismatchSamples, hypothesis: MismatchHypothesis) -> Shif
     """Return the shift that explains most of the residual after other mismatches, or None where undetermined.
 
     Robust least squares fits the errors by the gradients of the predicted values, together with an offset, a gain and
-    a blur (the Laplacian) of every component, so that these are not mistaken for a shift. On a plane of constant
-    slope an offset and a shift are equivalent, and no shift is measured. The standard error is the jackknife estimate
-    over blocks of the map.
+    a blur (the Laplacian) of every component. On a plane of constant slope no shift is measured. The standard error is
+    the jackknife estimate over blocks of the map.
     """
     grid = material.grid
     places = material.drawn(max(_SHIFT_PIXELS, int(_SHARE * grid.rows * grid.columns)), inner=True)

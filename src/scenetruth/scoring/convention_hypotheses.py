@@ -37,9 +37,8 @@ class ConventionMismatch:
     ``kind``: Short, stable name, such as ``"sign"`` or ``"metres"``.
     ``quantity``: The variable of the estimate, such as ``"disparity"``.
     ``message``: One sentence: the likely cause and its correction.
-    ``explained``: Fraction of the residual that is removed by undoing the mismatch, 0 to 1: of the median error,
-      weighted by the change that the mismatch causes; for pixel shifts, of the squared error in the interior.
-      Simultaneous mismatches share the value of their combination.
+    ``explained``: Fraction of the residual that is removed by undoing it and all simultaneous mismatches, 0 to 1: of
+      the weighted median error; for pixel shifts, of the squared error in the interior.
     """
 
     kind: str
@@ -68,9 +67,7 @@ _NAMED_APART = 10
 class ScaleHypothesis:
     """A scale mismatch.
 
-    ``kind``: Its name.
-    ``quantities``: The variables that it applies to.
-    ``message``: Its message, with ``{quantity}``, ``{factor}`` (ratio of estimate to truth) and ``{inverse}``.
+    ``message``: With ``{quantity}``, ``{factor}`` (ratio of estimate to truth) and ``{inverse}``.
     ``factors``: Returns the possible ratios of estimate to truth.
     ``whole``: Whether the factors are consecutive integers.
     """
@@ -245,14 +242,7 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MeaningHypothesis:
-    """A mismatch of meaning.
-
-    ``kind``: Its name.
-    ``quantity``: The variable that it applies to.
-    ``message``: Its message.
-    ``apply``: Returns the values with the mismatch from the true values, shape (component, n), and the lengths of the
-      rays, scaled to Z = 1, shape (n,).
-    """
+    """A mismatch of meaning; ``apply`` maps true values (component, n) and ray lengths (n,) at Z = 1 to its values."""
 
     kind: str
     quantity: str
@@ -411,10 +401,7 @@ MEANING_HYPOTHESES = (
 
 @dataclass(frozen=True)
 class MismatchHypothesis:
-    """At most one mismatch of position, of meaning and of scale each.
-
-    ``move``, ``turn``, ``scaled``: The mismatches, or None.
-    """
+    """At most one mismatch of position (``move``), of meaning (``turn``) and of scale (``scaled``) each."""
 
     move: PositionHypothesis | None = None
     turn: MeaningHypothesis | None = None

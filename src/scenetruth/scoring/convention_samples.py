@@ -61,10 +61,8 @@ def fit_factor(found: Map, expected: Map) -> float:
 class AcquisitionParameters:
     """The acquisition parameters that mismatches of scale and meaning depend on.
 
-    ``focal_length_px``, ``baseline_mm``, ``frame_interval_s``: See `scenetruth.schema.Intrinsics`.
     ``positions``: Number of stage positions, or None if the truth does not specify it.
-    ``step_px``: Distance between neighbouring pixels of the map, in camera px: 2 for subsampling by 2.
-    ``width_px``: Width of the map, in camera px.
+    ``step_px``, ``width_px``: Pixel distance and width of the map, in camera px.
     """
 
     focal_length_px: float
@@ -94,11 +92,7 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class SamplePositions:
-    """Sampled pixels by array index, each array of shape (n,).
-
-    ``frame``: Index into the frames of a `SampleGrid`; negative where there is no such frame.
-    ``y``, ``x``: Row and column.
-    """
+    """Array indices of sampled pixels, shape (n,); ``frame`` is that of a `SampleGrid`, negative if missing."""
 
     frame: Indices
     y: Indices
@@ -111,12 +105,7 @@ class SamplePositions:
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """The frames and pixels of the maps.
-
-    ``rows``, ``columns``: Size of the maps.
-    ``following``, ``preceding``, ``opposite``: For each frame, the index of the next frame, the previous frame, and
-      its mirror image in time; negative where there is none. Shape (frame,).
-    """
+    """Size of the maps, and for each frame the index of the next, the previous and the time-reversed frame, or -1."""
 
     rows: int
     columns: int
@@ -127,12 +116,7 @@ class SampleGrid:
 
 @dataclass(frozen=True)
 class PositionHypothesis:
-    """A mismatch of position.
-
-    ``kind``: Its name.
-    ``message``: Its message, with ``{quantity}``.
-    ``source``: Returns the positions whose values a map with the mismatch has; None where it does not apply.
-    """
+    """A mismatch of position; ``source`` returns the true positions of the values, or None where not applicable."""
 
     kind: str
     message: str
@@ -231,12 +215,8 @@ _EDGE_PX = 4.0
 class MismatchSamples:
     """The maps of one quantity.
 
-    ``quantity``: The variable.
-    ``facts``: The acquisition parameters.
     ``estimate``: Shape (component, t, y, x); NaN where invalid.
-    ``truth``: Shape (component, frame, y, x). The frames of the estimate come first, in their order, then additional
-      frames. NaN where there is no surface.
-    ``grid``: The order of the frames.
+    ``truth``: Shape (component, frame, y, x), with the frames of the estimate first; NaN where there is no surface.
     ``rays``: Length of the ray of every pixel, scaled to Z = 1; shape (y, x).
     ``smooth``: True where no discontinuity of the true surface is near, shape (t, y, x).
     """

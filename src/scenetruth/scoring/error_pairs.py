@@ -35,12 +35,7 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PixelCoordinates:
-    """The pixels of a map of a part of the image, or of a subsampled image, with separate steps along x and y.
-
-    `scenetruth.schema.PixelGrid` is the uniform grid of square pixels that methods require.
-
-    ``y``, ``x``: Rows and columns in the full image, shapes (y,) and (x,), in px.
-    """
+    """Rows ``y`` and columns ``x`` of a map in px of the full image; steps may differ, unlike in a `PixelGrid`."""
 
     y: Map
     x: Map
@@ -68,10 +63,7 @@ def compute_pixel_coordinates(dataset: xr.Dataset) -> PixelCoordinates:
 
 
 def compute_surface_points(depth: Map, intrinsics: Intrinsics, grid: PixelCoordinates | None = None) -> Map:
-    """Return the surface points at the pixels: X, Y, Z in mm in the camera frame, shape (3, y, x).
-
-    ``depth``: Depth in mm, shape (y, x).
-    """
+    """Return the surface points X, Y, Z in mm, camera frame, shape (3, y, x), from depth in mm, shape (y, x)."""
     c_x, c_y = intrinsics.principal_point_px
     y, x = (np.arange(size, dtype=np.float64) for size in depth.shape) if grid is None else (grid.y, grid.x)
     scale = depth / intrinsics.focal_length_px
@@ -118,10 +110,7 @@ def has_quantity(truth: xr.Dataset, name: str) -> bool:
 
 
 def read_quantity(dataset: xr.Dataset, name: str) -> Map:
-    """Return a quantity of a truth or an estimate, float64, shape (t, y, x), or (component, t, y, x) of vectors.
-
-    Growth is in %/h, other quantities are in the units of the variable; NaN where undefined.
-    """
+    """Return a quantity in its units, growth in %/h; float64, shape (t, y, x), vectors (component, t, y, x)."""
     entry = QUANTITIES[name]
     if entry.variable in dataset:
         values = _read(dataset, entry.variable, entry.component)
@@ -133,10 +122,7 @@ def read_quantity(dataset: xr.Dataset, name: str) -> Map:
 
 
 def read_std(estimate: xr.Dataset, name: str) -> Map | None:
-    """Return the standard deviation that an estimate states for a quantity, or None.
-
-    Returns: float64, shape (t, y, x), in the units of the quantity; NaN where undefined.
-    """
+    """Return the stated standard deviation of a quantity, in its units, float64, shape (t, y, x); None if missing."""
     if not has_std(estimate, name):
         return None
     entry = QUANTITIES[name]
@@ -175,9 +161,8 @@ def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class EstimateTruthPair:
-    """Estimated and true values of one quantity; all arrays have the same shape.
+    """Estimated and true values of one quantity in the same units and shape, components first; NaN where undefined.
 
-    ``estimate``, ``truth``: The two maps, in the same units, components first; NaN where undefined.
     ``full``: Where the estimate is valid; everywhere if None.
     ``std``: The standard deviation that the estimate states, or None.
     """
@@ -208,11 +193,7 @@ def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> EstimateTru
 
 
 class EstimateTruthPairs(Mapping[str, EstimateTruthPair]):
-    """The quantities that estimate and truth share, by the keys of `QUANTITIES`; read on access.
-
-    ``estimate``, ``truth``: Aligned data sets.
-    ``further``: Additional quantities that the estimate lacks.
-    """
+    """Common quantities of aligned data sets, and ``further`` quantities, by the keys of `QUANTITIES`; read on access."""
 
     def __init__(
         self, estimate: xr.Dataset, truth: xr.Dataset, further: Mapping[str, EstimateTruthPair] | None = None

@@ -46,16 +46,13 @@ def label_depth_segments(
     objects: NDArray[np.generic] | None = None,
     step_px: tuple[float, float] = (1.0, 1.0),
 ) -> Labels:
-    """Label the connected surface segments of a depth map.
+    """Label the connected surface segments of a depth map (y, x) in mm: int32, 0, 1, ..., and -1 where undefined.
 
     Neighbouring pixels belong to one segment if their depths differ by at most tan(``max_slope_deg``) Z / f, with Z the
     smaller depth, and if they show the same object.
 
-    ``depth``: Depth in mm, shape (y, x); NaN where undefined.
-    ``max_slope_deg``: Maximum slope within a segment, in degrees.
     ``objects``: Object index of every pixel, shape (y, x); default: a single object.
     ``step_px``: Distances between neighbouring pixels of the map, along y and along x, in px.
-    Returns: int32, shape (y, x): labels 0, 1, ..., and -1 where there is no depth.
     """
     steepest = math.tan(math.radians(max_slope_deg)) / focal_length_px
     index = np.arange(depth.size).reshape(depth.shape)
@@ -91,11 +88,10 @@ _FLAT = 1e-6
 def compute_windowed_growth(
     points: Map, velocity: Map, patches: Labels, window_px: float | tuple[float, float], min_coverage: float = 0.5
 ) -> Map:
-    """Return the areal growth rate of one frame in 1/frame, shape (y, x); see `compute_growth_rate` for the formula.
+    """Return the areal growth rate of one frame in 1/frame, shape (y, x); NaN where the coverage is too small.
 
     ``points``, ``velocity``: Surface points in mm and their velocities in mm/frame, shape (3, y, x).
-    ``patches``: Segment label of every pixel, shape (y, x), negative outside all segments; a window uses only the
-      segment of its centre. The result is NaN outside all segments and where the coverage is too small.
+    ``patches``: Segment label of every pixel, negative outside; a window uses only the segment of its centre.
     """
     growth = np.full(patches.shape, np.nan)
     sigma_y, sigma_x = window_px if isinstance(window_px, tuple) else (window_px, window_px)
@@ -238,12 +234,9 @@ def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = No
 
 @dataclass(frozen=True)
 class GrowthMaps:
-    """Growth rates for comparison, in 1/frame, shape (t, y, x), NaN where undefined.
+    """Growth rates of the estimate, of the truth at every pixel, and of the truth in the same windows.
 
-    ``estimate``: Computed from the depth and velocity of the estimate.
-    ``truth``: True growth rate of the surface element at every pixel.
-    ``truth_windowed``: Computed from the true depth and velocity in the same windows over the valid pixels of the
-      estimate, with surfaces separated according to the truth.
+    In 1/frame, shape (t, y, x), NaN where undefined; in the windowed truth, surfaces are those of the truth.
     """
 
     estimate: Map
@@ -278,8 +271,7 @@ def compute_growth_pairs(
     """Return the pairs of the growth rate computed from depth and velocity, in %/h.
 
     ``growth_rate`` is compared with the truth of every pixel, ``growth_rate_windowed`` with the truth in the same
-    window: the error of the former is that of the latter plus the bias of the window. (`EstimateTruthPairs` prefers
-    the ``growth_rate`` variable of an estimate for the former.)
+    window, which excludes the bias of the window.
     """
     maps = _maps(estimate, truth, settings)
     factor = percent_per_hour(read_intrinsics(estimate))
@@ -301,11 +293,7 @@ def _finite(dataset: xr.Dataset) -> Mask:
 
 
 def _rates(dataset: xr.Dataset, used: Mask, connected: Mask, settings: ScoreSettings) -> Map:
-    """Return the growth rate of every frame of a data set.
-
-    ``used``: Pixels that windows may use, shape (t, y, x).
-    ``connected``: Pixels that connect surface segments, same shape; they include unused pixels.
-    """
+    """Return the growth rate of every frame from the ``used`` pixels; ``connected`` pixels join segments, (t, y, x)."""
     intrinsics, grid = read_intrinsics(dataset), compute_pixel_coordinates(dataset)
     step_y, step_x = grid.step_px
     window = settings.growth_window_px / step_y, settings.growth_window_px / step_x

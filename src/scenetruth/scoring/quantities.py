@@ -32,14 +32,10 @@ between undirected lines."""
 class Quantity:
     """A map of an estimate that is compared with the truth.
 
-    ``variable``: The variable of the data set.
     ``component``: Index along the variable's first dimension, or None for scalars and whole vectors.
-    ``units``: Units of its errors, in plain text; differs from the stored unit for growth (1/frame) and angles.
-    ``symbol``: Its symbol, in plain text.
-    ``title``: Its title.
+    ``units``: Units of its errors; differ from the stored unit for growth (1/frame) and angles.
     ``group``: Its group; a score has either all or no quantities of a group.
     ``needs``: The required estimate: depth ("disparity"), image motion ("motion"), or both.
-    ``error``: Type of error.
     """
 
     variable: str

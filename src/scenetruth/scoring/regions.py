@@ -49,11 +49,9 @@ def region_masks(
     ``margin_px`` from the centre of every mixed pixel of the same frame, that is, from silhouettes and creases. The
     image border is not excluded.
 
-    ``depth``: True depth in mm, shape (..., y, x); NaN where there is no surface.
-    ``mixed``: True where a pixel's footprint crosses a silhouette or a crease, same shape.
-    ``margin_px``: Minimum distance from mixed pixels, in px; not negative.
-    ``distance_px``: Distance of every pixel to the nearest mixed pixel, in px, same shape; default: computed from
-      ``mixed``. Required for parts of an image and for subsampled images.
+    ``depth``: True depth in mm; NaN where there is no surface.
+    ``distance_px``: Distance of every pixel to the nearest mixed pixel; default: computed from ``mixed``. Required for
+      parts of an image and for subsampled images.
 
     >>> depth, mixed = np.ones((1, 5)), np.array([[True, False, False, False, False]])
     >>> region_masks(depth, mixed, margin_px=3)["interior"]
@@ -73,11 +71,7 @@ def main_regions(truth: xr.Dataset, margin_px: float) -> dict[str, Mask]:
 
 
 def edge_distance(mixed: Mask) -> NDArray[np.float64]:
-    """Return the Euclidean distance from every pixel centre to the nearest mixed pixel centre of its frame.
-
-    ``mixed``: True at mixed pixels, shape (..., y, x).
-    Returns: Distances in px, same shape; 0 at mixed pixels and infinite in a frame without mixed pixels.
-    """
+    """Return the distance in px from every pixel centre to the nearest mixed pixel centre of its frame, or infinity."""
     edges = np.asarray(mixed, dtype=bool)
     distance = np.full(edges.shape, np.inf)
     for frame in np.ndindex(edges.shape[:-2]):
@@ -93,10 +87,7 @@ def is_further_region(name: str) -> bool:
 
 
 def visible_throughout(truth: xr.Dataset) -> Mask | None:
-    """Return where the surface point at t = 0 is visible to all cameras in all frames.
-
-    Returns: bool, shape (y, x); None if the truth has no ``visible``.
-    """
+    """Return where the point at t = 0 is visible to all cameras in all frames, (y, x); None without ``visible``."""
     if "visible" not in truth:
         return None
     visible = truth["visible"]
@@ -117,23 +108,15 @@ def further_regions(
 ) -> dict[str, Mask]:
     """Return the masks of the regions that depend on the content of the truth.
 
-    - ``nonoccluded`` and ``occluded`` require ``occluded_across_cameras`` and ``occluded_in_time``. Of the pixels with
-      a surface, ``nonoccluded`` holds those whose point is visible to all cameras in this frame and to the reference
-      camera in the frames before and after; at t = 0, if ``throughout`` is given, to all cameras in all frames.
-      ``occluded`` holds the others.
+    - ``nonoccluded``: pixels whose point is visible to all cameras in this frame and to the reference camera in the
+      frames before and after; at t = 0, if ``throughout`` is given, to all cameras in all frames. ``occluded``: the
+      other pixels with a surface.
     - ``slope_LOW_HIGH`` (degrees): classes LOW ≤ angle < HIGH of the angle between ``normal`` and the optical axis,
-      over the visible pixels of the interior, so that discontinuities are not mistaken for slopes.
+      over the visible pixels of the interior; ``contrast_low``, ``contrast_mid``, ``contrast_high`` (of the texture)
+      and ``object_NAME`` (if there are several) over the same pixels.
     - ``boundary_LOW_HIGH`` (px): classes of the distance to the nearest mixed pixel, over all visible pixels.
-    - ``contrast_low``, ``contrast_mid`` and ``contrast_high``: classes of the texture contrast, over the pixels of the
-      slope classes.
-    - ``object_NAME``: the objects with any such pixel, for a truth with several objects (``object_id`` and the
-      attribute ``object_names``).
 
-    Without occlusion maps all pixels are treated as visible.
-
-    ``interior``: The region ``interior``, shape (t, y, x).
-    ``contrast``: Contrast of the reference images as a fraction of full scale, shape (t, y, x); contrast classes are
-      omitted without it.
+    Without occlusion maps all pixels are treated as visible. ``contrast`` is a fraction of full scale, (t, y, x).
     """
     seen = np.isfinite(truth["depth"].values)
     visible = seen

@@ -48,10 +48,6 @@ def local_contrast(image: Map, window_px: float) -> Map:
     """Return the RMS contrast: the standard deviation of grey values in a Gaussian window around every pixel.
 
     Image noise contributes its variance. The window is reflected at the image border.
-
-    ``image``: Grey values, shape (..., y, x); the images are independent.
-    ``window_px``: Standard deviation of the window, in px.
-    Returns: In the units of the grey values, same shape.
     """
     # Subtracting the mean avoids cancellation in the difference of squares.
     centred = image - image.mean(axis=(-2, -1), keepdims=True)
@@ -62,10 +58,7 @@ def local_contrast(image: Map, window_px: float) -> Map:
 
 
 def reference_images(recording: xr.Dataset, frames: NDArray[np.integer]) -> Map:
-    """Return the images of the reference camera at the given frames, as fractions of full scale; colours are averaged.
-
-    Returns: float64, shape (t, y, x).
-    """
+    """Return images of the reference camera as fractions of full scale, colours averaged, float64, shape (t, y, x)."""
     image = recording["image"].sel({dim: 0 for dim in ("s_y", "s") if dim in recording["image"].dims} | {"t": frames})
     values = image.values.astype(np.float64) / float(recording.attrs["full_scale"])
     return np.asarray(values.mean(axis=-1) if "channel" in image.dims else values)
@@ -75,11 +68,7 @@ Mask = NDArray[np.bool_]
 
 
 class StatisticsAggregator:
-    """Accumulates the statistics of every quantity in every region.
-
-    ``rates``: The outlier rates to report, see `meaningful_rates`.
-    ``single``: Whether there is only one block; see `StatisticsAccumulator`.
-    """
+    """Accumulates the statistics and outlier rates in every region; ``single``: whether there is only one block."""
 
     def __init__(self, rates: Sequence[str], *, single: bool) -> None:
         self._rates, self._single = rates, single
@@ -87,10 +76,7 @@ class StatisticsAggregator:
         self._outliers: dict[str, OutlierAccumulator] = {}
 
     def add(self, pairs: Mapping[str, EstimateTruthPair], regions: Mapping[str, Mask]) -> None:
-        """Accumulate a block.
-
-        ``regions``: Mask of each region, shape (t, y, x).
-        """
+        """Accumulate a block with region masks of the shape (t, y, x)."""
         for quantity, pair in pairs.items():
             scored = ErrorSamples.of(pair, QUANTITIES[quantity].error)
             for name, region in regions.items():

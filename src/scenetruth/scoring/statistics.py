@@ -80,11 +80,8 @@ _BINS = _OCTAVES << _BITS
 class StreamingQuantiles:
     """Accumulates values and returns their quantiles.
 
-    Quantiles of a single block are exact, with linear interpolation as in `numpy.percentile`. Several blocks are
-    counted in bins whose width is 2⁻⁹ of the lower end of their octave, with linear interpolation within a bin; their
-    quantiles are accurate to 0.2 %.
-
-    ``single``: Whether all values come in one block.
+    Quantiles of a ``single`` block are exact, with linear interpolation as in `numpy.percentile`. Several blocks are
+    counted in bins whose width is 2⁻⁹ of the lower end of their octave; their quantiles are accurate to 0.2 %.
 
     >>> found = StreamingQuantiles(single=False)
     >>> for part in np.split(np.linspace(-1.0, 3.0, 4000), 8):
@@ -223,14 +220,10 @@ def error_statistics(
 
 
 def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None = None) -> Statistics:
-    """Return the statistics of the Euclidean distance between two vector maps in one region.
+    """Return the statistics of the Euclidean distance between two vector maps (component, ...) in one region.
 
     As `error_statistics`, with e_i = ‖estimate_i - truth_i‖ ≥ 0 (so ``bias`` is the mean distance) and the RMS of
-    ‖truth_i‖ as the reference of ``relative_rmse``. All components must be finite at a scored pixel. ``rms_z`` and
-    ``coverage_2_std`` are None.
-
-    ``estimate``, ``truth``: The two maps, shape (component, ...), in the same units; NaN where undefined.
-    ``region``, ``full``: As in `error_statistics`, shape (...).
+    ‖truth_i‖ as the reference of ``relative_rmse``. ``rms_z`` and ``coverage_2_std`` are None.
     """
     return _statistics(ErrorSamples.of(EstimateTruthPair(estimate, truth, full), "distance"), region)
 
@@ -251,10 +244,8 @@ def standardised(error: Map, std: Map) -> Map:
 class ErrorSamples:
     """The errors of one quantity at the scored pixels.
 
-    ``known``: Mask of finite truth.
-    ``scored``: Mask of the scored pixels; the other arrays hold these pixels, in their order.
+    ``known``, ``scored``: Masks of finite truth and of scored pixels; the other arrays hold the scored pixels.
     ``error``, ``expected``: Errors, distances or angles, and true values or lengths (0 for angles).
-    ``std``: The standard deviations that the estimate states, or None.
     """
 
     known: Mask
@@ -283,10 +274,7 @@ class ErrorSamples:
 
 
 class StatisticsAccumulator:
-    """Accumulates the statistics of one quantity in one region, block by block.
-
-    ``single``: Whether there is only one block: medians and percentiles are then exact (see `StreamingQuantiles`).
-    """
+    """Accumulates the statistics of one quantity in one region; exact quantiles for a ``single`` block."""
 
     def __init__(self, *, single: bool) -> None:
         self._known = self._count = self._within = 0
@@ -401,11 +389,7 @@ def outlier_rates(
 
 @dataclass(frozen=True)
 class Outliers:
-    """Outlier flags of the scored pixels.
-
-    ``scored``: Mask of the pixels where all required quantities are scored.
-    ``flags``: Flags by rate, at the scored pixels in their order.
-    """
+    """Mask of the pixels where all required quantities are scored, and outlier flags of these pixels by rate."""
 
     scored: Mask
     flags: Mapping[str, Mask]
@@ -424,10 +408,7 @@ class Outliers:
 
 
 class OutlierAccumulator:
-    """Counts outliers in one region, block by block.
-
-    ``rates``: The rates to report, names of `RATES`.
-    """
+    """Counts outliers in one region, block by block, for the given ``rates`` of `RATES`."""
 
     def __init__(self, rates: Sequence[str]) -> None:
         self._found = {name: 0 for name in RATES[:-1] if name in rates}

@@ -162,7 +162,7 @@ def failure_message(
     if pictures:
         shown = [pictures] if isinstance(pictures, str) else [f"  {file}" for file in pictures]
         lines += shown if isinstance(pictures, str) else ["estimate, truth and error:", *shown]
-    look = "scenetruth.write_report(truth, recording, estimate, output=...) draws all maps; "
+    look = "scenetruth.write_report(estimate, truth, recording, output=...) draws all maps; "
     lines.append(f"more detail: {look}scenetruth.score(estimate, truth, recording).to_frame() lists all regions")
     return "\n".join(lines)
 

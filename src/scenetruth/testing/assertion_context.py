@@ -35,8 +35,7 @@ OutcomeRow = dict[str, Any]
 class AssertionContext:
     """Services of a test run for the assertions in it.
 
-    ``pictures``: Creates and returns the directory for figures of violated limits; only called when needed. Without it,
-      figures require a directory in the assertion.
+    ``pictures``: Creates and returns the directory for figures of violated limits; only called when needed.
     ``note``: Receives the outcomes of every assertion.
     """
 

@@ -43,11 +43,7 @@ _Entry = tuple[xr.Dataset, xr.Dataset, tuple[str, ...]]
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRecording:
-    """A recording, its truth, and their scene.
-
-    ``recording``, ``truth``: As returned by `scenetruth.simulate`, in memory, with read-only arrays.
-    ``scene``: The scene.
-    """
+    """A scene with its recording and truth, in memory, with read-only arrays."""
 
     recording: xr.Dataset
     truth: xr.Dataset
@@ -59,10 +55,7 @@ class RecordingCache:
 
     The key of an entry is a hash of the scene, its input files, the source of scenetruth and all other dependencies of
     the images. Entries are written atomically, a damaged entry is replaced, and only one process simulates an entry
-    while the others wait.
-
-    ``folder``: The cache directory.
-    ``root``: Base of relative scene paths, after the current directory.
+    while the others wait. ``root`` is the base of relative scene paths, after the current directory.
     """
 
     def __init__(self, folder: Path, root: Path) -> None:

@@ -51,12 +51,7 @@ class LimitError(ScoreError, TypeError, ValueError):
 
 @dataclass(frozen=True)
 class LimitKey:
-    """A keyword that names one or several quantities, and a unit.
-
-    ``quantities``: Keys of `scenetruth.scoring.QUANTITIES`; the components of a vector share a limit.
-    ``factor``: Conversion factor from the score's unit.
-    ``units``: The unit for display.
-    """
+    """A keyword that names one or several quantities with a unit; the components of a vector share a limit."""
 
     quantities: tuple[str, ...]
     factor: float
@@ -67,9 +62,8 @@ class LimitKey:
 class Limit:
     """A limit of one statistic of one quantity.
 
-    ``quantity``, ``statistic``: Of a score.
     ``least``, ``most``: Minimum and maximum, in ``units``; infinite if unlimited.
-    ``factor``, ``units``: Conversion factor from the score's unit, and the unit; 1 and empty for ratios and counts.
+    ``factor``: Conversion factor from the score's unit.
     ``of_bound``: Maximum as a multiple of the Cramér-Rao bound, replacing ``most``.
     """
 
@@ -230,7 +224,6 @@ class LimitOutcome:
 
     ``limit``: The limit; ``most`` is the resolved multiple of the bound.
     ``found``: The statistic in the limit's units; None where undefined.
-    ``density``, ``count``: Density and number of scored pixels of the quantity in the region.
     ``note``: Reason for an undefined result; empty otherwise.
     """
 

@@ -198,11 +198,7 @@ class RenderingAccuracy:
 
 @dataclass(frozen=True, eq=False)
 class RenderingMeasurement:
-    """A result and the errors from which it was computed.
-
-    ``result``: The result.
-    ``errors_px``: Shift errors (x, y) of every subset, shape (shifts, rows, columns, 2).
-    """
+    """A result and the shift errors (x, y) of every subset, shape (shifts, rows, columns, 2)."""
 
     result: RenderingAccuracy
     errors_px: NDArray[np.float64]

@@ -46,16 +46,13 @@ BOUND = "bound"
 class BenchmarkRecord:
     """One value of a statistic.
 
-    ``case``: Key of the case.
     ``level``: Level of the factor, in the unit of the case.
     ``method``: Label of the method, or `BOUND`.
     ``quantity``: A key of `scenetruth.scoring.QUANTITIES`; empty for time and memory.
     ``pixels``: The pixel set: `METHOD_VALID`, `COMMON_VALID` or `ALL`.
-    ``statistic``: The error statistic.
-    ``value``: Its value, in the quantity's unit; NaN where undefined.
+    ``value``: Its value, in ``unit``; NaN where undefined.
     ``ci_low``, ``ci_high``: Its 95 % confidence interval; NaN if not computed.
     ``threshold``: Abscissa of a curve: fraction of the most certain pixels, or number of standard deviations.
-    ``unit``: Unit of the value.
     """
 
     case: str
@@ -94,12 +91,10 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class CaseEstimates:
-    """The estimates of all methods at one level of a case, for one noise realisation.
+    """The estimates by label at one level of a case, for one noise realisation.
 
-    ``estimates``: Estimates by label, of the reference frame t = 0 only, dimensions (t, y, x).
+    ``estimates``: Of the reference frame t = 0 only, dimensions (t, y, x).
     ``truth``: The truth of the reference camera at the same frame, with ``seen_throughout``.
-    ``recording``: The images.
-    ``value``: The level.
     """
 
     estimates: Mapping[str, xr.Dataset]
@@ -109,10 +104,7 @@ class CaseEstimates:
 
 
 class Case:
-    """A case of the suite, discovered automatically in the modules of `cases`.
-
-    Subclasses set the attributes below and implement `scene`; everything else has defaults.
-    """
+    """A case, discovered in the modules of `cases`; subclasses set attributes without default and define `scene`."""
 
     kind: ClassVar[str]
     """Its key: lower-case letters and underscores."""

@@ -160,10 +160,7 @@ _EDGES = np.linspace(-_REACH, _REACH, _BINS + 1)
 def draw_error_bars(
     views: FigureArrays, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None, folder: Path
 ) -> FigureInfo | None:
-    """Draw the stated standard deviations and, given a truth and a score, the histogram of the normalised errors.
-
-    Returns None for an estimate without standard deviations.
-    """
+    """Draw the stated standard deviations, if any, and with a score the histogram of the normalised errors."""
     names = [name for name in _mapped(views) if np.any(np.isfinite(views.stds[name]) & (views.stds[name] > 0))]
     ratios = {} if truth is None or score is None else _interior_ratios(estimate, truth, score)
     panels = len(names) + bool(ratios)

@@ -31,11 +31,7 @@ Mask = NDArray[np.bool_]
 
 
 class _ReadWhenNeeded(Mapping[str, Map]):
-    """Maps by name, read at every access, because all maps of large images do not fit in memory together.
-
-    ``names``: Their names.
-    ``read``: Function that reads one map.
-    """
+    """Maps by name, read at every access, because all maps of large images do not fit in memory together."""
 
     def __init__(self, names: Iterable[str], read: Callable[[str], Map]) -> None:
         self._names, self._read = tuple(names), read
@@ -59,16 +55,10 @@ class _ReadWhenNeeded(Mapping[str, Map]):
 class FigureArrays:
     """The data of the figures for one frame; every map has the shape (y, x).
 
-    ``frame``: Frame t of the estimate.
-    ``image``, ``image_frame``, ``image_is_digital``: Image of the reference camera with colours averaged, its frame,
-      and whether it holds digital numbers (else linear radiance).
-    ``grid``: Pixel coordinates of all maps.
-    ``intrinsics``: Of the estimate.
-    ``estimate``, ``truth``: Maps of the scalar `QUANTITIES` by name: those of the estimate, and those of them that the
-      truth has (none without truth). The estimate is NaN where invalid (see `find_valid_pixels`).
-    ``mixed``: Mixed pixels of the truth; all False without truth.
+    ``image``, ``image_is_digital``: Image of the reference camera, and whether it holds digital numbers.
+    ``estimate``, ``truth``: Maps of the scalar `QUANTITIES` of the estimate by name, NaN where invalid, and their truth
+      (empty without truth).
     ``stds``: Stated standard deviations by the names of `QUANTITIES`, in the units of the quantity; NaN where invalid.
-    ``coherence``, ``reasons``: Coherence and reason for invalidity of the estimate, or None.
     ``statuses``: The available maps of ``status``, ``status_disparity`` and ``status_motion``.
     """
 

@@ -60,11 +60,7 @@ def plot_all(
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
     also: Collection[str] = (),
 ) -> list[FigureInfo]:
-    """Draw every figure of an estimate.
-
-    All figures except the histograms show one frame, t = 0 or else the middle frame, and only the valid pixels of the
-    estimate (see `find_valid_pixels`).
-    """
+    """Draw every figure of an estimate, except histograms of one frame, t = 0 or the middle one, at valid pixels."""
     check_truth_and_score(truth, score)
     target = Path(folder)
     plan = _plan(recording, estimate, truth, score, target)

@@ -53,12 +53,7 @@ _also: ContextVar[tuple[str, ...]] = ContextVar("additional figure formats", def
 
 @dataclass(frozen=True)
 class FigureInfo:
-    """A figure on disk.
-
-    ``file``: Its file name in the directory of figures.
-    ``title``: Its title.
-    ``caption``: Its caption, with definitions of the quantities shown.
-    """
+    """A figure on disk: file name, title and caption."""
 
     file: str
     title: str

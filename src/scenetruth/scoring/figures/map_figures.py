@@ -255,10 +255,10 @@ class _GrowthFigure:
 def draw_growth(
     views: FigureArrays, estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path
 ) -> FigureInfo | None:
-    """Draw the growth rate of one frame; None where the truth lacks it or no window has enough valid pixels.
+    """Draw the growth rate of one frame, or return None where it is undefined.
 
-    A growth rate of the estimate is compared with the truth of every pixel, with its stated standard deviation if
-    available; a growth rate computed from depth and velocity is compared with the truth in the same window.
+    A growth rate of the estimate is compared with the truth of every pixel, a growth rate computed from depth and
+    velocity with the truth in the same window.
     """
     estimate, truth = align(estimate.sel(t=[views.frame]), truth)
     extent = views.grid.extent

@@ -31,11 +31,7 @@ _PLOT_ORDER = [0, 2, 1]
 
 @dataclass(frozen=True)
 class SurfaceView:
-    """The viewing direction.
-
-    ``elevation_deg``: Angle above the X-Z plane.
-    ``azimuth_deg``: Angle around the Y axis; -90 is the position of the camera.
-    """
+    """The viewing direction: angle above the X-Z plane, and around the Y axis, where -90 is the camera position."""
 
     elevation_deg: float
     azimuth_deg: float
@@ -54,8 +50,7 @@ class QuadSurface:
     """A surface of quadrilaterals that is open at depth discontinuities.
 
     ``corners``: Corners of every quadrilateral, in order around it, shape (n, 4, 3), mm.
-    ``rows``, ``columns``: The pixel at the centre of each, shape (n,).
-    ``step_px``: Distance of neighbouring corners in pixels.
+    ``rows``, ``columns``: The pixel at the centre of each, shape (n,); corners are ``step_px`` apart.
     ``limits``: Minimum and maximum in X, Y and Z, mm, shape (3, 2).
     """
 
@@ -67,12 +62,9 @@ class QuadSurface:
 
 
 def build_surface(points: Points, focal_length_px: float, max_quads: int = 40_000) -> QuadSurface:
-    """Build quadrilaterals between neighbouring points of a depth map.
+    """Build quadrilaterals between neighbouring points (y, x, 3), mm, of a depth map.
 
-    A quadrilateral is omitted if a corner is missing, if its slope exceeds 80 degrees, or if it lies far outside the
-    depths of nearly all others.
-
-    ``points``: X, Y and Z of every pixel in mm, shape (y, x, 3); NaN where undefined.
+    A quadrilateral is omitted if a corner is missing, if its slope exceeds 80 degrees, or if it is an outlier in depth.
     """
     step = max(1, math.ceil(math.sqrt(points.shape[0] * points.shape[1] / max_quads)))
     grid = points[::step, ::step]
@@ -113,10 +105,7 @@ def texture(image: Map, surface: QuadSurface) -> Map:
 def surface_axes(
     figure: Any, box: tuple[float, float, float, float], limits: NDArray[np.float64], view: SurfaceView
 ) -> Any:
-    """Add axes in parallel projection, true to scale, in mm, with the limits in X, Y and Z, shape (3, 2).
-
-    The box is the position (left, bottom, width, height) in the figure, as fractions of it.
-    """
+    """Add true-to-scale axes in parallel projection, mm, with limits (3, 2), in a box (left, bottom, width, height)."""
     from matplotlib.ticker import MaxNLocator
 
     axes = figure.add_axes(box, projection="3d", computed_zorder=False)
@@ -228,11 +217,7 @@ def draw_velocity_arrows(views: FigureArrays, folder: Path) -> FigureInfo:
 
 
 def arrow_factor(vectors: Points, extent: float) -> float:
-    """Return the arrow length for 1 mm/frame: the paper's value of 5, or a round number if that is not legible.
-
-    ``vectors``: Velocities, mm/frame, shape (n, 3).
-    ``extent``: The largest side of the box around the surface, mm.
-    """
+    """Return the arrow length for 1 mm/frame: the paper's value of 5, or a round number if that is not legible."""
     # The majority of the pixels may be at rest.
     length = float(np.percentile(np.linalg.norm(vectors, axis=1), 90)) if len(vectors) else 0.0
     # Velocities of nearly zero are noise, which should not be magnified.

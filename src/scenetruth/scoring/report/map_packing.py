@@ -54,11 +54,8 @@ class PackedMap:
     are stored as differences from their prediction, modulo 65536, in zigzag encoding: all upper bytes, then all lower
     bytes, then the exact values (8 bytes each, little-endian), compressed with zlib.
 
-    ``shape``: Rows and columns.
-    ``low``, ``step``: Value of code 2 and quantisation step, in the units of the map.
-    ``predictor``: Prediction of a code: none (0), the left neighbour (1), or the plane left + upper - upper left (2).
+    ``predictor``: None (0), the left neighbour (1), or the plane left + upper - upper left (2).
     ``exact``: Number of exactly stored values.
-    ``data``: The compressed bytes.
     """
 
     shape: tuple[int, int]
@@ -181,12 +178,7 @@ _COARSEST_IMAGE = 4
 
 @dataclass(frozen=True)
 class PackedImage:
-    """One image of the viewer.
-
-    ``row``, ``camera``, ``frame``: Its s_y, s and t.
-    ``step``: Subsampling step relative to the reference image.
-    ``packed``: Its grey values.
-    """
+    """One image of the viewer: its s_y, s and t, subsampling step relative to the reference image, and grey values."""
 
     row: int
     camera: int
@@ -197,13 +189,10 @@ class PackedImage:
 
 @dataclass(frozen=True)
 class ViewerImages:
-    """The images of a page.
+    """The images of a page, beginning with the reference camera at the reference frame.
 
-    ``shown``: The images, beginning with the reference camera at the reference frame.
     ``cameras``, ``frames``: The cameras (s_y, s) and the frames t of the recording.
     ``left_out``: Number of omitted images.
-    ``units``: Units of the grey values.
-    ``limits``: Initial display range.
     """
 
     shown: Sequence[PackedImage]
@@ -263,10 +252,7 @@ _BAND_ROWS, _BANDS = 16, 4
 
 
 class MapPacker:
-    """Packs maps in sequence within the size budget.
-
-    ``step``: Subsampling step of the maps.
-    """
+    """Packs maps with a subsampling step in sequence within the size budget."""
 
     def __init__(self, step: int) -> None:
         self.packed: list[PackedMap] = []

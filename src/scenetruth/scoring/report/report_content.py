@@ -164,11 +164,9 @@ Map = NDArray[np.float64]
 class MapSummary:
     """Summary statistics of one quantity over all frames.
 
-    ``title``, ``units``: Its title and units.
-    ``median``, ``low``, ``high``: Median, 5th and 95th percentile of the valid values, in ``units``; None without any.
-    ``median_std``: Median of the standard deviations that the estimate states there, in ``units``, or None.
-    ``density``: Fraction of all pixels with a valid value, 0 to 1.
-    ``count``: Number of these pixels.
+    ``median``, ``low``, ``high``: Median, 5th and 95th percentile of the valid values; None without any.
+    ``median_std``: Median of the standard deviations that the estimate states there, or None.
+    ``density``, ``count``: Fraction (0 to 1) and number of pixels with a valid value.
     """
 
     title: str
@@ -182,11 +180,7 @@ class MapSummary:
 
 
 def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
-    """Return the summaries of the scalar quantities of an estimate, by the keys of `QUANTITIES`.
-
-    A pixel counts where the estimate is finite and valid (see `find_valid_pixels`). A missing ``growth_rate`` is
-    computed from depth and velocity (see `compute_growth_rate`), if any window has enough valid pixels.
-    """
+    """Return the summaries of the valid scalar quantities of an estimate; missing growth is computed in windows."""
     check_estimate(estimate)
     single = count_blocks(estimate) == 1
     found: dict[str, _Values] = {}
@@ -241,14 +235,7 @@ Values = Mapping[str, float | int | None]
 
 @dataclass(frozen=True)
 class SummarySentence:
-    """One sentence of the summary.
-
-    ``title``: Its subject.
-    ``figure``, ``units``: The main number, formatted, and its units.
-    ``rest``: The text after it.
-    ``place``: Position of the largest errors, or None.
-    ``layer``: The viewer layer that shows them.
-    """
+    """One sentence of the summary: subject, main number and text; position and viewer layer of the largest errors."""
 
     title: str
     figure: str

@@ -86,11 +86,8 @@ _IMAGES = 1_100_000
 class Viewer:
     """The content of the viewer, and statistics computed with it.
 
-    ``plain``: Plain JSON values for the page's script.
-    ``frame``: The reference frame t.
     ``worst``: By the keys of `QUANTITIES`, the largest errors of the reference frame.
     ``spread``: By the same keys, the standard deviation of the truth over the interior of the reference frame.
-    ``notes``: Notes on rounding, subsampling and omissions.
     """
 
     plain: Mapping[str, Any]

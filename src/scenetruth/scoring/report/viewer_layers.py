@@ -54,11 +54,9 @@ _INVALID = ("face_id", "mixed", "depth", "disparity", "growth_rate", "boundary_d
 class ViewerLayers:
     """The maps of one quantity in one frame.
 
-    ``name``, ``title``, ``symbol``, ``units``: Its description.
     ``main``: Whether it has priority if the space is limited.
     ``maps``: ``estimate``, ``truth``, ``error`` and ``std`` of a quantity, or ``value`` of other variables; float64, or
       integers for codes, shape (y, x), NaN where undefined.
-    ``codes``: Meanings of the values of a map of codes.
     """
 
     name: str
@@ -258,12 +256,7 @@ _BLOCK_PX = 32
 
 @dataclass(frozen=True)
 class ErrorHotspot:
-    """The largest errors of a quantity, in squares of 32 pixels of the map.
-
-    ``x``, ``y``: The pixel of the square with the largest error, in px of the full image.
-    ``rmse``: The RMSE in the square, in the quantity's units.
-    ``side_px``: The side of the square, in px of the full image.
-    """
+    """Position, RMSE and side of the square of 32 pixels of the map with the largest errors, in full-image px."""
 
     x: float
     y: float
@@ -272,10 +265,7 @@ class ErrorHotspot:
 
 
 def find_error_hotspots(layers: Mapping[str, ViewerLayers], x: Map, y: Map) -> dict[str, ErrorHotspot]:
-    """Return the square with the largest errors of each quantity.
-
-    ``x``, ``y``: The columns and rows of the maps, in px of the full image.
-    """
+    """Return the square with the largest errors of each quantity, from columns ``x`` and rows ``y`` of the maps."""
     found = {name: _worst(errors, x, y) for name, errors in _errors(layers)}
     return {name: place for name, place in found.items() if place is not None}
 

@@ -33,18 +33,13 @@ __all__ = ["CheckRequirement", "ConformanceBench", "ConformanceCheck", "conforma
 
 
 _FACTOR = 3.0
-"""Tolerance of the difference of two estimates, in units of the method's own error: independent errors give 1.4, errors
-that change sign with the image give 2."""
+"""Tolerance in units of the method's own error: independent errors differ by 1.4, errors that change sign by 2."""
 
 
 class ConformanceBench:
-    """A method with its settings, and the recordings of its checks.
+    """A method with its settings, and the recordings of its checks, with images of ``size`` (height, width) in px.
 
-    ``method``: A method as for `scenetruth.estimate`.
-    ``settings``: Its settings: a mapping, or its model.
-    ``size``: Height and width of the images in px.
-    ``cameras``, ``frames``: Number of camera positions and of frames; None: three, or the next odd number that the
-      method requires.
+    ``cameras``, ``frames``: None for three, or the next odd number that the method requires.
     """
 
     def __init__(
@@ -181,11 +176,9 @@ class ConformanceBench:
 class CheckRequirement:
     """The outputs and recordings that a check requires of a method.
 
-    ``any_of``: Quantities of which the plain estimate must have at least one, as in `map_comparison.scalar_maps`; none
-      if empty.
+    ``any_of``: Quantities of which the plain estimate must have at least one, as in `map_comparison.scalar_maps`.
     ``plain``: Whether the plain recording must have an estimate.
-    ``odd_cameras``, ``odd_frames``: Whether the number of cameras or frames must be odd, with the reference in the
-      middle.
+    ``odd_cameras``, ``odd_frames``: Whether the number must be odd, with the reference in the middle.
     ``cameras``, ``frames``: Minimum number of cameras and frames of the plain recording.
     """
 
@@ -227,13 +220,7 @@ CheckFunction = Callable[[ConformanceBench], None]
 
 @dataclass(frozen=True)
 class ConformanceCheck:
-    """One requirement for methods.
-
-    ``name``: Its name, that of its function without ``check_``.
-    ``says``: The requirement in one sentence, the first line of the function's docstring.
-    ``needs``: The conditions under which it applies.
-    ``function``: The function.
-    """
+    """One requirement for methods, named as its function without ``check_``; ``says``: its docstring's first line."""
 
     name: str
     says: str

@@ -30,13 +30,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """The outcome of one check.
-
-    ``name``, ``says``: The check and its requirement.
-    ``status``: ``"passed"``, ``"failed"`` or ``"skipped"``.
-    ``told``: The problem, or the reason for skipping.
-    ``seconds``: Duration.
-    """
+    """The outcome of one check: ``"passed"``, ``"failed"`` or ``"skipped"``, and the problem or reason for skipping."""
 
     name: str
     says: str

@@ -31,13 +31,7 @@ __all__ = [
 
 
 class CheckFailure(AssertionError):
-    """A failed check.
-
-    ``done``: The procedure.
-    ``expected``: The expected result.
-    ``found``: The actual result, with numbers and units.
-    ``remedy``: The correction.
-    """
+    """A failed check: procedure, expected result, actual result with numbers and units, and correction."""
 
     def __init__(self, done: str, expected: str, found: str, remedy: str) -> None:
         self.done, self.expected, self.found, self.remedy = done, expected, found, remedy
@@ -73,15 +67,12 @@ _STATUSES = {
 }
 
 FLOOR = 2e-3
-"""Smallest significant fraction of a quantity: above the rounding of float32 (6e-8) and of 16-bit images (1 / 65535 of
-the grey-value range, 1e-4 of the texture contrast), and below the effect of a convention error."""
+"""Smallest significant fraction of a quantity: above float32 and 16-bit rounding, below convention errors."""
 MIN_RETAINED_FRACTION = 0.2
-"""Minimum fraction of the previously valid pixels that remain valid: borders move when images are mirrored, and methods
-with blocks omit the remainder at one side."""
+"""Minimum fraction of valid pixels that remain valid; borders move in mirrored images, and blocks omit remainders."""
 _MEDIAN_LIMIT = 0.2
-"""Maximum median error, as a fraction of the median true value or of the flow's length. Inaccurate methods are below it
-for these noise-free textures; a wrong sign gives 2, the full baseline instead of a step 0.5, and millimetres instead of
-pixels far more."""
+"""Maximum median error, as a fraction of the median true value or of the flow's length; a wrong sign gives 2, the full
+baseline instead of a step 0.5."""
 _SCATTER_PERCENT = (2.5, 97.5)
 """Percentiles of the estimates that must enclose the true velocity if the median error is larger."""
 _ROUNDING = 1e-4

@@ -32,11 +32,10 @@ class SyntheticPlane:
     ``size``: Height and width of the images in px.
     ``cameras``, ``frames``: Number of camera positions s and of frames t; the references are in the middle.
     ``channels``: Number of colour channels with separate phases; None for grey images.
-    ``velocity_mm``: (U_X, U_Y, U_Z) in mm/frame.
-    ``principal_point_px``: (c_x, c_y); default: the image centre.
+    ``velocity_mm``: (U_X, U_Y, U_Z) in mm/frame; ``slopes``: dZ/dX and dZ/dY.
     ``depth_mm``: Z of the plane on the optical axis of the reference camera at t = 0.
-    ``slopes``: dZ/dX and dZ/dY.
     ``focal_length_px``, ``baseline_mm``: f, and V_X in mm per step of s.
+
 
     >>> plane = SyntheticPlane()
     >>> plane.recording()["image"].shape
