@@ -156,10 +156,10 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         ),
         "view_count": Variable(_MAP, "1", "number of cameras in which the surface point is visible at this frame"),
         "occluded_across_cameras": Variable(
-            _MAP, "1", "whether the surface point is occluded in any camera at this frame"
+            _MAP, "1", "whether the surface point is not visible in all cameras at this frame"
         ),
         "occluded_in_time": Variable(
-            _MAP, "1", "whether the surface point is occluded in this camera at the previous or next frame"
+            _MAP, "1", "whether the surface point is not visible in this camera at the previous or next frame"
         ),
         "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
         "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a sharp edge"),
