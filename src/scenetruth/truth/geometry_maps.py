@@ -134,7 +134,7 @@ def truth_maps(
     }
     if maps == "complete":
         accelerations = viewpoint.directions_to_camera(geometry.snapshot.accelerations)
-        # For faces parallel to the optical axis the slope is infinite along X or Y and may be undefined along the other.
+        # Faces parallel to the optical axis have slopes that are infinite or undefined.
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = -normal[:2] / normal[2]
         found |= {
