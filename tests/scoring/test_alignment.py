@@ -72,7 +72,7 @@ def test_reference_camera_is_taken_from_a_truth_of_all(case: Case) -> None:
         (lambda c: (with_attrs(c.estimate, frame_interval_s=2.0), c.truth), "attrs.frame_interval_s"),
         (
             lambda c: (c.estimate[["status", "coherence"]], c.truth),
-            "estimate.variables: hold neither depth, velocity, disparity nor flow; at least one of them must be there",
+            "estimate.variables: hold neither depth, velocity, disparity nor flow; at least one is required",
         ),
         (lambda c: (c.estimate, c.truth.drop_vars("mixed")), "truth.mixed: is missing"),
         (lambda c: (c.estimate.drop_vars("t"), c.truth), "estimate.t: must be a coordinate"),

@@ -93,7 +93,7 @@ def test_missing_intrinsics() -> None:
 
 @pytest.mark.parametrize("name", ["s", "t", "stage_x_mm"])
 def test_missing_coordinates(name: str) -> None:
-    with pytest.raises(st.RecordingError, match=f"{name}: is missing; the images need this coordinate"):
+    with pytest.raises(st.RecordingError, match=f"{name}: is missing; coordinate required for the images"):
         st.estimate(recording().drop_vars(name))
 
 
