@@ -141,7 +141,7 @@ def seed_problems(seeds: int | Sequence[int], most: int) -> list[Problem]:
     r"""Return what is wrong with an argument ``seeds``: a number of seeds, at most ``most``, or the seeds themselves.
 
     >>> print(*seed_problems([3, 3], 10), *seed_problems(0, 10), sep="\n")
-    seeds: must differ: the same seed gives the same images (got [3, 3])
+    seeds: must be unique: equal seeds give equal images (got [3, 3])
     seeds: must be a number of seeds from 1 to 10, or a list of seeds (got 0)
     """
     if isinstance(seeds, int) and not isinstance(seeds, bool):
@@ -152,7 +152,7 @@ def seed_problems(seeds: int | Sequence[int], most: int) -> list[Problem]:
         return [Problem("seeds", f"must be a number of seeds from 1 to {most:,}, or a list of seeds", seeds)]
     listed = [] if isinstance(seeds, int) else list(seeds)
     if not all(isinstance(seed, int) and 0 <= seed <= LARGEST_INTEGER for seed in listed):
-        return [Problem("seeds", "must be integers from 0 to 2⁶³ - 1", listed)]
+        return [Problem("seeds", "must be integers from 0 to 2**63 - 1", listed)]
     if len(set(listed)) < len(listed):
-        return [Problem("seeds", "must differ: the same seed gives the same images", listed)]
+        return [Problem("seeds", "must be unique: equal seeds give equal images", listed)]
     return []

@@ -31,8 +31,7 @@ _REMEDY = "run the comparison again"
 
 @dataclass(frozen=True)
 class BenchmarkTask:
-    """The directory, design points, methods and versions that a worker needs to process any design point.``limits``: Resource limits of each scene.
-    """
+    """The directory, design points, methods and versions that a worker needs to process any design point.``limits``: Resource limits of each scene."""
 
     folder: str
     points: tuple[DesignPoint, ...]

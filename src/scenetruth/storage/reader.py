@@ -157,9 +157,7 @@ def _attributes(path: Path, kind: StoreKind | None) -> dict[str, Any]:
     if kind is not None and found != kind:
         raise StoreError(path, f"holds a {found}, but a {kind} is needed")
     if version is None or (isinstance(version, int) and version < FORMAT_VERSION):
-        message = (
-            f"has format 1 with obsolete variable names; this scenetruth version reads format {FORMAT_VERSION}: "
-        )
+        message = f"has format 1 with obsolete variable names; this scenetruth version reads format {FORMAT_VERSION}: "
         raise StoreError(path, message + "create the store again")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         message = f"has format {version}; this scenetruth version reads format {FORMAT_VERSION}: update scenetruth"
