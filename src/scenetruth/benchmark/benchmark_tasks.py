@@ -31,7 +31,7 @@ _REMEDY = "run the comparison again"
 
 @dataclass(frozen=True)
 class BenchmarkTask:
-    """The directory, design points, methods and versions that a worker needs to process any design point.``limits``: Resource limits of each scene."""
+    """What a worker needs: result directory, design points, methods, versions that results depend on, resource limits."""
 
     folder: str
     points: tuple[DesignPoint, ...]

@@ -137,7 +137,7 @@ def further_regions(
         distance = truth["boundary_distance"].values
     else:
         distance = edge_distance(truth["mixed"].values.astype(bool))
-    regions |= _classes("boundary", distance, (*settings.edge_classes_px, math.inf), visible)
+    regions |= _classes("boundary", distance, (*settings.boundary_classes_px, math.inf), visible)
     if contrast is not None:
         low, high = settings.contrast_classes
         regions |= {
