@@ -81,7 +81,7 @@ def from_plain_data(kind: Any, plain: Any) -> Any:
         message = f"{plain!r} is not of type {kind.__name__}"
         raise TypeError(message)
     if origin is Literal and plain not in inner:
-        message = f"{plain!r} is none of {inner}"
+        message = f"{plain!r} is not one of {inner}"
         raise ValueError(message)
     return plain
 
