@@ -92,11 +92,7 @@ _LEAST_WINDOWS, _LEAST_ROWS = 10.0, 32
 
 @dataclass(frozen=True)
 class ReducedScene:
-    """Scene of reduced cost for a confirmation run.
-
-    ``plain``: The scene as plain data.
-    ``changes``: Descriptions of the differences.
-    """
+    """Scene of reduced cost for a confirmation run, as plain data, and descriptions of the differences."""
 
     plain: Mapping[str, Any]
     changes: tuple[str, ...]
@@ -193,13 +189,7 @@ def get_simulated_statistic(figures: Figures | None, title: str, statistic: str)
 
 @dataclass(frozen=True)
 class ConfirmationTask:
-    """Input of a worker for all confirmation runs.
-
-    ``folder``: Directory of the results.
-    ``plains``: Scenes of the rigs as plain data.
-    ``seeds``: Seeds of each rig.
-    ``versions``: Versions of packages on which the results depend.
-    ``limits``: Resource limits of every scene.
+    """Input of a worker for all confirmation runs: scenes of the rigs as plain data, and seeds of each rig.``limits``: Resource limits of every scene.
     """
 
     folder: str
@@ -298,12 +288,7 @@ _LARGEST_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class ConfirmationResult:
-    """Result of the confirmation runs.
-
-    ``rigs``: The simulated rigs by number.
-    ``discrepancies``: Comparison of predictions and simulations.
-    ``changes``: Descriptions of differences between the simulated scenes and the rigs.
-    """
+    """Simulated rigs by number, comparison with the predictions, and changes of the simulated scenes."""
 
     rigs: Mapping[int, RigDesign]
     discrepancies: tuple[Discrepancy, ...]

@@ -91,10 +91,7 @@ class ConstraintValue:
     """A constraint evaluated for one rig.
 
     ``kind``: Type of the constraint: ``field_of_view``, ``motion_blur``, ...
-    ``title``: Name of the bounded property.
-    ``value``: Value of the property, in ``unit``.
-    ``limit``: Bound, in ``unit``.
-    ``holds``: Whether the constraint is satisfied.
+    ``value``, ``limit``: Value of the property and bound, in ``unit``.
     ``margin``: Distance to the bound relative to it: positive if satisfied, 0 at the bound.
     ``sense``: ``"at most"`` or ``"at least"``: type of the bound.
     """
@@ -114,8 +111,6 @@ class Objective:
     """An objective: a statistic of errors that is minimised.
 
     ``quantity``: Key of `scenetruth.scoring.QUANTITIES`.
-    ``region``: Region of the scene: ``all``, ``interior`` or ``object_NAME``.
-    ``unit``: Unit of reported values; growth in % per hour.
     ``title``: Unique title: the key in ``RigDesign.predicted`` and ``RigDesign.simulated``.
     ``wanted``: Target value; None to minimise.
     ``statistic``: Key of `scenetruth.design.optimisation.design_records.STATISTICS`.
@@ -140,10 +135,7 @@ class RigDesign:
 
     ``number``: Index of its evaluation: row of ``DesignResult.screened``.
     ``parameters``: Design variables: values by path, or names of catalogue entries (``lens``, ``camera``, ``stage``).
-    ``scene``: Complete scene as plain data.
-    ``predicted``: Predicted statistics by title of the objective.
-    ``simulated``: Simulated statistics by title of the objective; empty without simulations.
-    ``constraints``: All evaluated constraints.
+    ``predicted``, ``simulated``: Statistics by title of the objective; ``simulated`` is empty without simulations.
     ``price``: Sum of the prices of the catalogue entries; None without entries or if a price is missing.
     ``limits``: Description of the limiting factors.
     ``figures``: Simulated values by title of the objective and statistic, one for each seed, NaN where invalid;
@@ -175,8 +167,6 @@ class RigDesign:
 class Sensitivity:
     """Sensitivity of an objective to a parameter; NaN where not computed.
 
-    ``parameter``: Path of the field, or catalogue.
-    ``objective``: Title of the objective.
     ``morris_mu_star``, ``morris_sigma``: Mean absolute value and standard deviation of the elementary effects over the
       whole range (Morris 1991, Campolongo 2007), for the natural logarithm of the objective: 0.7 is a factor of two.
     ``sobol_first``, ``sobol_total``: First-order and total Sobol' index of the logarithm. Estimates from few samples
@@ -204,7 +194,6 @@ class Sensitivity:
 class RankConsistency:
     """Comparison of the predicted and simulated rank of two rigs.
 
-    ``objective``: Title of the objective.
     ``better``, ``worse``: Numbers of the rigs with the better and the worse prediction.
     ``predicted``: Ratio of the predictions, worse over better: above 1.
     ``simulated``: The same ratio of simulations, geometric mean over seeds; NaN with fewer than two common valid seeds.
@@ -226,13 +215,7 @@ class RankConsistency:
 
 @dataclass(frozen=True)
 class RuleOfThumb:
-    """A rule of thumb, evaluated for the recommended rig.
-
-    ``source``: Reference of the rule.
-    ``says``: Text of the rule.
-    ``here``: Value of the recommended rig with its unit.
-    ``holds``: Whether the rule is satisfied.
-    """
+    """A rule of thumb with its text and reference, evaluated for the recommended rig (``here``, ``holds``)."""
 
     title: str
     source: str
@@ -245,13 +228,9 @@ class RuleOfThumb:
 class Discrepancy:
     """Comparison of prediction and simulation of an objective for one rig.
 
-    ``rig``: Number of the rig.
-    ``objective``: Title of the objective.
     ``predicted``: Prediction for the simulated images.
-    ``simulated``: Simulated statistic, as in ``RigDesign.simulated``.
     ``ratio``: Simulated over predicted.
     ``notable``: Whether the difference exceeds the uncertainty of the prediction and the interval.
-    ``says``: Description of the comparison.
     """
 
     rig: int

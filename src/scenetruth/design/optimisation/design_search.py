@@ -185,7 +185,6 @@ def _enqueue(study: Any, space: DesignSpace, one: Evaluation) -> None:
 
 
 def _search_starts(found: Sequence[Evaluation]) -> list[Evaluation]:
-    """Return the best evaluations so far, the starting points of the search."""
     return rank_evaluations(found)[:_SEARCH_STARTS]
 
 
@@ -423,7 +422,6 @@ def _sobol(problem: Mapping[str, Any], points: Array, logs: Array) -> list[Sobol
 
 
 def _quiet(work: Any, *arguments: Any, **named: Any) -> Any:
-    """Call a library function without warnings."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         return work(*arguments, **named)

@@ -23,10 +23,8 @@ class EvaluationLog:
 
     With a file, an interrupted search is deterministic when resumed: it requests the same candidates in the same order.
 
-    ``workers``: Executor of the evaluations.
     ``file``: Log file; None for memory only.
-    ``progress``: Called with ("predictions", done, total).
-    ``total``: Expected number of evaluations, for progress.
+    ``progress``, ``total``: Called with ("predictions", done, total); expected number of evaluations.
     """
 
     def __init__(

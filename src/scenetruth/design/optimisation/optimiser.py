@@ -167,7 +167,6 @@ def optimise(
 
 
 def _key(prepared: OptimisationProblem) -> str:
-    """Return a hash of all inputs of the predictions."""
     task = prepared.task
     depends = {
         "scene": task.base.plain,

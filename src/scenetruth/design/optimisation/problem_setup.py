@@ -46,12 +46,7 @@ _MOST_TRIED = 64
 
 @dataclass(frozen=True)
 class OptimisationProblem:
-    """A validated optimisation problem.
-
-    ``task``: Input of the evaluations.
-    ``space``: Design space.
-    ``scene``: Base scene with the changes of the design specification.
-    """
+    """A validated optimisation problem: input of the evaluations, design space and base scene."""
 
     task: EvaluationTask
     space: DesignSpace
@@ -159,7 +154,6 @@ def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tup
 def _parameter(
     name: str, variable: DesignVariable, plain: Mapping[str, Any], places: tuple[str, ...], problems: list[Problem]
 ) -> Parameter | None:
-    """Return the parameter of a scene field."""
     if variable.values is not None:
         return _choice(name, variable, problems)
     try:
@@ -201,7 +195,6 @@ def _choice(name: str, variable: DesignVariable, problems: list[Problem]) -> Par
 
 
 def _named(name: str, variable: DesignVariable, entries: CatalogueEntries, problems: list[Problem]) -> Parameter | None:
-    """Return the parameter of a named variable."""
     if name not in CATALOGUES:
         if variable.values is not None:
             return _choice(name, variable, problems)
@@ -301,7 +294,6 @@ def _find_invalid_values(base: BaseRig, space: DesignSpace) -> Iterator[Problem]
 
 
 def _with(base: BaseRig, space: DesignSpace, number: int, value: Any) -> dict[str, Any]:
-    """Return the base scene with one parameter changed."""
     plain = copy.deepcopy(dict(base.plain))
     for place in base.places[space.parameters[number].name]:
         assign(plain, place, copy.deepcopy(value))
@@ -365,7 +357,6 @@ def _not_predicted(where: str, wanted: ObjectiveSpec, prediction: Prediction, me
 
 
 def _with_unique_title(objective: Objective, others: list[Objective]) -> Objective:
-    """Return an objective with a unique title."""
     name = get_title(objective.quantity)
     place = objective.region.removeprefix("object_")
     alone = len({one.region for one in others}) == 1 and objective.region in ("all", "interior")

@@ -96,13 +96,7 @@ def _propagate_disparity(d: float, depth: float, disparity: float, slope_x: floa
 
 @dataclass(frozen=True)
 class RigContext:
-    """Input of the constraints for a rig.
-
-    ``region``: Region of the first objective.
-    ``parameters``: Values of the design variables by name.
-    ``lens``, ``camera``, ``stage``: Selected catalogue entries, or None.
-    ``f_number``: f-number of the lens; None without one.
-    """
+    """Input of the constraints for a rig; ``region`` is that of the first objective."""
 
     scene: Scene
     prediction: Prediction

@@ -52,7 +52,6 @@ class Parameter:
 
     ``name``: Path of a field, or a named variable of the design specification.
     ``low``, ``high``: Ends of a range.
-    ``logarithmic``: Whether the range is searched on a logarithmic scale.
     ``whole``: Whether the values are integers.
     ``choices``: Choices in place of a range.
     """
@@ -142,7 +141,6 @@ class BaseRig:
 
     ``plain``: The base scene as plain data, with all fields.
     ``places``: Paths without wildcards, by path of the design specification.
-    ``entries``: The catalogues.
     ``light``: The illumination; None for one adapted to the camera.
     ``depth_mm``: Median depth of the measured region in the base scene, at which the lens is focused.
     """
@@ -278,11 +276,7 @@ _S_PER_H = 3600.0
 
 @dataclass(frozen=True)
 class EvaluationTask:
-    """Input of the evaluation of any rig.
-
-    ``limits``: The constraints of the design specification.
-    ``method``: Name of the method, with the settings of the scene.
-    """
+    """Input of the evaluation of any rig; the method has the settings of the scene."""
 
     base: BaseRig
     limits: tuple[ConstraintSpec, ...]
@@ -381,7 +375,6 @@ def _root_sum(values: Any) -> float:
 
 
 def _hardware_constraints(facts: RigContext) -> Iterator[ConstraintValue]:
-    """Yield the constraints of the selected lens and stage."""
     lens, stage = facts.lens, facts.stage
     if lens is not None:
         focus = facts.scene.optics.defocus

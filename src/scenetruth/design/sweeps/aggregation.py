@@ -210,7 +210,6 @@ def collect_result(job: SweepTask, keys: Sequence[str], failed: Mapping[str, str
 
 
 def _find_ineffective_factors(plan: SweepPlan, rows: Sequence[SweepRecord]) -> Iterable[str]:
-    """Yield a note for each factor that has no effect on any statistic."""
     if not plan.is_grid:
         return
     for path in plan.factors:

@@ -29,7 +29,6 @@ _DIGITS = 12
 class Factor:
     """A varied field.
 
-    ``path``: Path in the scene; ``*`` stands for all list entries.
     ``values``: Levels given as a list; empty for a range.
     ``ends``: Lower and upper end of a range.
     ``count``: Number of levels of a range; 0 for a range that is sampled by Sobol points.

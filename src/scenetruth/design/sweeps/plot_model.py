@@ -39,10 +39,7 @@ Place = float | str
 
 @dataclass(frozen=True)
 class PanelAxis:
-    """An axis of a panel.
-
-    ``names``: Labels of non-numeric levels, in order; empty for numbers.
-    """
+    """An axis of a panel; ``names`` are the labels of non-numeric levels, in order."""
 
     title: str
     names: tuple[str, ...] = ()
@@ -53,11 +50,9 @@ class PanelAxis:
 class SweepCurve:
     """A line or a set of points with error bars.
 
-    ``name``: Label of the legend.
     ``points``: (position, value, low, high); low and high are NaN without an interval.
     ``colour``: Index of the colour.
     ``is_bound``: Whether it shows the Cramér-Rao bound.
-    ``joined``: Whether the points are joined by lines.
     """
 
     name: str
@@ -71,11 +66,7 @@ class SweepCurve:
 
 @dataclass(frozen=True)
 class SweepMap:
-    """A statistic over two factors.
-
-    ``cells``: (position along x, position along y, value, low, high, bound); NaN where missing.
-    ``is_grid``: Whether the cells form a grid.
-    """
+    """A statistic over two factors; ``cells`` are (x, y, value, low, high, bound), NaN where missing."""
 
     cells: tuple[tuple[Place, Place, float, float, float, float], ...]
     is_grid: bool
@@ -89,13 +80,7 @@ class SweepMap:
 
 @dataclass(frozen=True)
 class SweepPanel:
-    """One chart, with curves or a map.
-
-    ``title``: Title; empty if the title of the section is sufficient.
-    ``x``, ``y``: The axes; y of a map is the second factor.
-    ``number``: Title of the colour bar of a map.
-    ``logarithmic``: Whether the colour scale is logarithmic.
-    """
+    """One chart, with curves or a map; ``number`` and ``logarithmic`` describe the colour scale of a map."""
 
     title: str
     x: PanelAxis
@@ -122,7 +107,7 @@ class SweepPanel:
 
 
 def choose_main_region(found: Sweep) -> str:
-    """Return the region that is shown first: the interior, or the first region without valid pixels in the interior."""
+    """Return the region that is shown first: the interior if it has valid pixels, else the first region."""
     regions = list(dict.fromkeys(row.region for row in found.rows if row.statistic == "rmse" and not row.is_bound))
     return "interior" if "interior" in regions or not regions else regions[0]
 
@@ -203,7 +188,6 @@ def _title(found: Sweep, name: str) -> str:
 
 
 def _curves_of_all(found: Sweep, rows: Sequence[SweepRecord], path: str, *, joined: bool) -> list[SweepCurve]:
-    """Return a curve and a bound for each method in each scene."""
     axis, curves = _axis(found, path), []
     groups = _groups(found, rows)
     for colour, (name, own, bound) in enumerate(groups):
@@ -298,7 +282,6 @@ def _panel(title: str, x: PanelAxis, y: PanelAxis, curves: Sequence[SweepCurve])
 
 
 def _describe_curves(curves: Iterable[SweepCurve]) -> str:
-    """Return a text with the first and last point of each curve."""
     told = []
     for curve in curves:
         (x0, y0, *_), (x1, y1, *_) = curve.points[0], curve.points[-1]

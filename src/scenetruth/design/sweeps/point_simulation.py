@@ -120,11 +120,7 @@ StdMap = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BoundWindow:
-    """Window and unknown parameters of a Cramér-Rao bound.
-
-    ``sigma_px``: Standard deviation of the Gaussian window, in px.
-    ``surface``, ``motion``, ``brightness``: As in `scenetruth.bound.cramer_rao_bound`.
-    """
+    """Window and unknown parameters of a bound, as in `scenetruth.bound.cramer_rao_bound`."""
 
     sigma_px: float
     surface: Surface
@@ -233,12 +229,9 @@ Figures = dict[str, dict[str, dict[str, float]]]
 class SimulationResult:
     """Result of one simulation.
 
-    ``figures``: Statistics by method.
-    ``bounds``: Statistics by name of the bound; empty if not requested.
-    ``failures``: Reasons of failed methods, by label.
-    ``notes``: Reasons for missing bounds.
+    ``figures``, ``bounds``: Statistics by method and by name of the bound.
+    ``failures``, ``notes``: Reasons of failed methods, by label, and for missing bounds.
     ``settled``: Labels of failures that are not repeated: installed methods that reject the recording.
-    ``grows``: Whether an object grows.
     ``kept``: Errors at a subset of pixels; None if not requested.
     """
 
@@ -396,13 +389,7 @@ _FORMAT = 3
 
 @dataclass(frozen=True)
 class SweepTask:
-    """Input of a worker for all simulations of a sweep.
-
-    ``folder``: Directory of the simulation results.
-    ``contestants``: The methods; the method of each scene if empty.
-    ``versions``: Versions of packages on which the results depend.
-    ``limits``: Resource limits of a scene.
-    """
+    """Input of a worker for all simulations of a sweep; without ``contestants``, the method of each scene is used."""
 
     folder: str
     plan: SweepPlan

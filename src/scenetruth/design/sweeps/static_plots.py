@@ -185,7 +185,6 @@ def _draw_field(figure: Any, axes: Any, panel: SweepPanel, drawn: SweepMap) -> N
 
 
 def _bar(figure: Any, axes: Any, drawn: Any, panel: SweepPanel) -> None:
-    """Add a colour bar with decimal labels."""
     bar = figure.colorbar(drawn, ax=axes, label=panel.number)
     if panel.logarithmic:
         low, high = drawn.norm.vmin, drawn.norm.vmax

@@ -39,9 +39,6 @@ class SweepPoint:
 class SweepPlan:
     """All simulations of a sweep, numbered by design point and seed.
 
-    ``labels``: Labels of the scenes.
-    ``plains``: The scenes as plain data.
-    ``factors``: Paths of the factors.
     ``places``: Paths of the fields, without wildcards, by scene and factor.
     ``seeds``: The seeds of each scene.
     ``is_grid``: Whether the points are a full grid of levels, without Sobol points.
@@ -169,7 +166,6 @@ def _each_once(problems: Sequence[Problem]) -> list[Problem]:
 
 
 def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tuple[tuple[str, ...], list[Scene]]:
-    """Return the labels and the scenes."""
     several = [given] if isinstance(given, Scene | Mapping | str | PathLike) else list(given)
     if not several:
         raise ArgumentError([Problem("scenes", "must have at least one scene")], source="a sweep")
@@ -309,7 +305,6 @@ class _SobolRange:
 
 
 def _find_impossible(plan: SweepPlan) -> list[Problem]:
-    """Return the problems of points with an invalid scene, without duplicates."""
     found: dict[tuple[str, str], Problem] = {}
     for point in plan.points:
         try:

@@ -140,7 +140,6 @@ def _scaled(number: float, panel: SweepPanel) -> float | None:
 
 
 def _bar(panel: SweepPanel, drawn: SweepMap) -> dict[str, Any]:
-    """Return a colour bar with decimal labels."""
     if not panel.logarithmic:
         return {"thickness": 12}
     low, high = (math.log10(each(cell[2] for cell in drawn.cells)) for each in (min, max))
@@ -226,7 +225,6 @@ _COLUMNS = (
 
 
 def _values(found: Sweep) -> list[tuple[str, str]]:
-    """Return the factors with a text of their levels."""
     told = []
     for path in found.factors:
         values = {format_level(row.values[path]): row.values[path] for row in found.rows}
@@ -254,7 +252,6 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
 
 
 def _lines(found: Sweep, region: str) -> list[list[str]]:
-    """Return a table row for each point, method and quantity."""
     told: dict[tuple[Any, ...], dict[str, SweepRecord]] = {}
     bounds: dict[tuple[Any, ...], float] = {}
     shown = list_plotted_quantities(found)

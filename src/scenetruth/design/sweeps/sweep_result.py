@@ -28,12 +28,10 @@ class SweepRecord:
     """One value of a statistic.
 
     ``values``: Levels by factor.
-    ``scene``: Label of the scene.
     ``method``: Label of the method; ``bound`` or ``bound of METHOD`` for the Cramér-Rao bound.
     ``seed``: Seed of the scene; None for all seeds together.
     ``region``: Region of the score: ``all``, ``interior``, ``object_NAME``.
     ``quantity``: A key of `scenetruth.scoring.QUANTITIES`.
-    ``statistic``: One of `STATISTICS`.
     ``ci_low``, ``ci_high``: Ends of the 95 % confidence interval over seeds; NaN if there is none.
     """
 

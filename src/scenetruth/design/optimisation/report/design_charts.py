@@ -29,7 +29,7 @@ __all__ = ["AxisSpec", "build_axis", "build_front_charts", "build_sensitivity_ch
 _WIDE = 8.0
 """Ratio of the largest to the smallest value from which an axis is logarithmic."""
 _BEYOND = 3.0
-"""Most that error bars extend an axis: a factor, or a multiple of the span of the points."""
+"""Largest extension of an axis by error bars: a factor, or a multiple of the span of the points."""
 _FEW_DECADES = 2.5
 _SPARE = 0.05
 _LEAST = 1e-30
@@ -39,11 +39,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class AxisSpec:
-    """Quantity of an axis.
-
-    ``name``: Title of the objective or path of the parameter; column of the table of evaluations.
-    ``objective``: The objective; None for a parameter.
-    """
+    """Quantity of an axis: an objective, or a parameter (``objective=None``); a column of the table of evaluations."""
 
     name: str
     objective: Objective | None = None
@@ -228,7 +224,6 @@ def _hover(rigs: Sequence[RigDesign]) -> dict[str, Any]:
 
 
 def _hover_text(rig: RigDesign) -> str:
-    """Return the hover text of a rig."""
     lines = [f"<b>Rig {rig.number}</b>"]
     for title, value in rig.predicted.items():
         found = rig.simulated.get(title)
@@ -384,7 +379,6 @@ def _ten_percent(place: int, objective: Objective, own: Sequence[Sensitivity]) -
 
 
 def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Chart:
-    """Return bars of the Sobol' indices with their intervals."""
     shown = sorted(own, key=lambda one: one.sobol_total)[-_MOST_BARS:]
     data: list[dict[str, Any]] = []
     for name, field, colour in (

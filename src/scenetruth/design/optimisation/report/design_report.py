@@ -81,13 +81,7 @@ _MOST_LISTED = 3
 
 @dataclass(frozen=True)
 class ObjectiveResult:
-    """Result of an objective for the recommended rig.
-
-    ``title``: Title of the objective.
-    ``figure``, ``unit``: Simulated value if available, else the prediction.
-    ``source``: Statistic and origin of the value, with its interval.
-    ``verdict``: Comparison with the target; empty without a target.
-    """
+    """Result of an objective for the recommended rig: value, statistic and origin, comparison with the target."""
 
     title: str
     figure: str

@@ -236,13 +236,7 @@ _BAR = 110.0
 
 @dataclass(frozen=True)
 class SideViewDrawing:
-    """A drawing.
-
-    ``name``: Identifier within the page.
-    ``svg``: SVG element.
-    ``width``: Width in CSS pixels at which texts have the font size of the page.
-    ``shown``: Screens: ``"wide"``, ``"narrow"`` or ``"all"``.
-    """
+    """A drawing for ``"wide"``, ``"narrow"`` or ``"all"`` screens, with the font size of the page at ``width`` px."""
 
     name: str
     title: str

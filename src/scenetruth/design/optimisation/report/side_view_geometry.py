@@ -64,7 +64,6 @@ def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array
 class Outline:
     """An object seen along Y.
 
-    ``name``: Name in the scene.
     ``x_mm``, ``near_mm``, ``far_mm``: X, smallest and largest Z.
     ``seen_mm``: Smallest and largest depth visible from the reference camera; None if not visible.
     """
@@ -78,12 +77,7 @@ class Outline:
 
 @dataclass(frozen=True)
 class DepthOfFieldRange:
-    """The depth of field of a thin lens: depths with a blur disc up to a limit.
-
-    ``focus_mm``: Focus distance.
-    ``near_mm``, ``far_mm``: Depths at which the disc reaches the limit; infinite if it does not.
-    ``limit_px``: Limit of the diameter of the blur disc.
-    """
+    """The depth of field of a thin lens: depths with a blur disc up to a limit; ``far_mm`` may be infinite."""
 
     focus_mm: float
     near_mm: float
@@ -182,7 +176,6 @@ def _outlines(scene: Scene, look: SurfaceSamples) -> tuple[Outline, ...]:
 
 
 def _depths(look: SurfaceSamples, name: str) -> NDArray[np.float64]:
-    """Return the visible depths of an object."""
     own = [look.names[number] == name for number in look.body.tolist()]
     return look.depth_mm[np.array(own, dtype=np.bool_)]
 
