@@ -234,7 +234,7 @@ def _integral(power: float, short: float, long: float) -> float:
     raised, octaves = power + 1, math.log(long / short)
     if raised == 0:
         return octaves
-    # The difference of the antiderivative loses precision where the power is nearly -1.
+    # The plain difference of the antiderivative would lose precision where the power is nearly -1.
     return float(short**-raised * -math.expm1(-raised * octaves) / raised)
 
 

@@ -115,7 +115,7 @@ _OUTPUTS: dict[str, tuple[str | None, str, str]] = {
     "flow": ("image_component", "px/frame", "optical flow"),
     "velocity": ("component", "mm/frame", "velocity"),
     "growth_rate": (None, "1/frame", "the growth rate"),
-    "principal_growth_rates": ("principal", "1/frame", "the growth of length"),
+    "principal_growth_rates": ("principal", "1/frame", "the principal growth rates"),
 }
 
 
