@@ -193,7 +193,7 @@ def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> EstimateTru
 
 
 class EstimateTruthPairs(Mapping[str, EstimateTruthPair]):
-    """Common quantities of aligned data sets, and ``further`` quantities, by the keys of `QUANTITIES`; read on access."""
+    """Common quantities of aligned data sets, and ``further`` quantities, by keys of `QUANTITIES`; read on access."""
 
     def __init__(
         self, estimate: xr.Dataset, truth: xr.Dataset, further: Mapping[str, EstimateTruthPair] | None = None
