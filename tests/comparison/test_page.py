@@ -80,7 +80,7 @@ def test_charts_hold_what_was_measured(comparison: BenchmarkResult) -> None:
     charts = {chart.name: chart for chart in build_charts(comparison, comparison.cases[0])}
     assert set(charts) == {"noise-disparity-noise_std", "noise-disparity-density", "noise-coverage"}
     chart = charts["noise-disparity-noise_std"]
-    assert [line["name"] for line in chart.data] == ["mine", HOSTILE, "bound of noise"]
+    assert [line["name"] for line in chart.data] == ["mine", HOSTILE, "Cramér-Rao bound"]
     assert chart.data[1]["y"] == [2 * value for value in all_cases()["noise"].core]
     assert "mine: 0.005 at 0.005" in chart.alt
     assert chart.layout["xaxis"]["type"] == "log"

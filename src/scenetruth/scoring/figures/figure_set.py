@@ -60,7 +60,7 @@ def plot_all(
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
     also: Collection[str] = (),
 ) -> list[FigureInfo]:
-    """Draw every figure of an estimate, except histograms of one frame, t = 0 or the middle one, at valid pixels."""
+    """Draw every figure; all except the histograms show the valid pixels of one frame, t = 0 or the middle one."""
     check_truth_and_score(truth, score)
     target = Path(folder)
     plan = _plan(recording, estimate, truth, score, target)
