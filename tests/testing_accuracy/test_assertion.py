@@ -86,7 +86,7 @@ def test_growth_is_limited_in_either_unit() -> None:
         alone(case.estimate, case.truth, margin_px=MARGIN_PX, **limit)
     for limit in ({"growth_rate_percent_per_hour": 0.99 * error}, {"growth_per_hour": 0.0099 * error}):
         with pytest.raises(AssertionError, match=r"growth_rate +rmse"):
-            alone(case.estimate, case.truth, margin_px=MARGIN_PX, slips=False, **limit)
+            alone(case.estimate, case.truth, margin_px=MARGIN_PX, check_conventions=False, **limit)
 
 
 def test_all_that_is_broken_is_told_and_what_is_kept_too(check: Callable[..., st.Score]) -> None:
@@ -123,13 +123,13 @@ def test_what_is_not_estimated_is_never_accurate(case: Case) -> None:
         (case.estimate, {"margin_px": 1e3}, "no truth in the region"),
     ):
         with pytest.raises(AssertionError, match=why):
-            alone(estimate, case.truth, slips=False, depth_mm=1e9, **{"margin_px": MARGIN_PX, **options})
+            alone(estimate, case.truth, check_conventions=False, depth_mm=1e9, **{"margin_px": MARGIN_PX, **options})
 
 
 def test_a_statistic_that_is_not_defined_breaks_its_limit(case: Case) -> None:
     without = case.estimate.drop_vars([name for name in case.estimate if str(name).endswith("_std")])
     with pytest.raises(AssertionError, match="no standard deviations"):
-        alone(without, case.truth, margin_px=MARGIN_PX, slips=False, depth_mm={"rms_z": 1e9})
+        alone(without, case.truth, margin_px=MARGIN_PX, check_conventions=False, depth_mm={"rms_z": 1e9})
 
 
 def test_what_cannot_be_checked_is_told_all_at_once(case: Case, check: Callable[..., st.Score]) -> None:
@@ -198,7 +198,12 @@ def test_multiples_of_a_bound_are_taken_where_the_estimate_is_scored(
     }
     for name, ratio in ratios.items():
         alone(
-            estimate, case.truth, bound=bound, margin_px=MARGIN_PX, slips=False, **{name: f"{1.0001 * ratio} x bound"}
+            estimate,
+            case.truth,
+            bound=bound,
+            margin_px=MARGIN_PX,
+            check_conventions=False,
+            **{name: f"{1.0001 * ratio} x bound"},
         )
         with pytest.raises(AssertionError, match=r"x bound\)"):
             alone(
@@ -206,7 +211,7 @@ def test_multiples_of_a_bound_are_taken_where_the_estimate_is_scored(
                 case.truth,
                 bound=bound,
                 margin_px=MARGIN_PX,
-                slips=False,
+                check_conventions=False,
                 **{name: f"{0.9999 * ratio} x bound"},
             )
 
@@ -225,11 +230,13 @@ def test_what_follows_from_other_quantities_has_no_bound() -> None:
     case = make_growing_case(80, 60, 600.0)
     std = xr.Dataset({"growth_rate_std": (("t", "y", "x"), np.full(case.truth.depth.shape, 1e9))})
     with pytest.raises(AssertionError, match="no bound in the region"):
-        alone(case.estimate, case.truth, bound=std, margin_px=MARGIN_PX, slips=False, growth_per_hour="bound")
+        alone(
+            case.estimate, case.truth, bound=std, margin_px=MARGIN_PX, check_conventions=False, growth_per_hour="bound"
+        )
     # What the estimate itself holds has one: here its errors are just the bound, 0.001 per frame of a minute.
     own = case.estimate.assign(growth_rate=case.truth.growth_rate + 0.001)
     for stated, kept in ((0.00101, True), (0.00099, False)):
-        check = partial(alone, own, case.truth, bound=0 * std + stated, margin_px=MARGIN_PX, slips=False)
+        check = partial(alone, own, case.truth, bound=0 * std + stated, margin_px=MARGIN_PX, check_conventions=False)
         if kept:
             check(growth_per_hour="bound")
         else:
@@ -264,7 +271,7 @@ def test_pictures_are_drawn_of_what_is_broken_only(case: Case, check: Callable[.
             assert min(picture.size) > 300
     # Of another assertion, beside the first; there need not be a recording.
     with pytest.raises(AssertionError):
-        alone(case.estimate, case.truth, depth_mm=0, margin_px=MARGIN_PX, slips=False, pictures=folder)
+        alone(case.estimate, case.truth, depth_mm=0, margin_px=MARGIN_PX, check_conventions=False, pictures=folder)
     assert {file.name for file in folder.iterdir()} == {"depth.png", "depth_2.png"}
 
 
@@ -288,10 +295,10 @@ def test_slips_are_looked_for_where_something_is_broken(
     monkeypatch.setitem(
         sys.modules, "scenetruth.scoring.convention_check", SimpleNamespace(detect_convention_mismatches=find_slips)
     )
-    check(slips=True, depth_mm=1e3)
-    broken(check, slips=False, depth_mm=1e-9)
+    check(check_conventions=True, depth_mm=1e3)
+    broken(check, check_conventions=False, depth_mm=1e-9)
     assert asked == []
-    text = broken(check, slips=True, depth_mm=1e-9)
+    text = broken(check, check_conventions=True, depth_mm=1e-9)
     assert text.splitlines()[-3:-1] == ["possible convention errors:", "  - disparity has the other sign"]
 
     def fail(estimate: xr.Dataset, truth: xr.Dataset) -> None:
@@ -300,7 +307,7 @@ def test_slips_are_looked_for_where_something_is_broken(
     monkeypatch.setitem(
         sys.modules, "scenetruth.scoring.convention_check", SimpleNamespace(detect_convention_mismatches=fail)
     )
-    assert "RuntimeError: deeper trouble" in broken(check, slips=True, depth_mm=1e-9)
+    assert "RuntimeError: deeper trouble" in broken(check, check_conventions=True, depth_mm=1e-9)
 
 
 def test_what_is_around_takes_note_and_offers_a_folder(
@@ -313,7 +320,7 @@ def test_what_is_around_takes_note_and_offers_a_folder(
         return []
 
     monkeypatch.setattr("scenetruth.testing.accuracy.draw_differences", draw)
-    check = partial(assert_accuracy, case.estimate, case.truth, margin_px=MARGIN_PX, slips=False)
+    check = partial(assert_accuracy, case.estimate, case.truth, margin_px=MARGIN_PX, check_conventions=False)
     notes: list[OutcomeRow] = []
     asked: list[Path] = []
 

@@ -34,11 +34,11 @@ def test_kept():
 
 
 def test_broken():
-    assert_accuracy(ESTIMATE, TRUTH, slips=False, depth_mm=0.05)
+    assert_accuracy(ESTIMATE, TRUTH, check_conventions=False, depth_mm=0.05)
 
 
 def test_lacking():
-    assert_accuracy(ESTIMATE, TRUTH, slips=False, velocity_z_mm=1.0)
+    assert_accuracy(ESTIMATE, TRUTH, check_conventions=False, velocity_z_mm=1.0)
 """
 RECORDINGS = f"""
 import pytest

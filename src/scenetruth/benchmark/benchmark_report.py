@@ -128,7 +128,7 @@ def write_benchmark_report(
         efficiency=_efficiency(found),
         efficiency_short=_efficiency_short(found),
         failures=found.failures,
-        slips=found.slips,
+        convention_mismatches=found.convention_mismatches,
         worst=select_worst_regions(found, maps or {}),
         scale="; ".join(describe_colour_scale()),
     )

@@ -86,7 +86,7 @@ class BenchmarkResult(Result):
         Output directory, or None.
     own
         Labels of the built-in methods.
-    slips
+    convention_mismatches
         Likely convention mismatches of all other methods, one line each; see
         `scenetruth.scoring.detect_convention_mismatches`.
 
@@ -123,7 +123,7 @@ class BenchmarkResult(Result):
     failures: Sequence[str] = field(default=(), repr=False)
     folder: Path | None = None
     own: Sequence[str] = ()
-    slips: Sequence[str] = field(default=(), repr=False)
+    convention_mismatches: Sequence[str] = field(default=(), repr=False)
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return all records as a table.
@@ -189,7 +189,7 @@ class BenchmarkResult(Result):
             values = ", ".join(f"{label} {number:.3g}" for label, number in one.of_methods.items())
             name = f"{one.quantity} {one.statistic.replace('_', ' ')}"
             lines.append(f"{one.case.title}: {name} {values} {one.unit}".rstrip())
-        return "\n".join([*lines, *self.slips, *self.failures])
+        return "\n".join([*lines, *self.convention_mismatches, *self.failures])
 
     def ranking(self) -> pd.DataFrame:
         """Return the main statistic of each case, the median over its levels: a row per case, a column per method.

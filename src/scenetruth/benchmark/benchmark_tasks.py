@@ -113,7 +113,7 @@ def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
             "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,
             "settled": found.settled,
-            "slips": {label: told for label, told in found.slips.items() if told},
+            "convention_mismatches": {label: told for label, told in found.convention_mismatches.items() if told},
         }
         name = job.name(number)
         if found.maps is not None:
@@ -128,4 +128,6 @@ def read_point_result(path: Path) -> PointResult:
     """Return the result in a file."""
     with ResultStore(path.parent, _REMEDY).reading(path.stem) as plain:
         rows = [BenchmarkRecord.from_plain(row) for row in plain["rows"]]
-        return PointResult(rows, dict(plain["failures"]), slips=dict(plain.get("slips", {})))
+        return PointResult(
+            rows, dict(plain["failures"]), convention_mismatches=dict(plain.get("convention_mismatches", {}))
+        )

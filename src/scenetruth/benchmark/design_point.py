@@ -170,14 +170,14 @@ class PointResult:
 
     ``failures``: Reasons for missing results, by label.
     ``settled``: Labels whose failures are final: installed methods that reject the recording.
-    ``slips``: Likely convention mismatches of methods that are not built in, by label.
+    ``convention_mismatches``: Likely convention mismatches of methods that are not built in, by label.
     ``maps``: Error maps; None if no quantity is in px, or if the result was read from a file.
     """
 
     rows: list[BenchmarkRecord] = field(default_factory=list)
     failures: dict[str, str] = field(default_factory=dict)
     settled: list[str] = field(default_factory=list)
-    slips: dict[str, list[str]] = field(default_factory=dict)
+    convention_mismatches: dict[str, list[str]] = field(default_factory=dict)
     maps: CaseErrorMaps | None = None
 
 
@@ -211,7 +211,9 @@ def measure(
                 estimates[one.label] = maps
                 if realisation == 0 and not one.is_own:
                     with suppress(ScoreError):
-                        measured.slips[one.label] = [slip.message for slip in detect_convention_mismatches(maps, truth)]
+                        measured.convention_mismatches[one.label] = [
+                            slip.message for slip in detect_convention_mismatches(maps, truth)
+                        ]
                 for name, number, unit in (("seconds", took, "s"), ("peak_memory", held.megabytes, "MB")):
                     measured.rows.append(
                         BenchmarkRecord(

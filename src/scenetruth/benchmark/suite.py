@@ -147,14 +147,18 @@ def compare(
         )
         rows: list[BenchmarkRecord] = []
         failures = list(done.failed.values())
-        slips: Counter[str] = Counter()
+        convention_mismatches: Counter[str] = Counter()
         for number, point in enumerate(points):
             if number in done.failed:
                 continue
             measured = read_point_result(job.path(number))
             rows += measured.rows
             failures += [f"{point.case} at {point.name}: {label}: {why}" for label, why in measured.failures.items()]
-            slips.update(f"{label}: {told}" for label, found_here in measured.slips.items() for told in found_here)
+            convention_mismatches.update(
+                f"{label}: {told}"
+                for label, found_here in measured.convention_mismatches.items()
+                for told in found_here
+            )
         for case in chosen:
             rows += list(case.conclusions([row for row in rows if row.case == case.kind]))
         rows += list(compute_efficiency_records(rows))
@@ -165,7 +169,7 @@ def compare(
             failures,
             None if output is None else place,
             [one.label for one in contestants if one.is_own],
-            [f"{told} (at {count} of {len(points)} scenes)" for told, count in slips.most_common()],
+            [f"{told} (at {count} of {len(points)} scenes)" for told, count in convention_mismatches.most_common()],
         )
         if output is not None:
             _write_tables(found, place)

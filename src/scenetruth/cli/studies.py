@@ -118,7 +118,7 @@ def _print_summary(found: BenchmarkResult) -> None:
             numbers = list(cells)[first : first + _BESIDE]
             table.add_row(escape(str(name)), *("–" if one != one else f"{one:.2g}" for one in numbers))
         Console().print(table)
-    for line in found.slips:
+    for line in found.convention_mismatches:
         typer.echo(f"possible convention error: {visible(line, lines=False)}", err=True)
     for line in found.failures:
         # Lines of a method are indented, so that they differ from messages of the command.

@@ -268,7 +268,7 @@ class ShiftFit:
         """Whether the maps are shifted."""
         return bool(self.right or self.down) and self.explained >= _LEAST_SHIFT_EXPLAINED
 
-    def slips(self, quantity: str) -> list[ConventionMismatch]:
+    def mismatches(self, quantity: str) -> list[ConventionMismatch]:
         """Return the mismatches of a quantity that the shift implies."""
         if not self.is_slip:
             return []
@@ -589,10 +589,10 @@ def _detect_in_samples(material: MismatchSamples) -> list[ConventionMismatch]:
     hypothesis = NO_MISMATCH if verdict is None else verdict.hypothesis
     shift = fit_shift(material, hypothesis)
     if verdict is None:
-        return [] if shift is None else shift.slips(quantity)
+        return [] if shift is None else shift.mismatches(quantity)
     if hypothesis.parts == 1 and hypothesis.move is not None:
         # For a surface that moves by about a pixel per frame, a wrong frame resembles a shift by one pixel.
         alone = fit_shift(material, NO_MISMATCH)
         if alone is not None and alone.is_slip and shift is not None and alone.left < shift.left:
-            return alone.slips(quantity)
-    return hypothesis.slips(quantity, verdict.explained) + ([] if shift is None else shift.slips(quantity))
+            return alone.mismatches(quantity)
+    return hypothesis.mismatches(quantity, verdict.explained) + ([] if shift is None else shift.mismatches(quantity))

@@ -427,7 +427,7 @@ class MismatchHypothesis:
             values = self.turn.apply(values, material.rays[source.y, source.x], material.facts)
         return self.factor * values
 
-    def slips(self, quantity: str, explained: float) -> list[ConventionMismatch]:
+    def mismatches(self, quantity: str, explained: float) -> list[ConventionMismatch]:
         """Return the mismatches of a quantity."""
         told = []
         if self.turn is not None:

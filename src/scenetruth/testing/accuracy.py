@@ -151,14 +151,14 @@ def failure_message(
     region: str,
     pixels: int,
     pictures: Sequence[Path] | str,
-    slips: Sequence[str],
+    mismatches: Sequence[str],
 ) -> str:
     """Return the message of a failure."""
     broken = sum(not outcome.kept for outcome in outcomes)
     head = f"{broken} of {len(outcomes)} limit{'s' * (len(outcomes) != 1)} broken by the estimate of '{method}'"
     lines = [f"{head} in the region '{region}' of {pixels} pixels:", *_table(outcomes)]
-    if slips:
-        lines += ["possible convention errors:", *(f"  - {slip}" for slip in slips)]
+    if mismatches:
+        lines += ["possible convention errors:", *(f"  - {mismatch}" for mismatch in mismatches)]
     if pictures:
         shown = [pictures] if isinstance(pictures, str) else [f"  {file}" for file in pictures]
         lines += shown if isinstance(pictures, str) else ["estimate, truth and error:", *shown]
@@ -198,7 +198,7 @@ def assert_accuracy(
     settings: Mapping[str, Any] | None = None,
     bound: xr.Dataset | None = None,
     pictures: str | Path | None = None,
-    slips: bool = True,
+    check_conventions: bool = True,
     **limits: Any,
 ) -> Score:
     r"""Assert that an estimate meets accuracy limits, and report all violations together.
@@ -234,7 +234,7 @@ def assert_accuracy(
         recording.
     pictures
         Directory for figures of violated limits. Default: that of the test under the pytest plugin, otherwise none.
-    slips
+    check_conventions
         Whether to detect convention mismatches (signs, units, axes) when a limit is violated.
     **limits
         The limits.
@@ -274,7 +274,7 @@ def assert_accuracy(
     >>> estimate = label("estimate", {"depth": 500.1 * one}, camera, t=[0])
     >>> score = assert_accuracy(estimate, truth, depth_mm={"rmse": 0.2, "median_abs_error": 0.15}, min_density=0.9)
     >>> try:
-    ...     assert_accuracy(estimate, truth, depth_mm=0.05, slips=False)
+    ...     assert_accuracy(estimate, truth, depth_mm=0.05, check_conventions=False)
     ... except AssertionError as error:
     ...     print("\n".join(str(error).splitlines()[:3]))
     1 of 1 limit broken by the estimate of 'unknown' in the region 'interior' of 768 pixels:
@@ -316,7 +316,7 @@ def assert_accuracy(
                 region=region,
                 pixels=count_pixels_in_region(estimate, truth, recording, region, chosen),
                 pictures=_pictures(estimate, truth, recording, outcomes, pictures),
-                slips=_convention_mismatches(estimate, truth) if slips else (),
+                mismatches=_convention_mismatches(estimate, truth) if check_conventions else (),
             )
         )
     return found
