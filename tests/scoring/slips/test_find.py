@@ -14,7 +14,7 @@ from scenetruth.schema import make_estimate, make_recording, read_intrinsics
 from scenetruth.scoring.convention_check import detect_convention_mismatches
 from scenetruth.scoring.convention_hypotheses import ConventionMismatch
 from tests.nightly import NIGHTLY
-from tests.scoring.convention_mismatches.scenes import (
+from tests.scoring.slips.scenes import (
     BALL,
     BOX,
     FAR,
