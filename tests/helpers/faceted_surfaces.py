@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import trimesh
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
-from scenetruth.scene.mesh import MeshModel, TriangleMesh
+from scenetruth.scene.mesh import TriangleMesh
 from tests.helpers.scenes import cube
 
 SMOOTH_DEG = 60.0
@@ -66,6 +65,5 @@ def scene_of(*items: dict[str, Any], **changes: Any) -> Scene:
 
 
 def world_of(scene: Scene, *meshes: TriangleMesh) -> BuiltScene:
-    """Build the world of a scene with other meshes than it says."""
-    with patch.object(MeshModel, "make", side_effect=meshes):
-        return build_scene(scene)
+    """Build the world of a scene with other meshes than it says, one for each object."""
+    return build_scene(scene, meshes=dict(zip([item.name for item in scene.objects], meshes, strict=True)))
