@@ -13,7 +13,7 @@ import xarray as xr
 
 from scenetruth.benchmark import BenchmarkResult
 from scenetruth.benchmark.benchmark_report import write_benchmark_report
-from scenetruth.benchmark.cases.case import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, all_cases
+from scenetruth.benchmark.cases import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, all_cases
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
 from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
 from scenetruth.estimators.external import CommandMethod, ResultsFolder

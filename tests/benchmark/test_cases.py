@@ -9,8 +9,7 @@ import pytest
 import xarray as xr
 
 from scenetruth.benchmark.benchmark_tasks import list_design_points
-from scenetruth.benchmark.cases import scenes
-from scenetruth.benchmark.cases.case import SUITES, Case, all_cases, select_cases
+from scenetruth.benchmark.cases import SUITES, Case, all_cases, scenes, select_cases
 from scenetruth.benchmark.suite import select_available_cases
 from scenetruth.errors import ArgumentError
 from scenetruth.scene import Scene

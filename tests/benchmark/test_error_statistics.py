@@ -10,8 +10,15 @@ from hypothesis import strategies as strategies
 from scipy import ndimage, special
 
 import scenetruth as st
-from scenetruth.benchmark.cases.case import ALL, COMMON_VALID, METHOD_VALID, BenchmarkRecord, CaseEstimates, all_cases
-from scenetruth.benchmark.cases.reference_scene import apply_changes
+from scenetruth.benchmark.cases import (
+    ALL,
+    COMMON_VALID,
+    METHOD_VALID,
+    BenchmarkRecord,
+    CaseEstimates,
+    all_cases,
+    apply_changes,
+)
 from scenetruth.benchmark.error_statistics import (
     COVERAGE_FACTORS,
     compute_coverage,

@@ -19,7 +19,7 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.benchmark import compare
-from scenetruth.benchmark.cases.case import BenchmarkRecord
+from scenetruth.benchmark.cases import BenchmarkRecord
 from scenetruth.benchmark.suite import write_recordings
 from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError
 from scenetruth.estimators import Needs, find_method

@@ -11,7 +11,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.benchmark import BenchmarkResult, compare
-from scenetruth.benchmark.cases.case import BOUND, all_cases
+from scenetruth.benchmark.cases import BOUND, all_cases
 from scenetruth.benchmark.design_point import ignore_scene_warnings
 from scenetruth.bound import cramer_rao_bound
 from scenetruth.estimators import list_methods

@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
+from scenetruth.dataset import preview_dataset, write_card
 from scenetruth.dataset.generation import run_dataset
-from scenetruth.dataset.pages.card import write_card
-from scenetruth.dataset.pages.preview_page import preview_dataset
 from scenetruth.dataset.recipe_loader import Recipe
 from tests.helpers.browser_pages import opened, reads_well
 from tests.helpers.small_recipes import RECIPE

@@ -10,7 +10,6 @@ import pytest
 
 import scenetruth as st
 from scenetruth.cli.bundled_files import DESIGNS, RECIPES, SCENES, BundledFiles, resolve_file
-from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.input_files import bundled_folder
 from tests.helpers.command_line import scenetruth
 from tests.helpers.scenes import LIBRARY
@@ -57,7 +56,7 @@ def test_a_name_stands_for_a_file_unless_there_is_one(shelf: BundledFiles, name:
 
 @pytest.mark.parametrize(
     ("shelf", "error", "near"),
-    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cubs"), (DESIGNS, DesignSpecError, "cube_dept")],
+    [(SCENES, st.SceneError, "Kube"), (RECIPES, st.RecipeError, "cubs"), (DESIGNS, st.DesignSpecError, "cube_dept")],
 )
 def test_unknown_names_are_told_with_those_near_them(shelf: BundledFiles, error: type[Exception], near: str) -> None:
     with pytest.raises(
@@ -87,11 +86,11 @@ def test_unknown_names_are_told_with_those_near_them(shelf: BundledFiles, error:
         (RECIPES, st.RecipeError, "sheet_motion", "is a bundled design: `scenetruth design optimise sheet_motion"),
         (
             DESIGNS,
-            DesignSpecError,
+            st.DesignSpecError,
             "windy_leaf",
             "'windy_leaf' is a bundled scene: `scenetruth run windy_leaf -o DIR`",
         ),
-        (DESIGNS, DesignSpecError, "leaves", "'leaves' is a bundled recipe: `scenetruth dataset run leaves"),
+        (DESIGNS, st.DesignSpecError, "leaves", "'leaves' is a bundled recipe: `scenetruth dataset run leaves"),
     ],
 )
 def test_what_is_shipped_as_something_else_is_told_with_its_command(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import scenetruth as st
-from scenetruth.benchmark.cases.reference_scene import build_reference_scene
+from scenetruth.benchmark.cases import build_reference_scene
 
 __all__ = ["EVERYTHING", "laboratory"]
 

@@ -10,8 +10,7 @@ from typing import Any
 import yaml
 from hypothesis import strategies as some
 
-from scenetruth.camera.sensor.effects import Effect
-from scenetruth.camera.sensor.sensor_types import PRESETS
+from scenetruth.camera.sensor import PRESETS, Effect
 from scenetruth.discovery import kinds_in
 from scenetruth.scene.deformation import OwnFrameModel
 from scenetruth.scene.lighting import LightModel

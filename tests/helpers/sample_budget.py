@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-from scenetruth.design.uncertainty.contributions import CombinedUncertainty, Contribution
-from scenetruth.design.uncertainty.source import Mitigation
-from scenetruth.design.uncertainty.uncertainty_budget import Budget
+from scenetruth.design.uncertainty import Budget, CombinedUncertainty, Contribution, Mitigation
 
 __all__ = ["budget_of_a_cube"]
 

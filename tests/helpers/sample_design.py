@@ -8,17 +8,17 @@ from typing import Any
 
 import pandas as pd
 
-from scenetruth.design.optimisation.confirmation import check_rank_consistency
-from scenetruth.design.optimisation.design_records import (
+from scenetruth.design.optimisation import (
     ConstraintValue,
+    DesignResult,
     Discrepancy,
     Objective,
     PredictionInterval,
     RigDesign,
     RuleOfThumb,
     Sensitivity,
+    check_rank_consistency,
 )
-from scenetruth.design.optimisation.design_result import DesignResult
 
 DEPTH, GROWTH = "depth of object_sheet", "growth of object_sheet"
 NUMBERS = (311, 87, 1204, 530, 642)

@@ -17,7 +17,7 @@ from scenetruth.resources import Limits, compute_workload, estimate_cost, limite
 from scenetruth.resources.quick_preview import make_quick_preview
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.leaf.leaf_model import LeafForm
+from scenetruth.scene.leaf import LeafForm
 from scenetruth.scene.scene_report import check_scene, describe_scene
 from scenetruth.truth import GeometryPass, truth_maps
 

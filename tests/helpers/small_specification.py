@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from scenetruth.design.optimisation.design_records import ConstraintValue, Objective
-from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
+from scenetruth.design.optimisation import ConstraintValue, DesignSpace, Evaluation, Objective, Parameter
 
 __all__ = ["Formula", "constraint", "objective", "scene", "spec", "square"]
 

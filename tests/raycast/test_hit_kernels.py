@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh, Topology, mixed_pixels
 from scenetruth.raycast.hit_kernels import footprint_forms, walk_footprints
-from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.solids import make_box
+from scenetruth.scene.mesh import TriangleMesh, make_box
 from tests.helpers.faceted_surfaces import ball, relief
 
 

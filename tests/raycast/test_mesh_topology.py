@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.raycast.edge_kernels import contour_edges, face_sides
-from scenetruth.scene.mesh.solids import make_box
+from scenetruth.scene.mesh import make_box
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
 from tests.raycast.test_edges import sampled_borders
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from scenetruth.raycast import Hits, RayCaster, Topology, ray_caster
 from scenetruth.raycast import ray_caster as caster_module
 from scenetruth.raycast.ray_caster import EmbreeMesh
-from scenetruth.scene.mesh.solids import make_box
+from scenetruth.scene.mesh import make_box
 
 Array = NDArray[np.float64]
 

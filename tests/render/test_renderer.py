@@ -23,10 +23,8 @@ from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer, visible_uv
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
-from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.sheets import make_plane
-from scenetruth.scene.mesh.solids import make_box
-from scenetruth.scene.texture.procedural_textures import PlaidTexture
+from scenetruth.scene.mesh import TriangleMesh, make_box, make_plane
+from scenetruth.scene.texture import PlaidTexture
 from tests.helpers.faceted_surfaces import relief, scene_of, world_of
 from tests.helpers.nightly import by_night
 from tests.helpers.scenes import cube

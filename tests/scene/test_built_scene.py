@@ -26,8 +26,7 @@ from scipy.spatial.transform import Rotation
 import scenetruth as st
 from scenetruth.resources import refuse_beyond_limits
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.mesh.mesh_file import load_mesh_file
-from scenetruth.scene.mesh.solids import make_box
+from scenetruth.scene.mesh import load_mesh_file, make_box
 from scenetruth.scene.scene_report import check_scene, describe_scene
 from scenetruth.scene.texture.image_textures import MAX_PIXELS, compute_luminance
 from tests.helpers.scenes import SCENES, cube

@@ -13,9 +13,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from scenetruth.scene.deformation import Deformation
-from scenetruth.scene.motion import compose
+from scenetruth.scene.motion import Motion, compose
 from scenetruth.scene.motion import point_maps as motion_maps
-from scenetruth.scene.motion.rigid_motions import Motion
 from scenetruth.scene.reference_configuration import SheetConfiguration
 from tests.helpers.moving_sheets import body, differences, made, positions, sheet, surface
 

@@ -12,7 +12,7 @@ import trimesh
 import scenetruth as st
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.motion.motion_presets import MOTION_PRESETS
+from scenetruth.scene.motion import MOTION_PRESETS
 from tests.helpers.moving_sheets import sheet
 from tests.helpers.scenes import cube
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.scene.mesh.solids import make_box
-from scenetruth.scene.motion import PointMap, Points
-from scenetruth.scene.motion.point_maps import rotate_points
+from scenetruth.scene.mesh import make_box
+from scenetruth.scene.motion import PointMap, Points, rotate_points
 from scenetruth.scene.reference_configuration import (
     FittedConfiguration,
     ReferenceConfiguration,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.scene.built_scene import BuiltScene, build_scene
-from scenetruth.scene.mesh.sheets import make_sheet
+from scenetruth.scene.mesh import make_sheet
 from scenetruth.scene.scene_report import check_scene
 from scenetruth.scene.taylor import Jet
 from scenetruth.scene.vertex_animation import AnimatedConfiguration

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene import load_scene
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.mesh.mesh_file import load_mesh_file
+from scenetruth.scene.mesh import load_mesh_file
 from tests.helpers.scenes import SCENES
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from scenetruth.benchmark.benchmark_report import _SUMMARY_STATISTICS
-from scenetruth.benchmark.cases.case import all_cases
+from scenetruth.benchmark.cases import all_cases
 from scenetruth.design.optimisation import design_records
 from scenetruth.design.sweeps import sweep_result
 from scenetruth.scoring.error_pairs import EstimateTruthPair

@@ -20,7 +20,7 @@ from scenetruth.cli.app import app
 from scenetruth.render import opengl
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.texture.procedural_textures import NoiseTexture
+from scenetruth.scene.texture import NoiseTexture
 from scenetruth.validation_studies.rendering_accuracy import (
     SHIFTS_PX,
     TEXTURES_PX,

@@ -14,10 +14,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from scenetruth.dataset import write_card
 from scenetruth.dataset.fingerprint import open_sampler
 from scenetruth.dataset.generation import run_dataset
 from scenetruth.dataset.layout import DatasetFolder
-from scenetruth.dataset.pages.card import write_card
 from scenetruth.dataset.pages.croissant import Publication, describe_column
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import OutputExistsError, RecipeError, StoreError

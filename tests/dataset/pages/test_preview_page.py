@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenetruth.dataset.pages.preview_page import PAGE, SIMPLIFIED, preview_dataset, render_thumbnail, simplify_scene
+from scenetruth.dataset import preview_dataset
+from scenetruth.dataset.pages.preview_page import PAGE, SIMPLIFIED, render_thumbnail, simplify_scene
 from scenetruth.dataset.recipe_validation import draw_samples, select_numbers
 from scenetruth.errors import OutputExistsError, RecipeError
 from scenetruth.scene import Scene, load_scene
-from scenetruth.scene.texture.procedural_textures import NoiseTexture
+from scenetruth.scene.texture import NoiseTexture
 from scenetruth.simulation import simulate
 from tests.dataset.test_generation import Make
 from tests.helpers.command_line import scenetruth

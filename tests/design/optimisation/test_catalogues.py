@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.camera.sensor.sensor_types import PRESETS
+from scenetruth.camera.sensor import PRESETS
 from scenetruth.design.optimisation.catalogues import load_catalogues
 from scenetruth.design.optimisation.design_records import DesignSpecError
 

@@ -11,11 +11,17 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.design.optimisation import DesignSpec
+from scenetruth.design.optimisation import (
+    DesignSpec,
+    Objective,
+    PredictionInterval,
+    RigDesign,
+    check_rank_consistency,
+    prepare_problem,
+)
 from scenetruth.design.optimisation.confirmation import (
     ConfirmationTask,
     check_pair_rank,
-    check_rank_consistency,
     compare_with_prediction,
     get_simulated_statistic,
     reduce_scene,
@@ -23,17 +29,9 @@ from scenetruth.design.optimisation.confirmation import (
     simulate_candidates,
     simulate_objectives,
 )
-from scenetruth.design.optimisation.design_records import (
-    STATISTICS,
-    Objective,
-    PredictionInterval,
-    RigDesign,
-    compute_prediction_interval,
-    compute_rig_interval,
-)
+from scenetruth.design.optimisation.design_records import STATISTICS, compute_prediction_interval, compute_rig_interval
 from scenetruth.design.optimisation.design_result import compose_summary, describe_rank_consistency
 from scenetruth.design.optimisation.interpretation import rig_from_evaluation
-from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
 from scenetruth.design.optimisation.specification import ConfirmationSpec
 from scenetruth.jobs.results import TaskResult

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
+from scenetruth.design.optimisation import DesignSpace, Evaluation, Parameter
 from scenetruth.design.optimisation.design_search import (
     allocate_evaluations,
     analyse_sensitivity,
@@ -23,7 +24,6 @@ from scenetruth.design.optimisation.pareto_front import (
     select_recommended,
     thin_front,
 )
-from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
 from scenetruth.design.optimisation.specification import SearchSpec
 from tests.helpers.small_specification import Formula, constraint, objective, square
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.optimisation import DesignSpec
+from scenetruth.design.optimisation import DesignSpec, Evaluation, prepare_problem
 from scenetruth.design.optimisation import evaluation_log as module
 from scenetruth.design.optimisation.evaluation_log import EvaluationLog
-from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
-from scenetruth.design.optimisation.rig_evaluation import Evaluation, EvaluationTask, evaluate_rig
+from scenetruth.design.optimisation.problem_setup import OptimisationProblem
+from scenetruth.design.optimisation.rig_evaluation import EvaluationTask, evaluate_rig
 from scenetruth.jobs.executors import create_executor
 from tests.helpers.nightly import nightly
 from tests.helpers.small_specification import spec

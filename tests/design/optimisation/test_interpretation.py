@@ -7,16 +7,14 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.optimisation import DesignSpec
+from scenetruth.design.optimisation import DesignSpace, DesignSpec, Evaluation, Parameter, RuleOfThumb, Sensitivity
 from scenetruth.design.optimisation.constraints import evaluate_bound
-from scenetruth.design.optimisation.design_records import RuleOfThumb, Sensitivity
 from scenetruth.design.optimisation.interpretation import (
     check_rules_of_thumb,
     describe_limiting_factors,
     list_assumptions,
 )
 from scenetruth.design.optimisation.rig_context import RigContext
-from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter
 from scenetruth.design.prediction import predict
 from scenetruth.scene import Scene
 from tests.helpers.small_specification import objective, scene, spec

@@ -14,9 +14,8 @@ import pytest
 import yaml
 
 import scenetruth as st
-from scenetruth.design.optimisation import DesignResult, DesignSpec, optimise
+from scenetruth.design.optimisation import DesignResult, DesignSpec, optimise, prepare_problem
 from scenetruth.design.optimisation.design_records import DesignSpecError
-from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.design.optimisation.report.design_report import write_design_page
 from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
 from scenetruth.errors import MachineError, OutputExistsError, StoreError

@@ -11,16 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.camera.sensor.sensor_types import EmvaSensor
-from scenetruth.design.optimisation import DesignSpec
+from scenetruth.camera.sensor import EmvaSensor
+from scenetruth.design.optimisation import DesignSpace, DesignSpec, Evaluation, Parameter, prepare_problem
 from scenetruth.design.optimisation.catalogues import load_catalogues
 from scenetruth.design.optimisation.interpretation import compute_local_sensitivities, rig_from_evaluation
-from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
+from scenetruth.design.optimisation.problem_setup import OptimisationProblem
 from scenetruth.design.optimisation.rig_evaluation import (
     BaseRig,
-    DesignSpace,
-    Evaluation,
-    Parameter,
     build_rig,
     compute_objective_contributions,
     evaluate_rig,

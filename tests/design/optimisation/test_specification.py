@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.design.optimisation import DesignSpec, load_design_spec
+from scenetruth.design.optimisation import DesignSpec, load_design_spec, prepare_problem
 from scenetruth.design.optimisation.design_records import DesignSpecError
-from scenetruth.design.optimisation.problem_setup import prepare_problem
 from scenetruth.input_files import bundled_files
 from scenetruth.scoring import QUANTITIES
 from tests.helpers.nightly import nightly

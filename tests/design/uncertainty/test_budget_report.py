@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scenetruth.design.uncertainty import Budget
 from scenetruth.design.uncertainty.budget_report import compute_bars, make_waterfalls, write_page, write_waterfall
-from scenetruth.design.uncertainty.uncertainty_budget import Budget, number
+from scenetruth.design.uncertainty.uncertainty_budget import number
 from tests.helpers.sample_budget import budget_of_a_cube
 
 HOSTILE = "</script><script>alert(1)</script>"

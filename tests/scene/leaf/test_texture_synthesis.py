@@ -17,8 +17,7 @@ from scenetruth.scene.leaf.leaf_mesh import LeafMesh
 from scenetruth.scene.leaf.margin import compute_entire_margin, compute_half_width_mm
 from scenetruth.scene.leaf.texture_synthesis import LeafTexture
 from scenetruth.scene.leaf.veins import make_main_veins, make_side_veins
-from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.sheets import make_plane
+from scenetruth.scene.mesh import TriangleMesh, make_plane
 from scenetruth.scene.scene_report import describe_scene
 from scenetruth.scene.texture import Painted
 from tests.helpers.scenes import cube

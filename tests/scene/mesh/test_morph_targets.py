@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.mesh.sheets import make_sheet
+from scenetruth.scene.mesh import make_sheet
 from tests.scene.test_vertex_animation import scene_with
 
 Array = NDArray[np.float64]

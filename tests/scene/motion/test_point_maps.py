@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.scene import motion
-from scenetruth.scene.mesh.sheets import PlaneMesh
-from scenetruth.scene.motion import compose
-from scenetruth.scene.motion.rigid_motions import ConstantRotation, ConstantVelocity, Exponential, Motion
+from scenetruth.scene.mesh import PlaneMesh
+from scenetruth.scene.motion import Motion, compose
+from scenetruth.scene.motion.rigid_motions import ConstantRotation, ConstantVelocity, Exponential
 from scenetruth.scene.scene_object import Pose, SceneObject
-from scenetruth.scene.texture.procedural_textures import UniformTexture
+from scenetruth.scene.texture import UniformTexture
 from tests.helpers.moving_sheets import differences
 from tests.helpers.scenes import cube
 

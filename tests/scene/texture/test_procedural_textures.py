@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.errors import SceneWarning
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.mesh.sheets import make_plane
+from scenetruth.scene.mesh import make_plane
 from scenetruth.scene.scene_report import check_scene
-from scenetruth.scene.texture import Painted
-from scenetruth.scene.texture.procedural_textures import CheckerboardTexture
+from scenetruth.scene.texture import CheckerboardTexture, Painted
 from tests.helpers.scenes import cube
 
 SQUARE, DARK, BRIGHT = 3.0, 0.2, 0.7

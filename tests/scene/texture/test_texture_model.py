@@ -9,12 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from scenetruth.scene.mesh import TriangleMesh
-from scenetruth.scene.mesh.sheets import make_plane
+from scenetruth.scene.mesh import TriangleMesh, make_plane
 from scenetruth.scene.scene_object import Texture
-from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture import NoiseTexture, PlaidTexture, SurfaceTexture, UniformTexture
 from scenetruth.scene.texture.image_textures import EmbeddedTexture
-from scenetruth.scene.texture.procedural_textures import NoiseTexture, PlaidTexture, UniformTexture
 from scenetruth.scene.texture.texture_kernels import linear_lookup, spline_lookup
 
 

@@ -16,8 +16,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.design.optimisation.design_records import Objective, PredictionInterval
-from scenetruth.design.optimisation.design_result import DesignResult
+from scenetruth.design.optimisation import DesignResult, Objective, PredictionInterval
 from scenetruth.design.optimisation.report.design_charts import (
     AxisSpec,
     build_axis,
