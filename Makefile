@@ -36,14 +36,14 @@ test: setup
 	$(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 accuracy: setup
-	SCENETRUTH_CORE=1 $(PYTHON_BIN)/python -m pytest -q -p no:cacheprovider tests/comparison/test_core.py
+	SCENETRUTH_CORE=1 $(PYTHON_BIN)/python -m pytest -q -p no:cacheprovider tests/benchmark/test_suite_core.py
 
 nightly: setup
 	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -rP -p no:cacheprovider \
-		tests/fuzz tests/pipeline tests/dataset tests/storage/test_integrity.py tests/test_resident_memory.py tests/test_accuracy.py \
-		tests/estimators/structure_tensor tests/estimators/refined tests/truth tests/camera tests/experiment tests/scoring \
-		tests/comparison tests/bound tests/testing tests/design tests/render tests/cli tests/docs/test_adding.py \
-		tests/testing_accuracy/test_example.py
+		tests/fuzz tests/pipeline tests/dataset tests/storage/test_reader.py tests/test_resident_memory.py tests/test_accuracy.py \
+		tests/estimators/structure_tensor tests/estimators/refined tests/truth tests/camera tests/validation_studies tests/scoring \
+		tests/benchmark tests/bound tests/testing tests/design tests/render tests/cli tests/docs/test_adding.py \
+		tests/test_own_estimator.py
 
 browser: setup
 	@bash tools/setup.sh browser

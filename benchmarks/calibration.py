@@ -10,9 +10,9 @@ import argparse
 from typing import Any
 
 import numpy as np
-from tests.estimators.structure_tensor.analytic import Plane
-from tests.estimators.structure_tensor.test_uncertainty import NOISE, calibration
-from tests.scenes import SCENES, plaid
+from tests.estimators.structure_tensor.test_noise_model import NOISE, calibration
+from tests.helpers.analytic_plane import Plane
+from tests.helpers.scenes import SCENES, plaid
 
 import scenetruth as st
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from benchmarks.jobs import arguments, ends, heading, line
 from numpy.typing import NDArray
-from tests.estimators.refined.surface import MovingPlane
+from tests.helpers.wavy_plane import MovingPlane
 
 import scenetruth as st
 from scenetruth.estimators.method_settings import RefinedSettings

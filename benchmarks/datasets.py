@@ -33,7 +33,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import yaml
-from tests.dataset.conftest import RECIPE
+from tests.helpers.small_recipes import RECIPE
 
 from scenetruth.dataset.catalogue import CatalogueWriter
 from scenetruth.dataset.fingerprint import begin_dataset

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from pytest_benchmark.fixture import BenchmarkFixture
-from tests.estimators.structure_tensor.plain import estimate_plain
+from tests.helpers.plain_structure_tensor import estimate_plain
 
 from scenetruth.estimators import estimate
 from scenetruth.estimators.method_settings import StructureTensorSettings

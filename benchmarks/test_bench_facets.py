@@ -16,7 +16,7 @@ from scenetruth.raycast import ray_caster as caster_module
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
-from scenetruth.scene.mesh import MeshModel, TriangleMesh
+from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.truth import GeometryPass, truth_maps
 
 AXIS = Viewpoint.on_axis(0.0)
@@ -53,8 +53,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Scene, BuiltScene, Topology]:
             ],
         }
     )
-    with patch.object(MeshModel, "make", return_value=sheet(request.param)):
-        world = build_scene(scene)
+    world = build_scene(scene, meshes={"sheet": sheet(request.param)})
     return scene, world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
 
 

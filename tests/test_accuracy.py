@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from tests.nightly import nightly
-from tests.scenes import SCENES
+from tests.helpers.nightly import nightly
+from tests.helpers.scenes import SCENES
 
 # What an independent implementation of the paper's estimator reached on a cube of this kind, with some room.
 BOUNDS = {

@@ -1,4 +1,4 @@
-"""Layers of imports, and sizes of modules and packages."""
+"""Layers of imports, sizes of modules and packages, and tests that follow them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
+TESTS = Path(__file__).parent
 
 LEAVES = {
     "cache",
@@ -347,3 +348,102 @@ def test_a_circle_is_seen_wherever_the_import_stands(tmp_path: Path) -> None:
     assert circle_in(import_graph(package)) == []
     (package / "room" / "low.py").write_text("if TYPE_CHECKING:\n    from package.room import thing\n")
     assert circle_in(import_graph(package)) == ["package.room.low", "package.room"]
+
+
+WHOLE_PROJECT = {
+    *("accuracy", "import_rules", "own_estimator", "public", "resident_memory", "style", "wheel", "wind_sway"),
+}
+"""Tests at the top that belong to no module."""
+APART = {"browser", "docs", "fuzz", "helpers", "plugins"}
+"""Folders of tests that belong to no package."""
+SEE_INSIDE = {
+    "benchmark/test_benchmark_tasks.py",
+    "benchmark/test_cases.py",
+    "browser/test_budget_page.py",
+    "browser/test_design_page.py",
+    "browser/test_report_page.py",
+    "browser/test_sweep_page.py",
+    "design/optimisation/test_design_records.py",
+    "helpers/plain_structure_tensor.py",
+    "pipeline/test_runner.py",
+    "resources/test_workload.py",
+    "scene/test_built_scene.py",
+    "scene/test_motion.py",
+    "scoring/test_score_result.py",
+    "scoring/test_scorer_parts.py",
+    "scoring/test_scorer_shape_and_growth.py",
+    "scoring/test_statistics.py",
+    "validation_studies/test_paper_figure2.py",
+}
+"""Files of tests that import modules of packages within packages other than their own."""
+TEST_FILES = sorted(path for path in TESTS.rglob("*.py") if path.relative_to(TESTS).parts[0] != "plugins")
+
+
+def module_under_test(file: Path, tests: Path, source: Path) -> str | None:
+    """Return the module or package whose name a file of tests bears, alone or before the aspect that is tested."""
+    folder, stem = source / file.parent.relative_to(tests), file.stem.removeprefix("test_")
+    names = {path.stem for path in folder.iterdir()} if folder.is_dir() else set()
+    return next((name for name in sorted(names, key=len, reverse=True) if f"{stem}_".startswith(f"{name}_")), None)
+
+
+def test_tests_lie_where_their_modules_do() -> None:
+    files = [file for file in TEST_FILES if file.name.startswith("test_")]
+    astray = [
+        file.relative_to(TESTS).as_posix()
+        for file in files
+        if file.relative_to(TESTS).parts[0] not in APART
+        and not (file.parent == TESTS and file.stem.removeprefix("test_") in WHOLE_PROJECT)
+        and module_under_test(file, TESTS, SOURCE) is None
+    ]
+    assert not astray, "no module of the package has these names"
+
+
+def test_what_tests_share_lies_in_one_package() -> None:
+    others = [
+        file.relative_to(TESTS).as_posix()
+        for file in TEST_FILES
+        if not file.name.startswith("test_") and file.name not in ("__init__.py", "conftest.py")
+    ]
+    assert [name for name in others if not name.startswith("helpers/")] == []
+    importing = [file for file in TEST_FILES if any(".conftest" in name for name in imported_modules(file))]
+    assert not importing, "fixtures need no import; what else tests share is in tests/helpers"
+
+
+def inner_modules(file: Path, tests: Path, source: Path) -> set[str]:
+    """Modules of packages within packages that a test imports, but for kernels and those of the package it tests."""
+    own = ".".join(("scenetruth", *file.relative_to(tests).parts[:-1]))
+    found = set()
+    for name in imported_modules(file):
+        path = source.parent.joinpath(*name.split("."))
+        is_module = path.is_dir() or path.with_suffix(".py").is_file()
+        if name.startswith("scenetruth.") and name.count(".") > 2 and is_module and "kernels" not in name:
+            found.add(name)
+    return {name for name in found if own.count(".") < 2 or not name.startswith(f"{own}.")}
+
+
+def test_tests_see_only_the_inside_of_what_they_test() -> None:
+    """Elsewhere, names are imported from what exports them: ``scenetruth.scene.mesh``, and nothing below."""
+    found = {
+        file.relative_to(TESTS).as_posix(): inner
+        for file in TEST_FILES
+        if (inner := inner_modules(file, TESTS, SOURCE))
+    }
+    assert {name: inner for name, inner in found.items() if name not in SEE_INSIDE} == {}
+    assert not SEE_INSIDE - set(found), "exceptions that are needed no more"
+
+
+def test_the_rules_of_tests_see_what_breaks_them(tmp_path: Path) -> None:
+    source, tests = tmp_path / "scenetruth", tmp_path / "tests"
+    for folder in (source / "scene" / "mesh", tests / "scene" / "mesh"):
+        folder.mkdir(parents=True)
+    (source / "scene" / "mesh" / "sheets.py").touch()
+    file = tests / "scene" / "mesh" / "test_sheets.py"
+    for name, module in (("sheets", "sheets"), ("sheets_area", "sheets"), ("sheet", None), ("solids", None)):
+        assert module_under_test(file.with_stem(f"test_{name}"), tests, source) == module
+    text = "from scenetruth.scene.mesh.sheets import make_plane\nfrom scenetruth.scene.mesh import MeshModel\n"
+    file.write_text(text)
+    assert inner_modules(file, tests, source) == set()
+    file = tests / "scene" / "test_mesh.py"
+    file.write_text(text)
+    assert module_under_test(file, tests, source) == "mesh"
+    assert inner_modules(file, tests, source) == {"scenetruth.scene.mesh.sheets"}

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tests.nightly import nightly
+from tests.helpers.nightly import nightly
 
 SIMULATIONS = """
 import gc, sys, warnings

@@ -1,4 +1,4 @@
-"""Simulation: what the recording says of itself, and that it is the same every time."""
+"""Simulation: what the recording says of itself, that it is the same every time, and what is refused."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.compilation import thread_count
 from scenetruth.provenance import scene_hash
-from tests.scenes import SCENES, cube
+from tests.helpers.scenes import SCENES, cube
 
 SMALL = {"frames": {"count": 2}, "stage": {"positions": 3, "baseline_mm": 5.0}}
 
@@ -177,3 +179,19 @@ def test_simulation_is_imported_without_what_only_some_scenes_need() -> None:
     code = f"import sys, scenetruth.simulation; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "call", [st.simulate, st.make_truth, partial(st.run_scene, output="nowhere")], ids=["simulate", "truth", "run"]
+)
+def test_wrong_arguments_are_named_together(
+    call: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(st.ArgumentError) as caught:
+        call(cube(), truth_views="al", truth_poses=None, truth_content=2, progress=3)
+    names = [problem.path for problem in caught.value.problems]
+    assert sorted(names) == ["progress", "truth_content", "truth_poses", "truth_views"]
+    with pytest.raises(st.ArgumentError, match=r"scene: must be a scene, its values, .* \(got 'int'\)"):
+        call(3)
+    assert list(tmp_path.iterdir()) == []

@@ -10,8 +10,8 @@ import pytest
 
 from scenetruth.design.uncertainty import budget_report
 from scenetruth.design.uncertainty.budget_report import write_page
-from tests.browser.pages import opened, reads_well
-from tests.design.budget.sample import budget_of_a_cube
+from tests.helpers.browser_pages import opened, reads_well
+from tests.helpers.sample_budget import budget_of_a_cube
 
 
 @pytest.fixture

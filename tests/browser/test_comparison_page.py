@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from scenetruth.benchmark import compare
-from tests.browser.pages import opened, reads_well
+from tests.helpers.browser_pages import opened, reads_well
 
 
 @pytest.fixture(scope="module")

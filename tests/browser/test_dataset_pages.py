@@ -8,12 +8,11 @@ from typing import Any
 
 import pytest
 
+from scenetruth.dataset import preview_dataset, write_card
 from scenetruth.dataset.generation import run_dataset
-from scenetruth.dataset.pages.card import write_card
-from scenetruth.dataset.pages.preview_page import preview_dataset
 from scenetruth.dataset.recipe_loader import Recipe
-from tests.browser.pages import opened, reads_well
-from tests.dataset.conftest import RECIPE
+from tests.helpers.browser_pages import opened, reads_well
+from tests.helpers.small_recipes import RECIPE
 
 
 @pytest.fixture(scope="module")

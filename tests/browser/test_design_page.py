@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from scenetruth.design.optimisation.report.design_report import write_design_page
-from tests.browser.pages import opened, reads_well
-from tests.design.page.sample import design
+from tests.helpers.browser_pages import opened, reads_well
+from tests.helpers.sample_design import design
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 
 from scenetruth.scoring import score, write_report
 from scenetruth.scoring.report.map_packing import RELATIVE_ROUNDING
-from tests.browser.pages import opened, reads_well
-from tests.scoring.synthetic import Case, make_case, with_error_bars
+from tests.helpers.browser_pages import opened, reads_well
+from tests.helpers.synthetic_case import Case, make_case, with_error_bars
 
 WIDTH, HEIGHT = 160, 120
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.browser.pages import opened, reads_well
+from tests.helpers.browser_pages import opened, reads_well
 
 SITE = Path(__file__).parents[2] / "outputs" / "site"
 pytestmark = pytest.mark.skipif(not (SITE / "index.html").is_file(), reason="needs the site: make docs")

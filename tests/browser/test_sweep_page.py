@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from scenetruth.design.sweeps.sweep_report import write_sweep_report
-from tests.browser.pages import opened, reads_well
-from tests.design.sweep.test_page import over_two
+from tests.design.sweeps.test_sweep_report import over_two
+from tests.helpers.browser_pages import opened, reads_well
 
 
 @pytest.fixture

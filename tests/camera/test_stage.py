@@ -13,7 +13,7 @@ from hypothesis import strategies as some
 import scenetruth as st
 from scenetruth.camera import Frames, Stage, StageErrors
 from scenetruth.camera.stage import STAGE_PRESETS
-from tests.scenes import SCENES, cube
+from tests.helpers.scenes import SCENES, cube
 
 LISTED = {"positions_mm": [-10, -4, 0, 5, 12]}
 

@@ -1,4 +1,4 @@
-"""The commands as a user runs them; in processes of their own where that matters."""
+"""The commands as a user runs them, in processes of their own where that matters; and the version."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
+from unittest.mock import Mock, patch
 
 import numpy as np
 import pytest
@@ -18,9 +20,9 @@ import yaml
 
 import scenetruth as st
 from scenetruth.cli.app import app
-from tests.cli.calling import in_own_process, names, scenetruth
-from tests.no_gl import python_path_without_gl
-from tests.scenes import SCENES, cube
+from tests.helpers.command_line import in_own_process, names, scenetruth
+from tests.helpers.no_gl import python_path_without_gl
+from tests.helpers.scenes import SCENES, cube
 
 STORES = {"recording.zarr", "truth.zarr"}
 RESULTS = {"scene.yaml", *STORES, "estimate.zarr", "score.json", "score.csv", "report.html", "figures"}
@@ -44,7 +46,7 @@ def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def finished(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "one"
-    # That all pictures are drawn if none are chosen says `tests.cli.test_methods`.
+    # That all pictures are drawn if none are chosen says `tests.cli.test_commands`.
     done = in_own_process("run", scene_file, "-o", folder, "--save-images", "png", "--truth-views", "all", *PICTURES)
     assert done.returncode == 0, done.stderr
     assert "Depth" in done.stdout
@@ -339,7 +341,7 @@ def test_no_gl_at_all_renders_by_ray_casting_and_says_why(scene_file: Path, tmp_
     # Both in one process, which would take longer to start a second time than to render.
     code = (
         "import json, sys\n"
-        "from tests.cli.calling import scenetruth\n"
+        "from tests.helpers.command_line import scenetruth\n"
         "for words in json.loads(sys.argv[1]):\n"
         "    done = scenetruth(*words)\n"
         "    print(json.dumps([done.returncode, done.stderr]))"
@@ -370,3 +372,45 @@ def test_every_command_has_help() -> None:
     for command in app.registered_commands:
         assert command.callback is not None
         assert command.callback.__doc__
+
+
+@pytest.mark.parametrize(
+    ("told", "note"),
+    [
+        ('{"url": "file:///a", "dir_info": {"editable": true}}', " (of the last pip install -e;"),
+        ('{"url": "file:///a", "dir_info": {}}', "\n"),
+        ('{"url": "https://example.org/a.whl", "archive_info": {}}', "\n"),
+        (None, "\n"),
+    ],
+)
+def test_an_editable_installation_says_that_its_code_may_be_newer(told: str | None, note: str) -> None:
+    installation = Mock(read_text=Mock(return_value=told))
+    with (
+        patch.object(metadata, "distribution", return_value=installation),
+        patch.object(metadata, "version", return_value="0.2.0.dev7+g1a2b3c4"),
+    ):
+        done = scenetruth("--version")
+    assert done.returncode == 0
+    assert done.stdout.startswith(f"scenetruth 0.2.0.dev7+g1a2b3c4{note}")
+
+
+def test_source_files_that_nobody_installed_have_no_version() -> None:
+    missing = metadata.PackageNotFoundError("scenetruth")
+    with (
+        patch.object(metadata, "version", side_effect=missing),
+        patch.object(metadata, "distribution", side_effect=missing),
+    ):
+        assert st.__version__ == "0+unknown"
+        assert scenetruth("--version").stdout == "scenetruth 0+unknown\n"
+
+
+def test_the_version_is_asked_for_when_it_is_read() -> None:
+    assert "__version__" in dir(st)
+    code = (
+        "from importlib import metadata\n"
+        "def refuse(name):\n"
+        "    raise AssertionError(name)\n"
+        "metadata.version = refuse\n"
+        "import scenetruth, scenetruth.cli.app"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,10 +1,11 @@
-"""Interrupts that compiled code swallows still end the command, and nobody waits long for a word."""
+"""Interrupts end the command whatever swallows them, and tables fit the terminal without losing digits."""
 
 from __future__ import annotations
 
 import io
 import itertools
 import math
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,7 +15,8 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
-from scenetruth.cli.console import ProgressReporter, reporting
+from scenetruth.cli.console import ProgressReporter, print_main_figures, reporting
+from scenetruth.scoring import Score
 
 SWALLOWED = """
 import ctypes, os, signal, time
@@ -96,3 +98,21 @@ def test_where_nothing_was_worked_on_nothing_is_left(terminal: bool, monkeypatch
     with reporting() as reporter:
         reporter("render", 1, 2)
     assert "1/2" in file.getvalue()
+
+
+VALUES = {"rmse": 0.0123, "median_abs_error": 0.00456, "relative_rmse": 0.0789, "density": 0.918}
+
+
+@pytest.mark.parametrize(("columns", "shares"), [(60, False), (72, True), (100, True)])
+def test_main_figures_have_all_digits_however_narrow_the_terminal(
+    columns: int, shares: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    several = dict.fromkeys(("depth", "velocity_x", "velocity_y", "velocity_z", "growth_rate_windowed"), VALUES)
+    regions = {"all": several, "interior": several}
+    print_main_figures(Score(regions), "refined")
+    told = capsys.readouterr().out
+    assert max(map(len, told.splitlines())) <= columns
+    assert "…" not in told
+    assert re.search(r"Velocity in Z\s+│\s+0\.0123 │\s+0\.00456 │ mm/frame", told)
+    assert ("7.89 %" in told) is ("91.8 %" in told) is shares

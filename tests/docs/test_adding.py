@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.nightly import NIGHTLY, nightly
+from tests.helpers.nightly import NIGHTLY, nightly
 from tests.test_import_rules import MAX_LINES, MAY_IMPORT, imported_packages
 
 ROOT = Path(__file__).parents[2]
@@ -31,10 +31,10 @@ _COMMAND = re.compile(r"^    ((?:python|scenetruth) .*)$", re.MULTILINE)
 # By night only: what makes images, and the tests that look through all of the package or of a room.
 _LONG = re.compile(r"scenetruth (run|render)")
 _TESTS = {
-    "motion": "tests/scene/test_motion_kinds.py",
-    "estimator": "tests/estimators/test_plugins.py",
+    "motion": "tests/scene/test_motion.py",
+    "estimator": "tests/estimators/test_registry.py",
     "effect": "tests/camera/sensor/test_chain.py",
-    "exporter": "tests/export/test_writing.py",
+    "exporter": "tests/exporters/test_export_writer.py",
 }
 _RULES = "tests/test_import_rules.py tests/test_style.py"
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from scenetruth.design import predict
-from scenetruth.design.optimisation import load_design_spec
-from scenetruth.design.optimisation.problem_setup import prepare_problem
+from scenetruth.design.optimisation import load_design_spec, prepare_problem
 from scenetruth.scene import load_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"

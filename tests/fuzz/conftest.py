@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.fuzz.guarded import Guarded
-from tests.fuzz.store_trial import STORE_OUTCOMES
+from tests.helpers.guarded_trials import Guarded
+from tests.helpers.store_trial import STORE_OUTCOMES
 
 _told: list[str] = []
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, Phase, given, settings
 
-from tests.fuzz.guarded import Guarded
-from tests.fuzz.scene_files import base_trees, scene_files
-from tests.fuzz.trial import is_large, try_scene
-from tests.nightly import by_day, nightly
-from tests.scenes import LIBRARY
+from tests.helpers.fuzzed_scenes import base_trees, scene_files
+from tests.helpers.guarded_trials import Guarded
+from tests.helpers.nightly import by_day, nightly
+from tests.helpers.scene_trial import is_large, try_scene
+from tests.helpers.scenes import LIBRARY
 
 
 def test_all_scenes_of_the_library_are_among_those_that_are_changed() -> None:

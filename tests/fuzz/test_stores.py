@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
 import scenetruth as st
-from tests.fuzz.guarded import Guarded
-from tests.fuzz.store_trial import STORE_OUTCOMES, try_store
-from tests.fuzz.stores import KINDS, Damage, broken_stores, damaged, whole_stores
-from tests.nightly import by_day, nightly
+from tests.helpers.fuzzed_stores import KINDS, Damage, broken_stores, damaged, whole_stores
+from tests.helpers.guarded_trials import Guarded
+from tests.helpers.nightly import by_day, nightly
+from tests.helpers.store_trial import STORE_OUTCOMES, try_store
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,8 @@
-"""The drive makes every sample once, whatever becomes of processes; with work that takes no time."""
+"""Every sample is made once, whatever becomes of processes, and only where there is room for it."""
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -14,10 +15,12 @@ from typing import Any
 
 import pytest
 
+from scenetruth.errors import StoreError
 from scenetruth.jobs.executors import ProcessExecutor
 from scenetruth.jobs.results import TaskResult
-from scenetruth.jobs.scheduler import TaskScheduler
-from tests.nightly import nightly
+from scenetruth.jobs.scheduler import ResourceGuard, TaskScheduler, write_with_retry
+from scenetruth.output import is_full_disk
+from tests.helpers.nightly import nightly
 
 
 def work(folder: str, number: int) -> TaskResult:
@@ -134,7 +137,7 @@ def test_a_full_disk_is_no_fault_of_a_sample(tmp_path: Path, monkeypatch: pytest
 def test_a_script_that_cannot_start_processes_is_told_so(tmp_path: Path) -> None:
     """Without the usual guard, every process would run the script again."""
     script = tmp_path / "script.py"
-    recipe = "from tests.dataset.conftest import RECIPE\nimport scenetruth as st\n"
+    recipe = "from tests.helpers.small_recipes import RECIPE\nimport scenetruth as st\n"
     run = f"st.run_dataset(st.Recipe.from_dict(RECIPE).recipe, output={str(tmp_path / 'new')!r}, workers=2)\n"
     script.write_text(recipe + run, encoding="utf-8")
     ended = subprocess.run(
@@ -146,3 +149,48 @@ def test_a_script_that_cannot_start_processes_is_told_so(tmp_path: Path) -> None
     )
     assert ended.returncode != 0
     assert "call it below `if __name__ == '__main__':`" in ended.stderr
+
+
+def full() -> StoreError:
+    error = StoreError("a.parquet", "the disk is full")
+    error.__cause__ = OSError(errno.ENOSPC, "No space left on device")
+    return error
+
+
+def test_a_full_disk_is_known_behind_other_errors() -> None:
+    assert is_full_disk(OSError(errno.EDQUOT, "quota"))
+    assert is_full_disk(full())
+    assert not is_full_disk(OSError(errno.EACCES, "denied"))
+    assert not is_full_disk(StoreError("a", "the disk is full"))
+
+
+def test_what_finds_the_disk_full_is_written_when_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scenetruth.jobs.scheduler.FULL_S", 0.0)
+    errors = [full(), full()]
+
+    def write() -> None:
+        if errors:
+            raise errors.pop()
+
+    said: list[str] = []
+    write_with_retry(write, "the catalogue", said.append)
+    assert [line.split(",")[0] for line in said] == ["paused: the disk is full", "goes on"]
+
+    def refused() -> None:
+        raise OSError(errno.EACCES, "denied")
+
+    with pytest.raises(OSError, match="denied"):
+        write_with_retry(refused, "the catalogue", said.append)
+
+
+@pytest.mark.parametrize(
+    ("disk", "memory", "told"),
+    [(1e9, 1e9, ""), (3.1e8, 1e9, "the disk is nearly full"), (1e9, 1e7, "memory is short"), (None, None, "")],
+)
+def test_no_sample_is_begun_without_room(
+    disk: float | None, memory: float | None, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("scenetruth.jobs.scheduler.free_disk_bytes", lambda folder: disk)
+    monkeypatch.setattr("scenetruth.jobs.scheduler.free_memory_bytes", lambda: memory)
+    assert ResourceGuard(tmp_path, 2e8, 2e7)().startswith(told)
+    assert bool(ResourceGuard(tmp_path, 2e8, 2e7)()) == bool(told)

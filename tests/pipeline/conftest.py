@@ -7,15 +7,13 @@ from pathlib import Path
 import pytest
 
 from scenetruth.pipeline import run_scene
-from tests.scenes import cube
-
-SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "estimate": {"working_point_px": 6}}
+from tests.helpers.scenes import SMALL_CUBE, cube
 
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "one"
-    results = run_scene(cube(**SMALL), output=folder, methods=("structure_tensor", "opencv_flow"))
+    results = run_scene(cube(**SMALL_CUBE), output=folder, methods=("structure_tensor", "opencv_flow"))
     assert not results.failures
     assert set(results.scores) == {"structure_tensor", "opencv_flow"}
     return folder

@@ -13,7 +13,7 @@ from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, truth_maps
-from tests.scenes import cube
+from tests.helpers.scenes import cube
 
 FINE = 16
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from scenetruth.raycast import ShadowCaster, Topology
-from tests.surfaces import relief
+from tests.helpers.faceted_surfaces import relief
 
 
 def plainly_blocked(

@@ -17,7 +17,7 @@ from scenetruth.render.pyrender_backend import PyrenderRenderer, _tile_size
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
-from tests.scenes import cube
+from tests.helpers.scenes import cube
 
 
 def facing_plane(texture: dict[str, Any], **changes: Any) -> Scene:

@@ -17,7 +17,7 @@ from scenetruth.render import shading as shading_module
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
-from tests.scenes import SCENES, cube
+from tests.helpers.scenes import SCENES, cube
 
 Image = NDArray[np.float32]
 Points = NDArray[np.float64]

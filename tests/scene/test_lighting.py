@@ -16,7 +16,7 @@ import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.scene_report import check_scene, find_lighting_problems
-from tests.scenes import SCENES, cube
+from tests.helpers.scenes import SCENES, cube
 
 CENTRE = (0.0, 0.0, 692.56)
 POINT = {"kind": "point", "position_mm": [0, -80, 400], "irradiance": 1, "reference_distance_mm": 300}

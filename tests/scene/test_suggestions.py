@@ -8,7 +8,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.scene.suggestions import collect_keys, suggest_key
-from tests.scenes import SCENES
+from tests.helpers.scenes import SCENES
 
 
 def message_of(override: str) -> str:

@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import matplotlib
 import pytest
 
-from scenetruth.scoring import FigureInfo, plot_all, score
-from tests.scoring.synthetic import Case, make_case, with_error_bars
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """The figures of the case, and what happened while they were drawn."""
-
-    folder: Path
-    figures: list[FigureInfo]
-    calls: list[tuple[str, int, int]]
-    settings_kept: bool
+from scenetruth.scoring import plot_all, score
+from tests.helpers.synthetic_case import Case, Drawn, make_case, with_error_bars
 
 
 @pytest.fixture(scope="session")

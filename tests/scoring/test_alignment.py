@@ -11,7 +11,7 @@ import xarray as xr
 from scenetruth.errors import ScoreError
 from scenetruth.scoring.alignment import align, check_recording
 from scenetruth.scoring.regions import edge_distance
-from tests.scoring.synthetic import Case, make_case
+from tests.helpers.synthetic_case import Case, make_case
 
 
 def with_attrs(dataset: xr.Dataset, **attrs: object) -> xr.Dataset:

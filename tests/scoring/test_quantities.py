@@ -9,7 +9,7 @@ import xarray as xr
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring.error_pairs import find_valid_pixels, read_quantity, read_std
 from scenetruth.scoring.quantities import QUANTITIES
-from tests.scoring.synthetic import Case
+from tests.helpers.synthetic_case import Case
 
 
 def test_components_are_read_by_name(full_case: Case) -> None:

@@ -23,7 +23,7 @@ from scenetruth.scoring.regions import (
 )
 from scenetruth.scoring.scorer import local_contrast, reference_images
 from scenetruth.settings import ScoreSettings
-from tests.scoring.synthetic import Case, make_growing_case, with_regions
+from tests.helpers.synthetic_case import Case, make_growing_case, with_regions
 
 shapes = some.tuples(some.integers(1, 2), some.integers(1, 9), some.integers(1, 9))
 

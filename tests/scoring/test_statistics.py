@@ -1,4 +1,4 @@
-"""Statistics against a reading in plain Python, and the laws that they obey."""
+"""Statistics against a reading in plain Python; rates of outliers, and quantiles of values that come in parts."""
 
 from __future__ import annotations
 
@@ -7,21 +7,26 @@ import statistics
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from scenetruth.benchmark.benchmark_report import _SUMMARY_STATISTICS
-from scenetruth.benchmark.cases.case import all_cases
+from scenetruth.benchmark.cases import all_cases
 from scenetruth.design.optimisation import design_records
 from scenetruth.design.sweeps import sweep_result
+from scenetruth.scoring.error_pairs import EstimateTruthPair
 from scenetruth.scoring.statistics import (
+    RATES,
     STATISTIC_TITLES,
     STATISTICS,
     Statistics,
+    StreamingQuantiles,
     endpoint_statistics,
     error_statistics,
+    meaningful_rates,
+    outlier_rates,
     standardised,
 )
 
@@ -210,3 +215,173 @@ def test_all_packages_use_the_same_names() -> None:
     }
     assert {*_SUMMARY_STATISTICS, *(case.headline[1] for case in all_cases().values())} <= {*STATISTIC_TITLES}
     assert len({*STATISTIC_TITLES.values()}) == len(STATISTIC_TITLES)
+
+
+def pairs_of(
+    disparity: tuple[Map, Map], flow: tuple[Map, Map], full: Mask | None = None
+) -> dict[str, EstimateTruthPair]:
+    """Return the pairs of estimates and truths of a disparity (n,) and a flow (2, n)."""
+    return {
+        "disparity": EstimateTruthPair(*disparity, full),
+        "flow_x": EstimateTruthPair(flow[0][0], flow[1][0], full),
+        "flow_y": EstimateTruthPair(flow[0][1], flow[1][1], full),
+    }
+
+
+def rates(
+    disparity: tuple[float, float], flow: tuple[tuple[float, float], tuple[float, float]]
+) -> tuple[float | int | None, ...]:
+    """Return the rates of one pixel."""
+    result = outlier_rates(
+        pairs_of(
+            (np.array([disparity[0]]), np.array([disparity[1]])),
+            (np.array(flow[0])[:, None], np.array(flow[1])[:, None]),
+        )
+    )
+    assert tuple(result) == RATES
+    return tuple(result.values())
+
+
+STILL = ((0.0, 0.0), (0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("estimate", "truth", "outlier"),
+    [
+        (43.0, 40.0, 0),  # exactly 3 px
+        (43.25, 40.0, 1),  # above 3 px and above 5 %
+        (36.75, 40.0, 1),  # the sign does not matter
+        (-43.25, -40.0, 1),  # nor that of the truth
+        (104.0, 100.0, 0),  # above 3 px, below 5 %
+        (84.0, 80.0, 0),  # exactly 5 %
+        (42.5, 40.0, 0),  # above 5 %, below 3 px
+    ],
+)
+def test_disparity_is_an_outlier_above_both_thresholds(estimate: float, truth: float, outlier: int) -> None:
+    assert rates((estimate, truth), STILL) == (outlier, 0, outlier, 1)
+
+
+@pytest.mark.parametrize(
+    ("estimate", "truth", "outlier"),
+    [
+        ((33.0, 40.0), (30.0, 40.0), 0),  # endpoint exactly 3 px
+        ((33.0, 36.0), (30.0, 40.0), 1),  # endpoint 5 px, length 50 px
+        ((63.0, 84.0), (60.0, 80.0), 0),  # endpoint 5 px, exactly 5 %
+        ((62.0, 82.0), (60.0, 80.0), 0),  # below both
+        ((93.0, 124.0), (90.0, 120.0), 0),  # endpoint 5 px, below 5 %
+        ((0.0, 2.0), (0.0, 1.0), 0),  # above 5 %, below 3 px
+    ],
+)
+def test_flow_is_an_outlier_above_both_thresholds(
+    estimate: tuple[float, float], truth: tuple[float, float], outlier: int
+) -> None:
+    assert rates((40.0, 40.0), (estimate, truth)) == (0, outlier, outlier, 1)
+
+
+def test_scene_flow_is_an_outlier_if_either_is() -> None:
+    disparity = np.array([10.0, 20.0, 10.0, 20.0, np.nan])
+    flow = np.array([[0.0, 0.0, 9.0, 9.0, 9.0], np.zeros(5)])
+    truth = np.full(5, 10.0), np.zeros((2, 5))
+    result = outlier_rates(pairs_of((disparity, truth[0]), (flow, truth[1])))
+    assert result == {"disparity_rate": 0.5, "flow_rate": 0.5, "scene_flow_rate": 0.75, "count": 4}
+    full = np.array([True, False, False, False, True])
+    assert outlier_rates(pairs_of((disparity, truth[0]), (flow, truth[1]), full))["count"] == 1
+
+
+def test_outliers_of_nothing_are_undefined() -> None:
+    nothing = np.zeros(1, dtype=bool)
+    result = outlier_rates(pairs_of((np.ones(1), np.ones(1)), (np.ones((2, 1)), np.ones((2, 1))), nothing))
+    assert result == {"disparity_rate": None, "flow_rate": None, "scene_flow_rate": None, "count": 0}
+
+
+def test_rates_need_their_own_quantities_only() -> None:
+    pairs = pairs_of((np.array([10.0, 20.0]), np.full(2, 10.0)), (np.full((2, 2), np.nan), np.zeros((2, 2))))
+    assert outlier_rates(pairs, ["disparity_rate"]) == {"disparity_rate": 0.5, "count": 2}
+    assert outlier_rates({"disparity": pairs["disparity"]}, ["disparity_rate"])["count"] == 2
+    assert outlier_rates(pairs, ["disparity_rate", "flow_rate"])["count"] == 0
+
+
+ALIKE = 38.0 + np.linspace(-0.5, 0.5, 40)
+APART = np.linspace(5.0, 90.0, 40)
+"""True disparities as of the seed paper, and as of a street."""
+NO_FLOW = (np.zeros((2, 40)), np.zeros((2, 40)))
+ALL_PIXELS = np.ones(40, dtype=bool)
+
+
+def test_rates_say_nothing_where_even_a_guess_has_no_outlier() -> None:
+    assert meaningful_rates(pairs_of((ALIKE + 0.01, ALIKE), NO_FLOW), ALL_PIXELS) == ()
+
+
+def test_rates_say_something_where_a_guess_has_outliers() -> None:
+    both = meaningful_rates(pairs_of((APART + 0.01, APART), NO_FLOW), ALL_PIXELS)
+    assert both == ("disparity_rate", "scene_flow_rate")
+    flow = np.stack([np.linspace(-8.0, 8.0, 40), np.zeros(40)])
+    assert meaningful_rates(pairs_of((ALIKE, ALIKE), (flow, flow)), ALL_PIXELS) == ("flow_rate", "scene_flow_rate")
+
+
+def test_rates_say_something_where_the_estimate_has_outliers() -> None:
+    wrong = np.where(np.arange(40) == 7, ALIKE + 9, ALIKE)
+    pairs = pairs_of((wrong, ALIKE), NO_FLOW)
+    assert meaningful_rates(pairs, ALL_PIXELS) == ("disparity_rate", "scene_flow_rate")
+    assert meaningful_rates({"disparity": pairs["disparity"]}, ALL_PIXELS) == ("disparity_rate",)
+    # Neither does a wrong pixel count that is not looked at, nor one that the estimate does not claim to know.
+    assert meaningful_rates(pairs, np.arange(40) != 7) == ()
+    assert meaningful_rates(pairs_of((wrong, ALIKE), NO_FLOW, np.arange(40) != 7), ALL_PIXELS) == ()
+
+
+def test_estimates_without_disparity_and_flow_have_no_rates() -> None:
+    assert meaningful_rates({"depth": EstimateTruthPair(ALIKE, APART)}, ALL_PIXELS) == ()
+    assert meaningful_rates(pairs_of((APART * np.nan, APART), NO_FLOW), ALL_PIXELS) == ()
+
+
+PERCENT = (0, 1, 5, 50, 95, 99, 100)
+# Outside of 2^-48 to 2^48 there are no bins.
+parts_of_values = some.one_of(
+    some.floats(-1e9, 1e9).filter(lambda value: value == 0 or abs(value) > 1e-12), some.just(0.0), some.just(3.0)
+)
+
+
+@given(arrays.arrays(np.float64, some.integers(1, 60), elements=parts_of_values), some.integers(1, 5))
+@example(np.array([-1.0, -1.0, 2.0]), 2)
+@example(np.array([0.0, 0.0]), 1)
+def test_parts_are_right_to_a_bin(whole: NDArray[np.float64], count: int) -> None:
+    found = StreamingQuantiles(single=False)
+    for part in np.array_split(whole, count):
+        found.add(part)
+    # Between two values, a histogram knows nothing: the quantile lies between the neighbouring ones, or in their bins.
+    low, high = (np.percentile(whole, PERCENT, method=method) for method in ("lower", "higher"))
+    widest = np.maximum(np.abs(low), np.abs(high)) * 2.0**-9 + 2.0**-48
+    at = np.array(found.at(PERCENT))
+    assert (at >= low - widest).all()
+    assert (at <= high + widest).all()
+
+
+def test_many_values_are_right_to_the_stated_bound() -> None:
+    rng = np.random.default_rng(3)
+    whole = rng.normal(0.2, 1.0, 200_000)
+    found = StreamingQuantiles(single=False)
+    for part in np.array_split(whole, 7):
+        found.add(part)
+    np.testing.assert_allclose(found.at(PERCENT), np.percentile(whole, PERCENT), rtol=2e-3)
+
+
+def test_one_part_is_exact() -> None:
+    whole = np.random.default_rng(4).normal(size=1001)
+    found = StreamingQuantiles(single=True)
+    found.add(whole)
+    assert found.at(PERCENT) == np.percentile(whole, PERCENT).tolist()
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_of_nothing_there_are_none(single: bool) -> None:
+    found = StreamingQuantiles(single=single)
+    found.add(np.empty(0))
+    assert np.isnan(found.at([50])).all()
+
+
+def test_what_has_no_end_is_told_so() -> None:
+    found = StreamingQuantiles(single=False)
+    found.add(np.array([1.0, np.inf, np.inf]))
+    low, middle, high = found.at([0, 50, 100])
+    assert low == pytest.approx(1.0, rel=2e-3)
+    assert (middle, high) == (np.inf, np.inf)

@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from tests.scenes import cube
+from tests.helpers.scenes import cube
 
 
 @pytest.fixture(scope="session")

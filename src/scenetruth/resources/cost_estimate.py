@@ -181,7 +181,7 @@ def _rendered_by(demand: Workload, backend: _Backend) -> tuple[float, float]:
 
 
 # The stages below read a few frames at a time. Measured on the cube: 5 x 9 images of 640 x 480 and of 2464 x 2056 px,
-# and 200 frames of one camera (tests/resources/test_forecast.py), with the structure tensor; other methods specify
+# and 200 frames of one camera (tests/resources/test_cost_estimate.py), with the structure tensor; other methods specify
 # their cost (`MethodWorkload`). OpenCV methods take 0.3 to 0.4 of this memory for small images, and 0.4 to 1.2 of it
 # for large images.
 _ESTIMATE_START_S, _ESTIMATE_START_BYTES = 2.8, 2.8e8

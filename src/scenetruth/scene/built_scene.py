@@ -6,7 +6,7 @@ Deformations and motions that cannot be are refused: inverted triangles, coordin
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -315,14 +315,16 @@ class BuiltScene:
         return np.concatenate([body.surface_at(t) for body in self.bodies])
 
 
-def build_scene(scene: Scene, folder: Path = Path(), *, painted: bool = True) -> BuiltScene:
-    """Make meshes, textures and motions of a scene."""
+def build_scene(
+    scene: Scene, folder: Path = Path(), *, painted: bool = True, meshes: Mapping[str, TriangleMesh] | None = None
+) -> BuiltScene:
+    """Make meshes, textures and motions of a scene; ``meshes``, by names of objects, replace those it describes."""
     bodies: list[SceneBody] = []
     problems: list[Problem] = []
     for path, item in scene.parts:
         # What overflows is found, and told of, by the checks.
         with np.errstate(all="ignore"):
-            _build(scene, path, item, folder, painted, bodies, problems)
+            _build(scene, path, item, folder, painted, meshes or {}, bodies, problems)
     if problems:
         raise SceneError(add_missing_files(problems, scene, folder))
     return BuiltScene(tuple(bodies))
@@ -347,13 +349,14 @@ def _build(
     item: SceneObject,
     folder: Path,
     painted: bool,
+    meshes: Mapping[str, TriangleMesh],
     bodies: list[SceneBody],
     problems: list[Problem],
 ) -> None:
     """Add the body of one object, or the problems that it has."""
     part = "mesh"
     try:
-        mesh = item.mesh.make(folder)
+        mesh = meshes.get(item.name) or item.mesh.make(folder)
         part = "texture"
         generator = generator_for(scene.seed, "texture", item.name)
         model = item.texture if painted else UniformTexture(kind="uniform")

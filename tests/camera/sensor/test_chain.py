@@ -18,7 +18,7 @@ from scenetruth.camera.sensor import Effect, OpenSensor
 from scenetruth.discovery import kinds_in
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
-from tests.scenes import cube
+from tests.helpers.scenes import cube
 
 DOCS = Path(__file__).parents[3] / "docs" / "sensors.md"
 SHAPE = (40, 50)

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from tests.dataset.conftest import SCENE
+from tests.helpers.small_recipes import SCENE
 
 
 @pytest.fixture(scope="session")

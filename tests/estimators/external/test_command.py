@@ -20,8 +20,8 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.estimators import Needs, prepare
 from scenetruth.estimators.external import CommandMethod, read_results, write_recording
-from tests.estimators.external import program
-from tests.estimators.external.scripts import command, is_gone, wait_for
+from tests.helpers import external_program
+from tests.helpers.external_scripts import command, is_gone, wait_for
 
 Make = Callable[..., xr.Dataset]
 
@@ -54,14 +54,18 @@ def scratch(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monkey
 
 
 def test_a_program_gives_what_the_same_code_gives_as_a_function(simulated: xr.Dataset, scratch: Path) -> None:
-    words = [sys.executable, str(Path(program.__file__)), "{recording}", "{output}"]
+    words = [sys.executable, str(Path(external_program.__file__)), "{recording}", "{output}"]
     method = CommandMethod(shlex.join(words), "matcher", gives=["disparity"])
     told = []
     found = st.estimate(simulated, method, progress=lambda *line: told.append(line))
 
     def matcher(recording: xr.Dataset) -> dict[str, Any]:
         images = recording["image"].values.astype(np.float64)
-        return {"disparity": [program.matched(left, right) for left, right in zip(images[1], images[2], strict=True)]}
+        return {
+            "disparity": [
+                external_program.matched(left, right) for left, right in zip(images[1], images[2], strict=True)
+            ]
+        }
 
     expected = st.estimate(simulated, matcher)
     assert np.isfinite(expected["disparity"].values).mean() > 0.5

@@ -13,7 +13,7 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.estimators import prepare
 from scenetruth.estimators.external import ResultsFolder, recording_key, write_recording
-from tests.estimators.external import program
+from tests.helpers import external_program
 
 Make = Callable[..., xr.Dataset]
 
@@ -22,7 +22,7 @@ def test_results_made_offline_are_found(simulated: xr.Dataset, tmp_path: Path) -
     write_recording(simulated, tmp_path / "in")
     place = tmp_path / "results" / recording_key(simulated)
     place.mkdir(parents=True)
-    program.main(tmp_path / "in", place)
+    external_program.main(tmp_path / "in", place)
     st.save_store(simulated, tmp_path / "recording.zarr")
     opened = st.open_store(tmp_path / "recording.zarr", "recording")
     method = ResultsFolder(tmp_path / "results", "offline")

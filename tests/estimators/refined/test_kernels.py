@@ -17,7 +17,7 @@ from scenetruth.estimators.refined.kernels import pixel_equations, warp, window_
 from scenetruth.estimators.refined.kernels import pixel_equations as equations
 from scenetruth.estimators.refined.noise_estimation import EVEN, spline_slope_transfer, spline_transfer
 from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, window_weights
-from tests.estimators.refined.surface import MovingPlane, turning
+from tests.helpers.wavy_plane import MovingPlane, turning
 
 Array = NDArray[np.float64]
 Warped = tuple[NDArray[np.float32], NDArray[np.float32]]

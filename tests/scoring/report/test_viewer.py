@@ -18,7 +18,7 @@ from scenetruth.scoring.report import map_packing
 from scenetruth.scoring.report import viewer as content
 from scenetruth.scoring.report.map_packing import RELATIVE_ROUNDING, PackedMap, pack_viewer_images, unpack_map
 from scenetruth.scoring.report.viewer import Viewer, build_viewer
-from tests.scoring.synthetic import Case, make_case, make_growing_case, with_error_bars
+from tests.helpers.synthetic_case import Case, make_case, make_growing_case, with_error_bars
 
 Map = NDArray[np.float64]
 

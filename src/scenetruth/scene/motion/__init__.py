@@ -1,5 +1,6 @@
 """Motions in the world: each type is a model and the map of points that it defines."""
 
+from scenetruth.scene.motion.motion_presets import MOTION_PRESETS
 from scenetruth.scene.motion.point_maps import (
     MotionModel,
     MovedPoints,
@@ -8,10 +9,14 @@ from scenetruth.scene.motion.point_maps import (
     apply,
     compose,
     pose_map,
+    rotate_points,
     to_moved_points,
 )
+from scenetruth.scene.motion.rigid_motions import Motion
 
 __all__ = [
+    "MOTION_PRESETS",
+    "Motion",
     "MotionModel",
     "MovedPoints",
     "PointMap",
@@ -19,5 +24,6 @@ __all__ = [
     "apply",
     "compose",
     "pose_map",
+    "rotate_points",
     "to_moved_points",
 ]

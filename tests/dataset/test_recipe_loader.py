@@ -1,0 +1,139 @@
+"""What a recipe names as its base, and the recipes that come with scenetruth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import scenetruth as st
+from scenetruth.dataset.recipe_loader import load_recipe
+from scenetruth.dataset.recipe_validation import refuse_recipe
+from tests.helpers.scenes import SCENES
+
+RECIPE = {"name": "varied", "samples": 3, "distributions": {"frames.count": {"kind": "integers", "low": 2, "high": 5}}}
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    file = folder / "recipe.yaml"
+    file.write_text(yaml.safe_dump({**RECIPE, **changes}), encoding="utf-8")
+    return file
+
+
+def test_a_shipped_scene_goes_by_its_name(tmp_path: Path) -> None:
+    sampler = st.load_recipe(written(tmp_path, base=["rosette", {"scene": "cube", "weight": 2}])).sampler()
+    assert list(sampler.bases) == [st.load_scene("rosette"), st.load_scene("cube")]
+    assert [entry.scene for entry in sampler.recipe.base] == [str(SCENES / "rosette.yaml"), str(SCENES / "cube.yaml")]
+    # Plain values without a folder name it too.
+    assert st.Recipe.from_dict({**RECIPE, "base": "rosette"}).sampler().bases == (st.load_scene("rosette"),)
+
+
+def test_a_shipped_recipe_goes_by_its_name() -> None:
+    assert st.load_recipe("leaves") == st.load_recipe(SCENES / "datasets" / "leaves.yaml")
+
+
+def test_a_file_of_that_name_beside_the_recipe_comes_first(tmp_path: Path) -> None:
+    (tmp_path / "rosette").write_bytes((SCENES / "plane.yaml").read_bytes())
+    sampler = st.load_recipe(written(tmp_path, base="rosette")).sampler()
+    assert list(sampler.bases) == [st.load_scene("plane")]
+
+
+def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
+    with pytest.raises(st.RecipeError) as caught:
+        st.load_recipe(written(tmp_path, base=["rosette", "rosete", "cube.yaml"], samples=0)).sampler()
+    told = str(caught.value)
+    assert "base.1: no such file, and no scene of this name is shipped; did you mean 'rosette'?" in told
+    assert "base.2: cannot be read: No such file" in told
+    assert "a scene of this name is shipped, and called without folder and suffix: cube" in told
+    assert "base.0" not in told
+    assert "samples: " in told
+
+
+@pytest.mark.parametrize(
+    ("base", "told"),
+    [
+        (
+            "leav",
+            "base.0: no such file, and no scene of this name is shipped; did you mean 'leaf'[?] `scenetruth list",
+        ),
+        ("qqqq", "is shipped; `scenetruth list scenes` lists all"),
+        ("../leaf.yaml", "base.0: cannot be read: No such file.*called without folder and suffix: leaf"),
+        ("../qqqq.yaml", r"base.0: cannot be read: No such file or directory \(got"),
+    ],
+)
+def test_a_base_that_is_not_there_is_told_with_what_may_be_meant(base: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(st.RecipeError, match=told):
+        st.load_recipe(written(tmp_path, base=base)).sampler()
+
+
+@pytest.mark.parametrize("name", ["cubes", "leaves"])
+def test_a_shipped_recipe_can_be_copied_anywhere(name: str, tmp_path: Path) -> None:
+    copy = tmp_path / "mine.yaml"
+    copy.write_bytes((SCENES / "datasets" / f"{name}.yaml").read_bytes())
+    assert st.load_recipe(copy).sampler().bases == st.load_recipe(name).sampler().bases
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"name": "tiny leaves"},
+            "  - name: must consist of the letters A to Z .* digit, as in tiny-leaves [(]got 'tiny leaves'[)]",
+        ),
+        ({"name": "  "}, "  - name: must consist of the letters A to Z and a to z, .* with a letter or a digit [(]got"),
+        (
+            {"set": {"objects[0].name": 1}},
+            "set.objects.0..name: is no path of a field: .*; write objects.0.name [(]got",
+        ),
+        ({"set": {"a b": 1}}, "set.a b: is no path of a field: .* as objects.0.mesh.size_mm [(]got 'a b'[)]"),
+        (
+            {"distributions": {"seed": {"kind": "integers", "low": 1, "high": 2, "name": "a-b"}}},
+            "distributions.seed.name: must consist of the letters A to Z and a to z, digits and underscores",
+        ),
+        (
+            {"distributions": {"seed": {"kind": "loguniform", "low": 1, "high": 2}}},
+            "distributions.seed: is of no known kind: .*; did you mean 'log_uniform'[?] [(]got",
+        ),
+        (
+            {"acceptance": [{"kind": "visibleshare"}]},
+            "acceptance.0: is of no known kind: .*did you mean 'visible_share'[?]",
+        ),
+    ],
+    ids=str,
+)
+def test_wrong_letters_and_kinds_are_told_in_words_with_what_was_meant(
+    changes: dict[str, Any], told: str, tmp_path: Path
+) -> None:
+    with pytest.raises(st.RecipeError, match=told) as caught:
+        st.load_recipe(written(tmp_path, **{"base": "plane", **changes})).sampler()
+    assert "pattern" not in str(caught.value)
+
+
+def test_a_key_that_is_spelt_wrong_is_told_before_what_seems_to_be_missing(tmp_path: Path) -> None:
+    plain = {**RECIPE, "base": "plane", "sample": 3}
+    del plain["samples"]
+    with pytest.raises(st.RecipeError) as caught:
+        st.Recipe.from_dict(plain).sampler()
+    told = ["sample: unknown key; did you mean 'samples'? (got 3)", "samples: is missing"]
+    assert list(map(str, caught.value.problems)) == told
+
+
+RECIPES = sorted((Path(__file__).parents[2] / "scenes" / "datasets").glob("*.yaml"))
+
+
+def test_there_are_some() -> None:
+    assert {path.stem for path in RECIPES} >= {"cubes", "leaves"}
+
+
+@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
+def test_recipe_can_be_followed(path: Path) -> None:
+    sampler = load_recipe(path).sampler()
+    refuse_recipe(sampler, tried=2)
+    recipe = sampler.recipe
+    assert recipe.name == path.stem
+    assert recipe.licence
+    assert recipe.citation
+    assert recipe.creators
+    assert recipe.count == 200

@@ -1,0 +1,76 @@
+"""A design in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from scenetruth.design.optimisation import PredictionInterval, RigDesign, Sensitivity
+from scenetruth.design.optimisation.design_result import compose_summary, format_parameter
+from tests.helpers.small_specification import objective
+
+
+@pytest.mark.parametrize(
+    ("wanted", "simulated", "verdict"),
+    [
+        (0.5, None, "target 0.5: met (predicted)"),
+        (0.1, None, "target 0.1: NOT met (predicted)"),
+        (0.5, PredictionInterval(0.3, 0.2, 0.4, 3), "target 0.5: met (simulated)"),
+        (
+            0.5,
+            PredictionInterval(0.3, 0.1, 0.9, 3),
+            "target 0.5: met, but a further recording may miss it (simulated)",
+        ),
+        # The prediction would reach it, and the simulation does not.
+        (0.25, PredictionInterval(0.3, 0.2, 0.4, 3), "target 0.25: NOT met (simulated)"),
+    ],
+)
+def test_what_is_wanted_is_judged_by_simulations(
+    wanted: float, simulated: PredictionInterval | None, verdict: str
+) -> None:
+    told = {} if simulated is None else {"depth": simulated}
+    rig = RigDesign(3, {"stage.baseline_mm": 4.25}, {}, {"depth": 0.2}, told, (), None, "")
+    lines = compose_summary((objective(wanted=wanted),), rig, (), (), ())
+    assert lines[0] == "recommended, rig 3: stage.baseline_mm = 4.25"
+    assert lines[1].startswith("depth: scaled median absolute error, predicted 0.2 mm")
+    assert lines[1].endswith(verdict)
+
+
+def test_the_rms_error_stands_beside_a_typical_one() -> None:
+    figures = {"depth": {"scaled_median_abs_error": (0.3, 0.3), "rmse": (0.7, 0.7)}}
+    rig = RigDesign(3, {}, {}, {"depth": 0.2}, {"depth": PredictionInterval(0.3, 0.2, 0.4, 2)}, (), None, "", figures)
+    assert "from 2 seeds; RMSE 0.7)" in compose_summary((objective(),), rig, (), (), ())[1]
+    of_rms = replace(objective(), statistic="rmse")
+    assert compose_summary((of_rms,), rig, (), (), ())[1].endswith("from 2 seeds)")
+
+
+def test_one_seed_has_no_interval() -> None:
+    rig = RigDesign(3, {}, {}, {"depth": 0.2}, {"depth": PredictionInterval(0.3, math.nan, math.nan, 1)}, (), None, "")
+    line = compose_summary((objective(),), rig, (), (), ())[1]
+    assert "simulated 0.3 (from one seed: no interval)" in line
+    assert "nan" not in line
+
+
+def test_changes_both_ways_are_told_the_largest_first() -> None:
+    rig = RigDesign(3, {}, {}, {"depth": 0.2}, {}, (), None, "")
+    nothing = (math.nan,) * 4
+    effects = [
+        Sensitivity("a", "depth", *nothing, 0.02, -0.019),
+        Sensitivity("b", "depth", *nothing, -0.091, 0.111),
+        Sensitivity("c", "depth", *nothing, math.nan, math.nan),
+    ]
+    (line,) = compose_summary((objective(),), rig, effects, (), ())[2:]
+    assert (
+        line
+        == "an increase (decrease) of each parameter by 10 % changes depth by: b -9.1 % (+11.1 %), a +2.0 % (-1.9 %)"
+    )
+
+
+def test_values_as_people_write_them() -> None:
+    assert (format_parameter(0.123456), format_parameter(3), format_parameter("air_bearing")) == (
+        "0.1235",
+        "3",
+        "air_bearing",
+    )

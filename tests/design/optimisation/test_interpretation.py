@@ -1,0 +1,82 @@
+"""What is told of a rig: what limits it, rules of thumb, what was taken for granted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from scenetruth.design.optimisation import DesignSpace, DesignSpec, Evaluation, Parameter, RuleOfThumb, Sensitivity
+from scenetruth.design.optimisation.constraints import evaluate_bound
+from scenetruth.design.optimisation.interpretation import (
+    check_rules_of_thumb,
+    describe_limiting_factors,
+    list_assumptions,
+)
+from scenetruth.design.optimisation.rig_context import RigContext
+from scenetruth.design.prediction import predict
+from scenetruth.scene import Scene
+from tests.helpers.small_specification import objective, scene, spec
+
+
+@pytest.fixture(scope="module")
+def facts() -> RigContext:
+    made = Scene.from_dict(scene())
+    return RigContext(made, predict(made), "all")
+
+
+def rules(facts: RigContext, **causes: Any) -> dict[str, RuleOfThumb]:
+    changed = {"all": replace(facts.causes, **causes)}
+    told = check_rules_of_thumb(replace(facts, prediction=replace(facts.prediction, by_region=changed)))
+    return {one.title: one for one in told}
+
+
+@pytest.mark.parametrize(
+    ("title", "cause", "good", "bad"),
+    [
+        ("speckle size", "wavelength_px", 8.0, 4.0),
+        ("motion blur", "blur_px", 0.05, 0.2),
+        ("saturation", "grey_level", 0.2, 0.99),
+        ("speckles per window", "wavelength_px", 12.0, 60.0),
+    ],
+)
+def test_rules_are_kept_or_not(facts: RigContext, title: str, cause: str, good: float, bad: float) -> None:
+    assert rules(facts, **{cause: good})[title].holds
+    assert not rules(facts, **{cause: bad})[title].holds
+
+
+def test_rules_of_geometry_have_sources(facts: RigContext) -> None:
+    told = rules(facts)
+    # 8 mm at 500 mm are 0.9°; 8 px of 64 are seen from one side only.
+    assert (told["stereo angle"].here, told["stereo angle"].holds) == ("0.9° between the outermost positions", False)
+    assert told["overlap of the outermost views"].here == "88 %"
+    assert all(one.source and one.says for one in told.values())
+
+
+def test_what_limits_is_told() -> None:
+    space = DesignSpace((Parameter("stage.baseline_mm", 1.0, 40.0), Parameter("stage.positions", 2, 9, whole=True)))
+    used = evaluate_bound("stage_travel", "stage travel", 99.5, "at most", 100.0, "mm")
+    free = evaluate_bound("images", "images", 10.0, "at most", 100.0, "images")
+    parts = {"depth": {"noise": 0.03, "stage": 0.04}}
+    one = Evaluation({"stage.baseline_mm": 12.4, "stage.positions": 9}, {"depth": 0.05}, parts, (used, free))
+    assert describe_limiting_factors(one, space, (objective(),)) == (
+        "depth is limited by stage errors (64 % of the predicted variance); "
+        "active constraints: stage travel (99.5 of 100 mm); "
+        "at the end of its range: stage.positions = 9"
+    )
+
+
+def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
+    given = spec(variables={"frames.frame_interval_s": [60, 120]}, light={"illuminance_lux": 500})
+    idle = Sensitivity("frames.frame_interval_s", "depth", 0.0, 0.0, 0.0, 0.0, 0.0)
+    told = "\n".join(list_assumptions(DesignSpec.from_dict(given), facts, ("less of it",), (0.25, 0.0), (idle,)))
+    for expected in (
+        "predictions are standard deviations due to noise",
+        "the illuminance is 500 lux",
+        "motions specified per frame",
+        "in the simulations: less of it",
+        "sensitivity by Morris excludes 25 %",
+        "no effect on any objective: frames.frame_interval_s",
+    ):
+        assert expected in told

@@ -1,0 +1,244 @@
+"""Images that must not be used, and images of which nothing follows: no number is told that is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+
+import scenetruth as st
+from scenetruth.estimators.refined.image_consistency import fine_contrast
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.initialisation import CameraLayout, map_to_reference
+from scenetruth.estimators.refined.kernels import warp
+from tests.helpers.nightly import by_night, nightly
+from tests.helpers.wavy_plane import MovingPlane, turning
+
+Array = NDArray[Any]
+
+PLANE = MovingPlane(seed=2, size=(90, 120), gradient=turning(4e-3, -3e-3, 5e-3))
+TRUTH = PLANE.truth()
+INSIDE = (slice(14, -14), slice(34, -34))
+OTHER = MovingPlane(seed=77, size=(90, 120)).image((0.0, 0.0), 0.0)
+SETTINGS: dict[str, Any] = {"window_sigma_px": 4, "surface": "plane", "motion": "rigid", "discontinuity_refit": False}
+
+
+def black(image: Array) -> Array:
+    return np.zeros_like(image)
+
+
+def dark(image: Array) -> Array:
+    return np.random.default_rng(0).normal(0.02, 0.01, image.shape)
+
+
+def knocked(image: Array) -> Array:
+    return np.roll(image, (9, 6), (-2, -1))
+
+
+def another(image: Array) -> Array:
+    return np.broadcast_to(OTHER, image.shape)
+
+
+def changed(recording: xr.Dataset, change: Callable[[Array], Array], *places: Any) -> xr.Dataset:
+    values = recording["image"].values.copy()
+    for place in places:
+        values[place] = change(values[place])
+    return recording.assign(image=(recording["image"].dims, values, recording["image"].attrs))
+
+
+def estimated(recording: xr.Dataset, **settings: Any) -> xr.Dataset:
+    return st.estimate(recording, "refined", {**SETTINGS, **settings}).sel(t=0)
+
+
+def scaled_errors(found: xr.Dataset, truth: dict[str, Array] = TRUTH) -> Array:
+    """Errors over standard deviations where there is an estimate."""
+    told = found["status"].values == 2
+    each = [(found[name].values - truth[name]) / found[f"{name}_std"].values for name in ("depth", "velocity")]
+    return (
+        np.concatenate([values[..., told].reshape(-1, max(int(told.sum()), 1)) for values in each])
+        if told.any()
+        else np.zeros((4, 0))
+    )
+
+
+@pytest.fixture(scope="module")
+def noisy() -> xr.Dataset:
+    return PLANE.recording(5, 5, noise_std=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "places"),
+    [
+        pytest.param(black, [(0, 0)], marks=nightly, id="black"),
+        pytest.param(dark, [(1, 3)], id="dark"),
+        pytest.param(another, [(0, 1)], marks=nightly, id="file"),
+        pytest.param(knocked, [(4, 2)], id="knocked"),
+        pytest.param(black, [(2, 2)], marks=nightly, id="black0"),
+        pytest.param(another, [(2, 2)], id="file0"),
+        pytest.param(knocked, [(2, 2)], marks=nightly, id="knocked0"),
+        pytest.param(knocked, [(2, n) for n in range(5)], id="camera0"),
+        pytest.param(black, [(n, 2) for n in range(5)], marks=nightly, id="frame0"),
+    ],
+)
+def test_bad_images_are_left_out_and_named(
+    noisy: xr.Dataset, change: Callable[[Array], Array], places: list[tuple[int, int]]
+) -> None:
+    """Of the reference too: the texture is the mean of all images, and the start comes from another."""
+    named = sorted((s - 2, t - 2) for s, t in places)
+    with pytest.warns(st.EstimateWarning, match=rf"\(s {named[0][0]}, t {named[0][1]}\).* are excluded") as warned:
+        found = estimated(changed(noisy, change, *places))
+    assert len(warned) == 1
+    assert found.attrs["excluded_images"] == [list(image) for image in named]
+    assert (found["status"].values[INSIDE] == 2).all()
+    np.testing.assert_allclose(found["image_count"].values[INSIDE], 25 - len(places))
+    scaled = scaled_errors(found)
+    assert np.sqrt(np.mean(scaled**2)) == pytest.approx(0.87, abs=0.1)
+    assert np.abs(scaled).max() < 6
+
+
+def test_good_images_are_all_used(noisy: xr.Dataset) -> None:
+    found = estimated(noisy)
+    assert found.attrs["excluded_images"] == []
+    assert found.attrs["frames_without_estimate"] == {}
+    assert np.sqrt(np.mean(scaled_errors(found) ** 2)) == pytest.approx(0.86, abs=0.1)
+
+
+@pytest.mark.parametrize(("cameras", "frames"), [(5, 1), (1, 5)])
+def test_cameras_alone_and_frames_alone_tell_it_too(cameras: int, frames: int) -> None:
+    recording = changed(PLANE.recording(cameras, frames, noise_std=0.01), another, (cameras // 2, frames // 2))
+    with pytest.warns(st.EstimateWarning, match=r"\(s 0, t 0\) are excluded"):
+        found = estimated(recording)
+    name = "depth" if cameras > 1 else "flow"
+    off = np.abs(found[name].values - TRUTH[name])[(..., *INSIDE)]
+    assert (found["status"].values[INSIDE] == 2).all()
+    assert off.max() < (1.5 if cameras > 1 else 0.05)
+
+
+@pytest.mark.parametrize(("cameras", "frames"), [(2, 1), (3, 1), (1, 3), (2, 2), *by_night((4, 1), (2, 3))])
+@pytest.mark.parametrize("change", [another, lambda image: np.roll(image, 4, -1)], ids=["file", "aside"])
+def test_few_images_do_not_tell_which_is_wrong(cameras: int, frames: int, change: Callable[[Array], Array]) -> None:
+    """Then nothing is told. But two cameras, one of them shifted aside, show another depth, and one camera motion."""
+    recording = changed(PLANE.recording(cameras, frames, noise_std=0.01), change, (cameras // 2, frames // 2))
+    found = estimated(recording)
+    assert found.attrs["excluded_images"] == []
+    if change is another or cameras * frames > 3 or cameras == 3:
+        assert (found["status"] == 0).mean() > 0.98
+
+
+@pytest.mark.parametrize(
+    ("same", "reason"),
+    [
+        (lambda v: v * 0 + 0.5, "all images are equal"),
+        (lambda v: np.broadcast_to(v[2:3, 2:3], v.shape), "all images are equal"),
+        (lambda v: np.broadcast_to(v[2:3], v.shape), "the images of all cameras are equal"),
+    ],
+    ids=["flat", "copies", "cameras"],
+)
+def test_images_that_are_equal_give_a_reason_and_no_number(
+    noisy: xr.Dataset, same: Callable[[Array], Array], reason: str
+) -> None:
+    with pytest.warns(st.EstimateWarning, match=f"frame 0: no estimate: {reason}"):
+        found = estimated(changed(noisy, same, slice(None)))
+    assert found.attrs["frames_without_estimate"]["0"].startswith(reason)
+    assert (found["status"] == 0).all()
+    for name in ("depth", "velocity", "disparity", "flow", "depth_std"):
+        assert np.isnan(found[name]).all()
+
+
+def test_one_frame_without_anything_costs_that_frame_only() -> None:
+    recording = changed(PLANE.recording(3, 3, noise_std=0.01), lambda image: image * 0, (slice(None), 0))
+    with pytest.warns(st.EstimateWarning, match="frame -1: no estimate"):
+        found = st.estimate(recording, "refined", {**SETTINGS, "window_frames": 1, "motion": "translation"})
+    assert list(found.attrs["frames_without_estimate"]) == ["-1"]
+    assert (found["status"].sel(t=-1) == 0).all()
+    assert (found["status"].sel(t=0).values[INSIDE] == 2).all()
+
+
+def test_cameras_that_see_the_same_but_for_noise_have_no_depth(noisy: xr.Dataset) -> None:
+    """Disparity 0, give or take: no depth, for it is not clear of infinity."""
+    still = PLANE.image((0.0, 0.0), 0.0) + np.random.default_rng(1).normal(0, 0.01, (5, 5, 90, 120))
+    with pytest.warns(st.EstimateWarning, match="is the same for all cameras"):
+        found = estimated(changed(noisy, lambda _: still, slice(None)))
+    assert (found["status"] == 0).all()
+
+
+# What fits by chance may not fit one of the images.
+@pytest.mark.filterwarnings("ignore:images:scenetruth.errors.EstimateWarning")
+@pytest.mark.parametrize(
+    "velocity",
+    [
+        (14.0, 14.0, 0.0),
+        pytest.param((20.0, 0.0, 0.0), marks=nightly),
+        pytest.param((0.0, 20.0, 0.0), marks=nightly),
+    ],
+)
+@pytest.mark.parametrize(("cameras", "seed"), [(5, 3), (3, 2)])
+def test_motion_beyond_reach_is_unknown_and_not_wrong(
+    velocity: tuple[float, float, float], cameras: int, seed: int
+) -> None:
+    """40 px per frame: 16 are looked for."""
+    plane = MovingPlane(seed=seed, size=(90, 120), velocity_mm=velocity)
+    found = estimated(
+        plane.recording(cameras, cameras, noise_std=0.01), surface="auto", motion="growing", discontinuity_refit=True
+    )
+    scaled = scaled_errors(found, plane.truth())
+    assert np.sum(np.abs(scaled) > 6) <= 0.005 * scaled.size
+
+
+def test_one_camera_needs_more_than_one_frame_at_once() -> None:
+    with pytest.raises(st.EstimateError, match="window_frames: one camera determines motion only"):
+        st.estimate(PLANE.recording(1, 5), "refined", window_frames=1)
+
+
+@pytest.mark.parametrize(("s", "t"), [(0.0, 1.0), (1.0, 0.0), (-1.0, -2.0)])
+def test_fields_of_another_image_are_brought_back(s: float, t: float) -> None:
+    """What the kernel fetches for the reference's pixels, the inverse brings back, to half a pixel's change of d."""
+    start = PLANE.start()
+    height, width = PLANE.size
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    centre = ((width - 1) / 2, (height - 1) / 2)
+    view = warp.ImageView(np.array([s]), np.zeros(1), np.array([t]), np.zeros((1, 4)), PLANE.focal_px, *centre)
+    # Where the other image sees the points, by the kernel itself: it fetches ramps.
+    ramps = np.empty((2, 1, height, width), dtype=np.float32)
+    nothing, gradient = np.zeros((0, 0, 0), np.uint8), np.empty((2, height, width), np.float32)
+    for out, ramp in zip(ramps, (x, y), strict=True):
+        warp.warp_rows(ramp[None].astype(np.float32), view, start, nothing, nothing, 0, out, gradient, (0, height))
+    d, q_x, q_y, q_z = start
+    there = np.stack([d / (1 + t * d * q_z / PLANE.focal_px), q_x, q_y, q_z])
+    # The other image's own fields: those of the points it sees, at its pixels.
+    known = np.isfinite(ramps[0, 0])
+    own = np.full_like(start, np.nan)
+    columns, rows = (np.rint(ramp[0][known]).astype(int) for ramp in ramps)
+    own[:, rows, columns] = there[:, known]
+    from scenetruth.estimators.refined.initialisation import fill_gaps
+
+    own = fill_gaps(own, np.isfinite(own[0]))
+    back = map_to_reference(
+        own, s, t, CameraLayout(np.stack([np.arange(-2.0, 3.0), np.zeros(5)], axis=-1), 4.0, PLANE.focal_px, centre)
+    )
+    inner = (slice(None), slice(15, -15), slice(25, -25))
+    assert np.abs((back - start)[inner])[0].max() < 0.01
+    np.testing.assert_allclose(back[inner][1:], start[inner][1:], atol=2e-4)
+
+
+def test_noise_is_no_larger_than_what_is_fine(noisy: xr.Dataset) -> None:
+    """White noise as it is; of a wave across both axes, the product of its second differences over six."""
+    from scenetruth.estimators.refined.image_stack import Splines
+    from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+
+    generator = np.random.default_rng(4)
+    y, x = np.mgrid[:90, :120]
+    wave = 0.1 * np.cos(0.8 * x) * np.cos(0.6 * y)
+    for values, expected in (
+        (generator.normal(0.5, 0.01, (1, 2, 90, 120)), 0.01),
+        (np.broadcast_to(0.5 + wave, (1, 2, 90, 120)), 0.05 * (2 - 2 * np.cos(0.8)) * (2 - 2 * np.cos(0.6)) / 6),
+    ):
+        recording = st.make_recording(values, 1000.0, 4.0)
+        splines = Splines(DefectFilteredFrames(recording), 5).frames(0, 2)
+        images = ImageStack(splines, np.zeros((1, 2)), np.array([0.0, 1.0]), 1000.0, (59.5, 44.5), np.zeros((2, 4)))
+        found = fine_contrast(images, 4.0)[15:-15, 15:-15]
+        assert np.median(found) == pytest.approx(expected, rel=0.05)

@@ -1,0 +1,1 @@
+"""What several tests share: scenes, sensors, independent readings of methods and formats."""

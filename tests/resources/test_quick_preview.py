@@ -1,0 +1,130 @@
+"""What is seen in passing is about what there is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import scenetruth as st
+from scenetruth.camera import Viewpoint
+from scenetruth.raycast import Topology
+from scenetruth.resources import quick_preview
+from scenetruth.resources.quick_preview import make_quick_preview, without_interior
+from scenetruth.resources.workload import list_object_workloads
+from scenetruth.scene import Scene
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.scene_models import compute_image_times
+from scenetruth.scene.scene_report import describe_scene
+from scenetruth.truth import GeometryPass, interior_warnings, truth_maps
+from tests.helpers.scenes import LIBRARY, SCENES, cube, small
+
+
+@pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
+def test_the_library_is_seen_in_passing_as_it_is(file: Path) -> None:
+    scene = small(file)
+    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    world = build_scene(scene)
+    assert glimpse.left_out == []
+    geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
+    maps = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm, "standard")
+    covered, known = np.isfinite(maps["depth"]).mean(), np.isfinite(glimpse.depth).mean()
+    # Of an outline in pixels that are 1.7 times as large.
+    assert known == pytest.approx(covered, abs=0.03)
+    exact, about = describe_scene(scene, world, maps["depth"]), describe_scene(scene, glimpse.world, glimpse.depth)
+    assert about.mean_disparity_px == pytest.approx(exact.mean_disparity_px, rel=0.01)
+    for one, other in zip(exact.objects, about.objects, strict=True):
+        extent = one.depth_mm[1] - one.depth_mm[0]
+        assert other.depth_mm == pytest.approx(one.depth_mm, abs=0.15 * extent + 0.1)
+
+
+@pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
+def test_places_are_those_of_the_world(file: Path) -> None:
+    scene = small(file, frames__count=3)
+    world = build_scene(scene)
+    for t in (-1.0, 0.0, 0.3):
+        found = np.concatenate([body.positions_at(t) for body in world.bodies])
+        np.testing.assert_allclose(found, world.at(t).vertices_mm, rtol=1e-12, atol=1e-12)
+
+
+def test_few_moments_of_many_are_looked_at_with_both_ends() -> None:
+    scene = cube(frames={"count": 9_999})
+    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    times = compute_image_times(scene)
+    assert len(glimpse.times) < 400
+    assert {min(times), 0.0, max(times)} <= set(glimpse.times) <= set(times)
+
+
+def test_of_many_objects_some_are_looked_at_and_the_others_named() -> None:
+    item = cube().to_dict()["objects"][0] | {"texture": {"kind": "uniform"}}
+    scene = cube(objects=[item | {"name": f"cube-{number}"} for number in range(250)])
+    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    assert 50 <= len(glimpse.world.bodies) <= 100
+    assert len(glimpse.left_out) + len(glimpse.world.bodies) == 250
+
+
+def plates(width_mm: float, width_px: int) -> Scene:
+    """A plate before a wall."""
+    wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 200]}}
+    plate = {
+        "name": "plate",
+        "mesh": {"kind": "plane", "size_mm": [width_mm, 80]},
+        "pose": {"position_mm": [0, 0, 150]},
+    }
+    uniform = {"texture": {"kind": "uniform"}}
+    size = {"width": width_px, "height": width_px * 3 // 4, "focal_length_px": 1.5 * width_px}
+    return cube(camera=size, objects=[wall | uniform, plate | uniform])
+
+
+@pytest.mark.parametrize("width_px", [96, 640])
+@pytest.mark.parametrize(("width_mm", "narrow"), [(3.0, True), (25.0, False)])
+def test_objects_without_interior_are_named_as_the_truth_does(width_px: int, width_mm: float, narrow: bool) -> None:
+    scene = plates(width_mm, width_px)
+    margin = width_px / 12
+    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    assert without_interior(glimpse, margin) == (["plate"] if narrow else [])
+    world = build_scene(scene)
+    geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
+    maps = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm, "standard")
+    assert bool(interior_warnings(world, maps["object_id"], maps["boundary_distance"], margin)) == narrow
+
+
+def test_motions_that_cannot_be_are_told() -> None:
+    item = cube().to_dict()["objects"][0]
+    growth = {"kind": "growth", "rate_per_hour": -1e3}
+    item |= {"mesh": {"kind": "plane", "size_mm": [40, 40], "resolution_mm": 1}, "deformation": [growth]}
+    scene = cube(objects=[item], frames={"count": 9, "frame_interval_s": 60})
+    with pytest.raises(st.SceneError) as exact:
+        build_scene(scene)
+    with pytest.raises(st.SceneError) as about:
+        make_quick_preview(scene, list_object_workloads(scene)[0])
+    assert [problem.path for problem in about.value.problems] == [problem.path for problem in exact.value.problems]
+
+
+def test_meshes_that_take_long_to_read_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = st.load_scene(SCENES / "finite_elements.yaml")
+    monkeypatch.setattr("scenetruth.scene.mesh.mesh_file._QUICKLY_READ", 10)
+    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    assert glimpse.left_out == [scene.objects[0].name]
+
+
+def test_surfaces_that_begin_at_the_camera_take_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quick_preview, "_MOST_PIECES", 500)
+    monkeypatch.setattr(quick_preview, "_ALL_PIECES", 2_000)
+    made: list[int] = []
+    cut = quick_preview._cut
+
+    def counted(pieces: NDArray[np.float64]) -> NDArray[np.float64]:
+        made.append(4 * len(pieces))
+        return cut(pieces)
+
+    monkeypatch.setattr(quick_preview, "_cut", counted)
+    # Seen edge on, from a hair before the camera to far away.
+    floor = np.array([[[-1e3, 1e-3, 1e-3], [1e3, 1e-3, 1e-3], [0.0, 1e3, 1e6]]])
+    depth, body = quick_preview._picture([floor], cube().camera)
+    assert sum(made) > 500
+    assert max(made) <= 2_000
+    assert depth.shape == body.shape
+    assert np.isfinite(depth).any()

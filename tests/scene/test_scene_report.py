@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import copy
+import pickle
+from typing import Any
+
+import pytest
+
+import scenetruth as st
+from tests.helpers.scenes import LIBRARY, SCENES, cube
+
+
+def test_a_scene_is_one_line() -> None:
+    scene = cube(description="A cube", stage={"positions": 5, "baseline_mm": 5, "rows": 2, "row_spacing_mm": 3})
+    assert repr(scene) == "Scene('A cube'; 160 x 120 px; 2 x 5 positions x 9 frames; objects: cube)"
+    assert str(scene) == repr(scene)
+
+
+def test_a_scene_is_a_table() -> None:
+    html = st.load_scene(SCENES / "rosette.yaml")._repr_html_()
+    for head, text in {
+        "camera": "640 x 480 px, f = 2900 px",
+        "stage": "5 positions, 5 mm apart",
+        "frames": "9, 60 s apart",
+        "object &#x27;pot&#x27;": "cylinder; texture noise",
+        "plant &#x27;plant&#x27;": "rosette of 9 leaves; texture leaf; deformation growth",
+        "light": "ambient 0.35, directional",
+        "sensor": "gaussian; 12 bits",
+    }.items():
+        assert f"<tr><th>{head}</th><td>{text}</td></tr>" in html
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({}, "unlit: radiance is the textures&#x27;"),
+        ({"sensor": "ideal"}, "<td>ideal</td>"),
+        ({"sensor": {"kind": "emva1288", "preset": "ccd_2002"}}, "<td>emva1288; ccd_2002; 12 bits</td>"),
+        (
+            {"sensor": {"kind": "chain", "effects": [{"kind": "full_scale"}]}},
+            "<td>chain; full_scale</td>",
+        ),
+        ({"stage": {"positions_mm": [-4, 0, 6], "baseline_mm": 5}}, "3 positions, 5 mm apart in the mean"),
+        ({}, "box; texture noise; motion velocity"),
+    ],
+)
+def test_the_table_tells_of_the_parts(changes: dict[str, Any], text: str) -> None:
+    assert text in cube(**changes)._repr_html_()
+
+
+def test_names_cannot_inject_markup() -> None:
+    item = cube().to_dict()["objects"][0] | {"name": "<script>"}
+    html = cube(description="<b>", objects=[item])._repr_html_()
+    assert "&lt;b&gt;" in html
+    assert "&lt;script&gt;" in html
+    assert "<b>" not in html
+    assert "<script>" not in html
+
+
+@pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
+def test_scenes_stay_values(file: Any) -> None:
+    scene = st.load_scene(file)
+    again = pickle.loads(pickle.dumps(scene))
+    assert again == scene == copy.deepcopy(scene)
+    assert repr(again) == repr(scene)
+    assert "\n" not in repr(scene)
+    assert scene.model_copy(update={"seed": scene.seed + 1}) != scene

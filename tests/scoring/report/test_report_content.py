@@ -1,0 +1,71 @@
+"""The page begins with the answer: the score's own figures, in sentences."""
+
+from __future__ import annotations
+
+import pytest
+
+from scenetruth.scoring import score
+from scenetruth.scoring.number_format import format_number, format_percent
+from scenetruth.scoring.report.report_content import describe_maps, summarise_estimate, summarise_score
+from scenetruth.scoring.report.viewer import Viewer, build_viewer
+from scenetruth.scoring.score_result import Score
+from tests.helpers.synthetic_case import Case, make_growing_case, with_regions
+
+
+@pytest.fixture(scope="module")
+def scored(full_case: Case) -> tuple[Score, Viewer]:
+    case = with_regions(full_case)
+    result = score(case.estimate, case.truth, case.recording)
+    return result, build_viewer(case.recording, case.estimate, case.truth, result)
+
+
+def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(scored: tuple[Score, Viewer]) -> None:
+    result, viewer = scored
+    depth, motion = summarise_score(result, viewer)
+    inner = result.regions["interior"]
+    assert (depth.title, depth.figure, depth.units) == ("Depth", format_number(inner["depth"]["rmse"]), "mm")
+    assert f"{format_percent(inner['depth']['relative_rmse'])} % of the true value" in depth.rest
+    spread = viewer.spread["depth"]
+    assert inner["depth"]["rmse"] is not None
+    varies = f"{format_percent(inner['depth']['rmse'] / spread)} % of the standard deviation of the true depth there"
+    assert varies in depth.rest
+    assert motion.figure == format_number(inner["velocity_epe"]["rmse"])
+    assert motion.layer == "velocity_epe:error"
+    assert motion.place == viewer.worst["velocity_epe"]
+    further = {name: values for name, values in result.regions.items() if name not in ("all", "interior")}
+    worst = max(values["depth"]["rmse"] or 0.0 for values in further.values() if (values["depth"]["count"] or 0) >= 100)
+    assert f"({format_number(worst)} mm)" in depth.rest
+
+
+def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:
+    estimate = full_case.estimate[["flow"]]
+    result = score(estimate, full_case.truth)
+    (motion,) = summarise_score(result, build_viewer(full_case.recording, estimate, full_case.truth, result))
+    inner = result.regions["interior"]
+    rms_x, rms_y = (inner[name]["rmse"] for name in ("flow_x", "flow_y"))
+    assert rms_x is not None
+    assert rms_y is not None
+    assert (motion.title, motion.units) == ("Optical flow", "px/frame")
+    assert motion.figure == format_number((rms_x**2 + rms_y**2) ** 0.5)
+
+
+def test_growth_is_told_where_something_grows() -> None:
+    case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
+    result = score(case.estimate, case.truth, case.recording, settings={"growth_window_px": 6, "interior_margin_px": 3})
+    viewer = build_viewer(case.recording, case.estimate, case.truth, result)
+    growth = summarise_score(result, viewer)[-1]
+    assert (growth.title, growth.units) == ("Growth", "%/h")
+    assert growth.figure == format_number(result.regions["interior"]["growth_rate"]["rmse"])
+    # The map that tells the place is one that the viewer has.
+    name, what = growth.layer.split(":")
+    maps = next(one for one in viewer.plain["groups"] if one["name"] == name)["maps"]["0"]
+    assert what in maps
+
+
+def test_without_truth_medians_are_told(full_case: Case) -> None:
+    found = describe_maps(full_case.estimate)
+    depth, motion = summarise_estimate(found)
+    assert depth.figure == format_number(found["depth"].median)
+    assert f"The density is {format_percent(found['depth'].density)} %" in depth.rest
+    assert motion.title == "Velocity in Z"
+    assert depth.where == ""

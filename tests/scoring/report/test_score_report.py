@@ -1,0 +1,287 @@
+"""The page is complete, stands alone, and quotes what it is given."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenetruth.schema import STATUS_VALID
+from scenetruth.scoring import FIGURES, QUANTITIES, score, write_report
+from scenetruth.scoring.number_format import format_number, format_percent
+from scenetruth.scoring.report.report_content import build_score_content, describe_maps
+from tests.helpers.synthetic_case import HELD, OF_ERRORS, Case, Drawn, make_case, make_growing_case, with_outliers
+
+ONE = ("image",)
+"""The picture that is drawn where the page is looked at, and not its pictures."""
+REASON = "pyrender (osmesa) does not run here"
+METADATA = {
+    "versions": {"scenetruth": "0.1.0"},
+    "scene_hash": "0123abcd",
+    "seed": 77,
+    "timings_s": {"simulate": 12.5},
+    "render_fallback_reason": REASON,
+    "recording_hash": "feed0001",
+    "estimate_hash": "feed0002",
+    "warnings": ["the texture is <b>coarse</b>"],
+}
+
+
+class Reader(HTMLParser):
+    """Collects the text that is read and the attributes of a page, and checks that its tags are closed in order."""
+
+    EMPTY = frozenset({"meta", "img", "br", "input"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.text: list[str] = []
+        self.attributes: list[tuple[str, str, str | None]] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, name, value) for name, value in attrs]
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if not {"script", "style"} & {*self.open}:
+            self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def page(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    case = full_case
+    recording = case.recording.assign_attrs(scene=json.dumps({"description": "a wedge", "note": "</pre><script>"}))
+    result = score(case.estimate, case.truth, metadata=METADATA)
+    return write_report(
+        case.estimate, case.truth, recording, score=result, output=tmp_path_factory.mktemp("report") / "run"
+    )
+
+
+@pytest.fixture(scope="module")
+def reader(page: Path) -> Reader:
+    reader = Reader()
+    reader.feed(page.read_text(encoding="utf-8"))
+    reader.close()
+    assert not reader.open
+    return reader
+
+
+def test_report_and_figures_are_in_the_folder(page: Path) -> None:
+    assert page.name == "report.html"
+    assert sorted(path.name for path in page.parent.iterdir()) == ["figures", "report.html"]
+    assert len(list((page.parent / "figures").glob("*.png"))) == 9
+
+
+def test_same_input_draws_the_same_bytes(page: Path, drawn: Drawn) -> None:
+    for figure in drawn.figures:
+        assert (page.parent / "figures" / figure.file).read_bytes() == (drawn.folder / figure.file).read_bytes()
+
+
+def test_page_needs_nothing_from_outside(page: Path, reader: Reader) -> None:
+    text = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]+", "", page.read_text(encoding="utf-8"))
+    # Packed maps and scripts are long words of letters, digits, / and +.
+    text = re.sub(r"[A-Za-z0-9+/=]{200,}", "", text)
+    assert not re.search(r"https?:|//[a-z]|url\(|@import|fetch\(|import\(", text)
+    assert not {"link", "iframe"} & {tag for tag, _, _ in reader.attributes}
+    # What scripts load has an address, and what the page says cannot begin a script.
+    assert not [value for tag, name, value in reader.attributes if tag == "script" and name == "src"]
+    assert text.count("<script") == text.count("</script>") == 3
+
+
+def test_figures_are_inside(page: Path, reader: Reader) -> None:
+    sources = [value for tag, name, value in reader.attributes if (tag, name) == ("img", "src")]
+    files = [
+        page.parent / "figures" / f"{name}.png" for name in FIGURES if name not in ("flow", "disparity", "growth_rate")
+    ]
+    assert len(sources) == len(files) == 9
+    for source, file in zip(sources, files, strict=True):
+        inside = Image.open(io.BytesIO(base64.b64decode(str(source).removeprefix("data:image/png;base64,"))))
+        with Image.open(file) as drawn:
+            assert inside.size == drawn.size
+            # 256 colours: nearly the same to the eye.
+            difference = np.abs(np.asarray(inside.convert("RGB"), float) - np.asarray(drawn.convert("RGB"), float))
+        assert difference.mean() < 4
+    text = " ".join(reader.text)
+    titles = [str(value) for tag, name, value in reader.attributes if (tag, name) == ("img", "alt")]
+    assert len(titles) == 9
+    assert all(title in text for title in titles)
+
+
+def test_every_quantity_is_in_the_tables_of_both_regions(reader: Reader) -> None:
+    for name in HELD:
+        assert reader.text.count(QUANTITIES[name].title) == 2
+    assert reader.text.count("px/step") >= 2
+
+
+def test_error_bars_are_in_the_tables_of_both_regions(full_case: Case, reader: Reader) -> None:
+    assert reader.text.count("stated std") == reader.text.count("RMS of z") - 1 == 2
+    regions = score(full_case.estimate, full_case.truth).regions
+    for values in (regions["all"], regions["interior"]):
+        assert format_number(values["depth"]["rms_z"]) in reader.text
+        assert format_percent(values["depth"]["coverage_2_std"]) in reader.text
+
+
+def test_origin_and_warnings_are_told_and_quoted(page: Path, reader: Reader) -> None:
+    text = " ".join(reader.text)
+    needles = ("0123abcd", "recording hash", "feed0001", "estimate hash", "feed0002", "scenetruth 0.1.0", "77")
+    for needle in (*needles, "simulate 12.5", REASON, "the texture is <b>coarse</b>"):
+        assert needle in text
+    assert "Estimate against truth: a wedge" in text
+    assert "<b>coarse" not in page.read_text(encoding="utf-8")
+
+
+def test_data_from_elsewhere_have_a_report_too(tmp_path: Path) -> None:
+    case = make_case(32, 24, 250.0)
+    estimate = case.estimate[["disparity"]]
+    # Without a score, it is made.
+    text = write_report(estimate, case.truth, case.recording, output=tmp_path, figures=ONE).read_text(encoding="utf-8")
+    assert "Full scene" not in text
+    assert "<h1>Estimate against truth</h1>" in text
+    assert format_number(score(estimate, case.truth).regions["all"]["disparity"]["rmse"]) in text
+
+
+def read(page: Path) -> Reader:
+    reader = Reader()
+    reader.feed(page.read_text(encoding="utf-8"))
+    reader.close()
+    assert not reader.open
+    return reader
+
+
+@pytest.mark.parametrize(
+    ("held", "titles", "cards"),
+    [
+        (("depth", "disparity"), ("Depth", "Disparity"), ("Depth, RMSE", "Disparity, RMSE")),
+        (("flow",), ("Optical flow in x", "Optical flow in y"), ("Optical flow in x, RMSE",)),
+    ],
+)
+def test_page_tells_what_the_estimate_holds(
+    full_case: Case, held: tuple[str, ...], titles: tuple[str, ...], cards: tuple[str, ...], tmp_path: Path
+) -> None:
+    result = score(full_case.estimate[[*held]], full_case.truth)
+    content = build_score_content(result)
+    assert set(cards) <= {card["title"] for card in content["headlines"]}
+    page = write_report(
+        full_case.estimate[[*held]], full_case.truth, full_case.recording, score=result, output=tmp_path, figures=ONE
+    )
+    reader = read(page)
+    for entry in QUANTITIES.values():
+        assert reader.text.count(entry.title) == (2 if entry.title in titles else 0)
+    # No error is an outlier here, and none could be: the page says why there are no rates.
+    assert "the rate is not meaningful" in " ".join(reader.text)
+    assert "Outliers" not in reader.text
+
+
+def test_outliers_are_shown_where_they_say_something(full_case: Case) -> None:
+    telling = build_score_content(score(with_outliers(full_case.estimate), full_case.truth))
+    assert telling["outliers"]["headings"] == ["disparity", "optical flow", "scene flow"]
+    assert "Scene flow outliers" in {card["title"] for card in telling["headlines"]}
+    silent = build_score_content(score(full_case.estimate, full_case.truth))
+    assert silent["outliers"] == {"headings": [], "rows": []}
+    assert "Scene flow outliers" not in {card["title"] for card in silent["headlines"]}
+
+
+@pytest.fixture(scope="module")
+def page_without_truth(full_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    recording = full_case.recording.assign_attrs(render_fallback_reason=REASON)
+    # What all the others show and say without a truth: `test_without_truth_the_estimate_is_drawn_alone`.
+    few = ("depth", "coherence", "error_histograms")
+    return write_report(full_case.estimate, recording=recording, output=tmp_path_factory.mktemp("report"), figures=few)
+
+
+def test_page_without_truth_says_so(page_without_truth: Path) -> None:
+    reader = read(page_without_truth)
+    text = " ".join(reader.text)
+    assert "Estimate without truth" in text
+    assert "No ground truth is available" in text
+    assert REASON in text
+    for needle in OF_ERRORS:
+        assert needle not in text
+    files = {path.name for path in (page_without_truth.parent / "figures").iterdir()}
+    assert files == {"depth.png", "coherence.png"}
+
+
+def test_page_without_truth_has_medians_and_densities(full_case: Case, page_without_truth: Path) -> None:
+    reader = read(page_without_truth)
+    text = " ".join(reader.text)
+    found = describe_maps(full_case.estimate)
+    assert list(found) == [*HELD[:-1]]
+    for name, summary in found.items():
+        assert reader.text.count(summary.title) == 1, name
+        assert f"{summary.title}, median" in text
+        assert format_number(summary.median) in text
+        assert format_percent(summary.density) in text
+
+
+def test_growth_is_summarised_where_windows_hold_enough() -> None:
+    growth = describe_maps(make_growing_case(80, 60, 620.0).estimate)["growth_rate"]
+    assert growth.units == "%/h"
+    # The leaf grows by 1 %/h at one end, and by 3 %/h at the other.
+    assert growth.median == pytest.approx(2, abs=0.2)
+    assert 0 < growth.density < 1
+
+
+def test_summaries_are_those_of_the_known_pixels(full_case: Case) -> None:
+    estimate = full_case.estimate
+    known = estimate["depth"].values[estimate["status_disparity"].values == STATUS_VALID]
+    depth = describe_maps(estimate)["depth"]
+    assert (depth.title, depth.units, depth.count) == ("Depth", "mm", known.size)
+    assert depth.median == np.median(known)
+    assert (depth.low, depth.high) == tuple(np.percentile(known, [5, 95]))
+    assert depth.density == known.size / estimate["depth"].size
+    assert depth.median_std == np.median(
+        estimate["depth_std"].values[estimate["status_disparity"].values == STATUS_VALID]
+    )
+    nothing = describe_maps(estimate[["flow"]] * np.nan)
+    assert list(nothing) == ["flow_x", "flow_y"]
+    assert (nothing["flow_x"].median, nothing["flow_x"].density, nothing["flow_x"].median_std) == (None, 0.0, None)
+
+
+def test_regions_stand_beside_each_other(full_case: Case, reader: Reader) -> None:
+    for region, values in score(full_case.estimate, full_case.truth).regions.items():
+        assert region in reader.text
+        assert format_number(values["velocity_z"]["rmse"]) in reader.text
+    assert not any("rowth" in text for text in reader.text)
+
+
+def test_growth_of_what_moves_rigidly_is_not_shown(tmp_path: Path) -> None:
+    case = make_growing_case(48, 36, 380.0)
+    rounding = case.truth.assign(growth_rate=1e-17 * case.truth["growth_rate"] / case.truth["growth_rate"].max())
+    # What growth follows from.
+    estimate = case.estimate[["depth", "velocity"]]
+    result = score(estimate, rounding, case.recording, settings={"growth_window_px": 4})
+    assert result.regions["all"]["growth_rate"]["count"]
+    assert not result.grows
+    page = write_report(
+        estimate, rounding, case.recording, score=result, output=tmp_path, figures=("image", "growth_rate")
+    )
+    assert "Growth rate" not in page.read_text(encoding="utf-8")
+    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["image.png"]
+
+
+def test_growth_is_reported_where_it_is_scored(tmp_path: Path) -> None:
+    case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
+    result = score(case.estimate, case.truth, case.recording, settings={"growth_window_px": 6, "interior_margin_px": 3})
+    page = write_report(
+        case.estimate, case.truth, case.recording, score=result, output=tmp_path, figures=("image", "growth_rate")
+    )
+    reader = read(page)
+    text = " ".join(reader.text)
+    assert "Growth rate, windowed, RMSE" in text
+    assert reader.text.count("Growth rate") == 2
+    for name in ("growth_rate", "growth_rate_windowed"):
+        for region in ("all", "interior"):
+            assert format_number(result.regions[region][name]["rmse"]) in reader.text
+    assert "Gaussian weights of 6 px" in text
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"image.png", "growth_rate.png"}
