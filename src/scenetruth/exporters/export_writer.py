@@ -160,7 +160,7 @@ def export_data(
     folder
         Folder to make.
     format
-        Name of the format; see `export_formats` and ``docs/export.md``.
+        Name of the format; see `export_formats` and ``docs/how_to/export.md``.
     overwrite
         Whether an earlier export may be replaced; what it did not write stays.
     **options

@@ -143,7 +143,7 @@ def export_run(
     out
         Folder to make.
     format
-        Name of the format; see `export_formats` and ``docs/export.md``.
+        Name of the format; see `export_formats` and ``docs/how_to/export.md``.
     method
         Write the estimate of this method; the truth if not given.
     row

@@ -184,7 +184,7 @@ def make_truth(
     Returns
     -------
     xarray.Dataset
-        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/truth.md``. NaN where nothing is seen.
+        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/reference/_truth.md``. NaN where nothing is seen.
 
     Raises
     ------
