@@ -1,6 +1,6 @@
 """Draw docs/reference/conventions.svg: the camera on its stage, the image it takes, and the pixel grid.
 
-Run ``python docs/_make/draw_conventions.py [FILE ...]``; without arguments the SVG beside this script is made. The same
+Run ``python docs/_make/draw_conventions.py [FILE ...]``; without arguments that SVG is written. The same
 version of matplotlib writes the same bytes.
 """
 
@@ -203,7 +203,7 @@ def main(files: list[str]) -> None:
     """Write the drawing to files; their suffixes say in which form."""
     mpl.rcParams.update({"svg.hashsalt": "scenetruth", "svg.fonttype": "path", "font.family": "DejaVu Sans",
                          "font.size": 10, "text.color": INK})  # fmt: skip
-    for file in files or [str(Path(__file__).with_name("conventions.svg"))]:
+    for file in files or [str(Path(__file__).parents[1] / "reference" / "conventions.svg")]:
         metadata = {"Date": None} if file.endswith(".svg") else None
         draw().savefig(file, metadata=metadata, dpi=110)
 

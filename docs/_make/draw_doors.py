@@ -1,4 +1,7 @@
-"""Draws the small pictures of the README: a data set, the accuracy of methods, a rig; ``python docs/_make/draw_doors.py``."""
+"""Draws the small pictures of the README: a data set, the accuracy of methods, a rig.
+
+Run ``python docs/_make/draw_doors.py``.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,9 @@ import scenetruth as st
 from scenetruth.design.optimisation.report.side_view import draw_side_views
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).parents[1]
 RECIPE = DOCS.parent / "scenes" / "datasets" / "leaves.yaml"
-RIG = DOCS / "examples" / "leaf_growth_rig.yaml"
+RIG = DOCS / "results" / "worked_examples" / "leaf_growth_rig.yaml"
 SAMPLES = (0, 4, 7, 9, 12)
 METHODS = {"structure_tensor": "structure tensor", "refined": "refined", "opencv_scene_flow": "OpenCV"}
 INK, ACCENT, SHARP = "#1b1f24", "#0072b2", "#009e73"

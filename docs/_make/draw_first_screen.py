@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "first_screen.png"
 FEW = ("frames.count=5", "stage.positions=5", "render.backend=raycast")
 METHOD = {"motion": "growing", "surface": "plane", "noise": "estimated"}

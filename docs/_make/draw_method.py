@@ -1,7 +1,7 @@
-"""Draw the two pictures of docs/explanation/structure_tensor.md: lines of a point's images, and eigenvalues of the tensor.
+"""Draw the pictures of docs/explanation/structure_tensor.md: images of a point, and eigenvalues of the tensor.
 
-Run ``python docs/_make/draw_method.py [FOLDER]``; without an argument the SVGs in docs/_static are made. The same version of
-matplotlib writes the same bytes.
+Run ``python docs/_make/draw_method.py [FOLDER]``; without an argument the SVGs in docs/_static are made. The same
+version of matplotlib writes the same bytes.
 """
 
 from __future__ import annotations
@@ -117,4 +117,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "_static")
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "_static")

@@ -24,9 +24,9 @@ from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.truth import make_truth
 
-ROOT = Path(__file__).parents[1]
-PICTURES = ROOT / "docs" / "gallery"
-HEADER = """# Scenes to run and to copy
+ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "docs" / "reference" / "gallery"
+HEADER = """# Scene gallery
 
 Every scene of `scenes/`, as its comment describes it: the reference image, depth, the velocity along the camera's axis,
 and the velocity across it (colour: its size; arrows: its direction). Where nothing moves across the axis, the flow in
@@ -135,10 +135,10 @@ def main(names: list[str]) -> None:
     parts = [HEADER]
     for file in files:
         description = re.sub(r"\s+", " ", comment_of(file))
-        title = f"[{file.stem}](../scenes/{file.name})"
+        title = f"[{file.stem}](../../scenes/{file.name})"
         picture = f"![The scene {file.stem}: image, depth, and how it moves](gallery/{file.stem}.png)"
         parts.append(f"## {title}\n\n{description}\n\n{picture}\n")
-    (ROOT / "docs" / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
+    (ROOT / "docs" / "reference" / "scene_gallery.md").write_text("\n".join(parts), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """How long to look at a leaf that drifts while wind sways it: the computations of wind_sway.md.
 
-Run it from the top of the repository: ``python docs/results/worked_examples/wind_sway.py scan|rates|periods|plans|bursts``.
+Run it from the top of the repository:
+``python docs/results/worked_examples/wind_sway.py scan|rates|periods|plans|bursts``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.scene import Scene
 
-FILE = Path(__file__).parents[2] / "scenes" / "windy_leaf.yaml"
+FILE = Path(__file__).parents[3] / "scenes" / "windy_leaf.yaml"
 RATE_HZ = 50.0
 """Frames per second of the scene file, whose curves count in frames."""
 PERIODS_S, ALL_PERIODS_S = (2.1, 0.73), (2.1, 1.3, 0.73)

@@ -184,7 +184,8 @@ def make_truth(
     Returns
     -------
     xarray.Dataset
-        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/reference/_truth.md``. NaN where nothing is seen.
+        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/reference/data_model.md``. NaN where
+        nothing is seen.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from scenetruth.scene import Scene, load_scene
 from tests.scenes import SCENES, cube
 
 NAMES = sorted(PRESETS)
-DOCS = Path(__file__).parents[3] / "docs" / "sensors.md"
+DOCS = Path(__file__).parents[3] / "docs" / "how_to" / "scenes" / "sensors.md"
 
 
 def sensor(**fields: Any) -> EmvaSensor:

@@ -262,6 +262,6 @@ def check_median_accuracy(bench: ConformanceBench) -> None:
         plane.truth(),
         bench.maps,
         done=f"a plane at {plane.depth_mm:g} mm was estimated that moves by {plane.velocity_mm} mm per frame",
-        remedy="docs/reference/conventions.md: x_s = x_0 - disparity s, depth Z in mm along the optical axis, flow and velocity "
-        "forward in time per frame, Y down, U_Z < 0 comes nearer",
+        remedy="docs/reference/conventions.md: x_s = x_0 - disparity s, depth Z in mm along the optical axis, flow and "
+        "velocity forward in time per frame, Y down, U_Z < 0 comes nearer",
     )
