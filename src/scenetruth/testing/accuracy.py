@@ -228,7 +228,7 @@ def failure_message(
     if pictures:
         shown = [pictures] if isinstance(pictures, str) else [f"  {file}" for file in pictures]
         lines += shown if isinstance(pictures, str) else ["estimate, truth and error:", *shown]
-    look = "scenetruth.write_report(truth, recording, estimate, output=...) draws everything; "
+    look = "scenetruth.write_report(estimate, truth, recording, output=...) draws everything; "
     lines.append(f"look further: {look}scenetruth.score(estimate, truth, recording).to_frame() has all regions")
     return "\n".join(lines)
 
