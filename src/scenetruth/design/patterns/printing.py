@@ -236,7 +236,7 @@ def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", ma
     -------
     list of pathlib.Path
         ``pattern.pdf`` with all pages, ``pattern.svg`` or one SVG file for each page, ``pattern.png``, the pattern as
-        an image texture, ``format_scene_lines.yaml``, what to write into a scene file, and ``pattern.json``, what it is
+        an image texture, ``scene_lines.yaml``, what to write into a scene file, and ``pattern.json``, what it is
         made from.
 
     Raises
