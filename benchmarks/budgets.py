@@ -75,11 +75,11 @@ def _told(found: Any) -> dict[str, Any]:
         if one.region == "interior"
     }
     parts = [
-        [one.cause, one.quantity, one.predicted, one.predicted_for_seeds, one.simulated, one.figure]
+        [one.cause, one.quantity, one.predicted, one.predicted_for_seeds, one.simulated, one.value]
         for one in found.parts
         if one.region == "interior"
     ]
-    return {"totals": totals, "parts": parts, "words": found.words()}
+    return {"totals": totals, "parts": parts, "words": found.summary().splitlines()}
 
 
 def measured(name: str, column: str) -> float:

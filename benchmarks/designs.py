@@ -147,7 +147,7 @@ def main() -> None:
             folder = (given.folder or Path(scratch)) / name
             design = optimise(file, output=folder, notice=print)
             print(f"  seconds: {dict(design.seconds)}")
-            for line in design.words():
+            for line in design.summary().splitlines():
                 print(f"  {line}")
             against_random(design, random_rigs(file, given.random))
             order_kept(design)

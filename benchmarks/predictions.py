@@ -234,7 +234,7 @@ def compared(number: int, folder: Path) -> list[list[Any]]:
                     continue
                 scatter = float(np.sqrt(np.median(variance[known]) / half))
                 ratio = float(1 / np.sqrt(np.median(variance[known] / std[known] ** 2) / half))
-                told = float("nan") if region == "border" else envelope.figure(quantity, region).std
+                told = float("nan") if region == "border" else envelope.precision(quantity, region).std
                 # The median of |x| of a normal x is 0.674 of its standard deviation.
                 bias = float(np.median(np.abs(error[known])) / 0.674 / scatter)
                 left = float(np.sqrt(max(bias**2 - 1 / count, 0.0)))

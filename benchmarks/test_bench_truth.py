@@ -47,7 +47,7 @@ def test_complete_truth_of_a_rosette(benchmark: BenchmarkFixture, resolution_mm:
     world = build_scene(scene)
     one = load_scene(SCENES / "rosette.yaml", overrides=[*changes, "frames.count=1"])
     make_truth(one, truth_content="complete")  # compiles the kernels
-    arguments = (scene, world, "reference", "real", "complete", {})
+    arguments = (scene, world, "reference", "actual", "complete", {})
     truth = benchmark.pedantic(truth_from_world, arguments, rounds=1)
     benchmark.extra_info["triangles"] = len(world.faces)
     assert truth.sizes["t"] == scene.frames.count

@@ -82,7 +82,7 @@ def main() -> None:
         progress=_Progress(),
         notice=lambda text: print(text, file=sys.stderr, flush=True),
     )
-    with_all = found.summary().to_string(float_format=lambda number: f"{number:.2g}")
+    with_all = found.ranking().to_string(float_format=lambda number: f"{number:.2g}")
     print(f"{with_all}\n{time.perf_counter() - started:.0f} s; {given.output / 'index.html'}")
     for failure in found.failures:
         print(f"no estimate: {failure}", file=sys.stderr)

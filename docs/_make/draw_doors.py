@@ -57,7 +57,7 @@ def data_set() -> None:
 
 def accuracy() -> None:
     """Draw the error of disparity over the noise of images, method by method, and the bound."""
-    found = st.compare(list(METHODS), cases=["noise"]).to_frame()
+    found = st.compare(list(METHODS), cases=["noise"]).to_dataframe()
     told = found[(found.case == "noise") & (found.quantity == "disparity") & (found.statistic == "noise_std")]
     figure, axes = plt.subplots(figsize=(4.6, 2.3), layout="constrained")
     for method, own in told.groupby("method"):

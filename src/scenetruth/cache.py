@@ -37,11 +37,6 @@ def cache_folder() -> Path | None:
 
     It is what the environment variable ``SCENETRUTH_CACHE`` says, ``off`` for none; else ``scenetruth`` in
     ``XDG_CACHE_HOME``, or in ``~/.cache``.
-
-    Returns
-    -------
-    pathlib.Path or None
-        The folder, which need not exist yet.
     """
     given = os.environ.get(_FOLDER, "").strip()
     if given:
@@ -56,18 +51,6 @@ def entry_key(what: str, *parts: Any) -> str:
     """Return the key of an entry: a hash of everything that its contents depend on.
 
     The versions of NumPy and SciPy and the processor belong to every key: they may round otherwise.
-
-    Parameters
-    ----------
-    what
-        What is kept.
-    parts
-        What it is made from: values that JSON can hold. Numbers count with all their digits.
-
-    Returns
-    -------
-    str
-        The name of ``what`` and a hash.
     """
     plain = json.dumps([what, _machine(), *parts], sort_keys=True, default=_plain)
     return f"{what}-{hashlib.sha256(plain.encode()).hexdigest()[:40]}"
@@ -97,18 +80,7 @@ def _machine() -> list[Any]:
 
 @cache
 def source_hash(*folders: Path) -> str:
-    """Return a hash of all Python files of folders: work of a program that was changed has another key.
-
-    Parameters
-    ----------
-    folders
-        The folders; files in folders below count too.
-
-    Returns
-    -------
-    str
-        The hash.
-    """
+    """Return a hash of all Python files of folders: work of a program that was changed has another key."""
     found = hashlib.sha256()
     for folder in folders:
         for file in sorted(folder.rglob("*.py")):
@@ -117,20 +89,7 @@ def source_hash(*folders: Path) -> str:
 
 
 def load_or_compute(key: str, make: Callable[[], Arrays]) -> Arrays:
-    """Return arrays from the cache, or make them and keep them there.
-
-    Parameters
-    ----------
-    key
-        Their key, from `entry_key`.
-    make
-        Makes them.
-
-    Returns
-    -------
-    dict of str to numpy.ndarray
-        The arrays by their names, the caller's own.
-    """
+    """Return arrays from the cache, or make them and keep them there."""
     found = read_entry(key)
     if found is None:
         found = make()
@@ -139,18 +98,7 @@ def load_or_compute(key: str, make: Callable[[], Arrays]) -> Arrays:
 
 
 def read_entry(key: str) -> Arrays | None:
-    """Return the arrays of an entry.
-
-    Parameters
-    ----------
-    key
-        Its key, from `entry_key`.
-
-    Returns
-    -------
-    dict of str to numpy.ndarray or None
-        None if it is not there, or not as it was written.
-    """
+    """Return the arrays of an entry."""
     folder = cache_folder()
     if folder is None:
         return None
@@ -172,18 +120,7 @@ def read_entry(key: str) -> Arrays | None:
 
 
 def has_entry(key: str) -> bool:
-    """Tell whether there is an entry; it may still turn out to be damaged.
-
-    Parameters
-    ----------
-    key
-        Its key, from `entry_key`.
-
-    Returns
-    -------
-    bool
-        True if a file of its name is there.
-    """
+    """Tell whether there is an entry; it may still turn out to be damaged."""
     folder = cache_folder()
     return folder is not None and (folder / f"{key}{_SUFFIX}").is_file()
 
@@ -192,13 +129,6 @@ def write_entry(key: str, arrays: Arrays) -> None:
     """Keep arrays, and take away the entries that were not used for longest, so that all stay within the limit.
 
     The environment variable ``SCENETRUTH_CACHE_MB`` sets the limit in megabytes; 1000 if it does not.
-
-    Parameters
-    ----------
-    key
-        Their key, from `entry_key`.
-    arrays
-        What to keep. Where the disk does not take it, nothing is kept.
     """
     folder = cache_folder()
     most = _max_bytes()

@@ -61,13 +61,7 @@ def _private_folder() -> Path | None:
 
 
 def check_environment() -> None:
-    """Refuse environment variables with which numba could not work.
-
-    Raises
-    ------
-    MachineError
-        With all of them, and what to set.
-    """
+    """Refuse environment variables with which numba could not work."""
     problems = []
     threads = os.environ.get("NUMBA_NUM_THREADS")
     if threads is not None and not (threads.isascii() and threads.strip().isdigit() and int(threads) > 0):
@@ -84,13 +78,7 @@ def check_environment() -> None:
 
 @contextmanager
 def announced_compilation(announce: Callable[[str, int], None]) -> Iterator[None]:
-    """Tell of every kernel that is compiled while the block runs; those that are read from disk are not told.
-
-    Parameters
-    ----------
-    announce
-        Called with the kernel's name and how many have been begun before it.
-    """
+    """Tell of every kernel that is compiled while the block runs; those that are read from disk are not told."""
     from numba.core import event
 
     class Listener(event.Listener):  # type: ignore[misc]

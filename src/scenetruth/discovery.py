@@ -13,21 +13,7 @@ __all__ = ["classes_in", "discriminated_union", "kind_in_lower_case", "kinds_in"
 
 
 def classes_in(base: type[Any], *names: str) -> Iterator[type[Any]]:
-    """Yield the classes derived from a base that some modules define, in the order of the files.
-
-    Parameters
-    ----------
-    base
-        The base class; it is not yielded itself.
-    names
-        Dotted names of modules, or of packages, whose modules are searched in alphabetical order. Modules of
-        kernels are passed over: they hold nothing else, and importing them loads the compiler.
-
-    Yields
-    ------
-    type
-        Each class once, in the module that defines it.
-    """
+    """Yield the classes derived from a base that some modules define, in the order of the files."""
     for name in names:
         module = import_module(name)
         inner = [f"{name}.{entry.name}" for entry in pkgutil.iter_modules(getattr(module, "__path__", ()))]
@@ -39,33 +25,14 @@ def classes_in(base: type[Any], *names: str) -> Iterator[type[Any]]:
 
 
 def discriminated_union(base: type[BaseModel], *names: str) -> Any:
-    """Return the type of a field that holds any member of a family, selected by its ``kind``.
-
-    Parameters
-    ----------
-    base
-        Base class of all members.
-    names
-        Modules or packages that define them: ``"scenetruth.scene.motion"``.
-
-    Returns
-    -------
-    type
-        A discriminated union, for annotations. To type checkers its values are those of ``base``.
-    """
+    """Return the type of a field that holds any member of a family, selected by its ``kind``."""
     models = tuple(kinds_in(base, *names).values())
     union: Any = Union[models]  # noqa: UP007
     return Annotated[union, Field(discriminator="kind"), BeforeValidator(kind_in_lower_case)]
 
 
 def kinds_in(base: type[BaseModel], *names: str) -> dict[str, type[BaseModel]]:
-    """Return the models derived from a base that some modules define, by their ``kind`` in alphabetical order.
-
-    Raises
-    ------
-    TypeError
-        If two models have the same kind.
-    """
+    """Return the models derived from a base that some modules define, by their ``kind`` in alphabetical order."""
     models: dict[str, type[BaseModel]] = {}
     for model in classes_in(base, *names):
         field = model.model_fields.get("kind")

@@ -72,15 +72,6 @@ _LONGEST_PATH = 400
 def visible(text: str, *, lines: bool = True) -> str:
     r"""Return a text in which nothing can act on a terminal: control characters and the like are spelled out.
 
-    Parameters
-    ----------
-    text
-        Any text, from whatever file.
-    lines
-        Whether line ends stay as they are.
-
-    Examples
-    --------
     >>> print(visible("red: \x1b[31m, backwards: \u202e, half a character: \udc80"))
     red: \x1b[31m, backwards: \u202e, half a character: \udc80
     """

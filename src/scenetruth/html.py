@@ -34,14 +34,9 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7
 class Chart:
     """A chart.
 
-    Parameters
-    ----------
-    name
-        Its name within the page.
-    alt
-        What it shows, in words, for those who do not see it.
-    data, layout
-        Traces and layout, as plotly has them.
+    ``name``: Its name within the page.
+    ``alt``: What it shows, in words, for those who do not see it.
+    ``data``, ``layout``: Traces and layout, as plotly has them.
     """
 
     name: str
@@ -58,14 +53,10 @@ _NUMBER = re.compile(r"[-+]?(∞|\d+(\.\d*)?([eE][-+]?\d+)?)(?!\w)")
 class HtmlCell:
     """A cell of a table.
 
-    Parameters
-    ----------
-    text
-        What it says.
-    key
-        The number by which it sorts; None to sort by what it says.
-    address, saved_as
-        Address of a file that it hands over, and what that is called when it is saved; empty if there is none.
+    ``text``: What it says.
+    ``key``: The number by which it sorts; None to sort by what it says.
+    ``address``, ``saved_as``: Address of a file that it hands over, and what that is called when it is saved; empty if
+      there is none.
     """
 
     text: str
@@ -85,20 +76,12 @@ class HtmlCell:
 class HtmlTable:
     """A table.
 
-    Parameters
-    ----------
-    name
-        Its name within the page.
-    caption
-        What it shows.
-    columns
-        Heads.
-    lines
-        Its lines.
-    marked
-        Number of the line that stands out; None if none does.
-    foot
-        Lines that stay below the others, such as sums.
+    ``name``: Its name within the page.
+    ``caption``: What it shows.
+    ``columns``: Heads.
+    ``lines``: Its lines.
+    ``marked``: Number of the line that stands out; None if none does.
+    ``foot``: Lines that stay below the others, such as sums.
     """
 
     name: str
@@ -119,15 +102,7 @@ class HtmlTable:
 
 
 def make_table(name: str, caption: str, columns: Sequence[str], lines: Iterable[Iterable[Any]]) -> HtmlTable:
-    """Return a table of texts; those that begin with a number sort by it.
-
-    Parameters
-    ----------
-    name, caption, columns
-        As of `HtmlTable`.
-    lines
-        What cells say.
-    """
+    """Return a table of texts; those that begin with a number sort by it."""
     cells = [[HtmlCell(str(text), sort_key(str(text))) for text in line] for line in lines]
     return HtmlTable(name, caption, columns, cells)
 
@@ -135,8 +110,6 @@ def make_table(name: str, caption: str, columns: Sequence[str], lines: Iterable[
 def sort_key(text: str) -> float | None:
     """Return the number that a text begins with; None if it begins with none.
 
-    Examples
-    --------
     >>> [sort_key(text) for text in ("0.5", "-3 px", "1e-3 to 2", "−2", "∞", "leaf", "–", "3d")]
     [0.5, -3.0, 0.001, -2.0, inf, None, None, None]
     """
@@ -151,8 +124,6 @@ _SETTINGS = '{responsive: true, displaylogo: false, showSendToCloud: false, plot
 def plotly_script() -> str:
     """Return plotly's script, set for pages that need no network: its buttons offer no upload.
 
-    Examples
-    --------
     >>> plotly_script().rstrip().endswith('showSendToCloud: false, plotlyServerURL: ""});')
     True
     """
@@ -162,17 +133,7 @@ def plotly_script() -> str:
 
 
 def template_environment(package: str, *, autoescape: bool = True, **options: Any) -> Environment:
-    """Return what reads templates: those of a package, and those that all pages share.
-
-    Parameters
-    ----------
-    package
-        The package whose folder ``templates`` has the templates.
-    autoescape
-        Whether what is told is text, of which nothing acts as HTML.
-    **options
-        Further options of `jinja2.Environment`.
-    """
+    """Return what reads templates: those of a package, and those that all pages share."""
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     return Environment(
@@ -186,19 +147,7 @@ def template_environment(package: str, *, autoescape: bool = True, **options: An
 
 
 def render_page(package: str, template: str, charts: Any, **told: Any) -> str:
-    """Return a page.
-
-    Parameters
-    ----------
-    package
-        The package whose folder ``templates`` has the template, which extends ``page_with_charts.html.j2``.
-    template
-        Name of the template.
-    charts
-        Charts as plain values, which the page's script finds as ``charts``.
-    told
-        What the template tells.
-    """
+    """Return a page."""
     return (
         template_environment(package)
         .get_template(template)
@@ -214,8 +163,6 @@ def render_page(package: str, template: str, charts: Any, **told: Any) -> str:
 def script_json(values: Any) -> str:
     r"""Return plain values as they may stand in a page's script, which nothing in them ends.
 
-    Examples
-    --------
     >>> print(script_json({"title": "</script>"}))
     {"title": "\u003c/script>"}
     """

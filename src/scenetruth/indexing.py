@@ -11,8 +11,6 @@ __all__ = ["centred_indices"]
 def centred_indices(count: int) -> NDArray[np.int64]:
     """Return ``count`` consecutive integers with 0 at the reference, the middle (the lower one of an even count).
 
-    Examples
-    --------
     >>> centred_indices(5).tolist(), centred_indices(2).tolist()
     ([-2, -1, 0, 1, 2], [0, 1])
     """

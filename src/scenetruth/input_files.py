@@ -36,13 +36,6 @@ def bundled_folder() -> Path | None:
 def bundled_files(folder: str = ".") -> dict[str, Path]:
     """Return files that are shipped by their names, in order; none where nothing is shipped.
 
-    Parameters
-    ----------
-    folder
-        ``"."`` for scenes, ``"datasets"`` for recipes, ``"designs"`` for design specifications.
-
-    Examples
-    --------
     >>> bundled_files()["cube"].name
     'cube.yaml'
     """
@@ -53,17 +46,6 @@ def bundled_files(folder: str = ".") -> dict[str, Path]:
 def bundled_file(given: object, folder: Path | None = None, *, within: str = ".") -> Path | None:
     """Return the file that is shipped under a plain name; None if there is none, or a file has that name.
 
-    Parameters
-    ----------
-    given
-        A name or a path.
-    folder
-        Where relative paths count from.
-    within
-        As of `bundled_files`; scenes if not given.
-
-    Examples
-    --------
     >>> bundled_file("cube").name, bundled_file("cube.yaml"), bundled_file("mine")
     ('cube.yaml', None, None)
     """
@@ -101,15 +83,7 @@ SceneFile = Annotated[str, _MARK, AfterValidator(_of_scene)]
 
 
 def regular_file_size(path: Path) -> int:
-    """Return the size of a regular file in bytes; nothing is opened, as opening a pipe may take for ever.
-
-    Raises
-    ------
-    ValueError
-        If there is something else; says what.
-    OSError
-        If there is nothing, or it cannot be looked at.
-    """
+    """Return the size of a regular file in bytes; nothing is opened, as opening a pipe may take for ever."""
     found = os.stat(path)
     if not stat.S_ISREG(found.st_mode):
         what = "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file (a pipe, a socket or a device)"
@@ -119,29 +93,12 @@ def regular_file_size(path: Path) -> int:
 
 
 def validation_context(folder: Path | None) -> dict[str, Any]:
-    """Return the context of a validation that makes relative paths absolute.
-
-    Parameters
-    ----------
-    folder
-        Folder that relative paths count from; None leaves them as they are.
-    """
+    """Return the context of a validation that makes relative paths absolute."""
     return {_FOLDER: folder}
 
 
 def collect_input_files(model: BaseModel) -> list[tuple[str, Path]]:
-    """Return every file that a validated model names.
-
-    Parameters
-    ----------
-    model
-        The model; models, tuples, lists and mappings in it are looked through.
-
-    Returns
-    -------
-    list
-        Where the model names it (``objects.0.mesh.file``), and the path.
-    """
+    """Return every file that a validated model names."""
     return list(_files_of_model(model, ""))
 
 

@@ -8,15 +8,7 @@ from typing import Any, get_args
 
 from scenetruth.errors import Problem
 
-__all__ = [
-    "LARGEST_INTEGER",
-    "MAX_DEPTH",
-    "MAX_VALUES",
-    "argument_problems",
-    "parse_json",
-    "plain_problems",
-    "scalar_problem",
-]
+__all__ = ["MAX_DEPTH", "MAX_VALUES", "argument_problems", "parse_json", "plain_problems", "scalar_problem"]
 
 MAX_DEPTH = 40
 """Mappings and lists inside each other; scenes need about ten, and recursive code bears some hundreds."""
@@ -29,8 +21,6 @@ LARGEST_INTEGER = 2**63 - 1
 def scalar_problem(value: Any) -> str:
     r"""Return what is wrong with a value that is no mapping and no list, or an empty text.
 
-    Examples
-    --------
     >>> scalar_problem(2**63), scalar_problem("a\0b"), scalar_problem(2**62)
     ('does not fit into 64 bits', 'holds the character NUL, which no name or text may have', '')
     """
@@ -50,15 +40,6 @@ def plain_problems(tree: Any, *, any_keys: bool = False) -> list[Problem]:
     Refused are keys that are no texts, texts that cannot be written, integers of more than 64 bits, trees that are too
     deep or contain themselves, and those of more values than `MAX_VALUES`.
 
-    Parameters
-    ----------
-    tree
-        Mappings, lists and tuples, and whatever is in them.
-    any_keys
-        Whether keys may be anything.
-
-    Examples
-    --------
     >>> endless = {"a": 1}
     >>> endless["b"] = [endless]
     >>> print(*plain_problems(endless), *plain_problems({"a": {3: 4}}), sep="\n")
@@ -121,13 +102,6 @@ _MAX_SHOWN = 100
 def parse_json(text: str | bytes) -> Any:
     """Return what a JSON text says.
 
-    Raises
-    ------
-    ValueError
-        If it is no JSON, is nested too deeply for the reader, or holds a number that Python does not read.
-
-    Examples
-    --------
     >>> parse_json('{"a": [1, 2.5]}')
     {'a': [1, 2.5]}
     """
@@ -141,15 +115,6 @@ def parse_json(text: str | bytes) -> Any:
 def argument_problems(progress: Any = None, **choices: tuple[Any, Any]) -> list[Problem]:
     """Return what is wrong with arguments whose types nobody checks at a call.
 
-    Parameters
-    ----------
-    progress
-        What is to be called as the work goes on, or None.
-    **choices
-        Values and the literal types of which they must be, by the names of the arguments.
-
-    Examples
-    --------
     >>> from typing import Literal
     >>> print(*argument_problems(truth_views=("al", Literal["reference", "all"])))
     truth_views: must be 'reference' or 'all' (got 'al')

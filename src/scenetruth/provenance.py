@@ -62,17 +62,7 @@ def intrinsics_from(scene: Scene) -> Intrinsics:
 
 
 def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, save_radiance: bool = False) -> xr.Dataset:
-    """Return the recording of a scene with images that take no memory: all of their pixels are one.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    attrs
-        What the recording's attributes tell besides the intrinsics and the sensor's full scale.
-    save_radiance
-        Whether there are linear images without noise too.
-    """
+    """Return the recording of a scene with images that take no memory: all of their pixels are one."""
     camera, stage, sensor = scene.camera, scene.stage, build_sensor_chain(scene.sensor)
     rows = (stage.rows,) if stage.rows > 1 else ()
     shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
@@ -95,11 +85,6 @@ def scene_hash(scene: Scene) -> str:
     """Return a hash of everything in a scene that images and truth depend on, 16 hexadecimal digits.
 
     How it is estimated, scored and described does not count. Files count by their content, not by their name or place.
-
-    Parameters
-    ----------
-    scene
-        The scene; relative paths of its files count from the current folder.
     """
     plain = scene.to_dict()
     for where, file in collect_input_files(scene):

@@ -15,15 +15,6 @@ GeneratorFor = Callable[..., np.random.Generator]
 def generator_for(seed: int, *purpose: str | int) -> np.random.Generator:
     """Return a random generator of its own for one purpose: independent of every other, and of any order of calls.
 
-    Parameters
-    ----------
-    seed
-        The scene's seed.
-    purpose
-        What the numbers serve: ``("texture", name)``, ``("sensor", s, t)``.
-
-    Examples
-    --------
     >>> one, same = (generator_for(7, "texture", "cube").random() for _ in range(2))
     >>> one == same, one == generator_for(7, "texture", "box").random()
     (True, False)

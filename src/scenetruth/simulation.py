@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import xarray as xr
 
 from scenetruth.camera import LinearImage, build_sensor_chain
 from scenetruth.errors import SceneWarning
-from scenetruth.output import write_atomically
 from scenetruth.progress import Progress
 from scenetruth.provenance import blank_recording, build_schedule, provenance_attributes, recording_hash
 from scenetruth.random_streams import generator_for
@@ -24,10 +24,40 @@ from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import IncrementalDataset, Put
-from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, open_store, store_name
+from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, store_name
 from scenetruth.truth import TruthMaps, TruthOptions, TruthPoses, TruthViews, blank_truth, fill_truth, refuse_arguments
 
-__all__ = ["simulate", "simulate_into"]
+__all__ = ["Simulation", "simulate", "simulate_into"]
+
+
+class Simulation(NamedTuple):
+    """Recording and ground truth of a scene, as `simulate` returns them.
+
+    Parameters
+    ----------
+    recording
+        Images with their metadata, as of `make_recording`.
+    truth
+        Exact maps of depth, disparity, motion and more.
+
+    See Also
+    --------
+    simulate : Returns it.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
+    >>> simulation = st.simulate(plain)
+    >>> simulation.recording.image.shape, simulation.truth.depth.shape
+    ((3, 1, 30, 40), (1, 30, 40))
+    """
+
+    recording: xr.Dataset
+    truth: xr.Dataset
 
 
 def simulate(
@@ -35,13 +65,12 @@ def simulate(
     *,
     overrides: Overrides = (),
     truth_views: TruthViews = "reference",
-    truth_poses: TruthPoses = "real",
+    truth_poses: TruthPoses = "actual",
     truth_content: TruthMaps = "standard",
     save_radiance: bool = False,
-    folder: str | Path | None = None,
     limits: Limits | None = None,
     progress: Progress | None = None,
-) -> tuple[xr.Dataset, xr.Dataset]:
+) -> Simulation:
     """Render a scene as a camera on its stage would see it, and compute the exact truth.
 
     Parameters
@@ -53,7 +82,7 @@ def simulate(
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
     truth_poses
-        ``"real"``: truth at the time and pose at which each image was taken, with the errors of the stage;
+        ``"actual"``: truth at the time and pose at which each image was taken, with the errors of the stage;
         ``"nominal"``: truth at the planned time and pose.
     truth_content
         ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
@@ -61,9 +90,6 @@ def simulate(
         rotation rate, principal growth, and coordinates on the surface.
     save_radiance
         Whether the recording also holds ``radiance``, the linear images without noise that the sensor was given.
-    folder
-        A folder to be made for scene, recording and truth. Every image goes there as soon as it is rendered, so that
-        memory does not grow with their number. Without it, all is kept in memory.
     limits
         Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
     progress
@@ -71,10 +97,11 @@ def simulate(
 
     Returns
     -------
-    tuple
-        The recording, ``image`` (s, t, y, x) and perhaps ``radiance``, and the truth, maps (t, y, x) or (s, t, y, x).
-        The recording holds the planned poses and times of the images, the truth the real ones. If the stage has rows,
-        ``s_y`` comes before ``s``. From a folder, images and maps are read when they are used (`open_store`).
+    Simulation
+        Named tuple ``(recording, truth)``: the recording, ``image`` (s, t, y, x) and perhaps ``radiance``, and the
+        truth, maps (t, y, x) or (s, t, y, x), both in memory; `run_scene` with ``stages=("render",)`` writes them to
+        disk image by image. The recording holds the planned poses and times of the images, the truth the actual ones.
+        If the stage has rows, ``s_y`` comes before ``s``.
 
     Raises
     ------
@@ -84,8 +111,6 @@ def simulate(
         If the scene cannot be made or passes a bound, or nothing of it can be seen.
     BackendUnavailableError
         If the scene names a render backend that does not run here.
-    StoreError
-        If the folder exists, or cannot be written.
 
     Warns
     -----
@@ -115,12 +140,6 @@ def simulate(
     scene = load_scene(scene, overrides=overrides)
     refuse_beyond_limits(scene, limits)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
-    if folder is not None:
-        with write_atomically(folder) as aside:
-            aside.mkdir()
-            simulate_into(aside, scene, choice, save_radiance=save_radiance, progress=progress)
-        recorded, measured = _stores(Path(folder), scene)
-        return open_store(recorded, "recording"), open_store(measured, "truth")
     work = _Work(scene, save_radiance=save_radiance, progress=progress)
     with work.opened() as blank:
         images = IncrementalDataset(blank)
@@ -128,26 +147,13 @@ def simulate(
     maps = IncrementalDataset(work.blank_truth(choice))
     work.measure(choice, maps.put)
     work.warn(stacklevel=3)
-    return images.dataset(), maps.dataset()
+    return Simulation(images.dataset(), maps.dataset())
 
 
 def simulate_into(
     folder: Path, scene: Scene, choice: TruthOptions, *, save_radiance: bool = False, progress: Progress | None = None
 ) -> tuple[str, str]:
-    """Render a scene and compute its truth into a folder that exists and is empty, image by image.
-
-    Parameters
-    ----------
-    folder
-        The folder; the scene, the recording and the truth go there.
-    scene, choice, save_radiance, progress
-        As of `simulate`.
-
-    Returns
-    -------
-    tuple of str
-        The backend that rendered, and why it is not the first choice (empty if it is).
-    """
+    """Render a scene and compute its truth into a folder that exists and is empty, image by image."""
     import yaml
 
     text = yaml.safe_dump(scene.to_dict(), sort_keys=False, allow_unicode=True)

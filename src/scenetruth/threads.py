@@ -49,17 +49,9 @@ def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
 def in_bands(kernel: Callable[..., None], count: int, *arguments: Any, least: int = 1024) -> None:
     """Call a kernel on bands of the indices from 0 to ``count`` - 1 that cover each index once, in threads.
 
-    Parameters
-    ----------
-    kernel
-        Called with the band's first index, its last + 1, and the arguments; it writes to arrays among these, at places
-        that no other index writes to.
-    count
-        Number of indices. With 0, the kernel is not called.
-    arguments
-        What else the kernel is given.
-    least
-        Smallest number of indices that is worth a call in a thread of its own: some tens of microseconds of work.
+    ``count``: Number of indices. With 0, the kernel is not called.
+    ``least``: Smallest number of indices that is worth a call in a thread of its own: some tens of microseconds of
+      work.
     """
     threads = thread_count()
     parts = 1 if threads == 1 else max(min(_BANDS * threads, count // least), 1)

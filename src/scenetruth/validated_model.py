@@ -40,18 +40,6 @@ __all__ = [
 def field_docstrings(cls: type) -> dict[str, str]:
     """Return what the source of a class, and of those it is derived from, says of their fields.
 
-    Parameters
-    ----------
-    cls
-        The class.
-
-    Returns
-    -------
-    dict
-        Docstrings by the names of the fields; without those of classes whose source cannot be read.
-
-    Examples
-    --------
     >>> from scenetruth.estimators.method_settings import StructureTensorSettings
     >>> field_docstrings(StructureTensorSettings)["window_sigma_frames"]
     'Standard deviation of the Gaussian window B in t, in frames.'
@@ -140,8 +128,6 @@ class FrozenModel(BaseModel):
 
     Where a field takes one of some words, they may be written in any case; the field holds the word as it is declared.
 
-    Examples
-    --------
     >>> class Filter(FrozenModel):
     ...     sides: Literal["upper", "lower"]
     ...     cutoff_px: Positive | Literal["auto"] = "auto"
@@ -220,14 +206,9 @@ def _words_in(annotation: Any) -> Iterator[str | type[str]]:
 class Preset:
     """Fields of a model and their values.
 
-    Parameters
-    ----------
-    title
-        What it is: a product, a movement.
-    values
-        Fields and their values, in the model's units.
-    sources
-        Where each of them is from: the same keys.
+    ``title``: What it is: a product, a movement.
+    ``values``: Fields and their values, in the model's units.
+    ``sources``: Where each of them is from: the same keys.
     """
 
     title: str

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from scenetruth.cli.options import SCENES, file_completer, method_names
+from scenetruth.cli.bundled_files import SCENES, file_completer, method_names
 from scenetruth.estimators import method_entries
 
 

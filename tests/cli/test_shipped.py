@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import scenetruth as st
-from scenetruth.cli.options import DESIGNS, RECIPES, SCENES, BundledFiles, resolve_file
+from scenetruth.cli.bundled_files import DESIGNS, RECIPES, SCENES, BundledFiles, resolve_file
 from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.input_files import bundled_folder
 from tests.cli.calling import scenetruth

@@ -44,7 +44,7 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     found = compare([nearest, failing], output=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
     assert told[-1][1:] == (1, 1)
-    assert found.figure("phase_of_flow", "nearest", "flow_x", "rmse").value == 0
+    assert found.value("flow_x", "rmse", case="phase_of_flow", method="nearest").value == 0
     assert len(found.failures) == 1
     assert "phase_of_flow at 0: failing" in found.failures[0]
     assert "no idea" in found.failures[0]
@@ -59,7 +59,7 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     compare([nearest, failing], output=tmp_path / "c", **QUICK)
     assert json.loads(kept.read_text())["key"] == plain["key"]
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {"results.parquet", "results.csv", "summary.csv"}
-    frame = found.to_frame()
+    frame = found.to_dataframe()
     fields = list(BenchmarkRecord.__dataclass_fields__)
     assert list(frame.columns) == [*fields[:2], "label", *fields[2:]]
     assert set(frame["label"]) == {"0"}
@@ -128,8 +128,12 @@ def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
     found = compare(nearest, suite="full", output=tmp_path / "c", cases=["gallery"], levels=["plaid"])
     assert not found.failures
     # The pattern is 100 mm away, and moves by 1 mm, 0.1 px, per frame.
-    assert found.figure("gallery", "nearest", "depth", "bias", "plaid").value == pytest.approx(620, rel=1e-6)
-    assert found.figure("gallery", "nearest", "flow_x", "bias", "plaid").value == pytest.approx(-0.1, rel=1e-6)
+    assert found.value("depth", "bias", case="gallery", method="nearest", level="plaid").value == pytest.approx(
+        620, rel=1e-6
+    )
+    assert found.value("flow_x", "bias", case="gallery", method="nearest", level="plaid").value == pytest.approx(
+        -0.1, rel=1e-6
+    )
     assert (tmp_path / "c" / "points" / "gallery" / "plaid.json").exists()
     table = pd.read_csv(tmp_path / "c" / "results.csv")
     assert set(table["label"]) == {"plaid"}
@@ -235,8 +239,10 @@ def test_results_made_elsewhere_are_compared_as_if_made_here(tmp_path: Path) -> 
     found = compare([ResultsFolder(tmp_path / "made", "elsewhere"), nearest], **QUICK)
     assert not found.failures
     # What was handed in, to float32.
-    assert found.figure("phase_of_flow", "elsewhere", "flow_x", "bias").value == pytest.approx(0.01, rel=1e-6)
-    assert found.figure("phase_of_flow", "nearest", "flow_x", "bias").value == 0
+    assert found.value("flow_x", "bias", case="phase_of_flow", method="elsewhere").value == pytest.approx(
+        0.01, rel=1e-6
+    )
+    assert found.value("flow_x", "bias", case="phase_of_flow", method="nearest").value == 0
     (tmp_path / "nothing").mkdir()
     nothing = compare(ResultsFolder(tmp_path / "nothing", "elsewhere"), **QUICK)
     assert place.name in nothing.failures[0]

@@ -96,21 +96,25 @@ def test_refined_is_at_the_bound_on_planes(core: BenchmarkResult, bounds: Of, ca
     told = all_cases()[case].bounded
     others = {} if told else bounds(case, value)
     for quantity in QUANTITIES:
-        bound = core.figure(case, BOUND, quantity, "noise_std", value).value if told else others[quantity]
-        assert core.figure(case, REFINED, quantity, "rmse", value).value < KNOWN * bound, quantity
+        bound = (
+            core.value(quantity, "noise_std", case=case, method=BOUND, level=value).value if told else others[quantity]
+        )
+        assert core.value(quantity, "rmse", case=case, method=REFINED, level=value).value < KNOWN * bound, quantity
 
 
 def test_nothing_is_below_the_bound(core: BenchmarkResult) -> None:
     for row in core.rows:
         if row.case == "noise" and row.statistic == "noise_std" and row.method != BOUND:
-            bound = core.figure("noise", BOUND, row.quantity, "noise_std", row.level).value
+            bound = core.value(row.quantity, "noise_std", case="noise", method=BOUND, level=row.level).value
             assert row.value > bound / KNOWN, row
 
 
 @pytest.mark.parametrize("method", BOTH)
 def test_errors_are_as_large_as_the_noise(core: BenchmarkResult, method: str) -> None:
     for quantity in QUANTITIES:
-        low, high = (core.figure("noise", method, quantity, "noise_std", value).value for value in (0.005, 0.02))
+        low, high = (
+            core.value(quantity, "noise_std", case="noise", method=method, level=value).value for value in (0.005, 0.02)
+        )
         # The same noise, four times as large: all is linear as long as errors are far below a pixel.
         assert high / low == pytest.approx(4, rel=0.1)
 
@@ -119,7 +123,7 @@ def test_errors_are_as_large_as_the_noise(core: BenchmarkResult, method: str) ->
 def test_error_bars_are_honest(core: BenchmarkResult, method: str) -> None:
     for quantity in ("depth", "velocity_x", "velocity_z"):
         for value in (0.005, 0.02):
-            assert 1 / KNOWN < core.figure("noise", method, quantity, "rms_z", value).value < KNOWN
+            assert 1 / KNOWN < core.value(quantity, "rms_z", case="noise", method=method, level=value).value < KNOWN
 
 
 def test_nothing_locks_to_whole_pixels(core: BenchmarkResult) -> None:
@@ -129,18 +133,23 @@ def test_nothing_locks_to_whole_pixels(core: BenchmarkResult) -> None:
     ):
         for method in methods:
             for value in all_cases()[case].core:
-                assert abs(core.figure(case, method, quantity, "bias", value).value) < FILTERS_PX, (method, value)
+                assert abs(core.value(quantity, "bias", case=case, method=method, level=value).value) < FILTERS_PX, (
+                    method,
+                    value,
+                )
 
 
 @pytest.mark.parametrize(("case", "quantity"), [("waves_of_motion", "flow_y"), ("waves_of_depth", "depth")])
 def test_a_gaussian_window_leaves_what_it_must(core: BenchmarkResult, case: str, quantity: str) -> None:
     for period, expected in SHARE_LEFT.items():
         # Texture weighs the pixels of a window unevenly, here by chance.
-        assert core.figure(case, TENSOR, quantity, "amplitude_ratio", period).value == pytest.approx(expected, abs=0.06)
+        assert core.value(quantity, "amplitude_ratio", case=case, method=TENSOR, level=period).value == pytest.approx(
+            expected, abs=0.06
+        )
         # A plane in the window leaves all that is linear, so that more is left than of its mean.
-        assert core.figure(case, REFINED, quantity, "amplitude_ratio", period).value > expected - 0.06
+        assert core.value(quantity, "amplitude_ratio", case=case, method=REFINED, level=period).value > expected - 0.06
     if case == "waves_of_motion":
-        crossing = core.figure(case, TENSOR, quantity, "cutoff_period_first").value
+        crossing = core.value(quantity, "cutoff_period_first", case=case, method=TENSOR).value
         assert crossing == pytest.approx(PERIOD_LEFT_PX, rel=0.1)
 
 
@@ -148,7 +157,7 @@ def test_a_gaussian_window_leaves_what_it_must(core: BenchmarkResult, case: str,
 def test_an_unsteady_stage_costs_what_it_must(core: BenchmarkResult, method: str) -> None:
     # Every image is off by 0.1 px; a line through five cameras, in each of five frames, has this slope.
     expected = 0.1 / math.sqrt(5 * sum(s * s for s in range(-2, 3)))
-    assert core.figure("stage_error", method, "disparity", "rmse", 0.1).value < 3 * expected
+    assert core.value("disparity", "rmse", case="stage_error", method=method, level=0.1).value < 3 * expected
 
 
 @pytest.mark.parametrize("case", ["edge_of_depth", "step_of_motion"])
@@ -156,7 +165,7 @@ def test_refined_keeps_to_its_side_of_an_edge(core: BenchmarkResult, case: str) 
     quantity, step_px = {"edge_of_depth": ("disparity", 1.47), "step_of_motion": ("flow_y", 0.8)}[case]
     for value in all_cases()[case].core:
         # A window of both sides would be wrong by 40 % of the step, one pixel from it.
-        assert core.figure(case, REFINED, quantity, "rmse", value).value < 0.02 * step_px
+        assert core.value(quantity, "rmse", case=case, method=REFINED, level=value).value < 0.02 * step_px
 
 
 def test_growth_is_as_certain_as_the_bound(core: BenchmarkResult) -> None:
@@ -167,4 +176,6 @@ def test_growth_is_as_certain_as_the_bound(core: BenchmarkResult) -> None:
             bound = cramer_rao_bound(truth, recording, noise_std=case.noise_std(minutes), motion="growing").sel(t=0)
         std = float(bound["growth_rate_std"].median()) * 60 / minutes * 100
         # Growth over 20 px is a mean over more than the window that the bound has.
-        assert core.figure("growth", REFINED, "growth_rate_windowed", "rmse", minutes).value < KNOWN * std
+        assert (
+            core.value("growth_rate_windowed", "rmse", case="growth", method=REFINED, level=minutes).value < KNOWN * std
+        )

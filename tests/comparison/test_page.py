@@ -63,13 +63,15 @@ def comparison() -> BenchmarkResult:
 def test_efficiency_and_products_follow_from_rows(comparison: BenchmarkResult) -> None:
     frame = comparison.efficiency()
     assert set(frame["efficiency_percent"].round(9)) == {25.0, 6.25}
-    first = comparison.figure("waves_of_depth", "mine", "depth", "cutoff_period_first").value
+    first = comparison.value("depth", "cutoff_period_first", case="waves_of_depth", method="mine").value
     # The logarithm of the share is a straight line over the period to the power of -2.
     way = (math.log(0.99) - math.log(0.9)) / (math.log(0.99) - math.log(0.8))
     assert first == pytest.approx((96**-2 + way * (48**-2 - 96**-2)) ** -0.5)
-    product = comparison.figure("waves_of_depth", HOSTILE, "disparity", "metrological_efficiency_first").value
+    product = comparison.value(
+        "disparity", "metrological_efficiency_first", case="waves_of_depth", method=HOSTILE
+    ).value
     assert product == pytest.approx(2 * 0.005 * first)
-    summary = comparison.summary()
+    summary = comparison.ranking()
     assert summary.loc["Noise floor: disparity noise std", "mine"] == np.median(all_cases()["noise"].core)
     assert summary.loc["Noise floor: disparity noise std", BOUND] == np.median(all_cases()["noise"].core) / 2
 

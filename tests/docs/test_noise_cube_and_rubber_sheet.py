@@ -24,13 +24,13 @@ def test_goals_load_and_can_be_followed(name: str, objective: str) -> None:
 def test_the_sheet_is_pulled_by_what_the_page_says() -> None:
     """Of 36 %/h along X and 18 %/h across; 11.9 and 9.64 %/h are told of them: formulas may move by a few per cent."""
     told = predict(load_scene(SCENES / "rubber_sheet.yaml"))
-    largest, least = (told.figure(f"growth_{name}") for name in ("principal_1", "principal_2"))
+    largest, least = (told.precision(f"growth_{name}", "all") for name in ("principal_1", "principal_2"))
     assert largest.signal_value == pytest.approx(1e-4 * PER_HOUR, rel=1e-3)
     assert least.signal_value == pytest.approx(0.5e-4 * PER_HOUR, rel=1e-3)
     assert largest.value == pytest.approx(11.9, rel=0.1)
     assert least.value == pytest.approx(9.64, rel=0.1)
     wide = predict(load_scene(SCENES / "rubber_sheet.yaml"), window_sigma_px=24.0)
-    assert wide.figure("growth_principal_1").std < 1e-5
+    assert wide.precision("growth_principal_1", "all").std < 1e-5
 
 
 def test_one_camera_cannot_tell_strain_from_coming_nearer() -> None:
@@ -41,4 +41,4 @@ def test_one_camera_cannot_tell_strain_from_coming_nearer() -> None:
         predict(load_scene(SCENES / "rubber_sheet.yaml", overrides=set_)) for set_ in ((one,), (one, still, nearer))
     )
     assert "growth_principal_1" not in pulled.quantities
-    assert moved.figure("flow_x").signal == pytest.approx(pulled.figure("flow_x").signal, rel=2e-3)
+    assert moved.precision("flow_x", "all").signal == pytest.approx(pulled.precision("flow_x", "all").signal, rel=2e-3)

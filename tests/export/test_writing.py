@@ -190,7 +190,7 @@ def test_pairs_that_are_none_are_refused_or_told(tmp_path: Path) -> None:
     with pytest.raises(st.ExportError) as info:
         st.export((recording, truth), "pfm", output=tmp_path / "x")
     assert set(problems_of(info)) == {"camera.distortion", "camera_position_mm", "image_time_s"}
-    done = st.export((recording, truth), "pfm", output=tmp_path / "x", planned=True)
+    done = st.export((recording, truth), "pfm", output=tmp_path / "x", nominal=True)
     assert len(done.notes) == 3
     assert "up to" in done.notes[1]
 

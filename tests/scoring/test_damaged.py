@@ -51,7 +51,7 @@ def test_damaged_scores_are_told_of(tmp_path: Path, content: bytes, message: str
     file = tmp_path / "score.json"
     file.write_bytes(content)
     with pytest.raises(StoreError, match=message) as caught:
-        Score.read(file)
+        Score.load(file)
     assert str(caught.value).startswith(str(file))
 
 
@@ -63,12 +63,12 @@ def test_what_is_no_text(text: Any) -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="cannot be read"):
-        Score.read(tmp_path / "score.json")
+        Score.load(tmp_path / "score.json")
     with pytest.raises(StoreError, match="is a folder"):
-        Score.read(tmp_path)
+        Score.load(tmp_path)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(StoreError, match="is no regular file"):
-        Score.read(tmp_path / "pipe")
+        Score.load(tmp_path / "pipe")
 
 
 values: some.SearchStrategy[Any] = (

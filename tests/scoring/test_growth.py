@@ -233,7 +233,7 @@ def test_growth_is_scored_in_percent_per_hour() -> None:
     # Growth is linear in the velocity.
     assert result.regions["all"]["growth_rate_windowed"]["relative_rmse"] == pytest.approx(0.5)
     assert values["rms_z"] is None
-    assert result.to_frame().loc[("all", "growth_rate"), "units"] == "%/h"
+    assert result.to_dataframe().loc[("all", "growth_rate"), "units"] == "%/h"
     hourly = [dataset.assign_attrs(frame_interval_s=3600.0) for dataset in (faster, case.truth)]
     slow = score(*hourly, settings={"growth_window_px": 8}).regions["all"]["growth_rate"]
     assert slow["rmse"] == pytest.approx(float(values["rmse"] or 0) / 60)

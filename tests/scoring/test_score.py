@@ -178,7 +178,7 @@ def test_quantities_without_error_bars_have_no_calibration(full_case: Case) -> N
             assert undefined == (name != "disparity")
             assert quantities[name]["rmse"] == everything.regions[region][name]["rmse"]
     strict(partly.to_json())
-    frame = partly.to_frame()
+    frame = partly.to_dataframe()
     assert frame["rms_z"].notna().sum() == len(partly.regions)
     assert frame.loc[("all", "disparity"), "rms_z"] == partly.regions["all"]["disparity"]["rms_z"]
 
@@ -216,7 +216,7 @@ def test_one_camera_or_one_frame_knows_nothing_of_some(
         assert "outliers" not in result.regions[region]
     strict(result.to_json())
     assert Score.from_json(result.to_json()) == result
-    assert (result.to_frame().loc["all"].loc[sorted(unknown), "density"] == 0).all()
+    assert (result.to_dataframe().loc["all"].loc[sorted(unknown), "density"] == 0).all()
 
 
 def test_estimate_without_kind_counts_wherever_it_is_finite(case: Case) -> None:
@@ -305,7 +305,7 @@ def test_metadata_that_json_cannot_say_are_refused(case: Case) -> None:
 
 def test_frame_holds_every_number(case: Case) -> None:
     result = score(with_outliers(case.estimate), case.truth)
-    frame = result.to_frame()
+    frame = result.to_dataframe()
     assert frame.index.names == ["region", "quantity"]
     assert list(frame.index) == [(region, name) for region in ("all", "interior", *EDGES) for name in NAMES]
     assert frame.loc[("all", "depth"), "units"] == "mm"

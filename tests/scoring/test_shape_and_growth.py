@@ -117,7 +117,7 @@ def test_growth_in_windows_follows_from_depth_and_velocity(full: Case, scored: S
 
 def test_scores_are_read_again(scored: Score) -> None:
     assert Score.from_json(scored.to_json()) == scored
-    frame = scored.to_frame()
+    frame = scored.to_dataframe()
     assert frame.loc[("interior", "normal"), "units"] == "°"
     assert frame.loc[("interior", "growth_principal_1"), "units"] == "%/h"
     assert "rotation_rate_z,rad/frame" in scored.to_csv()

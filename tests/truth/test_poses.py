@@ -34,7 +34,7 @@ def scene_of(stage: dict[str, Any] | None = None, **changes: Any) -> Scene:
     return cube(**{"frames": {"count": 3}, **changes}, stage={"positions": 3, "baseline_mm": 5.0, **(stage or {})})
 
 
-def truth_of(scene: Scene, views: TruthViews = "all", poses: TruthPoses = "real") -> xr.Dataset:
+def truth_of(scene: Scene, views: TruthViews = "all", poses: TruthPoses = "actual") -> xr.Dataset:
     return make_truth(scene, truth_views=views, truth_poses=poses)
 
 
@@ -134,7 +134,7 @@ def test_planned_truth_is_that_of_a_perfect_stage(views: TruthViews) -> None:
     planned, perfect = truth_of(rough, views, "nominal"), truth_of(scene_of(), views)
     for name in ("depth", "velocity", "disparity", "flow", "normal", "object_id", "face_id", "mixed"):
         xr.testing.assert_identical(planned[name], perfect[name])
-    assert (planned.attrs["truth_poses"], perfect.attrs["truth_poses"]) == ("nominal", "real")
+    assert (planned.attrs["truth_poses"], perfect.attrs["truth_poses"]) == ("nominal", "actual")
 
 
 def test_both_truths_carry_the_real_poses_of_all_cameras() -> None:

@@ -16,6 +16,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
     "simulation": {
         "scenetruth": (
             "simulate",
+            "Simulation",
             "make_truth",
             "track_points",
             "run_scene",

@@ -21,7 +21,7 @@ from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leade
 from scenetruth.html import render_page
 from scenetruth.output import write_atomically
 
-__all__ = ["PAGE", "WorstRegion", "describe_colour_scale", "select_worst_regions", "write_benchmark_report"]
+__all__ = ["WorstRegion", "write_benchmark_report"]
 
 
 _MOST = 3
@@ -33,16 +33,10 @@ _SCALE_PX = 0.5
 class WorstRegion:
     """A picture of where a method is at its worst.
 
-    Parameters
-    ----------
-    method
-        Its label.
-    title
-        Which case and value.
-    alt
-        What the picture shows, in words.
-    picture
-        A PNG, in base64.
+    ``method``: Its label.
+    ``title``: Which case and value.
+    ``alt``: What the picture shows, in words.
+    ``picture``: A PNG, in base64.
     """
 
     method: str
@@ -52,15 +46,7 @@ class WorstRegion:
 
 
 def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float], CaseErrorMaps]) -> list[WorstRegion]:
-    """Return pictures of the values at which each method has the fewest good pixels, at most one of each case.
-
-    Parameters
-    ----------
-    found
-        The comparison.
-    maps
-        What is pictured, by case and value.
-    """
+    """Return pictures of the values at which each method has the fewest good pixels, at most one of each case."""
     titles = {case.kind: case for case in found.cases}
     pictures = []
     for label in found.methods:
@@ -133,26 +119,7 @@ def write_benchmark_report(
     suite: str,
     maps: Mapping[tuple[str, float], CaseErrorMaps] | None = None,
 ) -> Path:
-    """Write the page of a comparison.
-
-    Parameters
-    ----------
-    found
-        The comparison.
-    words
-        What the command line calls each of its methods: a word, or an option and its value.
-    folder
-        Where the page goes.
-    suite
-        The suite.
-    maps
-        What is pictured of where methods are at their worst, by case and value.
-
-    Returns
-    -------
-    pathlib.Path
-        The page.
-    """
+    """Write the page of a comparison."""
     sections = [_section(found, case, words, suite) for case in found.cases]
     charts = {chart.name: {"data": chart.data, "layout": chart.layout} for one in sections for chart in one["charts"]}
     text = render_page(
@@ -216,7 +183,7 @@ _SUMMARY_STATISTICS = (
 
 
 def _summary(found: BenchmarkResult) -> dict[str, Any]:
-    frame = found.summary()
+    frame = found.ranking()
     lines = []
     for name, cells in frame.iterrows():
         numbers = [float(one) for one in cells]

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from scenetruth.benchmark.cases.case import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, Case
+from scenetruth.benchmark.cases.case import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, Case, all_cases
+from scenetruth.errors import ArgumentError, Problem
+from scenetruth.results import QuantityValue, Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,18 +23,12 @@ __all__ = ["BenchmarkResult", "RankedMethod", "Ranking"]
 class RankedMethod:
     """Figures of methods that can be set side by side. Less is better: errors, or a period that is lost.
 
-    Parameters
-    ----------
-    case
-        The case.
-    quantity, statistic
-        What was measured.
-    label
-        Of which value, if it is of one; empty if it is the median over all.
-    unit
-        Unit of the figures.
-    numbers
-        A figure for each method, by label, that told anything; NaN if there is none at some value. Also the bound.
+    ``case``: The case.
+    ``quantity``, ``statistic``: What was measured.
+    ``label``: Of which value, if it is of one; empty if it is the median over all.
+    ``unit``: Unit of the figures.
+    ``numbers``: A figure for each method, by label, that told anything; NaN if there is none at some value. Also the
+      bound.
     """
 
     case: Case
@@ -52,12 +48,8 @@ class RankedMethod:
 class Ranking:
     """Figures of a comparison by what they are of.
 
-    Parameters
-    ----------
-    rows
-        All of its rows.
-    methods
-        Labels, in their order.
+    ``rows``: All of its rows.
+    ``methods``: Labels, in their order.
     """
 
     def __init__(self, rows: Sequence[BenchmarkRecord], methods: Sequence[str]) -> None:
@@ -67,15 +59,7 @@ class Ranking:
             self._rows.setdefault((row.case, row.quantity, row.statistic), []).append(row)
 
     def standing(self, case: Case, quantity: str, statistic: str, value: float | None = None) -> RankedMethod | None:
-        """Return what methods stand at; None if nobody told anything.
-
-        Parameters
-        ----------
-        case, quantity, statistic
-            What was measured.
-        value
-            At this value alone; the median over all if not given.
-        """
+        """Return what methods stand at; None if nobody told anything."""
         rows = self._rows.get((case.kind, quantity, statistic), ())
         rows = [row for row in rows if value is None or row.level == value]
         numbers = {}
@@ -93,7 +77,7 @@ class Ranking:
 
 
 @dataclass(frozen=True)
-class BenchmarkResult:
+class BenchmarkResult(Result):
     """Figures of methods over the cases of a suite.
 
     Parameters
@@ -131,12 +115,12 @@ class BenchmarkResult:
     >>> found = st.compare([near, far], cases=["disparity"], levels=[1.3])
     >>> found
     BenchmarkResult(methods=['near', 'far'], folder=None, own=[])
-    >>> found.summary().round(2).to_dict("index")
+    >>> found.ranking().round(2).to_dict("index")
     {'Range of disparity: disparity rmse': {'near': 0.57, 'far': 0.13}}
-    >>> row = found.figure("disparity", "far", "depth", "bias")
+    >>> row = found.value("depth", "bias", case="disparity", method="far")
     >>> round(row.value, 1), row.unit
     (80.0, 'mm')
-    >>> frame = found.to_frame()
+    >>> frame = found.to_dataframe()
     >>> frame[(frame.method == "near") & (frame.quantity == "depth") & (frame.statistic == "density")].value.tolist()
     [1.0]
     """
@@ -149,7 +133,7 @@ class BenchmarkResult:
     own: Sequence[str] = ()
     slips: Sequence[str] = field(default=(), repr=False)
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_dataframe(self) -> pd.DataFrame:
         """Return all figures, a row each.
 
         Columns are the fields of `scenetruth.benchmark.cases.case.BenchmarkRecord`, and after ``level`` its ``label``:
@@ -163,51 +147,87 @@ class BenchmarkResult:
         frame.insert(frame.columns.get_loc("level") + 1, "label", pd.Series(labels, dtype=object))
         return frame
 
-    def figure(
+    def value(
         self,
+        quantity: str,
+        statistic: str = "rmse",
+        *,
         case: str,
         method: str,
-        quantity: str,
-        statistic: str,
         level: float | str | None = None,
         pixels: str = METHOD_VALID,
-    ) -> BenchmarkRecord:
-        """Return one figure.
+    ) -> QuantityValue:
+        """Return one statistic of one method in one case.
 
         Parameters
         ----------
-        case, method, quantity, statistic, level, pixels
-            What tells it from others; without a level, or what that is called, the first one.
+        quantity, statistic, case, method
+            As in the table of `to_dataframe`.
+        level
+            The level, or its label; by default the first.
+        pixels
+            Set of pixels: ``method_valid``, ``common_valid`` or ``all``.
+
+        Returns
+        -------
+        QuantityValue
+            With the 95 % confidence interval where there is one; ``region`` is the set of pixels.
 
         Raises
         ------
-        KeyError
-            If there is none.
+        ArgumentError
+            If there is none; the message names what was asked for.
         """
+        place = level
         if isinstance(level, str):
-            level = next((one.value_of(level) for one in self.cases if one.kind == case), math.nan)
+            place = next((one.value_of(level) for one in self.cases if one.kind == case), math.nan)
         for row in self.rows:
-            told = (row.case, row.method, row.quantity, row.statistic, row.pixels)
-            if told == (case, method, quantity, statistic, pixels) and (
-                level is None or math.isclose(row.level, level)
-            ):
-                return row
-        msg = f"there is no {statistic} of {quantity} by {method} in case {case} at {level}, on {pixels} pixels"
-        raise KeyError(msg)
+            if (row.case, row.method, row.quantity, row.statistic, row.pixels) == (
+                *(case, method, quantity, statistic),
+                pixels,
+            ) and (place is None or math.isclose(row.level, float(place))):
+                return QuantityValue(row.value, row.unit, row.ci_low, row.ci_high, statistic=statistic, region=pixels)
+        message = f"there is no {statistic} by {method} in case {case} at {level}, on {pixels} pixels"
+        raise ArgumentError([Problem("quantity", message, quantity)])
 
-    def summary(self) -> pd.DataFrame:
-        """Return what stands for each case, in the median over its values: a row per case, a column per method.
+    def summary(self) -> str:
+        """Return the methods of every case from the best to the worst, one case per line; then failures."""
+        lines = []
+        for one in self.headlines():
+            values = ", ".join(f"{label} {number:.3g}" for label, number in one.of_methods.items())
+            name = f"{one.quantity} {one.statistic.replace('_', ' ')}"
+            lines.append(f"{one.case.title}: {name} {values} {one.unit}".rstrip())
+        return "\n".join([*lines, *self.slips, *self.failures])
 
-        Where several methods tell the quantity, figures are those of the pixels that all of them tell.
+    def ranking(self) -> pd.DataFrame:
+        """Return the main statistic of each case, the median over its levels: a row per case, a column per method.
+
+        Where several methods have estimates of the quantity, the values are those of the pixels valid in all of them.
         """
         import pandas as pd
 
-        found: dict[str, dict[str, float]] = {}
+        table: dict[str, dict[str, float]] = {}
         for one in self.headlines():
-            found[f"{one.case.title}: {one.quantity} {one.statistic.replace('_', ' ')}"] = dict(one.numbers)
-        return pd.DataFrame.from_dict(found, orient="index", columns=None).reindex(
-            columns=[*self.methods, *([BOUND] if any(BOUND in one for one in found.values()) else [])]
+            table[f"{one.case.title}: {one.quantity} {one.statistic.replace('_', ' ')}"] = dict(one.numbers)
+        return pd.DataFrame.from_dict(table, orient="index", columns=None).reindex(
+            columns=[*self.methods, *([BOUND] if any(BOUND in one for one in table.values()) else [])]
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all fields as plain values; cases by their kinds."""
+        return {**super().to_dict(), "cases": [case.kind for case in self.cases]}
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> BenchmarkResult:
+        """Return the result that `to_dict` converted.
+
+        Raises
+        ------
+        ValueError, KeyError, TypeError
+            If it is of another type or version, or a case is not installed.
+        """
+        installed = all_cases()
+        return replace(super().from_dict({**plain, "cases": []}), cases=[installed[kind] for kind in plain["cases"]])
 
     def headlines(self) -> list[RankedMethod]:
         """Return what stands for each case, in the median over its values; cases that nobody tells are left out."""

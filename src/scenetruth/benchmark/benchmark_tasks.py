@@ -32,16 +32,10 @@ _REMEDY = "run the comparison again"
 class BenchmarkTask:
     """All that a worker needs to measure any point of a comparison.
 
-    Parameters
-    ----------
-    folder
-        Where the files of points go.
-    points
-        The points.
-    contestants
-        The methods.
-    versions
-        What figures depend on besides.
+    ``folder``: Where the files of points go.
+    ``points``: The points.
+    ``contestants``: The methods.
+    ``versions``: What figures depend on besides.
     """
 
     folder: str
@@ -72,17 +66,7 @@ class BenchmarkTask:
 def list_design_points(
     cases: Sequence[Case], suite: str, values: Sequence[float | str] | None = None
 ) -> list[DesignPoint]:
-    """Return the scenes of cases.
-
-    Parameters
-    ----------
-    cases
-        The cases.
-    suite
-        ``core`` or ``full``.
-    values
-        Only these of what is varied, or their labels; those of the suite if not given.
-    """
+    """Return the scenes of cases."""
     found = []
     for case in cases:
         chosen = tuple(case.value_of(value) for value in (case.values(suite) if values is None else values))
@@ -141,13 +125,7 @@ def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
 
 
 def read_point_result(path: Path) -> PointResult:
-    """Return what the file of a point holds.
-
-    Raises
-    ------
-    StoreError
-        If it is not there, or damaged.
-    """
+    """Return what the file of a point holds."""
     with ResultStore(path.parent, _REMEDY).reading(path.stem) as plain:
         rows = [BenchmarkRecord.from_plain(row) for row in plain["rows"]]
         return PointResult(rows, dict(plain["failures"]), slips=dict(plain.get("slips", {})))

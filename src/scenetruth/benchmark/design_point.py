@@ -38,7 +38,6 @@ __all__ = [
     "PeakMemory",
     "PointResult",
     "add_noise",
-    "build_error_maps",
     "ignore_scene_warnings",
     "measure",
     "read_error_maps",
@@ -99,14 +98,9 @@ PICTURED_QUANTITIES = ("disparity", "flow_x", "flow_y")
 class CaseErrorMaps:
     """What is pictured of a point.
 
-    Parameters
-    ----------
-    image
-        The reference camera's image at t = 0, shape (y, x).
-    quantity
-        Whose errors they are.
-    errors
-        Estimate minus truth in px by method, shape (y, x); NaN where nothing is told.
+    ``image``: The reference camera's image at t = 0, shape (y, x).
+    ``quantity``: Whose errors they are.
+    ``errors``: Estimate minus truth in px by method, shape (y, x); NaN where nothing is told.
     """
 
     image: NDArray[np.float32]
@@ -145,13 +139,7 @@ def write_error_maps(maps: CaseErrorMaps, path: Path) -> None:
 
 
 def read_error_maps(path: Path) -> CaseErrorMaps | None:
-    """Return the maps in a file; None if there is none.
-
-    Raises
-    ------
-    StoreError
-        If it is damaged.
-    """
+    """Return the maps in a file; None if there is none."""
     if not path.exists():
         return None
     with refuse_damaged(path, "run the comparison again"), np.load(path, allow_pickle=False) as stored:
@@ -167,14 +155,9 @@ BOUND_SIGMA_PX = 6.0
 class DesignPoint:
     """A scene of a case, and what is measured of it.
 
-    Parameters
-    ----------
-    case
-        Kind of the case.
-    values
-        What was varied: one value, or all of a case whose values are of one scene.
-    seeds
-        How many noises.
+    ``case``: Kind of the case.
+    ``values``: What was varied: one value, or all of a case whose values are of one scene.
+    ``seeds``: How many noises.
     """
 
     case: str
@@ -191,18 +174,11 @@ class DesignPoint:
 class PointResult:
     """What came of a point.
 
-    Parameters
-    ----------
-    rows
-        The figures.
-    failures
-        Why methods have given nothing, by label.
-    settled
-        Labels of those whose failures need not be tried again: installed methods that refuse the recording.
-    slips
-        Likely slips of convention in what methods of others and of one's own gave, by label.
-    maps
-        What is pictured; None where nothing is measured in pixels, or figures were read from a file.
+    ``rows``: The figures.
+    ``failures``: Why methods have given nothing, by label.
+    ``settled``: Labels of those whose failures need not be tried again: installed methods that refuse the recording.
+    ``slips``: Likely slips of convention in what methods of others and of one's own gave, by label.
+    ``maps``: What is pictured; None where nothing is measured in pixels, or figures were read from a file.
     """
 
     rows: list[BenchmarkRecord] = field(default_factory=list)
@@ -213,17 +189,7 @@ class PointResult:
 
 
 def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -> PointResult:
-    """Make a scene, let all methods estimate from the same images, and measure what they find.
-
-    Parameters
-    ----------
-    case
-        The case of the point.
-    point
-        The point.
-    contestants
-        The methods.
-    """
+    """Make a scene, let all methods estimate from the same images, and measure what they find."""
     measured = PointResult()
     first = point.values[0]
     noise_std = case.noise_std(first)
@@ -269,17 +235,7 @@ def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -
 
 
 def add_noise(ideal: xr.Dataset, noise_std: float, *keys: Any) -> xr.Dataset:
-    """Return a recording with white Gaussian noise in its images.
-
-    Parameters
-    ----------
-    ideal
-        The recording without noise.
-    noise_std
-        Standard deviation, in its grey values.
-    *keys
-        What tells this noise from others.
-    """
+    """Return a recording with white Gaussian noise in its images."""
     if not noise_std:
         return ideal
     image = ideal["image"]

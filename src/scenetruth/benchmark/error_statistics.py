@@ -26,10 +26,8 @@ from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
 from scenetruth.settings import ScoreSettings
 
 __all__ = [
-    "BLOCK_PX",
     "COVERAGE_FACTORS",
     "INLIER_PX",
-    "SPARSIFICATION_FRACTIONS",
     "IntervalStatistic",
     "compute_coverage",
     "compute_efficiency_records",
@@ -62,18 +60,8 @@ class IntervalStatistic:
 def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[str, IntervalStatistic]:
     """Return bias, root of the mean square, standard deviation and median of the absolute errors.
 
-    Parameters
-    ----------
-    errors
-        Estimate minus truth, shape (seed, y, x).
-    kept
-        Which of them count, same shape; all of these are finite.
-
-    Returns
-    -------
-    dict
-        By the names of the statistics; empty if no pixel counts. Intervals are of blocks drawn again with replacement
-        (B. Efron: Bootstrap methods, Annals of Statistics 7, 1979), the same draws each time.
+    ``errors``: Estimate minus truth, shape (seed, y, x).
+    ``kept``: Which of them count, same shape; all of these are finite.
     """
     values = errors[kept]
     if not values.size:
@@ -130,15 +118,8 @@ COVERAGE_FACTORS: Sequence[float] = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0)
 def compute_sparsification(errors: Map, std: Map, kept: Sequence[float] = SPARSIFICATION_FRACTIONS) -> list[float]:
     """Return the root of the mean square error of the surest pixels, for each share that is kept.
 
-    Parameters
-    ----------
-    errors, std
-        Errors and stated standard deviations of the pixels, shape (n,).
-    kept
-        Shares, above 0 and at most 1.
+    ``errors``, ``std``: Errors and stated standard deviations of the pixels, shape (n,).
 
-    Examples
-    --------
     >>> compute_sparsification(np.array([1.0, 3.0]), np.array([0.1, 0.2]), [0.5, 1.0])
     [1.0, 2.23606797749979]
     """
@@ -167,17 +148,7 @@ Mask = NDArray[np.bool_]
 
 
 def compute_statistic_records(case: Case, value: float, found: Sequence[CaseEstimates]) -> Iterator[BenchmarkRecord]:
-    """Give the figures of all methods at one value.
-
-    Parameters
-    ----------
-    case
-        The case.
-    value
-        What was varied.
-    found
-        What was found, for each noise.
-    """
+    """Give the figures of all methods at one value."""
     region = case.region_at(found[0].truth.isel(t=0), value)
     for quantity in case.quantities:
         errors, told, std = _stacks(found, quantity, region)
@@ -285,13 +256,7 @@ def group_by_case(rows: Sequence[BenchmarkRecord]) -> Mapping[str, list[Benchmar
 
 
 def compute_growth_records(case: Case, found: CaseEstimates) -> Iterator[BenchmarkRecord]:
-    """Give sizes of the errors of growth over windows, for methods that give depth and velocity.
-
-    Parameters
-    ----------
-    case, found
-        The case, and what was found.
-    """
+    """Give sizes of the errors of growth over windows, for methods that give depth and velocity."""
     region = case.region_at(found.truth.isel(t=0), found.value)
     for label, estimate in found.estimates.items():
         if not has_growth_rate(estimate, found.truth):
@@ -321,14 +286,7 @@ _PERIOD = "cutoff_period_"
 
 
 def compute_efficiency_records(rows: Sequence[BenchmarkRecord]) -> Iterator[BenchmarkRecord]:
-    """Give the product of noise and period, for both readings of the period.
-
-    Parameters
-    ----------
-    rows
-        All rows of a comparison; noise is that of the sheet at rest with the usual noise. Where it was not measured, or
-        a period lies outside of what was, there is no product.
-    """
+    """Give the product of noise and period, for both readings of the period."""
     noise = {
         (row.method, row.quantity): row.value
         for row in rows

@@ -20,16 +20,10 @@ __all__ = ["RankDifference", "RankLeaders", "build_charts", "compute_rank_leader
 class RankDifference:
     """A figure by which methods of others are ahead of scenetruth's own.
 
-    Parameters
-    ----------
-    kind, title
-        The case, and which value of it if it is of one.
-    what
-        Which figure, in words.
-    others
-        Methods of others that are ahead, each with its figure, the best first.
-    own
-        The best of scenetruth's own with its figure; empty if none of them told anything.
+    ``kind``, ``title``: The case, and which value of it if it is of one.
+    ``what``: Which figure, in words.
+    ``others``: Methods of others that are ahead, each with its figure, the best first.
+    ``own``: The best of scenetruth's own with its figure; empty if none of them told anything.
     """
 
     kind: str
@@ -43,20 +37,12 @@ class RankDifference:
 class RankLeaders:
     """Who is ahead.
 
-    Parameters
-    ----------
-    own, others
-        Labels of scenetruth's own methods and of those of others.
-    cases
-        How many cases methods of others tell; none if there are none of either.
-    ahead
-        The cases in which others are ahead, by what stands for the case.
-    figures
-        How many figures methods of others tell: of each quantity of a case, and of each value that has a name.
-    ahead_by_figures
-        Those of them by which others are ahead.
-    best
-        For each method, the titles of the cases of which it is the best; a method that is alone leads nothing.
+    ``own``, ``others``: Labels of scenetruth's own methods and of those of others.
+    ``cases``: How many cases methods of others tell; none if there are none of either.
+    ``ahead``: The cases in which others are ahead, by what stands for the case.
+    ``figures``: How many figures methods of others tell: of each quantity of a case, and of each value that has a name.
+    ``ahead_by_figures``: Those of them by which others are ahead.
+    ``best``: For each method, the titles of the cases of which it is the best; a method that is alone leads nothing.
     """
 
     own: Sequence[str]
@@ -77,13 +63,7 @@ class RankLeaders:
 
 
 def compute_rank_leaders(found: BenchmarkResult) -> RankLeaders:
-    """Return who is ahead; equal figures put nobody ahead.
-
-    Parameters
-    ----------
-    found
-        The comparison.
-    """
+    """Return who is ahead; equal figures put nobody ahead."""
     others = [label for label in found.methods if label not in found.own]
     best = {label: list[str]() for label in found.methods}
     headlines, figures = found.headlines(), list(_figures(found))
@@ -149,15 +129,7 @@ _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", 
 
 
 def build_charts(found: BenchmarkResult, case: Case) -> list[Chart]:
-    """Return the charts of a case: errors of its quantities, how much is told, what confidence is worth.
-
-    Parameters
-    ----------
-    found
-        A comparison.
-    case
-        One of its cases.
-    """
+    """Return the charts of a case: errors of its quantities, how much is told, what confidence is worth."""
     rows = [row for row in found.rows if row.case == case.kind]
     charts = []
     told = dict.fromkeys([case.headline[0], *case.quantities, *_GROWTH])

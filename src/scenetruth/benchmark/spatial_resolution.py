@@ -11,15 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.benchmark.cases.case import METHOD_VALID, BenchmarkRecord, Case, CaseEstimates
 from scenetruth.scoring.error_pairs import EstimateTruthPairs
 
-__all__ = [
-    "MIN_AMPLITUDE_RATIO",
-    "MIN_VALID_FRACTION",
-    "compute_amplitude_ratio",
-    "compute_amplitude_records",
-    "compute_cutoff_periods",
-    "compute_cutoff_records",
-    "compute_peak_ratio",
-]
+__all__ = ["compute_amplitude_ratio", "compute_amplitude_records", "compute_cutoff_periods", "compute_cutoff_records"]
 
 
 MIN_AMPLITUDE_RATIO = 0.9
@@ -34,13 +26,8 @@ Map = NDArray[np.float64]
 def compute_amplitude_ratio(found: Map, true: Map) -> float:
     """Return the share of a wave that is found: the slope of found over true, both without their mean.
 
-    Parameters
-    ----------
-    found, true
-        Values at the same pixels, shape (n,).
+    ``found``, ``true``: Values at the same pixels, shape (n,).
 
-    Examples
-    --------
     >>> wave = np.sin(np.arange(100.0))
     >>> round(compute_amplitude_ratio(0.8 * wave + 5, wave), 12)
     0.8
@@ -52,13 +39,8 @@ def compute_amplitude_ratio(found: Map, true: Map) -> float:
 def compute_peak_ratio(found: Map, true: Map) -> float:
     """Return the share of a crest that is found: the slope of found over true, through the origin.
 
-    Parameters
-    ----------
-    found, true
-        Values at the same pixels, shape (n,).
+    ``found``, ``true``: Values at the same pixels, shape (n,).
 
-    Examples
-    --------
     >>> crest = np.array([0.8, 1.0, 0.8])
     >>> round(compute_peak_ratio(0.9 * crest, crest), 12)
     0.9
@@ -74,23 +56,6 @@ def compute_cutoff_periods(
     Between two periods p, the logarithm of the share is a straight line over 1/p², as it is of a Gaussian window. NaN
     is nothing found: too little is left.
 
-    Parameters
-    ----------
-    periods
-        Periods in any order.
-    left
-        Share left at each.
-    least
-        The least share.
-
-    Returns
-    -------
-    tuple of float
-        Both are the same if the curve crosses once. 0 if enough is left at all periods, inf if at none: the period is
-        then outside of what was measured.
-
-    Examples
-    --------
     >>> first, last = compute_cutoff_periods([80, 40, 20], [0.98, 0.95, 0.85])
     >>> round(first, 3), first == last
     (25.512, True)
@@ -121,17 +86,7 @@ MIN_VALID_FRACTION = 0.5
 def compute_amplitude_records(
     case: Case, found: CaseEstimates, quantity: str, *, of_mean: bool = False
 ) -> Iterator[BenchmarkRecord]:
-    """Give the share of a wave that each method leaves; NaN where it tells too little.
-
-    Parameters
-    ----------
-    case, found
-        The case, and what was found.
-    quantity
-        The quantity that has the wave, a key of `scenetruth.scoring.QUANTITIES`.
-    of_mean
-        Whether a crest alone is measured, whose mean is its amplitude; else the mean of a wave is left out.
-    """
+    """Give the share of a wave that each method leaves; NaN where it tells too little."""
     share = compute_peak_ratio if of_mean else compute_amplitude_ratio
     region = case.region_at(found.truth.isel(t=0), found.value)
     for label, estimate in found.estimates.items():
@@ -147,17 +102,7 @@ def compute_amplitude_records(
 
 
 def compute_cutoff_records(case: Case, rows: Sequence[BenchmarkRecord], quantity: str) -> Iterator[BenchmarkRecord]:
-    """Give the first and the last period, from long to short, at which the share crosses 90 %.
-
-    Parameters
-    ----------
-    case
-        The case.
-    rows
-        All its rows.
-    quantity
-        The quantity that has the wave.
-    """
+    """Give the first and the last period, from long to short, at which the share crosses 90 %."""
     curves: dict[str, dict[float, float]] = {}
     for row in rows:
         if (row.case, row.statistic, row.quantity) == (case.kind, "amplitude_ratio", quantity):

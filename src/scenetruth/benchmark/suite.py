@@ -25,7 +25,7 @@ from scenetruth.progress import Progress, say
 from scenetruth.scene import Scene
 from scenetruth.simulation import simulate
 
-__all__ = ["INDEX", "compare", "select_available_cases", "write_recordings"]
+__all__ = ["compare", "select_available_cases", "write_recordings"]
 
 
 INDEX = "comparison.json"
@@ -96,7 +96,7 @@ def compare(
     --------
     >>> import scenetruth as st
     >>> found = st.compare("structure_tensor", cases=["noise"], levels=[0.005])
-    >>> row = found.figure("noise", "structure_tensor", "flow_x", "rmse")
+    >>> row = found.value("flow_x", case="noise", method="structure_tensor")
     >>> bool(row.ci_low < row.value < row.ci_high), row.unit
     (True, 'px/frame')
     """
@@ -167,19 +167,7 @@ def select_available_cases(
     cases: Sequence[str] | None,
     values: Sequence[float | str] | None,
 ) -> list[Case]:
-    """Return the cases that are asked for; of all, those that a suite has and that can be measured here.
-
-    Parameters
-    ----------
-    suite, cases, values
-        As of `compare`.
-
-    Raises
-    ------
-    ArgumentError
-        If there is no such suite, case or value, values are given for several cases, or a case that is named has none
-        in the suite, or needs what is not there.
-    """
+    """Return the cases that are asked for; of all, those that a suite has and that can be measured here."""
     problems = []
     if suite not in SUITES:
         problems.append(Problem("suite", f"must be one of {', '.join(SUITES)}", suite))
@@ -235,13 +223,13 @@ def _describe_other(there: Any) -> str:
 
 
 def _write_tables(found: BenchmarkResult, folder: Path) -> None:
-    frame = found.to_frame()
+    frame = found.to_dataframe()
     with write_atomically(folder / "results.parquet", overwrite=True) as aside:
         frame.to_parquet(aside)
     with write_atomically(folder / "results.csv", overwrite=True) as aside:
         frame.to_csv(aside, index=False)
     with write_atomically(folder / "summary.csv", overwrite=True) as aside:
-        found.summary().to_csv(aside)
+        found.ranking().to_csv(aside)
 
 
 def write_recordings(
@@ -257,27 +245,6 @@ def write_recordings(
 
     What a program finds of them goes into folders of the same names, which
     `scenetruth.estimators.external.ResultsFolder` reads. Recordings that are there are not written again.
-
-    Parameters
-    ----------
-    folder
-        Where they go.
-    suite, cases, levels
-        Which, as of `compare`.
-    images
-        How images are written; see `scenetruth.estimators.external.write_recording`.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    list of pathlib.Path
-        The folders of the recordings.
-
-    Raises
-    ------
-    ArgumentError
-        If there is no such suite or case.
     """
     if Path(folder).is_file():
         raise EstimateError([Problem("recordings", "must be a folder", folder)])

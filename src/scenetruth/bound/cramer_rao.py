@@ -42,7 +42,7 @@ from scenetruth.bound.unknowns import (
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.schema import COMPONENTS, check_dataset, check_same_run, compute_pixel_grid, read_intrinsics
 
-__all__ = ["bound_maps", "cramer_rao_bound", "data_problems", "setting_problems"]
+__all__ = ["bound_maps", "cramer_rao_bound"]
 
 
 _NEEDED = ("depth", "velocity", "normal", "mixed")
@@ -51,15 +51,7 @@ _NEEDED = ("depth", "velocity", "normal", "mixed")
 def setting_problems(
     words: Mapping[str, str], noise_std: float | None, window_sigma_px: float, step_px: int
 ) -> list[Problem]:
-    """Return what is wrong with the settings of `cramer_rao_bound`.
-
-    Parameters
-    ----------
-    words
-        Its settings that are one of some words, by name.
-    noise_std, window_sigma_px, step_px
-        The others.
-    """
+    """Return what is wrong with the settings of `cramer_rao_bound`."""
     choices = {"surface": Surface, "motion": Motion, "window": Window, "brightness": Brightness}
     problems = [
         Problem(name, f"must be one of {', '.join(get_args(choices[name]))}", word)
@@ -254,21 +246,7 @@ def bound_maps(
 ) -> dict[str, Map]:
     """Return the bound of any model with any noise; see `cramer_rao_bound`, which checks what it is given.
 
-    Parameters
-    ----------
-    truth, recording
-        Checked data sets.
-    noise
-        Of the images, in grey values of the recording.
-    model
-        What is unknown in a window.
-    window_sigma_px, step_px
-        As of `cramer_rao_bound`; the window is Gaussian.
-
-    Returns
-    -------
-    dict
-        Maps as of `compute_functionals`, each of shape (y, x).
+    Returns: Maps as of `compute_functionals`, each of shape (y, x).
     """
     return _Scene(truth, recording, noise).bound(model, window_weights("gaussian", window_sigma_px), step_px)
 

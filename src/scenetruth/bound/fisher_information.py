@@ -63,21 +63,8 @@ def compute_pixel_information(
     that show it, it is Σ_i (a_i - ā)(a_i - ā)ᵀ / σ². Each image counts with one sample for a pixel, whether it shows
     the surface larger or smaller.
 
-    Parameters
-    ----------
-    points, views
-        Where the images show which points.
-    shown
-        Which do, shape (n, y, x).
-    layers
-        The texture.
-    model
-        Tells which fields there are.
-
-    Returns
-    -------
-    numpy.ndarray
-        The products of each pair of fields, in the order of `index_pairs`, shape (pairs, y, x).
+    ``shown``: Which do, shape (n, y, x).
+    Returns: The products of each pair of fields, in the order of `index_pairs`, shape (pairs, y, x).
     """
     height, width = points.d.shape
     pairs = index_pairs(model.fields)
@@ -118,21 +105,9 @@ def compute_sensitivity(
 ) -> tuple[Map, Map]:
     """Return how an image's gradient follows from the texture's, and how its places follow from disparity and velocity.
 
-    Parameters
-    ----------
-    points
-        The points.
-    s, s_y, t
-        Where and when the image was taken; of several images, arrays that broadcast with those of the points.
-    shown
-        Whether it shows the points.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        The inverse of the places' derivatives along x and y, transposed, as xx, xy, yx, yy: shape (4, ...). Then
-        derivatives of the places: x and y by d; x by q_X, which is y by q_Y too; x and y by q_Z: shape (5, ...). The
-        former are 0 where the image does not show the point.
+    Returns: The inverse of the places' derivatives along x and y, transposed, as xx, xy, yx, yy: shape (4, ...). Then
+    derivatives of the places: x and y by d; x by q_X, which is y by q_Y too; x and y by q_Z: shape (5, ...). The former
+    are 0 where the image does not show the point.
     """
     x, y, scale = points.place(s, s_y, t)
     ahead = t * scale / points.focal
@@ -161,21 +136,7 @@ _ROWS_PER_SUM = 128
 
 
 def window_weights(window: Window, sigma_px: float) -> Map:
-    """Return a window's weights along one axis, times the powers 0 to 2 of the distance.
-
-    Parameters
-    ----------
-    window
-        ``"gaussian"``: of standard deviation ``sigma_px``, cut off at twice that. ``"even"``: as wide as gives the same
-        standard deviation, to the next odd number of pixels.
-    sigma_px
-        The standard deviation.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (3, 2 r + 1); the largest weight is 1.
-    """
+    """Return a window's weights along one axis, times the powers 0 to 2 of the distance."""
     # n even weights have the variance (n² - 1) / 12.
     even = window == "even"
     reach = max(1, round((math.sqrt(12 * sigma_px**2 + 1) - 1) / 2) if even else math.ceil(_CUT * sigma_px))
@@ -188,15 +149,10 @@ def window_weights(window: Window, sigma_px: float) -> Map:
 class WindowSums:
     """Windows around some pixels: their sums.
 
-    Parameters
-    ----------
-    rows, columns
-        The pixels, each of shape (n,).
-    sums
-        Sums of products over the windows, by the pair of fields and the powers of the distance along x and y, each of
-        shape (n,).
-    squares
-        The same with squared weights.
+    ``rows``, ``columns``: The pixels, each of shape (n,).
+    ``sums``: Sums of products over the windows, by the pair of fields and the powers of the distance along x and y,
+      each of shape (n,).
+    ``squares``: The same with squared weights.
     """
 
     rows: NDArray[np.int64]
@@ -210,18 +166,7 @@ def compute_window_sums(
 ) -> Iterator[WindowSums]:
     """Sum up products over the windows around pixels, piece by piece and band by band.
 
-    Parameters
-    ----------
-    products
-        As of `compute_pixel_information`, shape (pairs, y, x).
-    pieces
-        The piece of surface that each pixel belongs to; windows take pixels of their centre's piece only.
-    weights
-        As of `window_weights`.
-    model
-        Tells which powers of the distance are needed.
-    step_px
-        Only pixels in each n-th row and column are wanted.
+    ``products``: As of `compute_pixel_information`, shape (pairs, y, x).
     """
     from scipy.ndimage import find_objects
 
@@ -272,22 +217,7 @@ _LEAST_PIVOT = 1e-9
 
 
 def normal_matrix(sums: dict[tuple[int, int, int], Map], columns: Columns, model: WindowUnknowns) -> Map:
-    """Return the information on what is unknown, Cᵀ F C with that on all parameters F.
-
-    Parameters
-    ----------
-    sums
-        Sums over windows, as of `Part`.
-    columns
-        What is unknown, the columns of C.
-    model
-        The parameters.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (unknowns, unknowns, windows).
-    """
+    """Return the information on what is unknown, Cᵀ F C with that on all parameters F."""
     pairs = index_pairs(model.fields)
 
     def full(p: int, q: int) -> Map:
@@ -311,22 +241,7 @@ def normal_matrix(sums: dict[tuple[int, int, int], Map], columns: Columns, model
 
 
 def compute_variances(normal: Map, scatter: Map, columns: Columns, functionals: Sequence[Vector]) -> Map:
-    """Return the variances of linear functions of what is unknown, whose covariance is H⁻¹ S H⁻¹.
-
-    Parameters
-    ----------
-    normal, scatter
-        H and S, as of `normal_matrix`.
-    columns
-        What is unknown.
-    functionals
-        Linear functions of the parameters.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (functionals, windows); NaN where H is singular, so that the images do not tell all that is unknown.
-    """
+    """Return the variances of linear functions of what is unknown, whose covariance is H⁻¹ S H⁻¹."""
     count, windows = normal.shape[1:]
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = 1.0 / np.sqrt(np.einsum("iin->in", normal))

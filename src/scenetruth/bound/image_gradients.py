@@ -34,14 +34,9 @@ _NOISE_STD_HINT = "give noise_std, in grey values of the recording"
 class GreyNoise:
     """A variance of white noise that is linear in the grey value.
 
-    Parameters
-    ----------
-    at_zero
-        At a grey value of 0, in squared grey values.
-    per_grey
-        What it grows by per grey value.
-    least
-        At least this much: rounding, or readout noise.
+    ``at_zero``: At a grey value of 0, in squared grey values.
+    ``per_grey``: What it grows by per grey value.
+    ``least``: At least this much: rounding, or readout noise.
     """
 
     at_zero: float
@@ -54,24 +49,7 @@ class GreyNoise:
 
 
 def compute_noise_variance(recording: xr.Dataset, noise_std: float | None, problems: list[Problem]) -> GreyNoise:
-    """Return the temporal noise of a recording's images.
-
-    Parameters
-    ----------
-    recording
-        The recording; the scene that it was made from tells its sensor.
-    noise_std
-        Standard deviation in grey values of the recording, the same everywhere; the sensor's if not given. A checked
-        number.
-    problems
-        Where to note that nothing tells.
-
-    Returns
-    -------
-    GreyNoise
-        Of the Gaussian sensor, the noise and rounding. Of ``emva1288``, readout noise, shot noise of light and dark
-        current, and rounding; fixed patterns are no noise.
-    """
+    """Return the temporal noise of a recording's images."""
     nothing = GreyNoise(np.nan)
     if noise_std is not None:
         return GreyNoise(noise_std**2)
@@ -130,16 +108,10 @@ _DERIVATIVE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24.0
 class SignedTexture:
     """A texture whose products count with a sign.
 
-    Parameters
-    ----------
-    gradient
-        Along x and y, in grey values per px, shape (2, y, x); 0 where it is not known.
-    grey
-        Grey value, less a mean, shape (y, x).
-    one
-        What a constant is in this layer.
-    weight
-        One over the variance of the noise, with the sign; 0 where nothing is known, shape (y, x).
+    ``gradient``: Along x and y, in grey values per px, shape (2, y, x); 0 where it is not known.
+    ``grey``: Grey value, less a mean, shape (y, x).
+    ``one``: What a constant is in this layer.
+    ``weight``: One over the variance of the noise, with the sign; 0 where nothing is known, shape (y, x).
     """
 
     gradient: Map
@@ -153,26 +125,8 @@ def compute_signed_textures(
 ) -> list[SignedTexture]:
     """Return the layers from which products of the texture's gradients are made.
 
-    Parameters
-    ----------
-    recording
-        The recording. Has it images without noise, ``radiance`` or from such a sensor, the reference's image of the
-        reference frame is the texture. Of others, some are warped to the reference and averaged in two halves; the
-        product of both halves has no bias, for their noises are independent. It is the square of their mean less that
-        of half their difference: two layers.
-    views, points
-        Where the images show which points.
-    shown
-        Which images show them, shape (n, y, x).
-    usable
-        Pixels where texture is wanted, shape (y, x).
-    noise
-        Of the images.
-
-    Returns
-    -------
-    list of Layer
-        Of each colour channel one, or two of opposite signs.
+    ``shown``: Which images show them, shape (n, y, x).
+    ``usable``: Pixels where texture is wanted, shape (y, x).
     """
     channels = recording.sizes.get("channel", 1)
     reference = int(views.nearest(1)[0])
@@ -196,19 +150,7 @@ def compute_visibility(
 ) -> Mask:
     """Tell which images show the points, and may be used there.
 
-    Parameters
-    ----------
-    truth
-        Its ``visible``, if it has it, tells what is hidden.
-    recording
-        Its pixels are the image; its ``exclusion_mask``, if there is one, tells what must not be used.
-    views, points, pieces
-        The images, and the points where there are pieces of surface.
-
-    Returns
-    -------
-    numpy.ndarray
-        Booleans, shape (n, y, x).
+    Returns: Booleans, shape (n, y, x).
     """
     height, width = pieces.shape
     first_x, first_y = points.x[0, 0], points.y[0, 0]

@@ -39,16 +39,10 @@ class ReferencePoints:
 
     All arrays have the shape of the pixels; the velocity and its slopes come with their three components first.
 
-    Parameters
-    ----------
-    x, y
-        The pixels, from the principal point, in px.
-    d, d_x, d_y
-        Disparity in px per step, and its slopes along x and y.
-    q, q_x, q_y
-        Velocity in baselines per frame, and its slopes along x and y, shape (3, ...).
-    focal
-        Focal length in px.
+    ``x``, ``y``: The pixels, from the principal point, in px.
+    ``d``, ``d_x``, ``d_y``: Disparity in px per step, and its slopes along x and y.
+    ``q``, ``q_x``, ``q_y``: Velocity in baselines per frame, and its slopes along x and y, shape (3, ...).
+    ``focal``: Focal length in px.
     """
 
     x: Map
@@ -69,15 +63,7 @@ class ReferencePoints:
         return replace(self, **parts)
 
     def place(self, s: float | Map, s_y: float | Map, t: float | Map) -> ImagePosition:
-        """Return where the camera at a position shows the points at a time.
-
-        Parameters
-        ----------
-        s, s_y
-            The camera's position along and across the stage, in baselines.
-        t
-            The time in frames.
-        """
+        """Return where the camera at a position shows the points at a time."""
         scale = 1.0 / (1.0 + self.d * (t * self.q[2]) / self.focal)
         x = (self.x + self.d * (t * self.q[0] - s)) * scale
         y = (self.y + self.d * (t * self.q[1] - s_y)) * scale
@@ -125,22 +111,7 @@ def compute_image_times(recording: xr.Dataset, baseline_mm: float) -> ImageTimes
 
 
 def compute_reference_points(truth: xr.Dataset, intrinsics: Intrinsics, pieces: NDArray[np.int64]) -> ReferencePoints:
-    """Return the points of one camera and frame.
-
-    Parameters
-    ----------
-    truth
-        Its maps ``depth``, ``velocity`` and ``normal``, dimensions (y, x) behind their components.
-    intrinsics
-        Of the camera.
-    pieces
-        The piece of surface of each pixel, negative where there is none: slopes of the velocity are taken within one.
-
-    Returns
-    -------
-    Points
-        What is not known there is 0; the disparity 1.
-    """
+    """Return the points of one camera and frame."""
     focal, (c_x, c_y) = intrinsics.focal_length_px, intrinsics.principal_point_px
     x, y = np.meshgrid(truth["x"].values - c_x, truth["y"].values - c_y)
     on = pieces >= 0
@@ -179,16 +150,6 @@ def label_surface_segments(truth: xr.Dataset) -> NDArray[np.int64]:
     """Give numbers to the connected pieces of surface that the reference camera sees at the reference time.
 
     A piece ends at silhouettes and sharp edges, whose pixels belong to none, and where another object begins.
-
-    Parameters
-    ----------
-    truth
-        Maps of one camera and frame, dimensions (y, x): ``depth``, ``mixed``, and ``object_id`` if there is one.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (y, x): 0, 1, ... for the pieces, and -1 where there is none.
     """
     from scipy.ndimage import label
 

@@ -13,7 +13,6 @@ from scenetruth.schema import Intrinsics
 
 __all__ = [
     "FIELDS",
-    "MOTION",
     "Brightness",
     "Columns",
     "Motion",
@@ -52,20 +51,13 @@ class WindowUnknowns:
     The parameters of a window are d, d_x, d_y, then q_X and its slopes along x and y, q_Y and q_Z alike, and then one
     for each field of brightness. Only directions of `compute_columns` among them are unknown.
 
-    Parameters
-    ----------
-    surface
-        ``"constant"``: the disparity; ``"plane"``: its slopes too.
-    motion
-        ``"translation"``: the velocity; ``"rigid"``: a rotation too; ``"growing"``: a rotation and an isotropic growth;
-        ``"affine"``: any velocity gradient along the surface.
-    moving
-        Whether there is motion to be known: several frames.
-    brightness
-        Number of fields of brightness.
-    stereo
-        Whether disparity is unknown and can be seen. Of one camera it is neither: its windows have a flow that is
-        linear in the image, in all of q_X and q_Y.
+    ``surface``: ``"constant"``: the disparity; ``"plane"``: its slopes too.
+    ``motion``: ``"translation"``: the velocity; ``"rigid"``: a rotation too; ``"growing"``: a rotation and an isotropic
+      growth; ``"affine"``: any velocity gradient along the surface.
+    ``moving``: Whether there is motion to be known: several frames.
+    ``brightness``: Number of fields of brightness.
+    ``stereo``: Whether disparity is unknown and can be seen. Of one camera it is neither: its windows have a flow that
+      is linear in the image, in all of q_X and q_Y.
     """
 
     surface: Surface
@@ -105,20 +97,7 @@ class WindowUnknowns:
 
 
 def compute_columns(model: WindowUnknowns, points: ReferencePoints) -> Columns:
-    """Return what is unknown.
-
-    Parameters
-    ----------
-    model
-        The model.
-    points
-        The surface in the windows' middles: its tangents say how a rotation and a growth change the velocity.
-
-    Returns
-    -------
-    list
-        d, then its slopes; q_X, q_Y, q_Z; the velocity gradient; the brightness.
-    """
+    """Return what is unknown."""
     first = model.parameters - model.brightness
     if not model.stereo:
         flow: Columns = [[(MOTION + k, 1.0)] for k in range(2 * _PER_FIELD)]
@@ -155,26 +134,12 @@ def _gradient(motion: Motion, points: ReferencePoints) -> Columns:
 def compute_functionals(points: ReferencePoints, intrinsics: Intrinsics, model: WindowUnknowns) -> dict[str, Vector]:
     """Return what is told, as linear functions of the parameters.
 
-    Parameters
-    ----------
-    points
-        The surface in the windows' middles.
-    intrinsics
-        Of the camera.
-    model
-        The parameters.
+    Returns: ``disparity`` in px per step, ``depth`` in mm, ``slope``, ``flow`` in px per frame, ``velocity`` in mm per
+    frame and ``growth_rate`` per frame, as far as the model has them; components are numbered: ``velocity.2``. Of one
+    camera, the flow alone. Of any velocity gradient, also ``principal_growth_rates``, the growth of length along the
+    true directions of its largest and least, ``growth_apart``, half their difference, and ``growth_shear``, what turns
+    these directions; ``growth_tilt`` and ``growth_turn`` are for `add_error_products`.
 
-    Returns
-    -------
-    dict
-        ``disparity`` in px per step, ``depth`` in mm, ``slope``, ``flow`` in px per frame, ``velocity`` in mm per
-        frame and ``growth_rate`` per frame, as far as the model has them; components are numbered: ``velocity.2``. Of
-        one camera, the flow alone. Of any velocity gradient, also ``principal_growth_rates``, the growth of length
-        along the true directions of its largest and least, ``growth_apart``, half their difference, and
-        ``growth_shear``, what turns these directions; ``growth_tilt`` and ``growth_turn`` are for `add_error_products`.
-
-    Notes
-    -----
     The largest and the least growth of what is measured are those along its own directions. To first order that is the
     same, as long as they are farther apart than their noise. Noise pushes them apart: see `compute_eigenvalue_bias`.
     """
@@ -273,19 +238,7 @@ def _added(vector: Vector, more: Vector) -> Vector:
 
 
 def add_error_products(std: dict[str, Map]) -> dict[str, Map]:
-    """Return standard deviations with what products of errors add: of the surface's inclination and of its turn.
-
-    Parameters
-    ----------
-    std
-        By the names of `compute_functionals`.
-
-    Returns
-    -------
-    dict
-        The same, with the variance of these products in those of growth, if any velocity gradient may be; without
-        ``growth_tilt`` and ``growth_turn``.
-    """
+    """Return standard deviations with what products of errors add: of the surface's inclination and of its turn."""
     kept = {name: values for name, values in std.items() if not name.startswith(("growth_tilt", "growth_turn"))}
     if "growth_tilt.0" not in std:
         return kept
@@ -308,19 +261,6 @@ def compute_eigenvalue_bias(half: Map, apart_std: Map, shear_std: Map) -> Map:
     Half the difference of the two is the length of a vector: half the difference along the true directions, and the
     shear between them. Normal errors of equal variance make its length Rice's distribution (1945, Bell System
     Technical Journal 24, 46); the two variances are replaced by their mean.
-
-    Parameters
-    ----------
-    half
-        Half the true difference.
-    apart_std, shear_std
-        Standard deviations of half the difference along the true directions, and of the shear.
-
-    Returns
-    -------
-    numpy.ndarray
-        Mean of the length less what it is without noise: σ √(π/2) where nothing grows differently along one direction
-        than along another, σ² / 2h where half the difference h is large.
     """
     from scipy.special import i0e, i1e
 

@@ -20,16 +20,11 @@ __all__ = ["ImageAcquisition", "Schedule", "Shutter", "Viewpoint"]
 class Viewpoint:
     """The pose of a camera.
 
-    Parameters
-    ----------
-    position_mm
-        World position of its projection centre, shape (3,).
-    rotation
-        Directions of its axes X (right), Y (down), Z (forward) in the world, the columns of a rotation matrix; shape
-        (3, 3).
-    shear
-        Added to X / Z and Y / Z of every direction. It keeps points at the focus distance at their pixels when the
-        camera moves from the centre of the aperture to another point of it.
+    ``position_mm``: World position of its projection centre, shape (3,).
+    ``rotation``: Directions of its axes X (right), Y (down), Z (forward) in the world, the columns of a rotation
+      matrix; shape (3, 3).
+    ``shear``: Added to X / Z and Y / Z of every direction. It keeps points at the focus distance at their pixels when
+      the camera moves from the centre of the aperture to another point of it.
     """
 
     position_mm: NDArray[np.float64]
@@ -38,54 +33,29 @@ class Viewpoint:
 
     @classmethod
     def on_axis(cls, x_mm: float) -> Self:
-        """Return the viewpoint at a position of an ideal stage; its axes are those of the world.
-
-        Parameters
-        ----------
-        x_mm
-            X_s, position along the stage.
-        """
+        """Return the viewpoint at a position of an ideal stage; its axes are those of the world."""
         return cls(np.array([x_mm, 0.0, 0.0]))
 
     def moved(self, offset_mm: ArrayLike, shear: tuple[float, float] = (0.0, 0.0)) -> Self:
         """Return the viewpoint moved by an offset.
 
-        Parameters
-        ----------
-        offset_mm
-            Offset in the world, shape (3,).
-        shear
-            Shear of the new viewpoint.
+        ``offset_mm``: Offset in the world, shape (3,).
         """
         return replace(self, position_mm=self.position_mm + np.asarray(offset_mm, dtype=np.float64), shear=shear)
 
     def to_camera(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """Transform world points into the camera's frame.
 
-        Parameters
-        ----------
-        points_mm
-            Points in the world, shape (..., 3).
-
-        Returns
-        -------
-        numpy.ndarray
-            The points in the camera's frame in mm, shape (..., 3), float64.
+        ``points_mm``: Points in the world, shape (..., 3).
+        Returns: The points in the camera's frame in mm, shape (..., 3), float64.
         """
         return self.directions_to_camera(np.asarray(points_mm, dtype=np.float64) - self.position_mm)
 
     def directions_to_camera(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rotate directions or velocities from the world into the camera's frame.
 
-        Parameters
-        ----------
-        directions
-            Vectors in the world, shape (..., 3).
-
-        Returns
-        -------
-        numpy.ndarray
-            The vectors in the camera's frame, in the same unit, shape (..., 3).
+        ``directions``: Vectors in the world, shape (..., 3).
+        Returns: The vectors in the camera's frame, in the same unit, shape (..., 3).
         """
         # Without a rotation, the numbers stay the same to the bit.
         turned = directions if self._straight else np.asarray(directions @ self.rotation)
@@ -94,15 +64,8 @@ class Viewpoint:
     def directions_to_world(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rotate directions from the camera's frame into the world.
 
-        Parameters
-        ----------
-        directions
-            Vectors in the camera's frame, shape (..., 3).
-
-        Returns
-        -------
-        numpy.ndarray
-            The vectors in the world, in the same unit, shape (..., 3).
+        ``directions``: Vectors in the camera's frame, shape (..., 3).
+        Returns: The vectors in the world, in the same unit, shape (..., 3).
         """
         sheared = self._sheared(directions, 1.0)
         return sheared if self._straight else np.asarray(sheared @ self.rotation.T)
@@ -139,32 +102,14 @@ class Shutter(FrozenModel):
     def row_offsets_s(self, rows: Array, height: int) -> Array:
         """Return how much later than the middle of the image rows are exposed.
 
-        Parameters
-        ----------
-        rows
-            Numbers of rows, which may be fractions; row 0 is exposed first.
-        height
-            Number of rows of the image.
-
-        Returns
-        -------
-        numpy.ndarray
-            Times in s, of the shape of ``rows``; negative for the upper half of the image.
+        Returns: Times in s, of the shape of ``rows``; negative for the upper half of the image.
         """
         return np.asarray((rows - (height - 1) / 2) * (self.readout_time_s / max(height - 1, 1)))
 
     def exposure_offsets_s(self, count: int) -> Array:
         """Return moments that sample the exposure: the middles of equal parts of it.
 
-        Parameters
-        ----------
-        count
-            Number of moments.
-
-        Returns
-        -------
-        numpy.ndarray
-            Times in s from the middle of the exposure, in order, shape (count,).
+        Returns: Times in s from the middle of the exposure, in order, shape (count,).
         """
         return np.asarray(((np.arange(count) + 0.5) / count - 0.5) * self.exposure_time_s)
 
@@ -173,14 +118,10 @@ class Shutter(FrozenModel):
 class ImageAcquisition:
     """Time and pose of one image.
 
-    Parameters
-    ----------
-    t
-        Time in frames.
-    viewpoint
-        Pose of the camera.
-    rotation_rad
-        Rotation of the camera as a rotation vector in the world, shape (3,): pitch about X, yaw about Y, roll about Z.
+    ``t``: Time in frames.
+    ``viewpoint``: Pose of the camera.
+    ``rotation_rad``: Rotation of the camera as a rotation vector in the world, shape (3,): pitch about X, yaw about Y,
+      roll about Z.
     """
 
     t: float
@@ -204,13 +145,9 @@ class Schedule:
     Every moment is found from the stage, the frames and its own random numbers, and from no other moment. They may be
     asked for in any order.
 
-    Parameters
-    ----------
-    stage, frames
-        Where and when images are planned.
-    generator_for
-        Source of the errors' random numbers: called with ``("guide", s_y, s)`` for a position, and with
-        ``("visit", s_y, s, t)`` for an arrival there.
+    ``stage``, ``frames``: Where and when images are planned.
+    ``generator_for``: Source of the errors' random numbers: called with ``("guide", s_y, s)`` for a position, and with
+      ``("visit", s_y, s, t)`` for an arrival there.
     """
 
     def __init__(self, stage: Stage, frames: Frames, generator_for: GeneratorFor) -> None:
@@ -222,34 +159,12 @@ class Schedule:
         self._y_mm = dict(zip(stage.s_y.tolist(), stage.y_mm.tolist(), strict=True))
 
     def nominal(self, s: int, t: int, s_y: int = 0) -> ImageAcquisition:
-        """Return the planned moment of an image: without errors, and with all images of a frame at the same time.
-
-        Parameters
-        ----------
-        s, t, s_y
-            Camera position, frame and row, 0 the reference.
-
-        Returns
-        -------
-        Moment
-            Time t, and the nominal position on the stage without rotation.
-        """
+        """Return the planned moment of an image: without errors, and with all images of a frame at the same time."""
         position = np.array([self._x_mm[s], self._y_mm[s_y], 0.0])
         return ImageAcquisition(float(t), Viewpoint(position), np.zeros(3))
 
     def moment(self, s: int, t: int, s_y: int = 0) -> ImageAcquisition:
-        """Return the real moment of an image: at its time in the scan, with the errors of the stage.
-
-        Parameters
-        ----------
-        s, t, s_y
-            Camera position, frame and row, 0 the reference.
-
-        Returns
-        -------
-        Moment
-            Real time and pose.
-        """
+        """Return the real moment of an image: at its time in the scan, with the errors of the stage."""
         planned = self.nominal(s, t, s_y)
         time = planned.t + self.offset_s(s, t, s_y) / self.frames.frame_interval_s
         if self.stage.errors is None:
@@ -269,15 +184,7 @@ class Schedule:
     def offset_s(self, s: int, t: int, s_y: int = 0) -> float:
         """Return how much later than the reference camera's image of the same frame an image is taken.
 
-        Parameters
-        ----------
-        s, t, s_y
-            Camera position, frame and row, 0 the reference.
-
-        Returns
-        -------
-        float
-            Time in s; negative if it is taken before.
+        Returns: Time in s; negative if it is taken before.
         """
         return (self.stage.number_in_scan(s, t, s_y) - self.stage.number_in_scan(0, t)) * self.stage.time_per_position_s
 

@@ -32,15 +32,8 @@ class GaussianPsf(FrozenModel):
     def transfer(self, frequency_per_px: Array) -> Array:
         """Return the modulation transfer function exp(-2 (π σ f)²).
 
-        Parameters
-        ----------
-        frequency_per_px
-            Spatial frequencies f in periods per px, any shape.
-
-        Returns
-        -------
-        numpy.ndarray
-            Contrast that is left, from 0 to 1, of the same shape.
+        ``frequency_per_px``: Spatial frequencies f in periods per px, any shape.
+        Returns: Contrast that is left, from 0 to 1, of the same shape.
         """
         return np.asarray(np.exp(-2 * (np.pi * self.sigma_px * frequency_per_px) ** 2))
 
@@ -82,15 +75,8 @@ class AiryPsf(FrozenModel):
 
         ν is the frequency over the cut-off frequency (Goodman, Introduction to Fourier Optics).
 
-        Parameters
-        ----------
-        frequency_per_px
-            Spatial frequencies in periods per px, any shape.
-
-        Returns
-        -------
-        numpy.ndarray
-            Contrast that is left, from 0 to 1, of the same shape.
+        ``frequency_per_px``: Spatial frequencies in periods per px, any shape.
+        Returns: Contrast that is left, from 0 to 1, of the same shape.
         """
         share = np.minimum(np.abs(frequency_per_px) / self.cutoff_per_px, 1.0)
         return np.asarray(2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share**2)))
@@ -126,17 +112,8 @@ class Defocus(FrozenModel):
     def blur_diameter_px(self, depth_mm: Array, focal_length_px: float) -> Array:
         """Return the diameter of the blur disc.
 
-        Parameters
-        ----------
-        depth_mm
-            Depths Z of points, any shape.
-        focal_length_px
-            Focal length f of the camera.
-
-        Returns
-        -------
-        numpy.ndarray
-            f A |1/Z - 1/Z_f| in px, of the same shape.
+        ``depth_mm``: Depths Z of points, any shape.
+        Returns: f A |1/Z - 1/Z_f| in px, of the same shape.
         """
         return np.asarray(focal_length_px * self.aperture_mm * np.abs(1 / depth_mm - 1 / self.focus_distance_mm))
 
@@ -145,15 +122,7 @@ class Defocus(FrozenModel):
 
         Their mean is zero, and from three points on, their mean square is that of the disc, A² / 16 along each axis.
 
-        Parameters
-        ----------
-        count
-            Number of points.
-
-        Returns
-        -------
-        numpy.ndarray
-            Offsets (X, Y) from the centre in mm, shape (count, 2).
+        Returns: Offsets (X, Y) from the centre in mm, shape (count, 2).
         """
         number = np.arange(count)
         radius = self.aperture_mm / 2 * np.sqrt((number + 0.5) / count)
@@ -181,18 +150,7 @@ class Vignetting(FrozenModel):
     """(a1, a2, a3); a1 = -0.2 darkens the corners by 20 %."""
 
     def factor(self, camera: Camera) -> Array:
-        """Return the factor by which every pixel is darkened.
-
-        Parameters
-        ----------
-        camera
-            The camera, with its distortion.
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (height, width); 1 at the principal point, not below 0.
-        """
+        """Return the factor by which every pixel is darkened."""
         grid = camera.pixel_grid()
         square = ((grid - camera.principal_point) ** 2).sum(axis=-1) / ((camera.width**2 + camera.height**2) / 4)
         a1, a2, a3 = self.coefficients

@@ -58,16 +58,9 @@ class Distortion(FrozenModel):
     def distort(self, points: Array) -> Array:
         """Distort image positions.
 
-        Parameters
-        ----------
-        points
-            Positions (x, y) in the image of a pinhole, in units of the focal length from the principal point, shape
-            (..., 2).
-
-        Returns
-        -------
-        numpy.ndarray
-            Positions (x_d, y_d) in the image of the lens, in the same unit, shape (..., 2).
+        ``points``: Positions (x, y) in the image of a pinhole, in units of the focal length from the principal point,
+          shape (..., 2).
+        Returns: Positions (x_d, y_d) in the image of the lens, in the same unit, shape (..., 2).
         """
         x, y = points[..., 0], points[..., 1]
         return self._image(x, y, self._radial(x, y)[0])
@@ -75,15 +68,7 @@ class Distortion(FrozenModel):
     def jacobian(self, points: Array) -> Array:
         """Return the derivatives of `distort`.
 
-        Parameters
-        ----------
-        points
-            Positions as for `distort`, shape (..., 2).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (..., 2, 2): rows x_d and y_d, columns x and y.
+        ``points``: Positions as for `distort`, shape (..., 2).
         """
         x, y = points[..., 0], points[..., 1]
         a, b, d = self._slopes(x, y, *self._radial(x, y))
@@ -92,16 +77,9 @@ class Distortion(FrozenModel):
     def undistort(self, points: Array) -> Array:
         """Find the inverse of `distort` by Newton's method.
 
-        Parameters
-        ----------
-        points
-            Distorted positions, shape (..., 2).
-
-        Returns
-        -------
-        numpy.ndarray
-            Positions in the image of a pinhole, shape (..., 2). NaN where the distortion folds the image, so that no
-            pinhole position, or more than one, belongs to the distorted one.
+        ``points``: Distorted positions, shape (..., 2).
+        Returns: Positions in the image of a pinhole, shape (..., 2). NaN where the distortion folds the image, so that
+        no pinhole position, or more than one, belongs to the distorted one.
         """
         given = np.asarray(points, dtype=np.float64)
         found = np.empty((given.size // 2, 2))
@@ -216,18 +194,7 @@ class Camera(FrozenModel):
         return self
 
     def folding_problem(self, margin_px: int) -> str:
-        """Say where the distortion folds the image and a margin around it, or return nothing.
-
-        Parameters
-        ----------
-        margin_px
-            Margin on every side.
-
-        Returns
-        -------
-        str
-            A pixel that shows no ray, or more than one, and what to do; empty if there is none.
-        """
+        """Say where the distortion folds the image and a margin around it, or return nothing."""
         if self.distortion is None:
             return ""
         # The border and a grid inside: where the image folds, it does so along a curve that surrounds the axis.
@@ -278,20 +245,7 @@ class Camera(FrozenModel):
         return self if self.distortion is None else self.model_copy(update={"distortion": None})
 
     def refined(self, parts: int, margin_px: int) -> Camera:
-        """Return the camera with smaller pixels, and with a margin around the image.
-
-        Parameters
-        ----------
-        parts
-            Number of new pixels along x, and along y, for one pixel of this camera.
-        margin_px
-            Margin on every side, in pixels of this camera.
-
-        Returns
-        -------
-        Camera
-            Focal length and principal point are scaled so that the same points are seen.
-        """
+        """Return the camera with smaller pixels, and with a margin around the image."""
         c_x, c_y = self.principal_point
         # It may be larger than the cameras of scenes.
         return self.model_copy(
@@ -305,35 +259,15 @@ class Camera(FrozenModel):
         )
 
     def rows(self, first: int, last: int) -> Camera:
-        """Return the camera that sees only some rows of the image.
-
-        Parameters
-        ----------
-        first, last
-            First row, and the row behind the last one; rows outside the image are allowed.
-
-        Returns
-        -------
-        Camera
-            Its row 0 is the row ``first`` of this camera.
-        """
+        """Return the camera that sees only some rows of the image."""
         c_x, c_y = self.principal_point
         return self.model_copy(update={"height": last - first, "principal_point_px": (c_x, c_y - first)})
 
     def project(self, points_mm: ArrayLike, camera_x_mm: float = 0.0) -> NDArray[np.float64]:
         """Project points into the image (paper eq. 3).
 
-        Parameters
-        ----------
-        points_mm
-            World points, shape (..., 3), in front of the camera (Z > 0).
-        camera_x_mm
-            Position X_s of the camera on the stage.
-
-        Returns
-        -------
-        numpy.ndarray
-            Pixel coordinates (x, y), shape (..., 2), float64; pixel centres are integers.
+        ``points_mm``: World points, shape (..., 3), in front of the camera (Z > 0).
+        Returns: Pixel coordinates (x, y), shape (..., 2), float64; pixel centres are integers.
         """
         points = np.asarray(points_mm, dtype=np.float64)
         c_x, c_y = self.principal_point
@@ -348,17 +282,9 @@ class Camera(FrozenModel):
     def flow_of(self, directions: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the optical flow of points of a lens that distorts, from that of a pinhole with focal length 1.
 
-        Parameters
-        ----------
-        directions
-            Directions of the points as `ray_directions` returns them, shape (n, 3).
-        rates
-            Rates of X / Z and Y / Z of the points, shape (n, 2).
-
-        Returns
-        -------
-        numpy.ndarray
-            Rates of the pixel coordinates in px, per unit of time of ``rates``, shape (n, 2).
+        ``directions``: Directions of the points as `ray_directions` returns them, shape (n, 3).
+        ``rates``: Rates of X / Z and Y / Z of the points, shape (n, 2).
+        Returns: Rates of the pixel coordinates in px, per unit of time of ``rates``, shape (n, 2).
         """
         if self.distortion is None:
             return self.focal_px * rates
@@ -370,15 +296,8 @@ class Camera(FrozenModel):
 
         A ray's parameter is therefore the depth Z of the point it reaches.
 
-        Parameters
-        ----------
-        pixels
-            Pixel coordinates (x, y), shape (..., 2).
-
-        Returns
-        -------
-        numpy.ndarray
-            Directions, shape (..., 3), float64; NaN where the distortion images no ray.
+        ``pixels``: Pixel coordinates (x, y), shape (..., 2).
+        Returns: Directions, shape (..., 3), float64; NaN where the distortion images no ray.
         """
         positions = np.asarray(pixels, dtype=np.float64)
         directions = np.ones((*positions.shape[:-1], 3))
@@ -388,15 +307,8 @@ class Camera(FrozenModel):
     def ray_steps(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return by how much the direction of a ray changes per pixel to the right, and per pixel down.
 
-        Parameters
-        ----------
-        pixels
-            Pixel coordinates (x, y), shape (n, 2).
-
-        Returns
-        -------
-        tuple
-            Two arrays of shape (n, 3), or (1, 3) if the steps are the same everywhere, as in a pinhole.
+        ``pixels``: Pixel coordinates (x, y), shape (n, 2).
+        Returns: Two arrays of shape (n, 3), or (1, 3) if the steps are the same everywhere, as in a pinhole.
         """
         count = 1 if self.distortion is None else len(pixels)
         steps = np.zeros((2, count, 3))
@@ -422,10 +334,7 @@ class Camera(FrozenModel):
 class PixelRays:
     """The rays through the pixel centres of a camera; the arrays are shared, and must not be changed.
 
-    Parameters
-    ----------
-    camera
-        The camera.
+    ``camera``: The camera.
     """
 
     camera: Camera
@@ -445,18 +354,7 @@ _rays_by_camera: WeakKeyDictionary[Camera, PixelRays] = WeakKeyDictionary()
 
 
 def pixel_rays(camera: Camera) -> PixelRays:
-    """Return the rays of a camera's pixels; they are kept for as long as the camera lives.
-
-    Parameters
-    ----------
-    camera
-        The camera.
-
-    Returns
-    -------
-    PixelRays
-        The same object for equal cameras.
-    """
+    """Return the rays of a camera's pixels; they are kept for as long as the camera lives."""
     rays = _rays_by_camera.get(camera)
     if rays is None:
         # With a camera of its own, or the key would be kept alive by its value.

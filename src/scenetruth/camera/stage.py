@@ -227,18 +227,7 @@ class Stage(FrozenModel):
         return most * self.time_per_position_s
 
     def number_in_scan(self, s: int, t: int, s_y: int = 0) -> int:
-        """Return the number of an image in the order in which the images of its frame are taken.
-
-        Parameters
-        ----------
-        s, t, s_y
-            Camera position, frame and row, 0 the reference.
-
-        Returns
-        -------
-        int
-            From 0 for the first image of the frame.
-        """
+        """Return the number of an image in the order in which the images of its frame are taken."""
         row, place = s_y - int(self.s_y[0]), s - int(self.s[0])
         to_and_fro = self.scan == "bidirectional"
         if to_and_fro and row % 2 == 1:

@@ -113,14 +113,14 @@ def _most_moving(found: Prediction) -> list[str]:
     regions = [region for region in found.regions if region.startswith("object_")]
     quantity = next((name for name in ("velocity_epe", "flow_x") if name in found.quantities), None)
     if quantity is not None:
-        regions.sort(key=lambda region: found.figure(quantity, region).signal or 0.0, reverse=True)
+        regions.sort(key=lambda region: found.precision(quantity, region).signal or 0.0, reverse=True)
     return regions[:_MOST_PRECISIONS]
 
 
 def _grows(found: Prediction, region: str) -> bool:
     if "growth_rate" not in found.quantities or region not in found.regions:
         return False
-    return (found.figure("growth_rate", region).signal or 0.0) > _NO_GROWTH
+    return (found.precision("growth_rate", region).signal or 0.0) > _NO_GROWTH
 
 
 def _to_dict(file: Path, report: SceneReport, forecast: Forecast, warnings: Sequence[str]) -> dict[str, object]:

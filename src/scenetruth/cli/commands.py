@@ -58,7 +58,7 @@ def run(
         stages=("render", "estimate", "score", "report")[: 4 if report else 3],
         methods=methods or (),
         settings=settings or (),
-        truth=(truth_views.value, _TRUTH_POSES[truth_poses.value], truth_content.value),
+        truth=(truth_views.value, truth_poses.value, truth_content.value),
         save_radiance=save_radiance,
         save_images=save_images,
         overwrite=overwrite,
@@ -70,10 +70,6 @@ def run(
     _print_results(results)
     print_wrote(output)
     _raise_failures(results)
-
-
-_TRUTH_POSES = {"actual": "real", "nominal": "nominal"}
-"""Names of the command line and those of `run_scene`."""
 
 
 def render(
@@ -97,7 +93,7 @@ def render(
         output,
         limits,
         stages=("render",),
-        truth=(truth_views.value, _TRUTH_POSES[truth_poses.value], truth_content.value),
+        truth=(truth_views.value, truth_poses.value, truth_content.value),
         save_radiance=save_radiance,
         save_images=save_images,
         overwrite=overwrite,

@@ -59,12 +59,8 @@ _START, _COMPILE = "start", "compile"
 class ProgressReporter:
     """Shows progress, and measures how long each kind of work takes.
 
-    Parameters
-    ----------
-    progress
-        The bars.
-    timings_s
-        Seconds spent on each kind of work so far.
+    ``progress``: The bars.
+    ``timings_s``: Seconds spent on each kind of work so far.
     """
 
     progress: Progress
@@ -344,13 +340,7 @@ def make_console() -> Console:
 
 
 def print_score(scored: Score, method: str = "", region: str = "interior") -> None:
-    """Print the statistics of an estimate: those of a region, then the RMSE of all regions.
-
-    Raises
-    ------
-    ScoreError
-        If the score has no such region.
-    """
+    """Print the statistics of an estimate: those of a region, then the RMSE of all regions."""
     from rich.table import Table
 
     from scenetruth.errors import Problem, ScoreError, visible

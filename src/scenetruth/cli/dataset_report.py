@@ -19,13 +19,7 @@ _MOST_FIELDS = 40
 
 
 def print_recipe(sampler: Sampler, trial: DrawReport, forecast: Forecast) -> None:
-    """Print what a recipe makes, and what that takes.
-
-    Raises
-    ------
-    RecipeError
-        If some of the samples that were tried cannot be drawn.
-    """
+    """Print what a recipe makes, and what that takes."""
     recipe = sampler.recipe
     table = Table(title=visible(recipe.description or recipe.name), show_header=False, title_justify="left")
     for heading in ("what", "value"):

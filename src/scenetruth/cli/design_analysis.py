@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from scenetruth.cli import options
+from scenetruth.cli import design_options, options
 from scenetruth.cli.messages import print_wrote
 
 if TYPE_CHECKING:
@@ -28,12 +28,12 @@ def budget(
     overrides: options.Overrides = None,
     method: options.Method = None,
     settings: options.Settings = None,
-    calibration: options.Calibration = options.CalibrationPreset.typical,
-    focal_length_percent: options.FocalLengthPercent = None,
-    principal_point_px: options.PrincipalPointPx = None,
-    baseline_percent: options.BaselinePercent = None,
+    calibration: design_options.Calibration = design_options.CalibrationPreset.typical,
+    focal_length_percent: design_options.FocalLengthPercent = None,
+    principal_point_px: design_options.PrincipalPointPx = None,
+    baseline_percent: design_options.BaselinePercent = None,
     seeds: options.SeedCount = 4,
-    simulated_share: options.SimulatedShare = 0.9,
+    simulated_share: design_options.SimulatedShare = 0.9,
     region: options.Region = "interior",
     workers: options.Workers = 1,
     scheduler: options.Scheduler = None,
@@ -95,21 +95,21 @@ def _print_budget(found: Budget, region: str) -> None:
     from scenetruth.errors import visible
     from scenetruth.scoring.quantities import get_title
 
-    for quantity in (one for one in SHOWN_QUANTITIES if found.of(one, region)):
-        total = found.total(quantity, region)
+    for quantity in (one for one in SHOWN_QUANTITIES if found.contributions(one, region)):
+        total = found.combined(quantity, region)
         heading = f"{get_title(quantity)}, {unit_text(total.unit)}, {region}"
         table = Table(title=visible(heading, lines=False), title_justify="left")
         table.add_column("cause")
         table.add_column("size", overflow="fold")
         for name in ("part", "predicted", "simulated"):
             table.add_column(name, justify="right")
-        for one in found.of(quantity, region):
-            cells = (one.title, one.size, number(one.figure), number(one.predicted), number(one.simulated))
+        for one in found.contributions(quantity, region):
+            cells = (one.title, one.size, number(one.value), number(one.predicted), number(one.simulated))
             table.add_row(*(visible(cell, lines=False) for cell in cells))
         table.add_row("root of the sum of squares", "", number(total.root_sum_square), "", "")
         table.add_row("everything on", "", "", "", number(total.simulated))
         make_console().print(table)
-    for line in (*found.words(region), *found.failures):
+    for line in (*found.summary(region).splitlines(), *found.failures):
         typer.echo(visible(line))
 
 
@@ -117,7 +117,7 @@ def predict(
     scene: options.SceneFile,
     *,
     overrides: options.Overrides = None,
-    model: options.Model = options.PredictionModel.analytic,
+    model: design_options.Model = design_options.PredictionModel.analytic,
     method: options.Method = None,
     settings: options.Settings = None,
     region: options.Region = "interior",
@@ -162,13 +162,7 @@ _MOTIONS = ("translation", "rigid", "growing", "affine")
 
 
 def _prediction_settings(given: list[str] | None) -> dict[str, Any]:
-    """Return the settings of a method that change a prediction.
-
-    Raises
-    ------
-    EstimateError
-        With every setting that is spelled wrongly, or does not change a prediction.
-    """
+    """Return the settings of a method that change a prediction."""
     from scenetruth.errors import EstimateError, Problem
 
     settings = options.read_settings(given)
@@ -193,7 +187,7 @@ def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, 
     from scenetruth.design.prediction.prediction_result import TITLES
 
     rows = []
-    for quantity, figure in prediction.figures[region].items():
+    for quantity, figure in prediction.precisions[region].items():
         if quantity in _LEFT_OUT:
             continue
         signal, ratio = figure.signal_value, figure.signal_to_noise
@@ -247,13 +241,13 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
 
 def sweep(
     scenes: options.SceneFiles,
-    vary: options.Vary = None,
+    vary: design_options.Vary = None,
     *,
     output: options.Output,
     methods: options.LabelledMethods = None,
     settings: options.Settings = None,
     seeds: options.Seeds = "3",
-    sobol_points: options.SobolPoints = 0,
+    sobol_points: design_options.SobolPoints = 0,
     overrides: options.Overrides = None,
     region: options.Region = "interior",
     workers: options.Workers = 1,
@@ -268,7 +262,7 @@ def sweep(
     from scenetruth.resources.limits import limits_from
 
     varied, problems = split_assignments(vary or ())
-    counted = options.parse_seeds(seeds, problems)
+    counted = design_options.parse_seeds(seeds, problems)
     if problems:
         raise SweepError(problems)
     changes = list(overrides or ())

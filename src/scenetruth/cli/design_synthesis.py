@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from scenetruth.cli import options
+from scenetruth.cli import design_options, options
 from scenetruth.cli.design_analysis import budget, predict, sweep
 from scenetruth.cli.messages import print_wrote
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from scenetruth.design.optimisation import DesignResult
     from scenetruth.design.patterns import PatternAssessment, PatternRig
 
-__all__ = ["optimise", "pattern", "register"]
+__all__ = ["optimise", "register"]
 
 
 def optimise(
@@ -42,7 +42,7 @@ def optimise(
             progress=reporter,
         )
     _print_front(found)
-    _print_lines(*found.words())
+    _print_lines(*found.summary().splitlines())
     names = ("index.html", "recommended.yaml", PREVIEW_FILE, "pareto_front.csv", "evaluations.csv", "design.json")
     _print_lines(f"preview of a part of its images: scenetruth run {output / PREVIEW_FILE} -o preview")
     print_wrote(output / name for name in names)
@@ -85,25 +85,25 @@ def pattern(
     *,
     output: options.Output,
     overrides: options.Overrides = None,
-    focal_length_px: options.FocalLengthPx = None,
-    distance_mm: options.SurfaceDistanceMm = None,
-    light: options.Light = 1.0,
-    type: options.PatternTypeOption = options.PatternType.speckle,
-    size_mm: options.SizeMm = None,
-    dot_px: options.DotPx = None,
-    dot_mm: options.DotMm = None,
-    coverage: options.Coverage = None,
-    spacing: options.Spacing = None,
-    wavelength_px: options.WavelengthPx = None,
-    wavelength_mm: options.WavelengthMm = None,
-    contrast: options.Contrast = None,
+    focal_length_px: design_options.FocalLengthPx = None,
+    distance_mm: design_options.SurfaceDistanceMm = None,
+    light: design_options.Light = 1.0,
+    type: design_options.PatternTypeOption = design_options.PatternType.speckle,
+    size_mm: design_options.SizeMm = None,
+    dot_px: design_options.DotPx = None,
+    dot_mm: design_options.DotMm = None,
+    coverage: design_options.Coverage = None,
+    spacing: design_options.Spacing = None,
+    wavelength_px: design_options.WavelengthPx = None,
+    wavelength_mm: design_options.WavelengthMm = None,
+    contrast: design_options.Contrast = None,
     seed: options.Seed = 0,
-    page: options.Page = "A4",
-    margin_mm: options.MarginMm = 10.0,
-    reference_images: options.ReferenceImages = None,
-    mm_per_px: options.MmPerPx = None,
-    encoding: options.PhotographEncoding = options.Encoding.srgb,
-    window_sigma_px: options.WindowSigmaPx = 6.0,
+    page: design_options.Page = "A4",
+    margin_mm: design_options.MarginMm = 10.0,
+    reference_images: design_options.ReferenceImages = None,
+    mm_per_px: design_options.MmPerPx = None,
+    encoding: design_options.PhotographEncoding = design_options.Encoding.srgb,
+    window_sigma_px: design_options.WindowSigmaPx = 6.0,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Generate a pattern to print at true scale for a rig, and assess it."""
@@ -156,7 +156,7 @@ def pattern(
     for line in [*describe_pattern(made), *describe_assessments(worths)]:
         _print_line(line)
     _print_assessments(worths)
-    if type is options.PatternType.speckle:
+    if type is design_options.PatternType.speckle:
         _print_sizes(rig, coverage or 0.5)
     _print_line("in a scene file:")
     typer.echo(format_scene_lines(made, str((output / "pattern.png").resolve())).rstrip())
@@ -227,7 +227,7 @@ def _print_assessments(worths: Sequence[PatternAssessment]) -> None:
     table.add_column("unit")
     for worth in worths:
         table.add_column(visible(worth.label, lines=False), justify="right", overflow="fold")
-    figures = [worth.figures() for worth in worths]
+    figures = [worth.statistics() for worth in worths]
     for name, (told, unit, factor) in _ROWS.items():
         values = [each[name] for each in figures]
         if any(value is not None for value in values):

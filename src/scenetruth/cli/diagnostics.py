@@ -25,17 +25,14 @@ if TYPE_CHECKING:
 __all__ = [
     "EXTRAS",
     "RENDERERS",
-    "CheckState",
     "DoctorCheck",
     "check_caches",
     "check_extras",
     "check_machine",
     "check_packages",
-    "check_python",
     "check_rendering",
     "check_terminal",
     "checks_to_json",
-    "installed_versions",
     "is_fit",
     "print_checks",
     "render_alone",
@@ -51,20 +48,12 @@ CheckState = Literal["ok", "missing", "broken"]
 class DoctorCheck:
     """One thing that was looked at.
 
-    Parameters
-    ----------
-    group
-        What it belongs to: rendering, packages, ...
-    name
-        What it is.
-    state
-        How it is.
-    told
-        What was found.
-    remedy
-        What to do about it; empty if nothing.
-    needed
-        Whether `scenetruth run` needs it.
+    ``group``: What it belongs to: rendering, packages, ...
+    ``name``: What it is.
+    ``state``: How it is.
+    ``told``: What was found.
+    ``remedy``: What to do about it; empty if nothing.
+    ``needed``: Whether `scenetruth run` needs it.
     """
 
     group: str
@@ -321,18 +310,7 @@ _NEEDED_PACKAGES = {"raycast": ("embreex",), "osmesa": ("pyrender", "OpenGL"), "
 
 
 def render_alone(name: str) -> tuple[bool, str]:
-    """Render a triangle in a process of its own.
-
-    Parameters
-    ----------
-    name
-        One of `RENDERERS`.
-
-    Returns
-    -------
-    tuple
-        Whether it is there, and what rendered it; or why it is not.
-    """
+    """Render a triangle in a process of its own."""
     for package in _NEEDED_PACKAGES[name]:
         if find_spec(package) is None:
             return False, f"No module named '{package}'"
@@ -375,13 +353,7 @@ def _remedy(platform: str, told: str) -> str:
 
 
 def run_checks() -> list[DoctorCheck]:
-    """Return how everything is that scenetruth uses on this machine.
-
-    Returns
-    -------
-    list of Finding
-        Python and packages, rendering, machine, caches, extras, terminal.
-    """
+    """Return how everything is that scenetruth uses on this machine."""
     with ThreadPoolExecutor(len(RENDERERS)) as side:
         # In processes of their own, which render while this one loads libraries.
         rendered = {name: side.submit(render_alone, name) for name in RENDERERS}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from scenetruth.cli.options import DESIGNS, RECIPES, SCENES, BundledFiles
+from scenetruth.cli.bundled_files import DESIGNS, RECIPES, SCENES, BundledFiles
 
 if TYPE_CHECKING:
     from scenetruth.estimators import Estimator
@@ -17,23 +17,7 @@ _TITLES = {"methods": "methods", "formats": "export formats", "cases": "benchmar
 
 
 def collect(kind: str) -> list[dict[str, Any]]:
-    """Return the rows of a list.
-
-    Parameters
-    ----------
-    kind
-        Name of the list: scenes, recipes, designs, methods, formats or cases.
-
-    Returns
-    -------
-    list of dict
-        One mapping for each row, from the heading of a column to its value.
-
-    Raises
-    ------
-    StoreError
-        If the bundled files are missing.
-    """
+    """Return the rows of a list."""
     if kind in _BUNDLED:
         return _bundled_files(_BUNDLED[kind])
     return {"methods": _methods, "formats": _formats, "cases": _cases}[kind]()

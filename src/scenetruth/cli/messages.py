@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-__all__ = ["Verbosity", "echo", "print_message", "print_note", "print_wrote", "set_verbosity", "verbosity"]
+__all__ = ["Verbosity", "echo", "print_note", "print_wrote", "set_verbosity", "verbosity"]
 
 
 class Verbosity(IntEnum):
@@ -23,13 +23,7 @@ _current = [Verbosity.normal]
 
 
 def set_verbosity(*, quiet: bool, verbose: bool) -> None:
-    """Set the amount of messages of this process.
-
-    Raises
-    ------
-    typer.BadParameter
-        If both are given.
-    """
+    """Set the amount of messages of this process."""
     if quiet and verbose:
         msg = "--quiet and --verbose exclude each other"
         raise typer.BadParameter(msg)
@@ -60,15 +54,7 @@ def print_message(text: str) -> None:
 
 
 def print_wrote(paths: Path | str | Iterable[Path | str], detail: str = "") -> None:
-    """Print which files or directories were written, except with --quiet.
-
-    Parameters
-    ----------
-    paths
-        The paths, in the order in which they are printed.
-    detail
-        An addition in parentheses, for example a number of files.
-    """
+    """Print which files or directories were written, except with --quiet."""
     if verbosity() is Verbosity.quiet:
         return
     listed = [paths] if isinstance(paths, str | Path) else paths

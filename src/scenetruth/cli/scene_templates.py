@@ -20,41 +20,22 @@ if TYPE_CHECKING:
     from scenetruth.errors import Problem
     from scenetruth.scene.mesh import TriangleMesh
 
-__all__ = [
-    "PlacedMesh",
-    "SceneTemplate",
-    "cube_template",
-    "image_block",
-    "leaf_template",
-    "mesh_template",
-    "place_mesh",
-    "register",
-    "scene_text",
-]
+__all__ = ["PlacedMesh", "SceneTemplate", "mesh_template", "place_mesh", "register", "scene_text"]
 
 
 @dataclass(frozen=True)
 class SceneTemplate:
     """What distinguishes one scene to start from among others.
 
-    Parameters
-    ----------
-    summary
-        What the scene shows, in one line.
-    first
-        What to change first, a line each.
-    objects
-        The list of objects, in YAML with comments.
-    focal_length_px, focal_note
-        Focal length of the camera in px, and what that makes of the scene.
-    baseline_mm, baseline_note
-        Way of the stage from position to position in mm, and what that makes of the scene.
-    frame_interval_s
-        Time from frame to frame in s.
-    blocks
-        Further blocks, in YAML with comments.
-    sensor, estimate
-        Fields of the sensor and of the method, in YAML.
+    ``summary``: What the scene shows, in one line.
+    ``first``: What to change first, a line each.
+    ``objects``: The list of objects, in YAML with comments.
+    ``focal_length_px``, ``focal_note``: Focal length of the camera in px, and what that makes of the scene.
+    ``baseline_mm``, ``baseline_note``: Way of the stage from position to position in mm, and what that makes of the
+      scene.
+    ``frame_interval_s``: Time from frame to frame in s.
+    ``blocks``: Further blocks, in YAML with comments.
+    ``sensor``, ``estimate``: Fields of the sensor and of the method, in YAML.
     """
 
     summary: str
@@ -139,22 +120,7 @@ _NO_SCHEMA = """\
 
 
 def scene_text(start: SceneTemplate, file: str, schema: str = "") -> str:
-    """Return the text of a scene file.
-
-    Parameters
-    ----------
-    start
-        What is in it.
-    file
-        How the file is called, for the commands that it names.
-    schema
-        Where editors find the schema of scene files, as seen from the file; empty if nowhere.
-
-    Returns
-    -------
-    str
-        YAML with comments.
-    """
+    """Return the text of a scene file."""
     return _TEXT.format(
         schema=_SCHEMA.format(schema) if schema else _NO_SCHEMA,
         summary=start.summary,
@@ -241,13 +207,7 @@ def image_block(file: str) -> str:
 
 
 def cube_template(image: str = "") -> SceneTemplate:
-    """Return a cube that comes towards the camera, with noise on it or an image.
-
-    Parameters
-    ----------
-    image
-        Path of an image file, as seen from the scene file; empty for noise.
-    """
+    """Return a cube that comes towards the camera, with noise on it or an image."""
     noise = "{kind: noise, wavelength_mm: [0.8, 4.0], mean: 0.5, rms_contrast: 0.25}"
     told = "Noise with waves of these lengths, here 6 to 30 px, of this mean and contrast (standard deviation / mean)."
     if image:
@@ -305,24 +265,14 @@ _WAVES_PX = (6.0, 30.0)
 class PlacedMesh:
     """A mesh file as read, and where it was placed.
 
-    Parameters
-    ----------
-    vertices, faces
-        How many it has.
-    size_mm
-        Its size along X, Y and Z.
-    position_mm
-        Where its origin stands: its middle on the camera's axis, its nearest point at the distance.
-    distance_mm
-        Distance of its nearest point from the camera, along Z.
-    focal_length_px
-        Focal length with which it takes three quarters of the image.
-    baseline_mm
-        Way of the stage with 30 px of disparity at the nearest point.
-    has_image
-        Whether the file brings a texture image or colours of its own.
-    has_uv
-        Whether an image can be laid on it.
+    ``vertices``, ``faces``: How many it has.
+    ``size_mm``: Its size along X, Y and Z.
+    ``position_mm``: Where its origin stands: its middle on the camera's axis, its nearest point at the distance.
+    ``distance_mm``: Distance of its nearest point from the camera, along Z.
+    ``focal_length_px``: Focal length with which it takes three quarters of the image.
+    ``baseline_mm``: Way of the stage with 30 px of disparity at the nearest point.
+    ``has_image``: Whether the file brings a texture image or colours of its own.
+    ``has_uv``: Whether an image can be laid on it.
     """
 
     vertices: int
@@ -348,24 +298,9 @@ class PlacedMesh:
 def place_mesh(file: Path, unit_mm: float = 1.0, distance_mm: float | None = None) -> PlacedMesh:
     """Read a mesh file, and find place, focal length and baseline with which the camera sees all of it.
 
-    Parameters
-    ----------
-    file
-        OBJ, PLY, GLB, STL or OFF.
-    unit_mm
-        Length of the file's unit in mm.
-    distance_mm
-        Distance of the nearest point in mm; ten times the mesh's size across the line of sight if not given.
-
-    Returns
-    -------
-    Measured
-        Its size and its place.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be read as a mesh.
+    ``unit_mm``: Length of the file's unit in mm.
+    ``distance_mm``: Distance of the nearest point in mm; ten times the mesh's size across the line of sight if not
+      given.
     """
     from scenetruth.scene.mesh.mesh_file import load_mesh_file
 
@@ -404,16 +339,7 @@ def _placed(read: TriangleMesh, distance_mm: float | None) -> PlacedMesh:
 def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str = "") -> SceneTemplate:
     """Return a mesh file that comes towards the camera, with noise on it or an image.
 
-    Parameters
-    ----------
-    found
-        The mesh, as of `place_mesh`.
-    file
-        Its path, as seen from the scene file.
-    unit_mm
-        Length of the file's unit in mm.
-    image
-        Path of an image file, as seen from the scene file; empty for noise.
+    ``unit_mm``: Length of the file's unit in mm.
     """
     per_px = found.distance_mm / found.focal_length_px
     waves = [_rounded(px * per_px) for px in _WAVES_PX]

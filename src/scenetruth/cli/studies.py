@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from scenetruth.cli import options
+from scenetruth.cli import design_options, options
 from scenetruth.cli.messages import print_wrote
 
 if TYPE_CHECKING:
@@ -24,17 +24,17 @@ def register_compare(app: typer.Typer) -> None:
 
 def compare(
     methods: options.BenchmarkMethods = None,
-    suite: options.Suite = options.SuiteName.core,
+    suite: design_options.Suite = design_options.SuiteName.core,
     *,
     output: options.Output,
-    cases: options.Cases = None,
-    levels: options.Levels = None,
+    cases: design_options.Cases = None,
+    levels: design_options.Levels = None,
     settings: options.Settings = None,
     command: options.LabelledCommands = None,
     command_timeout_s: options.CommandTimeoutS = 600.0,
     command_memory_mb: options.CommandMemoryMb = None,
-    external_results: options.ExternalResults = None,
-    write_recordings: options.WriteRecordings = False,
+    external_results: design_options.ExternalResults = None,
+    write_recordings: design_options.WriteRecordings = False,
     workers: options.Workers = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -101,7 +101,7 @@ def _print_summary(found: BenchmarkResult) -> None:
 
     from scenetruth.errors import visible
 
-    frame = found.summary()
+    frame = found.ranking()
     labels = [visible(str(label), lines=False) for label in frame.columns]
     # So many fit beside each other into a terminal of 80 columns.
     for first in range(0, len(labels), _BESIDE):
@@ -131,8 +131,8 @@ def register_validation(app: typer.Typer) -> None:
 
 def paper_figure2(
     output: options.Output,
-    divergence: options.DivergenceOption = options.Divergence.paper,
-    runs: options.Runs = None,
+    divergence: design_options.DivergenceOption = design_options.Divergence.paper,
+    runs: design_options.Runs = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Reproduce figure 2 of the paper: errors of U_X, U_Z and Z over their true values."""
@@ -149,7 +149,7 @@ def paper_figure2(
 
 
 def emva1288(
-    output: options.Output, presets: options.SensorPresets = None, overwrite: options.Overwrite = False
+    output: options.Output, presets: design_options.SensorPresets = None, overwrite: options.Overwrite = False
 ) -> None:
     """Measure the sensor presets by EMVA 1288: gain, noise, saturation, linearity."""
     from scenetruth.cli.console import reporting
@@ -168,7 +168,7 @@ def emva1288(
 
 def rendering(
     output: options.Output,
-    platform: options.Platform = options.OpenGLPlatform.auto,
+    platform: design_options.Platform = design_options.OpenGLPlatform.auto,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Compare the renderers with the exact pixel integral at sub-pixel shifts."""

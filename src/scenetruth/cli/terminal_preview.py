@@ -31,17 +31,7 @@ def shows_pictures(console: Console) -> bool:
 
 
 def print_picture(folder: RunDirectory, method: str, console: Console) -> None:
-    """Print the image of the reference camera at the reference frame, and the depth that a method finds there.
-
-    Parameters
-    ----------
-    folder
-        The folder of a run.
-    method
-        The method, whose estimate is in the folder.
-    console
-        Where to; nothing is read if it shows no pictures.
-    """
+    """Print the image of the reference camera at the reference frame, and the depth that a method finds there."""
     if not shows_pictures(console):
         return
     from matplotlib import colormaps
@@ -70,17 +60,7 @@ def print_picture(folder: RunDirectory, method: str, console: Console) -> None:
 def downsample(picture: NDArray[np.floating[Any]], columns: int) -> NDArray[np.float64]:
     """Return a picture with so many columns, or its own if it has fewer: means of what each of its pixels covers.
 
-    Parameters
-    ----------
-    picture
-        Values, shape (height, width, channels); NaN where there is nothing.
-    columns
-        Width of what is returned.
-
-    Returns
-    -------
-    numpy.ndarray
-        Means of the values that are there; NaN where less than half of them are.
+    ``picture``: Values, shape (height, width, channels); NaN where there is nothing.
     """
     height, width, _ = picture.shape
     columns = min(columns, width)
@@ -100,10 +80,7 @@ def downsample(picture: NDArray[np.floating[Any]], columns: int) -> NDArray[np.f
 def render_rows(picture: NDArray[np.float64]) -> list[Text]:
     """Return lines of characters, each of which is two pixels, one above the other; NaN is left as the terminal is.
 
-    Parameters
-    ----------
-    picture
-        Red, green and blue in [0, 1], shape (height, width, 3).
+    ``picture``: Red, green and blue in [0, 1], shape (height, width, 3).
     """
     from rich.text import Text
 

@@ -36,15 +36,7 @@ class GeometryPreview:
     Meshes, motions and rays are those of the truth; the image has at most 160 px along a side, pixels count by their
     centres.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-
-    Raises
-    ------
-    SceneError
-        If the scene cannot be made, or nothing of it can be seen.
+    ``scene``: The scene.
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 __all__ = [
     "FILES",
     "CatalogueWriter",
-    "build_catalogue_schema",
-    "build_catalogue_table",
     "flatten_score",
     "list_catalogued",
     "load_scores",
@@ -45,14 +43,7 @@ _OBJECT_COLUMNS = ("image_share", "seen_by_all", "depth_min_mm", "depth_max_mm",
 
 
 def build_catalogue_schema(sampler: Sampler) -> pyarrow.Schema:
-    """Return the columns of a recipe's catalogue.
-
-    Parameters
-    ----------
-    sampler
-        The recipe. Values that are always numbers have columns of numbers, ``value.PATH``; others have their text, or
-        their JSON.
-    """
+    """Return the columns of a recipe's catalogue."""
     import pyarrow as pa
 
     text, number, whole = pa.string(), pa.float64(), pa.int64()
@@ -88,12 +79,7 @@ def build_catalogue_schema(sampler: Sampler) -> pyarrow.Schema:
 def build_catalogue_table(rows: Iterable[Mapping[str, Any]], sampler: Sampler) -> pyarrow.Table:
     """Return rows of the catalogue as a table.
 
-    Parameters
-    ----------
-    rows
-        What ``sample.json`` says of samples, perhaps with ``seconds``.
-    sampler
-        The recipe.
+    ``rows``: What ``sample.json`` says of samples, perhaps with ``seconds``.
     """
     import pyarrow as pa
 
@@ -189,14 +175,9 @@ _PART = re.compile(r"part-[0-9a-z-]+\.parquet")
 class CatalogueWriter:
     """Writes rows of the catalogue in parts.
 
-    Parameters
-    ----------
-    folder
-        The data set.
-    sampler
-        Its recipe.
-    label
-        What distinguishes the parts of this run from those of others that work on the same data set.
+    ``folder``: The data set.
+    ``sampler``: Its recipe.
+    ``label``: What distinguishes the parts of this run from those of others that work on the same data set.
     """
 
     def __init__(self, folder: DatasetFolder, sampler: Sampler, label: str = "1of1") -> None:

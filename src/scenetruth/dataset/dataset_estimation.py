@@ -25,7 +25,7 @@ from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits
 from scenetruth.scoring import Score
 
-__all__ = ["estimate_dataset", "try_estimate"]
+__all__ = ["estimate_dataset"]
 
 
 def estimate_dataset(
@@ -46,33 +46,6 @@ def estimate_dataset(
     kept. Scores come into the catalogue as columns ``score.METHOD.REGION.QUANTITY.STATISTIC``. What has a score
     already is not estimated again, unless the code of a method of your own has changed since: then all of its scores
     are removed first.
-
-    Parameters
-    ----------
-    dataset
-        The folder of the data set.
-    method
-        The name of the method, or `scenetruth.estimators.MethodSpec`; that of the first base scene if not given.
-    settings
-        Its settings; those of the scene, or its defaults, where not given.
-    numbers
-        Numbers of the samples; all that are there if not given.
-    workers, threads, scheduler, retries
-        As of `run_dataset`.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    Each
-        How many were estimated, and what went wrong.
-
-    Raises
-    ------
-    EstimateError
-        If there is no such method, settings do not fit, or scores of other settings are there.
-    StoreError
-        If there is no data set.
     """
     resolve_workers(workers)
     places = DatasetFolder(dataset)

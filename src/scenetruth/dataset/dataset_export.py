@@ -22,7 +22,7 @@ from scenetruth.jobs.scheduler import ParallelResult, for_each
 from scenetruth.pipeline import VerificationResult, export_run, verify_run
 from scenetruth.progress import Progress, say
 
-__all__ = ["export", "export_dataset", "try_export", "verify"]
+__all__ = ["export", "export_dataset", "verify"]
 
 _Arguments = tuple[str, str, str, str | None, int, str]
 """What `try_export` is given beside the number."""
@@ -192,41 +192,6 @@ def export_dataset(
 
     Existing samples are reused, so that an interrupted export resumes when it is repeated; with ``overwrite`` every
     sample is exported again.
-
-    Parameters
-    ----------
-    folder
-        The data set.
-    out
-        Folder of the folders.
-    format
-        Name of the format; see `scenetruth.export_formats`.
-    numbers
-        Numbers of the samples; all that are there if not given.
-    method
-        Write the estimates of this method; the truth if not given.
-    row
-        Of a grid of cameras, the row ``s_y``.
-    overwrite
-        Whether earlier exports of samples are replaced.
-    workers, threads, scheduler
-        As of `run_dataset`.
-    progress
-        Called with (what, done, total).
-    **options
-        Options of the format.
-
-    Returns
-    -------
-    Each
-        How many were written, and what went wrong.
-
-    Raises
-    ------
-    ExportError
-        If there is no such format, its options do not fit, or the first and the last sample both lack what it needs.
-    StoreError
-        If there is no data set, or ``out`` is inside of it.
     """
     resolve_workers(workers)
     choose_format(format, options)

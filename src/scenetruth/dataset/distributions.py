@@ -38,7 +38,6 @@ __all__ = [
     "SequenceDistribution",
     "TableDistribution",
     "UniformDistribution",
-    "ValueName",
 ]
 
 
@@ -80,13 +79,7 @@ class RandomDistribution(Distribution):
     (Sobol's sequence, a Latin hypercube)."""
 
     def value(self, uniforms: Sequence[float]) -> Any:
-        """Return the value that uniform numbers make.
-
-        Parameters
-        ----------
-        uniforms
-            As many as `uniforms`, each above 0 and below 1.
-        """
+        """Return the value that uniform numbers make."""
         raise NotImplementedError
 
     @property
@@ -138,13 +131,7 @@ class DerivedDistribution(Distribution):
         raise NotImplementedError
 
     def value(self, values: Mapping[str, Any]) -> Any:
-        """Return the value that others make.
-
-        Raises
-        ------
-        ValueError
-            If they make none; says why.
-        """
+        """Return the value that others make."""
         raise NotImplementedError
 
     def trials(self) -> list[tuple[str, Any]]:
@@ -160,8 +147,6 @@ class DerivedDistribution(Distribution):
 class ChoiceDistribution(RandomDistribution):
     """One of several values; each may be a whole part of a scene, such as another texture, lamp or sensor.
 
-    Examples
-    --------
     >>> ChoiceDistribution(values=["ovate", "cordate"], weights=[3, 1]).value([0.8])
     'cordate'
     """
@@ -201,8 +186,6 @@ class ChoiceDistribution(RandomDistribution):
 class ConeDistribution(RandomDistribution):
     """A unit vector within an angle of an axis, equally likely everywhere on the cap of the sphere (Archimedes).
 
-    Examples
-    --------
     >>> ConeDistribution(axis=[0, 0, 2], half_angle_deg=90).value([0.5, 0.0])
     [0.8660254037844386, 0.0, 0.5]
     """
@@ -245,8 +228,6 @@ def _readable(text: str) -> str:
 class FormulaDistribution(DerivedDistribution):
     """A number computed from named values; in a recipe also written as a text that begins with an equals sign.
 
-    Examples
-    --------
     >>> FormulaDistribution(formula="distance_mm * tan(pi / 6)").value({"distance_mm": 600.0})
     346.41016151377545
     """
@@ -279,8 +260,6 @@ class GridDistribution(IndexedDistribution):
     The first field in the recipe changes with every sample, the next when the first has gone through its values, and
     so on.
 
-    Examples
-    --------
     >>> [GridDistribution(low=1, high=2, count=3).value(place) for place in range(3)]
     [1.0, 1.5, 2.0]
     """
@@ -334,8 +313,6 @@ _Integer = Annotated[int, Field(ge=-(2**53), le=2**53)]
 class IntegersDistribution(RandomDistribution):
     """A whole number, each between two ends equally likely, the ends among them.
 
-    Examples
-    --------
     >>> [IntegersDistribution(low=1, high=3).value([u]) for u in (0.1, 0.5, 0.9)]
     [1, 2, 3]
     """
@@ -365,8 +342,6 @@ class IntegersDistribution(RandomDistribution):
 class SequenceDistribution(IndexedDistribution):
     """The values of a list in their order: sample n has the n-th, and after the last comes the first again.
 
-    Examples
-    --------
     >>> SequenceDistribution(values=[3, 5]).value(1)
     5
     """
@@ -391,8 +366,6 @@ class SequenceDistribution(IndexedDistribution):
 class LogUniformDistribution(RangeDistribution):
     """A number whose logarithm is equally likely anywhere between two ends: each factor of two as likely as the next.
 
-    Examples
-    --------
     >>> round(LogUniformDistribution(low=0.01, high=1).value([0.5]), 12)
     0.1
     """
@@ -417,8 +390,6 @@ _RARE = 1e-9
 class NormalDistribution(RandomDistribution):
     """A normally distributed number; of values outside the ends, none.
 
-    Examples
-    --------
     >>> NormalDistribution(mean=5, std=2).value([0.5]), round(NormalDistribution(mean=0, std=1, low=0).value([0.5]), 4)
     (5.0, 0.6745)
     """
@@ -472,8 +443,6 @@ class RotationDistribution(RandomDistribution):
 
     From three uniform numbers as K. Shoemake, Uniform random rotations, Graphics Gems III (1992), makes a quaternion.
 
-    Examples
-    --------
     >>> RotationDistribution().value([0.5, 0.125, 0.25])
     [{'axis': [0.57735026919, 0.816496580928, 0.0], 'angle_deg': 120.0}]
     """
@@ -506,8 +475,6 @@ _NO_ROTATION = 1e-12
 class LinkedDistribution(DerivedDistribution):
     """The value that another field, or another named value, has in the same sample.
 
-    Examples
-    --------
     >>> LinkedDistribution(of="distance_mm").value({"distance_mm": 600.0})
     600.0
     """
@@ -599,8 +566,6 @@ def _read_table(text: str) -> Any:
 class UniformDistribution(RangeDistribution):
     """A number that is equally likely anywhere between two ends.
 
-    Examples
-    --------
     >>> UniformDistribution(low=2, high=4).value([0.25])
     2.5
     """

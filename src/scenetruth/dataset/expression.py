@@ -54,18 +54,8 @@ _LONGEST, _DEEPEST = 1000, 50
 class Expression:
     """A formula with named values.
 
-    Parameters
-    ----------
-    text
-        The formula.
+    ``text``: The formula.
 
-    Raises
-    ------
-    ValueError
-        If it holds anything but arithmetic; says what.
-
-    Examples
-    --------
     >>> Expression("2 * a if a > 1 else sqrt(a)").value({"a": 0.25})
     0.5
     >>> Expression("__import__('os')")
@@ -92,18 +82,7 @@ class Expression:
         return frozenset(self._names)
 
     def value(self, values: Mapping[str, Any]) -> float:
-        """Return the result, a finite number.
-
-        Parameters
-        ----------
-        values
-            Numbers by name.
-
-        Raises
-        ------
-        ValueError
-            If there is none, as of 1 / 0; says why.
-        """
+        """Return the result, a finite number."""
         wrong = [name for name in sorted(self._names) if not _is_number(values.get(name))]
         if wrong:
             msg = f"'{wrong[0]}' is no number (got {values.get(wrong[0])!r})"

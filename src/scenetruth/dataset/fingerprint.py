@@ -23,14 +23,7 @@ from scenetruth.scene import Scene
 from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, read_yaml
 from scenetruth.schema import digest
 
-__all__ = [
-    "DatasetFingerprint",
-    "begin_dataset",
-    "compute_fingerprint",
-    "open_sampler",
-    "read_fingerprint",
-    "select_backend",
-]
+__all__ = ["DatasetFingerprint", "begin_dataset", "compute_fingerprint", "open_sampler", "read_fingerprint"]
 
 _WORDS = ("name", "description", "licence", "citation", "creators", "format", "samples", "set")
 """What no sample depends on: words, and how many there are; what is set for all is in the base scenes already."""
@@ -43,21 +36,13 @@ FORMAT = 1
 class DatasetFingerprint:
     """What all samples of a data set share.
 
-    Parameters
-    ----------
-    recipe_hash
-        Hash of everything that samples depend on: the recipe without its words and the number of samples, base scenes,
-        contents of files.
-    samples
-        How many samples are drawn.
-    count
-        How many samples there are, with those of ladders.
-    backend, platform
-        What renders them all.
-    versions
-        Versions of what made them.
-    format
-        Version of the format of data sets.
+    ``recipe_hash``: Hash of everything that samples depend on: the recipe without its words and the number of samples,
+      base scenes, contents of files.
+    ``samples``: How many samples are drawn.
+    ``count``: How many samples there are, with those of ladders.
+    ``backend``, ``platform``: What renders them all.
+    ``versions``: Versions of what made them.
+    ``format``: Version of the format of data sets.
     """
 
     recipe_hash: str
@@ -74,15 +59,7 @@ class DatasetFingerprint:
 
 
 def compute_fingerprint(sampler: Sampler, backend: tuple[str, str] | None = None) -> DatasetFingerprint:
-    """Return what a data set of a recipe is.
-
-    Parameters
-    ----------
-    sampler
-        The recipe with its base scenes.
-    backend
-        Backend and platform; found out if not given.
-    """
+    """Return what a data set of a recipe is."""
     name, on = backend or select_backend(sampler)
     recipe = sampler.recipe
     return DatasetFingerprint(compute_recipe_hash(sampler), recipe.samples, recipe.count, name, on, collect_versions())
@@ -127,13 +104,7 @@ def select_backend(sampler: Sampler) -> tuple[str, str]:
 
 
 def read_fingerprint(folder: DatasetFolder) -> DatasetFingerprint:
-    """Return what the data set in a folder is.
-
-    Raises
-    ------
-    StoreError
-        If there is none, or it is damaged.
-    """
+    """Return what the data set in a folder is."""
     try:
         found = parse_json(folder.identity.read_bytes())
         identity = DatasetFingerprint(**found)
@@ -147,13 +118,7 @@ def read_fingerprint(folder: DatasetFolder) -> DatasetFingerprint:
 
 
 def open_sampler(folder: DatasetFolder) -> Sampler:
-    """Return the recipe of the data set in a folder.
-
-    Raises
-    ------
-    StoreError
-        If there is none, or it is damaged.
-    """
+    """Return the recipe of the data set in a folder."""
     try:
         text = folder.recipe.read_text(encoding="utf-8")
         plain, problems = read_yaml(text)
@@ -165,24 +130,7 @@ def open_sampler(folder: DatasetFolder) -> Sampler:
 
 
 def begin_dataset(folder: DatasetFolder, sampler: Sampler, *, extend: bool = False) -> DatasetFingerprint:
-    """Put recipe and identity into the folder of a data set, or check that they are the same as before.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    sampler
-        The recipe with its base scenes.
-    extend
-        Whether a data set may get more samples than it had.
-
-    Raises
-    ------
-    MismatchError
-        If the folder holds a data set of another recipe, or of other versions.
-    StoreError
-        If it holds something else, or cannot be written.
-    """
+    """Put recipe and identity into the folder of a data set, or check that they are the same as before."""
     place = folder.identity
     # Several parts may begin at once.
     with lock_output(place):

@@ -51,16 +51,10 @@ __all__ = [
 class DatasetRunResult:
     """What a run has made.
 
-    Parameters
-    ----------
-    folder
-        The data set.
-    made
-        How many samples it has made.
-    present
-        How many of its part were there before.
-    failed
-        Numbers of the samples that failed.
+    ``folder``: The data set.
+    ``made``: How many samples it has made.
+    ``present``: How many of its part were there before.
+    ``failed``: Numbers of the samples that failed.
     """
 
     folder: DatasetFolder
@@ -73,14 +67,9 @@ class DatasetRunResult:
 class DatasetStatus:
     """How far a data set is.
 
-    Parameters
-    ----------
-    count
-        Samples in all.
-    done
-        Samples that are there.
-    failed
-        Numbers of those that failed, with what went wrong.
+    ``count``: Samples in all.
+    ``done``: Samples that are there.
+    ``failed``: Numbers of those that failed, with what went wrong.
     """
 
     count: int
@@ -234,26 +223,7 @@ def run_dataset(
 def estimate_sample_cost(
     sampler: Sampler, identity: DatasetFingerprint | None, limits: Limits, folder: Path
 ) -> Forecast:
-    """Return what one sample takes, and refuse more than the machine has.
-
-    Parameters
-    ----------
-    sampler
-        The recipe; its first sample stands for all.
-    identity
-        The data set, if there is one already.
-    limits
-        What may be taken.
-    folder
-        Where samples go.
-
-    Raises
-    ------
-    MachineError
-        If it is more than the machine has, or than is allowed.
-    SceneError
-        If it passes a bound.
-    """
+    """Return what one sample takes, and refuse more than the machine has."""
     draw = sampler.draw(0)
     scene = draw.scene() if identity is None else build_sample_scene(sampler, identity, draw)
     truth = sampler.recipe.truth
@@ -270,13 +240,7 @@ def estimate_sample_cost(
 
 
 def read_status(folder: str | Path) -> DatasetStatus:
-    """Return how far a data set is, from what lies in its folder.
-
-    Raises
-    ------
-    StoreError
-        If there is none.
-    """
+    """Return how far a data set is, from what lies in its folder."""
     places = DatasetFolder(folder)
     identity = read_fingerprint(places)
     done = SampleStore.of(places, open_sampler(places), identity).present(range(identity.count))
@@ -342,12 +306,8 @@ class _Work:
 class VerificationFailure:
     """A sample that is not as it was made.
 
-    Parameters
-    ----------
-    number
-        Its number.
-    problem
-        What is wrong.
+    ``number``: Its number.
+    ``problem``: What is wrong.
     """
 
     number: int
@@ -357,29 +317,7 @@ class VerificationFailure:
 def verify_dataset(
     folder: str | Path, *, again: int = 3, seed: int = 0, progress: Progress | None = None
 ) -> list[VerificationFailure]:
-    """Hash every file of a data set, and make a few samples again, to the same bytes.
-
-    Parameters
-    ----------
-    folder
-        The data set.
-    again
-        How many samples, drawn at random, are made again.
-    seed
-        Seed of that draw.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    list of Damage
-        What is wrong; samples that are missing count. Empty if nothing is.
-
-    Raises
-    ------
-    StoreError
-        If there is no data set, or its catalogue is damaged.
-    """
+    """Hash every file of a data set, and make a few samples again, to the same bytes."""
     places = DatasetFolder(folder)
     identity, sampler = read_fingerprint(places), open_sampler(places)
     rows = {row["sample"]: row for row in read_catalogue(places, sampler).to_pylist()}

@@ -44,13 +44,8 @@ class DatasetFolder:
     sample is that of a run (`scenetruth.RunDirectory`) with zip files as stores, and a ``sample.json`` that says what
     was drawn and what came of it.
 
-    Parameters
-    ----------
-    path
-        The folder; it need not exist.
+    ``path``: The folder; it need not exist.
 
-    Examples
-    --------
     >>> DatasetFolder("outputs/leaves").sample(1417).relative_to("outputs").as_posix()
     'leaves/samples/00001/00001417'
     """
@@ -191,17 +186,7 @@ def list_shard_samples(shard: int, per_shard: int, count: int) -> range:
 
 
 def pack_shard(folder: DatasetFolder, shard: int, numbers: range) -> None:
-    """Put samples into one tar file, the same bytes each time, and remove their folders.
-
-    Parameters
-    ----------
-    folder
-        The data set.
-    shard
-        Number of the tar file.
-    numbers
-        The samples; all of them lie in folders.
-    """
+    """Put samples into one tar file, the same bytes each time, and remove their folders."""
     target = folder.shard(shard)
     if not target.exists():
         with write_atomically(target) as aside, tarfile.open(aside, "w", format=tarfile.USTAR_FORMAT) as archive:
@@ -222,13 +207,7 @@ def _add(archive: tarfile.TarFile, file: Path, name: str) -> None:
 
 
 def read_shard_records(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield what ``sample.json`` says of every sample of a tar file.
-
-    Raises
-    ------
-    StoreError
-        If the file is damaged.
-    """
+    """Yield what ``sample.json`` says of every sample of a tar file."""
     try:
         with tarfile.open(path, "r:") as archive:
             for entry in archive:
@@ -242,13 +221,7 @@ def read_shard_records(path: Path) -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def extract_sample(path: Path, number: int) -> Iterator[Path]:
-    """Give a folder with the files of one sample of a tar file; it vanishes when the block ends.
-
-    Raises
-    ------
-    StoreError
-        If the tar file does not hold it, or is damaged.
-    """
+    """Give a folder with the files of one sample of a tar file; it vanishes when the block ends."""
     wanted = {f"{number:08d}.{name}": name for name in _FILES}
     with TemporaryDirectory(prefix="scenetruth-") as scratch:
         found = 0

@@ -35,16 +35,10 @@ _VALUE = "value."
 class Sample:
     """One sample of a data set.
 
-    Parameters
-    ----------
-    number
-        Its number in the data set.
-    folder
-        The data set.
-    shard
-        The tar file that holds it; None if it has a folder of its own.
-    row
-        What the catalogue tells of it.
+    ``number``: Its number in the data set.
+    ``folder``: The data set.
+    ``shard``: The tar file that holds it; None if it has a folder of its own.
+    ``row``: What the catalogue tells of it.
     """
 
     number: int
@@ -54,13 +48,7 @@ class Sample:
 
     @property
     def run(self) -> RunDirectory:
-        """Its folder, which is that of a run.
-
-        Raises
-        ------
-        StoreError
-            If it lies in a tar file.
-        """
+        """Its folder, which is that of a run."""
         if self.shard is not None:
             raise StoreError(self.shard, "holds many samples; this one has no folder of its own")
         return RunDirectory(self.folder.sample(self.number))
@@ -89,18 +77,7 @@ class Sample:
             return load_scene(files / SCENE)
 
     def estimate(self, method: str | None = None) -> xr.Dataset:
-        """Return the estimate of a method, made by ``scenetruth dataset estimate``.
-
-        Parameters
-        ----------
-        method
-            The method; that of the scene if not given.
-
-        Raises
-        ------
-        StoreError
-            If there is none.
-        """
+        """Return the estimate of a method, made by ``scenetruth dataset estimate``."""
         run = self.run
         return open_store(run.of(method or run.own_method).estimate, "estimate")
 
@@ -114,23 +91,13 @@ class Sample:
 if TYPE_CHECKING:
     pass
 
-__all__ = ["stack_lazily"]
+__all__ = []
 
 
 def stack_lazily(
     variable: str, of: Literal["recording", "truth"], samples: Sequence[Sample], source: Path
 ) -> xr.DataArray:
-    """Return a variable of samples in one array; see `SceneDataset.stack`.
-
-    Parameters
-    ----------
-    variable, of
-        Name of the variable, and where it is.
-    samples
-        The samples.
-    source
-        The data set, for messages.
-    """
+    """Return a variable of samples in one array; see `SceneDataset.stack`."""
     if not samples:
         raise StoreError(source, "has no samples to stack")
     first = getattr(samples[0], of)
@@ -179,18 +146,9 @@ class SceneDataset(Sequence[Any]):
 
     It has a length, is indexed and sliced, and can be pickled: what PyTorch calls a map-style data set.
 
-    Parameters
-    ----------
-    folder
-        The data set.
-    catalogue
-        Its samples, one row for each.
-    transform
-        What is made of every sample that is asked for by its index; the sample itself if not given.
-
-    See Also
-    --------
-    open_dataset : Opens one.
+    ``folder``: The data set.
+    ``catalogue``: Its samples, one row for each.
+    ``transform``: What is made of every sample that is asked for by its index; the sample itself if not given.
     """
 
     def __init__(
@@ -221,13 +179,7 @@ class SceneDataset(Sequence[Any]):
         return (self[index] for index in range(len(self)))
 
     def sample(self, index: SupportsIndex) -> Sample:
-        """Return a sample by its place in the sequence, negative from the end.
-
-        Raises
-        ------
-        IndexError
-            If there is none.
-        """
+        """Return a sample by its place in the sequence, negative from the end."""
         place = range(len(self))[int(index)]
         row: dict[str, Any] = {str(key): value for key, value in self.catalogue.iloc[place].to_dict().items()}
         number = int(row["sample"])
@@ -236,19 +188,7 @@ class SceneDataset(Sequence[Any]):
         return Sample(number, self.folder, shard if shard.exists() else None, row)
 
     def select(self, query: str) -> SceneDataset:
-        r"""Return the samples that a query of the catalogue finds.
-
-        Parameters
-        ----------
-        query
-            As of `pandas.DataFrame.query`: ``"split == 'train' and depth_min_mm > 600"``; names with dots stand in
-            backticks, ``"`value.objects.0.pose.position_mm.2` < 650"``.
-
-        Raises
-        ------
-        RecipeError
-            If it cannot be understood.
-        """
+        r"""Return the samples that a query of the catalogue finds."""
         try:
             found = self.catalogue.query(query)
         except Exception as error:  # pandas raises many kinds
@@ -261,25 +201,7 @@ class SceneDataset(Sequence[Any]):
         return SceneDataset(self.folder, self.catalogue[self.catalogue["split"] == name], self._transform)
 
     def stack(self, variable: str, of: Literal["recording", "truth"] = "truth") -> xr.DataArray:
-        """Return a variable of all samples in one array, whose samples are read when they are used.
-
-        Parameters
-        ----------
-        variable
-            Its name, such as ``depth``.
-        of
-            Where it is.
-
-        Returns
-        -------
-        xarray.DataArray
-            With ``sample`` before its own dimensions; ``.chunk()`` makes a Dask array of it.
-
-        Raises
-        ------
-        StoreError
-            If there are no samples, no such variable, or shapes that differ.
-        """
+        """Return a variable of all samples in one array, whose samples are read when they are used."""
         return stack_lazily(variable, of, [self.sample(index) for index in range(len(self))], self.folder.path)
 
     @cached_property

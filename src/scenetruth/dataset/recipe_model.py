@@ -14,7 +14,7 @@ from scenetruth.discovery import discriminated_union
 from scenetruth.input_files import SceneFile
 from scenetruth.validated_model import FrozenModel, Name, Positive
 
-__all__ = ["PATH_PATTERN", "AnyBound", "AnyDistribution", "BaseScene", "RecipeModel", "TruthSettings"]
+__all__ = ["PATH_PATTERN", "BaseScene", "RecipeModel", "TruthSettings"]
 
 
 def _formula(value: Any) -> Any:
@@ -66,7 +66,7 @@ class TruthSettings(FrozenModel):
 
     views: Literal["reference", "all"] = "reference"
     """Cameras that it is made for."""
-    poses: Literal["real", "nominal"] = "real"
+    poses: Literal["actual", "nominal"] = "actual"
     """Where the camera stood, or where it should have stood."""
     content: Literal["standard", "complete"] = "standard"
     """What estimates are scored against, or everything known of the surface."""
@@ -83,12 +83,7 @@ _Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
 
 
 class RecipeModel(FrozenModel):
-    """Everything that a data set is made from.
-
-    See Also
-    --------
-    load_recipe : A recipe from a file in YAML.
-    """
+    """Everything that a data set is made from."""
 
     format: Literal[1] = 1
     """Version of the format of recipes."""

@@ -17,15 +17,7 @@ from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 from scenetruth.scene.field_paths import PathError, assign
 
-__all__ = [
-    "AcceptedDraws",
-    "DrawReport",
-    "draw_samples",
-    "range_problems",
-    "refuse_recipe",
-    "select_numbers",
-    "try_draws",
-]
+__all__ = ["AcceptedDraws", "DrawReport", "draw_samples", "refuse_recipe", "select_numbers", "try_draws"]
 
 
 _TRIED = 16
@@ -37,16 +29,10 @@ _MAX_LISTED = 40
 class DrawReport:
     """What became of some draws.
 
-    Parameters
-    ----------
-    accepted
-        How many samples were accepted.
-    drawn
-        How many draws that took.
-    reasons
-        Why draws were refused, and how many.
-    problems
-        Samples that cannot be drawn.
+    ``accepted``: How many samples were accepted.
+    ``drawn``: How many draws that took.
+    ``reasons``: Why draws were refused, and how many.
+    ``problems``: Samples that cannot be drawn.
     """
 
     accepted: int
@@ -70,38 +56,14 @@ _REASONS = 6
 
 
 def refuse_recipe(sampler: Sampler, *, tried: int = _TRIED) -> None:
-    """Refuse a recipe of which single values, or some of the first samples, make no scene.
-
-    Parameters
-    ----------
-    sampler
-        The recipe with its base scenes.
-    tried
-        How many of the first samples are made into scenes.
-
-    Raises
-    ------
-    RecipeError
-        With every value that a scene's field forbids, and every sample among the first that makes no scene.
-    """
+    """Refuse a recipe of which single values, or some of the first samples, make no scene."""
     problems = range_problems(sampler) or _first_problems(sampler, tried)
     if problems:
         raise RecipeError(problems)
 
 
 def range_problems(sampler: Sampler) -> list[Problem]:
-    """Return what scenes' fields forbid of what they may be given: both ends of ranges, every choice, every step.
-
-    Parameters
-    ----------
-    sampler
-        The recipe with its base scenes; each value is tried with all others in the middle of their ranges.
-
-    Returns
-    -------
-    list of Problem
-        One for each value that is forbidden, with where it stands in the recipe.
-    """
+    """Return what scenes' fields forbid of what they may be given: both ends of ranges, every choice, every step."""
     problems: dict[tuple[str, str], Problem] = {}
 
     def add(where: str, message: str, value: Any) -> None:
@@ -144,21 +106,7 @@ def try_draws(
     workers: int = 1,
     scheduler: str | None = None,
 ) -> DrawReport:
-    """Draw some samples, and count what is accepted.
-
-    Parameters
-    ----------
-    sampler
-        The recipe with its base scenes.
-    samples
-        How many of the first samples, or numbers of draws.
-    progress
-        Called with (what, done, total).
-    keep
-        Called with every draw that was accepted.
-    workers, scheduler
-        As of `run_dataset`, for bounds on the geometry.
-    """
+    """Draw some samples, and count what is accepted."""
     drawn, reasons, problems = 0, Counter[str](), list[Problem]()
     numbers = range(min(samples, sampler.recipe.samples)) if isinstance(samples, int) else samples
     count = len(numbers)
@@ -240,12 +188,8 @@ _FREE, _BOUNDED = 500, 48
 class AcceptedDraws:
     """Some draws that were accepted, and what became of the others.
 
-    Parameters
-    ----------
-    trial
-        How many draws it took, and why others were refused.
-    draws
-        Those that were accepted, by number.
+    ``trial``: How many draws it took, and why others were refused.
+    ``draws``: Those that were accepted, by number.
     """
 
     trial: DrawReport
@@ -264,19 +208,7 @@ def draw_samples(
     workers: int = 1,
     scheduler: str | None = None,
 ) -> AcceptedDraws:
-    """Draw some samples of a recipe, the same each time.
-
-    Parameters
-    ----------
-    sampler
-        The recipe with its base scenes.
-    count
-        How many; if not given, 500, or 48 if the geometry of each must be looked at.
-    progress
-        Called with (what, done, total).
-    workers, scheduler
-        As of `run_dataset`, for bounds on the geometry.
-    """
+    """Draw some samples of a recipe, the same each time."""
     wanted = count or (_BOUNDED if sampler.recipe.acceptance else _FREE)
     draws: list[Draw] = []
     chosen = select_numbers(sampler.recipe.samples, wanted)
@@ -287,8 +219,6 @@ def draw_samples(
 def select_numbers(total: int, wanted: int) -> list[int]:
     """Return some of the numbers from 0 to a total in order: at random, so that no grid or list is met in step.
 
-    Examples
-    --------
     >>> select_numbers(3, 5), select_numbers(10**9, 3) == select_numbers(10**9, 3)
     ([0, 1, 2], True)
     """

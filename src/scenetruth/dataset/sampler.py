@@ -41,14 +41,9 @@ class UniformDraws:
     first draws of all samples lie evenly; what is drawn again lies in the same stratum of a Latin hypercube, and
     anywhere in place of a point of Sobol's sequence.
 
-    Parameters
-    ----------
-    seed
-        Seed of the recipe.
-    samples
-        How many samples a Latin hypercube has to fill.
-    fields
-        The random values by key, in the order of the recipe: the order of the dimensions of Sobol's sequence.
+    ``seed``: Seed of the recipe.
+    ``samples``: How many samples a Latin hypercube has to fill.
+    ``fields``: The random values by key, in the order of the recipe: the order of the dimensions of Sobol's sequence.
     """
 
     def __init__(self, seed: int, samples: int, fields: Mapping[str, RandomDistribution]) -> None:
@@ -110,18 +105,11 @@ HELD_OUT = "held_out"
 class VariedField:
     """A value that varies, and where it goes.
 
-    Parameters
-    ----------
-    key
-        Its path, or its name if it goes nowhere.
-    distribution
-        What it may be.
-    places
-        Paths of the fields that it goes to.
-    name
-        What formulas call it; empty if it has no name.
-    where
-        Where in the recipe it stands.
+    ``key``: Its path, or its name if it goes nowhere.
+    ``distribution``: What it may be.
+    ``places``: Paths of the fields that it goes to.
+    ``name``: What formulas call it; empty if it has no name.
+    ``where``: Where in the recipe it stands.
     """
 
     key: str
@@ -135,28 +123,16 @@ class VariedField:
 class Draw:
     """What was drawn for a sample.
 
-    Parameters
-    ----------
-    number
-        Number of the sample in the data set, from 0.
-    draw
-        Number of the draw that it belongs to; all steps of its ladders belong to the same.
-    step
-        0 for the sample as it was drawn, then the steps of the ladders.
-    factor
-        What the step changes; empty for step 0.
-    base
-        Which of the base scenes.
-    values
-        All values by key.
-    attempts
-        How many draws it took.
-    rejected
-        Why those before were refused.
-    split
-        Its split; empty if there are none.
-    plain
-        The scene as plain values.
+    ``number``: Number of the sample in the data set, from 0.
+    ``draw``: Number of the draw that it belongs to; all steps of its ladders belong to the same.
+    ``step``: 0 for the sample as it was drawn, then the steps of the ladders.
+    ``factor``: What the step changes; empty for step 0.
+    ``base``: Which of the base scenes.
+    ``values``: All values by key.
+    ``attempts``: How many draws it took.
+    ``rejected``: Why those before were refused.
+    ``split``: Its split; empty if there are none.
+    ``plain``: The scene as plain values.
     """
 
     number: int
@@ -171,30 +147,15 @@ class Draw:
     plain: Mapping[str, Any] = field(repr=False)
 
     def scene(self) -> Scene:
-        """Return the scene.
-
-        Raises
-        ------
-        SceneError
-            If the values make none.
-        """
+        """Return the scene."""
         return Scene.from_dict(self.plain)
 
 
 class Sampler:
     """Draws the samples of a recipe, each by itself.
 
-    Parameters
-    ----------
-    recipe
-        The recipe.
-    bases
-        Its base scenes, with the changes that all samples share.
-
-    Raises
-    ------
-    RecipeError
-        If paths lead nowhere, or values need each other in a circle.
+    ``recipe``: The recipe.
+    ``bases``: Its base scenes, with the changes that all samples share.
     """
 
     def __init__(self, recipe: RecipeModel, bases: Sequence[Scene]) -> None:
@@ -218,20 +179,7 @@ class Sampler:
         return self.recipe.count
 
     def draw(self, number: int) -> Draw:
-        """Draw a sample, the same for the same number wherever and whenever.
-
-        Parameters
-        ----------
-        number
-            Number of the sample, from 0.
-
-        Raises
-        ------
-        IndexError
-            If there is no such sample.
-        RecipeError
-            If no draw is accepted.
-        """
+        """Draw a sample, the same for the same number wherever and whenever."""
         if not 0 <= number < len(self):
             msg = f"there is no sample {number}: they are numbered 0 to {len(self) - 1}"
             raise IndexError(msg)

@@ -55,7 +55,6 @@ __all__ = [
     "build_sample_scene",
     "compute_truth_statistics",
     "make_sample",
-    "read_sample",
     "try_sample",
 ]
 
@@ -80,20 +79,7 @@ _STILL = 1e-9
 
 
 def compute_truth_statistics(truth: xr.Dataset) -> dict[str, Any]:
-    """Return a truth in a few numbers.
-
-    Parameters
-    ----------
-    truth
-        The truth.
-
-    Returns
-    -------
-    dict
-        The values of `STATISTICS`, and under ``objects`` a list with name, image_share (of all pixels), seen_by_all
-        (share of its pixels that every camera sees), depth_min_mm, depth_max_mm and growth_median_per_hour of every
-        object.
-    """
+    """Return a truth in a few numbers."""
     at = {name: 0 for name in ("t", "s", "s_y") if name in truth["depth"].dims}
     names = ("depth", "disparity", "flow", "velocity", "growth_rate", "object_id", "occluded_across_cameras", "mixed")
     here = truth[[name for name in names if name in truth]].sel(at).load()
@@ -154,13 +140,7 @@ def _masked_median(values: NDArray[Any], these: NDArray[np.bool_], seen: NDArray
 
 
 def build_sample_scene(sampler: Sampler, identity: DatasetFingerprint, draw: Draw) -> Scene:
-    """Return the scene of a sample as it is rendered: by the data set's backend, into zip files.
-
-    Raises
-    ------
-    SceneError
-        If the values make no scene.
-    """
+    """Return the scene of a sample as it is rendered: by the data set's backend, into zip files."""
     plain = dict(draw.plain)
     plain["render"] = {**plain["render"], "backend": identity.backend, "platform": identity.platform}
     plain["storage"] = {**plain["storage"], "form": "zip"}
@@ -168,27 +148,7 @@ def build_sample_scene(sampler: Sampler, identity: DatasetFingerprint, draw: Dra
 
 
 def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, target: Path) -> dict[str, Any]:
-    """Make a sample in a folder that does not exist yet; it appears whole, or not at all.
-
-    Parameters
-    ----------
-    sampler, identity
-        The recipe, and the data set that it belongs to.
-    number
-        Number of the sample.
-    target
-        The folder to make.
-
-    Returns
-    -------
-    dict
-        What ``sample.json`` says: what was drawn, hashes, and what the truth tells. The same each time.
-
-    Raises
-    ------
-    ScenetruthError
-        If the sample cannot be made.
-    """
+    """Make a sample in a folder that does not exist yet; it appears whole, or not at all."""
     from scenetruth.simulation import simulate_into
     from scenetruth.truth import TruthOptions
 
@@ -251,13 +211,7 @@ def _finite(value: Any) -> Any:
 
 
 def read_sample(folder: Path) -> dict[str, Any]:
-    """Return what ``sample.json`` says.
-
-    Raises
-    ------
-    StoreError
-        If it is missing or damaged.
-    """
+    """Return what ``sample.json`` says."""
     try:
         found = parse_json((folder / SAMPLE).read_bytes())
         return dict(found)
@@ -266,20 +220,7 @@ def read_sample(folder: Path) -> dict[str, Any]:
 
 
 def try_sample(folder: str, number: int) -> TaskResult:
-    """Make a sample of the data set in a folder, for whoever works through many: what goes wrong is returned.
-
-    Parameters
-    ----------
-    folder
-        The folder of the data set.
-    number
-        Number of the sample. One that is there already stays as it is.
-
-    Raises
-    ------
-    MachineError
-        If this machine cannot make samples of this data set: another one may.
-    """
+    """Make a sample of the data set in a folder, for whoever works through many: what goes wrong is returned."""
     places = DatasetFolder(folder)
     target = places.sample(number)
     if target.exists():
@@ -334,13 +275,8 @@ def _failure(folder: str, number: int, error: Exception) -> dict[str, Any]:
 class Partition:
     """Which part of a data set a run makes.
 
-    Parameters
-    ----------
-    number, count
-        The number-th of count parts, from 1.
+    ``number``, ``count``: The number-th of count parts, from 1.
 
-    Examples
-    --------
     >>> [number for number in range(10) if number in Partition(2, 3).numbers(10)]
     [3, 4, 5]
     >>> Partition.read("2/3")
@@ -352,13 +288,7 @@ class Partition:
 
     @staticmethod
     def read(text: str) -> Partition:
-        """Return the part that a text such as ``3/10`` names.
-
-        Raises
-        ------
-        RecipeError
-            If it names none.
-        """
+        """Return the part that a text such as ``3/10`` names."""
         first, separator, second = text.partition("/")
         if separator and first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second) <= 1_000_000:
             return Partition(int(first), int(second))
@@ -380,14 +310,9 @@ class Partition:
 class SampleStore:
     """The samples of a data set, wherever they lie.
 
-    Parameters
-    ----------
-    folder
-        The data set.
-    count
-        How many samples it has when it is whole.
-    per_shard
-        Samples in a tar file; 0 if each has a folder of its own.
+    ``folder``: The data set.
+    ``count``: How many samples it has when it is whole.
+    ``per_shard``: Samples in a tar file; 0 if each has a folder of its own.
     """
 
     folder: DatasetFolder

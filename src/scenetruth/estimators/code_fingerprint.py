@@ -25,18 +25,6 @@ def compute_code_fingerprint(method: Any) -> str:
     command, the files that it names; of a folder of results, what lies in it. What is typed into a session has no file:
     there the text of the function itself counts.
 
-    Parameters
-    ----------
-    method
-        What `find_method` takes.
-
-    Raises
-    ------
-    EstimateError
-        If there is no such method.
-
-    Examples
-    --------
     >>> compute_code_fingerprint("structure_tensor")
     ''
     """

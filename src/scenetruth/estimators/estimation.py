@@ -28,16 +28,7 @@ from scenetruth.schema.validity import (
 )
 from scenetruth.validated_model import FrozenModel
 
-__all__ = [
-    "EstimationTask",
-    "copy_shared_arrays",
-    "estimate",
-    "is_in_memory",
-    "output_problems",
-    "prepare",
-    "read_only",
-    "requirements",
-]
+__all__ = ["EstimationTask", "estimate", "is_in_memory", "output_problems", "prepare", "read_only", "requirements"]
 
 
 def read_only(recording: xr.Dataset) -> xr.Dataset:
@@ -80,17 +71,7 @@ def is_in_memory(variable: xr.Variable) -> bool:
 
 
 def output_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str]) -> list[Problem]:
-    """Return what is wrong with what a method returned.
-
-    Parameters
-    ----------
-    found
-        What it returned.
-    recording
-        What it was given.
-    gives
-        What it promised to give.
-    """
+    """Return what is wrong with what a method returned."""
     if not isinstance(found, xr.Dataset):
         remedy = "is not an xarray.Dataset; make one with scenetruth.make_estimate(recording=recording, ...)"
         return [Problem("", remedy, type(found).__name__)]
@@ -344,14 +325,9 @@ class EstimationTask:
 class _ValidityPut:
     """Puts the maps of a method, and those of `VALIDITY_MAPS` that it does not give, frame by frame.
 
-    Parameters
-    ----------
-    blank
-        The blank estimate of the method.
-    recording
-        The recording.
-    put
-        Takes the maps.
+    ``blank``: The blank estimate of the method.
+    ``recording``: The recording.
+    ``put``: Takes the maps.
     """
 
     def __init__(self, blank: xr.Dataset, recording: xr.Dataset, put: Put) -> None:
@@ -431,15 +407,7 @@ _TRAVELLING = ("scene", "scene_hash", "recording_hash")
 
 
 def requirements(recording: xr.Dataset, method: Estimator, settings: FrozenModel) -> list[Problem]:
-    """Return what keeps a method from estimating a recording, from its sizes, coordinates and attributes alone.
-
-    Parameters
-    ----------
-    recording
-        The recording, or one like it that holds no images yet.
-    method, settings
-        The method and its settings.
-    """
+    """Return what keeps a method from estimating a recording, from its sizes, coordinates and attributes alone."""
     problems = method.needs.problems(recording, method.name)
     if "s_y" in recording["image"].dims and problems:
         return problems

@@ -64,13 +64,7 @@ class CorrectionPriors(FrozenModel):
         return self
 
     def in_columns(self, step_px: float) -> CorrectionPriors:
-        """Return the same in columns of the images.
-
-        Parameters
-        ----------
-        step_px
-            Distance of two columns in the camera's pixels.
-        """
+        """Return the same in columns of the images."""
         lengths = {name: getattr(self, name) / step_px for name in ("x_px", "y_px", "repeatability_px")}
         return self.model_copy(update=lengths)
 

@@ -142,31 +142,13 @@ MethodLike = str | MethodSpec | Estimator | Callable[..., Any]
 
 
 def read_method(method: MethodLike) -> MethodSpec:
-    """Return a method with its settings.
-
-    Raises
-    ------
-    EstimateError
-        If there is no such method.
-    """
+    """Return a method with its settings."""
     return method if isinstance(method, MethodSpec) else MethodSpec(method)
 
 
 def read_methods(methods: MethodLike | Iterable[MethodLike]) -> list[MethodSpec]:
     """Return one or several methods, all of them checked.
 
-    Parameters
-    ----------
-    methods
-        One method, or several.
-
-    Raises
-    ------
-    EstimateError
-        With every method that is not installed, every setting that is impossible, and labels that are there twice.
-
-    Examples
-    --------
     >>> [one.label for one in read_methods(["refined", MethodSpec("refined", {"window_sigma_px": 4}, "fine")])]
     ['refined', 'fine']
     """
@@ -178,13 +160,6 @@ def read_methods(methods: MethodLike | Iterable[MethodLike]) -> list[MethodSpec]
 def parse_methods(texts: Iterable[MethodLike]) -> list[MethodSpec]:
     """Return methods as the command line spells them; see `parse_method`.
 
-    Raises
-    ------
-    EstimateError
-        As of `read_methods`.
-
-    Examples
-    --------
     >>> [one.label for one in parse_methods(["refined", "fine=refined[window_sigma_px: 4]"])]
     ['refined', 'fine']
     """
@@ -214,20 +189,6 @@ def _collect(methods: Iterable[Any], read: Callable[[Any], MethodSpec]) -> list[
 def parse_method(text: str, *, from_file: bool = False) -> MethodSpec:
     """Return a method as the command line spells it: ``LABEL=NAME[setting: value, ...]``, label and settings optional.
 
-    Parameters
-    ----------
-    text
-        What was written.
-    from_file
-        Whether a file says so: it may name no ``module:function``, as importing runs code.
-
-    Raises
-    ------
-    EstimateError
-        If it is not spelled so, there is no such method, or a setting is impossible.
-
-    Examples
-    --------
     >>> parse_method("fine=refined[window_sigma_px: 4]").settings
     {'window_sigma_px': 4}
     """
@@ -250,13 +211,7 @@ def parse_method(text: str, *, from_file: bool = False) -> MethodSpec:
 
 @contextmanager
 def offered_methods(methods: Iterable[MethodSpec]) -> Iterator[None]:
-    """Let methods that are given as functions or objects be found by their names, in this process.
-
-    Raises
-    ------
-    EstimateError
-        If one has the name of another method.
-    """
+    """Let methods that are given as functions or objects be found by their names, in this process."""
     with ExitStack() as stack:
         for one in methods:
             if isinstance(one.method, str):

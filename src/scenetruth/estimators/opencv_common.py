@@ -22,7 +22,6 @@ from scenetruth.schema import compute_pixel_grid
 
 __all__ = [
     "FlowSettings",
-    "GreyImages",
     "StereoSettings",
     "camera_problems",
     "cv2_problems",
@@ -44,17 +43,8 @@ def outer_percentiles(parts: Iterable[Values], percent: float, most: int) -> tup
     Held are the values beyond the percentiles, about twice, and one part: with 0.1 percent on either side some
     thousandths of all values.
 
-    Parameters
-    ----------
-    parts
-        Values of any shape; NaN does not count.
-    percent
-        The low percentile, from 0 to 50; the high one is 100 - percent.
-    most
-        How many values there are in all parts at most.
+    ``parts``: Values of any shape; NaN does not count.
 
-    Examples
-    --------
     >>> outer_percentiles([np.array([3.0, 1.0]), np.array([[2.0], [np.nan]])], 25, 4)
     (1.5, 2.5)
     """
@@ -206,19 +196,7 @@ def camera_problems(recording: xr.Dataset, settings: StereoSettings) -> list[Pro
 def disparities(
     recording: xr.Dataset, images: GreyImages, settings: StereoSettings, progress: Progress | None
 ) -> Iterator[Map]:
-    """Give the disparity of the reference camera in every frame, px per step of s, each of shape (y, x).
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    images
-        Its images as of `eight_bit_images`.
-    settings
-        How they are matched.
-    progress
-        Called with (what, done, total).
-    """
+    """Give the disparity of the reference camera in every frame, px per step of s, each of shape (y, x)."""
     positions = recording["s"].values.tolist()
     other = settings.camera or min((s for s in positions if s != 0), key=lambda s: (abs(s), -s))
     stage = recording["stage_x_mm"].values
@@ -238,15 +216,7 @@ def disparities(
 def flows(
     recording: xr.Dataset, images: GreyImages, settings: FlowSettings, progress: Progress | None
 ) -> Iterator[Map]:
-    """Give the flow of the reference camera from every frame to the next, px per frame, each of shape (2, y, x).
-
-    Parameters
-    ----------
-    recording, images, progress
-        As of `disparities`.
-    settings
-        How the flow is found.
-    """
+    """Give the flow of the reference camera from every frame to the next, px per frame, each of shape (2, y, x)."""
     step_px = compute_pixel_grid(recording).step_px
 
     def found(frame: int) -> Map:
@@ -268,14 +238,7 @@ def _frame_by_frame(what: str, found: Callable[[int], Map], count: int, progress
 def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, *, to_the_right: bool) -> Map:
     """Return the disparity of every pixel of the reference image in px, positive; NaN where nothing fits.
 
-    Parameters
-    ----------
-    reference, other
-        Images of a rectified pair, shape (y, x).
-    settings
-        How they are matched.
-    to_the_right
-        Whether the other camera stands to the right of the reference.
+    ``reference``, ``other``: Images of a rectified pair, shape (y, x).
     """
     if not to_the_right:
         # Seen in a mirror, the camera on the left stands on the right.
@@ -330,12 +293,7 @@ def _least_disparity(reference: Bytes, other: Bytes, span: int) -> int:
 def flow_between(first: Bytes, second: Bytes, settings: FlowSettings) -> Map:
     """Return the optical flow from one image to another in px, (dx, dy), shape (2, y, x).
 
-    Parameters
-    ----------
-    first, second
-        The images, shape (y, x); the flow belongs to the pixels of the first.
-    settings
-        How it is found.
+    ``first``, ``second``: The images, shape (y, x); the flow belongs to the pixels of the first.
     """
     import cv2
 

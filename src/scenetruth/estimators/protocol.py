@@ -333,13 +333,8 @@ class StreamingMethod(Method):
 class FrameReader:
     """Reads windows of frames from a recording; what two windows in a row have in common is read once.
 
-    Parameters
-    ----------
-    recording
-        A checked recording, in memory or opened from a store.
+    ``recording``: A checked recording, in memory or opened from a store.
 
-    Examples
-    --------
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 9, 30, 40)), focal_length_px=500, baseline_mm=5)
     >>> reader = FrameReader(recording)
@@ -360,18 +355,7 @@ class FrameReader:
         self._held: NDArray[Any] = np.empty((*self.shape[:2], 0, *self.shape[3:]), dtype=self.dtype)
 
     def frames(self, first: int, last: int) -> NDArray[Any]:
-        """Return the images of successive frames.
-
-        Parameters
-        ----------
-        first, last
-            The first frame, and the one behind the last, as places along t.
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (channel, s, t, y, x), contiguous; it may be the recording's own memory.
-        """
+        """Return the images of successive frames."""
         held = self._first, self._first + self._held.shape[2]
         if held == (first, last):
             return self._held

@@ -37,7 +37,6 @@ from scenetruth.validated_model import FrozenModel
 
 __all__ = [
     "DEFAULT_METHOD",
-    "ENTRY_POINTS",
     "MethodChoice",
     "MethodEntry",
     "choose",
@@ -194,18 +193,7 @@ _OFFERED: dict[str, Estimator] = {}
 
 @contextmanager
 def offered(method: Estimator) -> Iterator[None]:
-    """Let a method that was made just now be found by its name, in this process, until the block ends.
-
-    Parameters
-    ----------
-    method
-        The method; its name must not be that of one that is installed.
-
-    Raises
-    ------
-    EstimateError
-        If it is.
-    """
+    """Let a method that was made just now be found by its name, in this process, until the block ends."""
     if method.name in _OFFERED or method.name in {entry.name for entry in method_entries()}:
         raise _refused("is the name of a method that is there already; choose another", method.name)
     _OFFERED[method.name] = method
@@ -325,8 +313,6 @@ def _refused(message: str, name: str) -> EstimateError:
 def name_problems(name: object) -> list[Problem]:
     """Return what is wrong with the name of a method: estimates and their files are called after it.
 
-    Examples
-    --------
     >>> print(*name_problems("My program"))
     name: must be lower-case letters, digits and underscores, beginning with a letter (got 'My program')
     """
@@ -343,8 +329,6 @@ class MethodChoice(BaseModel):
 
     ``module:function`` is refused here: a file that is read imports no code but that of installed methods.
 
-    Examples
-    --------
     >>> choice = MethodChoice.model_validate({"method": "structure_tensor", "window_sigma_px": 4})
     >>> choice.settings.window_sigma_px, choice.model_dump()["window_taps_px"]
     (4.0, 25)
@@ -412,20 +396,7 @@ def _in_place(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def choose(given: Any, *, from_file: bool = False) -> MethodChoice:
-    """Return a validated choice from what a scene file says.
-
-    Parameters
-    ----------
-    given
-        A mapping with ``method`` (the paper's if not given) and the method's settings, or a choice as it is.
-    from_file
-        Whether a file says so: it may name no ``module:function``, as importing runs code.
-
-    Raises
-    ------
-    EstimateError
-        With everything that is wrong with it.
-    """
+    """Return a validated choice from what a scene file says."""
     if isinstance(given, MethodChoice):
         return given
     if not isinstance(given, Mapping):

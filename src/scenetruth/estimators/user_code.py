@@ -114,19 +114,10 @@ def _python() -> tuple[Path, ...]:
 class FunctionMethod(Method):
     """A function of a recording as a method.
 
-    Parameters
-    ----------
-    function
-        Called with the recording, with ``progress`` if it has a parameter of that name, and with its other parameters
-        as settings, validated by their annotations. It returns an estimate, or a mapping of plain arrays, the arguments
-        of `scenetruth.make_estimate`. If it has attributes ``gives`` or ``needs``, they are the method's.
-    name
-        What it is called.
-
-    Raises
-    ------
-    TypeError
-        If the function takes no recording, or any number of parameters.
+    ``function``: Called with the recording, with ``progress`` if it has a parameter of that name, and with its other
+      parameters as settings, validated by their annotations. It returns an estimate, or a mapping of plain arrays, the
+      arguments of `scenetruth.make_estimate`. If it has attributes ``gives`` or ``needs``, they are the method's.
+    ``name``: What it is called.
     """
 
     def __init__(self, function: Callable[..., Any], name: str) -> None:

@@ -28,18 +28,6 @@ def hidden_next(source: ExportSource, s: int, t: int) -> NDArray[np.bool_]:
     frame, which has no earlier one; and what of the reference camera's t = 0 other images show (``visible``). In other
     frames, points that are marked are looked for in the next one: they are seen there if the nearest pixel sees a
     surface whose plane they lie in, to within the footprint of a pixel. So outlines are known to half a pixel.
-
-    Parameters
-    ----------
-    source
-        A complete truth, with its recording.
-    s, t
-        Camera and frame; the next one must be there.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (y, x); False where no surface is.
     """
     marked = source.raw("occluded_in_time", s, t).astype(bool)
     if t - 1 not in source.recording["t"].values:

@@ -12,7 +12,7 @@ from scenetruth.errors import Problem
 from scenetruth.exporters.export_source import ExportSource
 from scenetruth.schema import read_scene
 
-__all__ = ["CameraPose", "compute_pose", "distort", "point_problems", "points_in_world", "poses_are_real", "project"]
+__all__ = ["CameraPose", "compute_pose", "distort", "point_problems", "points_in_world", "project"]
 
 Array = NDArray[np.float64]
 
@@ -23,12 +23,8 @@ _MOST_STEPS, _REACHED = 500, 1e-13
 class CameraPose:
     """Where a camera is.
 
-    Parameters
-    ----------
-    centre_mm
-        Its projection centre in the world, shape (3,).
-    axes
-        Its axes X, Y, Z in the world, the columns of a matrix, shape (3, 3).
+    ``centre_mm``: Its projection centre in the world, shape (3,).
+    ``axes``: Its axes X, Y, Z in the world, the columns of a matrix, shape (3, 3).
     """
 
     centre_mm: Array
@@ -42,21 +38,11 @@ class CameraPose:
 
 def poses_are_real(source: ExportSource) -> bool:
     """Tell whether the maps hold for poses that cameras had in fact."""
-    return "camera_position_mm" in source.maps and source.maps.attrs.get("truth_poses", "real") == "real"
+    return "camera_position_mm" in source.maps and source.maps.attrs.get("truth_poses", "actual") == "real"
 
 
 def compute_pose(source: ExportSource, s: int, t: int, *, real: bool | None = None) -> CameraPose:
-    """Return the pose of a camera in a frame.
-
-    Parameters
-    ----------
-    source
-        What is exported.
-    s, t
-        Camera and frame.
-    real
-        The pose in fact, which the truth tells, or the planned one; if not given, the one that maps hold for.
-    """
+    """Return the pose of a camera in a frame."""
     if poses_are_real(source) if real is None else real:
         from scipy.spatial.transform import Rotation
 
@@ -95,22 +81,7 @@ def points_in_world(source: ExportSource, s: int, t: int) -> Array:
 
 
 def project(source: ExportSource, points_mm: Array, pose: CameraPose) -> Array:
-    """Return where a camera sees points of the world, in columns and rows.
-
-    Parameters
-    ----------
-    source
-        What is exported.
-    points_mm
-        Shape (3, n).
-    pose
-        Of the camera.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (2, n); NaN behind the camera.
-    """
+    """Return where a camera sees points of the world, in columns and rows."""
     x, y, z = pose.axes.T @ (points_mm - pose.centre_mm[:, None])
     z = np.where(z > 0, z, np.nan)
     plane = distort(np.stack([x / z, y / z]), source.distortion)

@@ -28,12 +28,8 @@ FlowKind = Literal["finite", "instantaneous"]
 class CameraPair:
     """Two neighbouring cameras.
 
-    Parameters
-    ----------
-    left, right
-        Their positions s.
-    baseline_mm
-        How far the right one stands to the right of the left one, positive.
+    ``left``, ``right``: Their positions s.
+    ``baseline_mm``: How far the right one stands to the right of the left one, positive.
     """
 
     left: int
@@ -45,14 +41,9 @@ class CameraPair:
 class ExportSource:
     """A recording and the maps that belong to it; both have been checked.
 
-    Parameters
-    ----------
-    recording
-        The recording, without rows (``s_y``).
-    maps
-        Its truth, or an estimate.
-    is_truth
-        Whether it is a truth.
+    ``recording``: The recording, without rows (``s_y``).
+    ``maps``: Its truth, or an estimate.
+    ``is_truth``: Whether it is a truth.
     """
 
     recording: xr.Dataset

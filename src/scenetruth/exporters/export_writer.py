@@ -20,17 +20,7 @@ from scenetruth.output import OwnershipResult, check_output, describe_foreign_fi
 from scenetruth.schema import check_dataset, check_same_run, read_lineage
 from scenetruth.validated_model import field_docstrings
 
-__all__ = [
-    "EXPORT_RECORD",
-    "MAKER",
-    "ExportResult",
-    "checked_source",
-    "choose_format",
-    "claim_export",
-    "export_data",
-    "export_formats",
-    "write_export",
-]
+__all__ = ["ExportResult", "checked_source", "choose_format", "export_data", "export_formats", "write_export"]
 
 
 EXPORT_RECORD = "export.json"
@@ -74,16 +64,10 @@ def _files_below(folder: Path, top: Path) -> list[str]:
 class ExportResult:
     """What an export has written.
 
-    Parameters
-    ----------
-    folder
-        The folder.
-    files
-        Names of the files in it, but ``export.json``, which tells of them.
-    notes
-        What a user should know: steps of a format, pixels that do not fit into it, flow that is no displacement.
-    failures
-        Of a data set, what went wrong, by the number of the sample.
+    ``folder``: The folder.
+    ``files``: Names of the files in it, but ``export.json``, which tells of them.
+    ``notes``: What a user should know: steps of a format, pixels that do not fit into it, flow that is no displacement.
+    ``failures``: Of a data set, what went wrong, by the number of the sample.
     """
 
     folder: Path
@@ -125,13 +109,7 @@ def export_formats(*names: str) -> dict[str, str]:
 
 
 def choose_format(name: str, options: Mapping[str, Any]) -> ExportFormat:
-    """Return a format with validated options.
-
-    Raises
-    ------
-    ExportError
-        With everything that is wrong with the name and the options.
-    """
+    """Return a format with validated options."""
     model = _find_format(name)
     try:
         return model.model_validate({"kind": str(name).lower(), **options})
@@ -150,42 +128,6 @@ def export_data(
 ) -> ExportResult:
     """Write a recording and its truth, or an estimate, in a format of others.
 
-    Parameters
-    ----------
-    recording
-        The recording.
-    maps
-        Its truth, or an estimate. A truth holds displacements to other frames only if it is complete
-        (``truth_content="complete"``).
-    folder
-        Folder to make.
-    format
-        Name of the format; see `export_formats` and ``docs/how_to/export.md``.
-    overwrite
-        Whether an earlier export may be replaced; what it did not write stays.
-    **options
-        Options of the format.
-
-    Returns
-    -------
-    Exported
-        The files, and what a user should know of them. The same stands in the file ``export.json``.
-
-    Raises
-    ------
-    ExportError
-        If the format, its options or the data sets do not fit together; lists everything that is wrong.
-    MismatchError
-        If recording and maps are of different runs.
-    StoreError
-        If the folder exists and is not to be replaced, or cannot be written.
-
-    See Also
-    --------
-    export_formats : The formats.
-
-    Examples
-    --------
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
     >>> import scenetruth as st
@@ -205,17 +147,7 @@ def export_data(
 
 
 def write_export(source: ExportSource, chosen: ExportFormat, folder: Path) -> ExportResult:
-    """Write what has been checked straight into a new folder: for callers that put it under its name themselves.
-
-    Parameters
-    ----------
-    source
-        What is exported; see `checked_source`.
-    chosen
-        The format with its options; see `choose_format`.
-    folder
-        The folder; it must not exist yet, and the one above it must.
-    """
+    """Write what has been checked straight into a new folder: for callers that put it under its name themselves."""
     folder.mkdir()
     notes = chosen.write(source, folder)
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
@@ -233,15 +165,7 @@ def _find_format(name: str) -> type[ExportFormat]:
 
 
 def checked_source(recording: xr.Dataset, maps: xr.Dataset, chosen: ExportFormat) -> ExportSource:
-    """Return what a format writes of data sets.
-
-    Raises
-    ------
-    ExportError
-        With everything that is wrong with them, or keeps them from being written in this format.
-    MismatchError
-        If they are of different runs.
-    """
+    """Return what a format writes of data sets."""
     is_truth = isinstance(maps, xr.Dataset) and "mixed" in maps
     problems = []
     for dataset, kind in ((recording, "recording"), (maps, "truth" if is_truth else "estimate")):

@@ -114,7 +114,7 @@ class PairOptions(ExportFormat):
 
     left: Annotated[int, Field(ge=-100_000, le=100_000)] = 0
     """Position s of the left camera; the right one is its neighbour to the right."""
-    planned: bool = False
+    nominal: bool = False
     """Write disparities f B / Z as planned even where a lens distorts or a stage has errors, so that images differ."""
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
@@ -123,7 +123,7 @@ class PairOptions(ExportFormat):
         pair = source.pair(self.left)
         if isinstance(pair, Problem):
             yield pair
-        elif not self.planned:
+        elif not self.nominal:
             yield from _differences(source, pair)
         if "depth" not in source.maps and "disparity" not in source.maps:
             yield Problem("depth", "is missing, and disparity too; disparities need one of them")
@@ -144,7 +144,7 @@ class PairOptions(ExportFormat):
 
 def _differences(source: ExportSource, pair: CameraPair) -> Iterator[Problem]:
     """Give what makes the images of a pair differ from those of two pinholes side by side at one time."""
-    remedy = "undistort or rectify first, or take planned=true, which writes f B / Z all the same"
+    remedy = "undistort or rectify first, or take nominal=true, which writes f B / Z all the same"
     if source.distortion:
         message = f"bends the images, so x of the left minus x of the right image is not f B / Z; {remedy}"
         yield Problem("camera.distortion", message, source.distortion)

@@ -145,26 +145,26 @@ class OpencvYaml(ExportFormat):
     k5 k6, all zero for a pinhole), ``rotation_matrix`` R, ``rotation_vector`` and ``translation_vector`` T, with which
     a point X of the world, in mm, is at R X + T in the frame of the camera: what `cv2.projectPoints` takes. Pixel
     centres are integers, as in OpenCV. World: X right, Y down, Z forward, the origin where the reference camera is
-    planned to stand. ``poses: planned`` gives one file for each camera; ``poses: real``, which needs a truth,
+    planned to stand. ``poses: nominal`` gives one file for each camera; ``poses: actual``, which needs a truth,
     ``s+0_t+0.yml`` for each image: where it was taken in fact. Numbers have 17 digits. Lost: images, maps, times, the
     noise of the sensor.
     """
 
     kind: Literal["opencv_yaml"] = "opencv_yaml"
     """Name of the format."""
-    poses: Literal["planned", "real"] = "planned"
-    """``planned``: one file for each camera; ``real``: one for each image, as the truth tells it."""
+    poses: Literal["nominal", "actual"] = "nominal"
+    """``nominal``: one file for each camera; ``actual``: one for each image, as the truth tells it."""
     summary: ClassVar[str] = "cameras as OpenCV's YAML: matrix, distortion, pose"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
         """Give what is missing of real poses."""
-        if self.poses == "real" and "camera_position_mm" not in source.maps:
-            yield Problem("poses", "needs the poses that a truth tells; take 'planned', or the truth", "real")
+        if self.poses == "actual" and "camera_position_mm" not in source.maps:
+            yield Problem("poses", "needs the poses that a truth tells; take 'nominal', or the truth", "real")
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write the cameras."""
         for s in source.cameras:
-            if self.poses == "planned":
+            if self.poses == "nominal":
                 pose = compute_pose(source, s, source.frames[0], real=False)
                 (folder / f"s{s:+d}.yml").write_text(_opencv_camera(source, pose), encoding="ascii")
                 continue

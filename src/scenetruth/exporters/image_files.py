@@ -21,17 +21,7 @@ def image_name(s: int, t: int) -> str:
 
 
 def write_picture(file: Path, image: NDArray[np.float64], bits: int = 8) -> None:
-    """Write an image, full scale 1, as PNG; its folder is made.
-
-    Parameters
-    ----------
-    file
-        The file.
-    image
-        Shape (y, x), or (y, x, channel) with 8 bits.
-    bits
-        8 or 16.
-    """
+    """Write an image, full scale 1, as PNG; its folder is made."""
     import imageio.v3 as imageio
 
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -18,7 +18,6 @@ from scenetruth.errors import ArgumentError, MachineError, Problem
 from scenetruth.jobs.worker_setup import run_with_threads, start_worker
 
 __all__ = [
-    "MIN_PARALLEL_S",
     "DaskExecutor",
     "ProcessExecutor",
     "SerialExecutor",
@@ -52,13 +51,7 @@ class TaskExecutor(Protocol):
         ...
 
     def refuse_unfit(self) -> None:
-        """Refuse to go on where no process can be started at all.
-
-        Raises
-        ------
-        MachineError
-            If so; says what to do.
-        """
+        """Refuse to go on where no process can be started at all."""
         ...
 
     def close(self) -> None:
@@ -69,12 +62,8 @@ class TaskExecutor(Protocol):
 class ProcessExecutor:
     """Processes of this machine, started by spawning.
 
-    Parameters
-    ----------
-    count
-        How many.
-    threads
-        How many threads each may use.
+    ``count``: How many.
+    ``threads``: How many threads each may use.
     """
 
     lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
@@ -165,19 +154,9 @@ class SerialExecutor:
 class DaskExecutor:
     """The workers of a Dask cluster.
 
-    Parameters
-    ----------
-    address
-        Of its scheduler: ``tcp://host:8786``, or the path of a scheduler file.
-    threads
-        Threads that each piece of work may use.
-    at_once
-        Pieces of work that are handed in at once for each worker.
-
-    Raises
-    ------
-    MachineError
-        If Dask is not installed, or there is no such scheduler.
+    ``address``: Of its scheduler: ``tcp://host:8786``, or the path of a scheduler file.
+    ``threads``: Threads that each piece of work may use.
+    ``at_once``: Pieces of work that are handed in at once for each worker.
     """
 
     def __init__(self, address: str, threads: int = 1, at_once: int = 2) -> None:
@@ -231,18 +210,6 @@ _PATIENCE_S = 20
 def resolve_workers(workers: int) -> int:
     """Return the number of worker processes that an argument ``workers`` stands for.
 
-    Parameters
-    ----------
-    workers
-        1 or more; 1 means that no process is started. -1 stands for the processors that this process may use.
-
-    Raises
-    ------
-    ArgumentError
-        If it is another number, or no integer.
-
-    Examples
-    --------
     >>> resolve_workers(4)
     4
     >>> resolve_workers(0)
@@ -263,24 +230,7 @@ def resolve_workers(workers: int) -> int:
 
 
 def create_executor(workers: int = 1, threads: int = 1, scheduler: str | None = None) -> TaskExecutor:
-    """Return the executor of a job.
-
-    Parameters
-    ----------
-    workers
-        Processes of this machine: 1 for none besides this process, -1 for all processors.
-    threads
-        Threads of each process that is started.
-    scheduler
-        Address of a Dask scheduler, whose workers are used instead.
-
-    Raises
-    ------
-    ArgumentError
-        If the number of workers is impossible.
-    MachineError
-        If Dask is not installed, or there is no such scheduler.
-    """
+    """Return the executor of a job."""
     count = resolve_workers(workers)
     if scheduler is not None:
         return DaskExecutor(scheduler, threads)
@@ -288,15 +238,7 @@ def create_executor(workers: int = 1, threads: int = 1, scheduler: str | None = 
 
 
 def describe_pickling_error(value: Any, workers: int, scheduler: str | None = None) -> str:
-    """Return why a value cannot be sent to the workers of a job; an empty text if it can, or need not.
-
-    Parameters
-    ----------
-    value
-        The value.
-    workers, scheduler
-        As of `create_executor`.
-    """
+    """Return why a value cannot be sent to the workers of a job; an empty text if it can, or need not."""
     if scheduler is None and resolve_workers(workers) == 1:
         return ""
     try:
@@ -313,26 +255,7 @@ MIN_PARALLEL_S = 10.0
 def ordered_map(
     work: Callable[..., Any], shared: Any, things: Iterable[Any], workers: int = 1, scheduler: str | None = None
 ) -> Iterator[Any]:
-    """Give ``work(shared, thing)`` for each thing.
-
-    Parameters
-    ----------
-    work
-        A function of a module.
-    shared
-        What every call gets first.
-    things
-        What each call gets then.
-    workers, scheduler
-        As of `create_executor`; processes have one thread each, and are started if the work takes long enough.
-
-    Raises
-    ------
-    ArgumentError
-        If the number of workers is impossible.
-    MachineError
-        If no process can be started here.
-    """
+    """Give ``work(shared, thing)`` for each thing."""
     parallel = scheduler is not None or resolve_workers(workers) > 1
     left = list(things)
     seconds = 0.0

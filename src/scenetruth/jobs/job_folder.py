@@ -24,21 +24,13 @@ class JobFolder:
     The index file is written when a job begins. It identifies the folder, and holds what must be the same when the job
     is resumed.
 
-    Parameters
-    ----------
-    index
-        Name of the index file.
-    noun
-        The type of job with its article, for messages: "a sweep".
-    results
-        Name of the folder in it that holds the results of tasks.
-    compared
-        Fields of the index that must be the same when a job is resumed; None for the whole index, empty for none.
-    indent
-        Indent of the index file.
+    ``index``: Name of the index file.
+    ``noun``: The type of job with its article, for messages: "a sweep".
+    ``results``: Name of the folder in it that holds the results of tasks.
+    ``compared``: Fields of the index that must be the same when a job is resumed; None for the whole index, empty for
+      none.
+    ``indent``: Indent of the index file.
 
-    Examples
-    --------
     >>> from tempfile import TemporaryDirectory
     >>> folder = JobFolder("search.json", "a search", "points")
     >>> with TemporaryDirectory() as scratch:
@@ -62,31 +54,7 @@ class JobFolder:
         other: str | Callable[[Any], str] = "holds another job; choose another folder",
         scheduler: str | None = None,
     ) -> Iterator[Path]:
-        """Claim a folder and lock it while the block runs; remove what killed processes left in it.
-
-        Parameters
-        ----------
-        output
-            The folder; None for a temporary folder, which is removed at the end.
-        identity
-            The content of the index file.
-        other
-            Message if the folder holds another job; or a function that makes it from the content of its index.
-        scheduler
-            Address of a Dask scheduler, if one is used: its workers write into the folder.
-
-        Yields
-        ------
-        pathlib.Path
-            The folder.
-
-        Raises
-        ------
-        OutputExistsError
-            If the folder holds another job or other files, or is being written by another process.
-        ArgumentError
-            If a scheduler is used without a folder.
-        """
+        """Claim a folder and lock it while the block runs; remove what killed processes left in it."""
         if output is None:
             if scheduler is not None:
                 message = "is missing; give a folder that the workers of the scheduler see by the same path"

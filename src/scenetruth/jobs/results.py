@@ -28,7 +28,6 @@ __all__ = [
     "TaskResult",
     "compute_key",
     "describe_error",
-    "has_retryable_failures",
     "perform_task",
     "refuse_damaged",
     "write_arrays",
@@ -39,18 +38,11 @@ __all__ = [
 class TaskResult:
     """The result of a task, or its error.
 
-    Parameters
-    ----------
-    number
-        Number of the task.
-    values
-        The values that the task returned; empty if it failed.
-    failure
-        The error as plain values, with a ``message``; empty if there was none.
-    seconds
-        Duration of the task.
-    disk_full
-        Whether the task failed because the disk was full. Such a task is repeated without limit.
+    ``number``: Number of the task.
+    ``values``: The values that the task returned; empty if it failed.
+    ``failure``: The error as plain values, with a ``message``; empty if there was none.
+    ``seconds``: Duration of the task.
+    ``disk_full``: Whether the task failed because the disk was full. Such a task is repeated without limit.
     """
 
     number: int
@@ -74,28 +66,7 @@ def perform_task(
     versions: Iterable[tuple[str, str]] = (),
     raised: tuple[type[Exception], ...] = (),
 ) -> TaskResult:
-    """Perform a task and return its error instead of raising it, so that the other tasks are not affected.
-
-    Parameters
-    ----------
-    number
-        Number of the task.
-    work
-        Performs the task; returns the values of the result.
-    label
-        Description of the task. If given, the message of an error begins with it and with the type of the error.
-    describe
-        Converts an error to plain values with a ``message``.
-    versions
-        Versions on which the result depends, as `collect_versions` returns them for the process that started the job.
-    raised
-        Types of errors that are raised nevertheless, because all tasks on this machine would fail alike.
-
-    Raises
-    ------
-    MachineError
-        If this machine has other versions.
-    """
+    """Perform a task and return its error instead of raising it, so that the other tasks are not affected."""
     start = time.perf_counter()
     refuse_other_versions(dict(versions))
     try:
@@ -114,15 +85,6 @@ def perform_task(
 def compute_key(depends: Any, default: Callable[[Any], Any] = list) -> str:
     """Return the digest of all values on which a result depends.
 
-    Parameters
-    ----------
-    depends
-        The values.
-    default
-        Converts values that JSON does not have.
-
-    Examples
-    --------
     >>> compute_key({"scene": "cube", "seeds": (1, 2)}) == compute_key({"seeds": [1, 2], "scene": "cube"})
     True
     """
@@ -137,15 +99,7 @@ def has_retryable_failures(values: Mapping[str, Any]) -> bool:
 
 @contextmanager
 def refuse_damaged(path: Path, remedy: str) -> Iterator[None]:
-    """Raise `StoreError` if the file that the block reads is missing or damaged.
-
-    Parameters
-    ----------
-    path
-        The file.
-    remedy
-        Imperative that replaces the file after it was removed, for example "run the sweep again".
-    """
+    """Raise `StoreError` if the file that the block reads is missing or damaged."""
     try:
         yield
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
@@ -166,12 +120,8 @@ class ResultStore:
     A file holds the key of its task, the digest of all values on which the result depends; in most folders the key is
     also its name. A file with another key is not the result of the task.
 
-    Parameters
-    ----------
-    folder
-        The folder.
-    remedy
-        Imperative that replaces a damaged file after it was removed, for example "run the sweep again".
+    ``folder``: The folder.
+    ``remedy``: Imperative that replaces a damaged file after it was removed, for example "run the sweep again".
     """
 
     folder: Path
@@ -194,15 +144,7 @@ class ResultStore:
         return values if isinstance(values, dict) and values.get("key") == key else None
 
     def is_done(self, name: str, key: str, *, arrays: bool = False) -> bool:
-        """Return whether a result exists and has no failure that is to be tried again.
-
-        Parameters
-        ----------
-        name, key
-            Name and key of the result.
-        arrays
-            Whether its arrays must exist too.
-        """
+        """Return whether a result exists and has no failure that is to be tried again."""
         values = self.find(name, key)
         done = values is not None and not has_retryable_failures(values)
         return done and (not arrays or self.arrays_path(name).exists())
@@ -218,13 +160,7 @@ class ResultStore:
 
     @contextmanager
     def reading(self, name: str) -> Iterator[dict[str, Any]]:
-        """Give the values of a result to the block that interprets them.
-
-        Raises
-        ------
-        StoreError
-            If the file is missing or damaged, or the block cannot interpret it.
-        """
+        """Give the values of a result to the block that interprets them."""
         path = self.path(name)
         with refuse_damaged(path, self.remedy):
             yield dict(parse_json(path.read_bytes()))
@@ -235,10 +171,7 @@ class ResultLog:
 
     A last line that was cut off when a process was killed is ignored.
 
-    Parameters
-    ----------
-    file
-        The file; None to write none.
+    ``file``: The file; None to write none.
     """
 
     def __init__(self, file: Path | None) -> None:

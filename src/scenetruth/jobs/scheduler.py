@@ -17,7 +17,7 @@ from scenetruth.output import is_full_disk
 from scenetruth.progress import Progress
 from scenetruth.resources.system import free_disk_bytes, free_memory_bytes
 
-__all__ = ["FULL_S", "ParallelResult", "ResourceGuard", "TaskScheduler", "for_each", "map_batches", "write_with_retry"]
+__all__ = ["ParallelResult", "ResourceGuard", "TaskScheduler", "for_each", "map_batches", "write_with_retry"]
 
 
 _RECHECK_S = 2.0
@@ -31,14 +31,9 @@ _SPARE_BYTES = 200e6
 class ResourceGuard:
     """Tells whether another sample may be begun.
 
-    Parameters
-    ----------
-    folder
-        Where samples go.
-    disk_bytes
-        What the samples that are under way may take.
-    memory_bytes
-        What one sample takes.
+    ``folder``: Where samples go.
+    ``disk_bytes``: What the samples that are under way may take.
+    ``memory_bytes``: What one sample takes.
     """
 
     folder: Path
@@ -70,17 +65,7 @@ class ResourceGuard:
 
 
 def write_with_retry(write: Callable[[], None], what: str, say: Callable[[str], None]) -> None:
-    """Write, and where the disk is full, try again until it is not.
-
-    Parameters
-    ----------
-    write
-        Writes a file whole, or leaves nothing.
-    what
-        What it is, for the line that says so.
-    say
-        Called with that line.
-    """
+    """Write, and where the disk is full, try again until it is not."""
     told = False
     while True:
         try:
@@ -108,27 +93,16 @@ _DIED = "its process died: killed, out of memory, or a crash of compiled code"
 class TaskScheduler:
     """Makes samples, each by one call in some worker.
 
-    Parameters
-    ----------
-    workers
-        Who works.
-    work
-        Makes a sample: called with ``arguments`` and its number, returns `TaskResult`.
-    arguments
-        What every call gets first.
-    retries
-        How often a sample that failed is tried again, after all others, in a new process. One that found the disk full
-        is tried until there is room.
-    recycle
-        Samples after which processes of one machine are started anew.
-    pause
-        Tells why no more samples may be begun now; an empty text if they may.
-    made
-        Called with every sample that is there.
-    failed
-        Called with every sample that failed for good.
-    said
-        Called with lines that a user may want to read.
+    ``workers``: Who works.
+    ``work``: Makes a sample: called with ``arguments`` and its number, returns `TaskResult`.
+    ``arguments``: What every call gets first.
+    ``retries``: How often a sample that failed is tried again, after all others, in a new process. One that found the
+      disk full is tried until there is room.
+    ``recycle``: Samples after which processes of one machine are started anew.
+    ``pause``: Tells why no more samples may be begun now; an empty text if they may.
+    ``made``: Called with every sample that is there.
+    ``failed``: Called with every sample that failed for good.
+    ``said``: Called with lines that a user may want to read.
     """
 
     workers: TaskExecutor
@@ -245,14 +219,9 @@ def _died(number: int) -> TaskResult:
 class ParallelResult:
     """What became of the samples.
 
-    Parameters
-    ----------
-    done
-        How many pieces of work were done.
-    present
-        How many had been done before.
-    failed
-        What went wrong, by the number of the sample.
+    ``done``: How many pieces of work were done.
+    ``present``: How many had been done before.
+    ``failed``: What went wrong, by the number of the sample.
     """
 
     done: int = 0
@@ -275,29 +244,7 @@ def for_each(
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> ParallelResult:
-    """Do a piece of work on samples.
-
-    Parameters
-    ----------
-    numbers
-        The samples.
-    work, arguments
-        Called with the arguments and a number, in some worker; returns `TaskResult`.
-    present
-        How many samples need no work any more.
-    workers, threads, scheduler
-        As of `create_executor`.
-    retries
-        How often a task that failed is tried again.
-    what
-        What progress calls the work.
-    made
-        Called with everything that was made.
-    progress
-        Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
-    """
+    """Do a piece of work on samples."""
     found, say = ParallelResult(present=present), notice or (lambda _: None)
     total = len(numbers) + present
 
@@ -337,26 +284,7 @@ def map_batches(
     items: Mapping[str, Any],
     take: Callable[[str, Any], None],
 ) -> None:
-    """Compute short pieces of work in batches, and start processes that die again.
-
-    Parameters
-    ----------
-    executor
-        The executor, which stays open.
-    work
-        Called with the shared value and the items of a batch; returns a list of results in the same order.
-    shared
-        Value that every batch gets.
-    items
-        The items by key.
-    take
-        Called with the key and the result of each item, in the order of the items unless a process dies.
-
-    Raises
-    ------
-    MachineError
-        If processes die again and again.
-    """
+    """Compute short pieces of work in batches, and start processes that die again."""
     left, losses = dict(items), 0
     while left:
         futures: list[tuple[list[str], Future[list[Any]]]] = [

@@ -29,13 +29,7 @@ _VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "M
 
 
 def start_worker(threads: int) -> None:
-    """Prepare a process that was started by spawning.
-
-    Parameters
-    ----------
-    threads
-        How many threads it may use for its work.
-    """
+    """Prepare a process that was started by spawning."""
     # A Ctrl-C goes to every process of the terminal: the parent decides what becomes of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     limit_threads(threads)
@@ -114,18 +108,7 @@ def collect_versions() -> dict[str, str]:
 
 
 def refuse_other_versions(versions: Mapping[str, str]) -> None:
-    """Refuse to work with other versions than a job was begun with.
-
-    Parameters
-    ----------
-    versions
-        Those of the job, by name; what is not among them is not compared.
-
-    Raises
-    ------
-    MachineError
-        If so; names this machine.
-    """
+    """Refuse to work with other versions than a job was begun with."""
     if not versions:
         return
     here = collect_versions()

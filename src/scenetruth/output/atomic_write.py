@@ -35,23 +35,7 @@ _CANNOT = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EP
 
 
 def exchange(one: Path, other: Path) -> bool:
-    """Let two files or folders of one file system change places; nobody ever finds one of the names missing.
-
-    Parameters
-    ----------
-    one, other
-        Their paths.
-
-    Returns
-    -------
-    bool
-        True if they have; False, with nothing done, where system or file system cannot.
-
-    Raises
-    ------
-    OSError
-        If the file system refuses.
-    """
+    """Let two files or folders of one file system change places; nobody ever finds one of the names missing."""
     function = _renameat2()
     if function is None:
         return False
@@ -84,27 +68,6 @@ def write_atomically(target: str | Path, *, overwrite: bool = False, claim: Clai
 
     Whatever moment the process is killed at, the target is whole afterwards: the new one, or the earlier one, which
     the next writer restores where the file system cannot exchange two names in one step.
-
-    Parameters
-    ----------
-    target
-        The file or folder to make.
-    overwrite
-        Whether an existing target may be replaced; it stays until the new one is whole. What is not ours in it stays.
-    claim
-        Tells what of an existing target is ours.
-
-    Yields
-    ------
-    pathlib.Path
-        Where to write. Nothing is there yet, but its parent folder exists.
-
-    Raises
-    ------
-    OutputExistsError
-        If the target exists and may not be replaced, or another process is writing it.
-    StoreError
-        If the target cannot be written: there, or because the file system refuses (disk full, no permission).
     """
     place = check_destination(target)
     with lock_output(place, claim):
@@ -127,22 +90,7 @@ def write_atomically(target: str | Path, *, overwrite: bool = False, claim: Clai
 
 @contextmanager
 def lock_output(target: str | Path, claim: Claim = claim_file) -> Iterator[None]:
-    """Keep other writers away from a target while the block runs, and put away what dead ones have left.
-
-    Parameters
-    ----------
-    target
-        A file or folder; the folders above it are made.
-    claim
-        Tells what of an earlier result is ours.
-
-    Raises
-    ------
-    OutputExistsError
-        If another process has it.
-    StoreError
-        If the folders above it cannot be made.
-    """
+    """Keep other writers away from a target while the block runs, and put away what dead ones have left."""
     place = Path(os.path.realpath(target))
     if not place.name:
         # Nothing stands beside the root, and nothing takes its place.
@@ -169,20 +117,7 @@ def scratch_path(aside: Path) -> Path:
 
 
 def check_output(target: str | Path, *, overwrite: bool = False, claim: Claim = claim_file) -> None:
-    """Refuse, before any work, a target that `write_atomically` would refuse.
-
-    Parameters
-    ----------
-    target, overwrite, claim
-        As of `write_atomically`.
-
-    Raises
-    ------
-    OutputExistsError
-        If the target exists and may not be replaced.
-    StoreError
-        If it cannot be written.
-    """
+    """Refuse, before any work, a target that `write_atomically` would refuse."""
     _refuse_existing(check_destination(target), overwrite, claim)
 
 
@@ -197,15 +132,7 @@ def _refuse_existing(place: Path, overwrite: bool, claim: Claim) -> None:
 
 
 def _remove_stale(place: Path, claim: Claim = claim_file) -> None:
-    """Put away what dead writers of a target left, and restore the earlier result if they left that.
-
-    Parameters
-    ----------
-    place
-        Absolute path of the target, which this process has locked.
-    claim
-        Tells what of an earlier result is ours.
-    """
+    """Put away what dead writers of a target left, and restore the earlier result if they left that."""
     own = this_writer()
     for path in _leftovers(place):
         found = written_by(path.name)
@@ -220,15 +147,7 @@ def _remove_stale(place: Path, claim: Claim = claim_file) -> None:
 
 
 def remove_leftovers(folder: Path, claim: Claim = claim_file) -> None:
-    """Put away what dead writers left of every target in a folder.
-
-    Parameters
-    ----------
-    folder
-        The folder, which this process has locked.
-    claim
-        Tells what of an earlier result is ours.
-    """
+    """Put away what dead writers left of every target in a folder."""
     places = set()
     for path in folder.glob(".*"):
         found = written_by(path.name)

@@ -14,19 +14,7 @@ _NAME_BYTES = 255
 
 
 def check_destination(target: str | Path) -> Path:
-    """Return the absolute path of a target, links followed.
-
-    Parameters
-    ----------
-    target
-        The file or folder that is to be made.
-
-    Raises
-    ------
-    StoreError
-        If nothing can be made there: no name, a name too long, a link to nothing, a folder above that is none or that
-        may not be written to, the current folder, a mount point.
-    """
+    """Return the absolute path of a target, links followed."""
     shown = Path(target)
     try:
         given = Path(os.path.abspath(shown))

@@ -18,24 +18,17 @@ from pathlib import Path
 
 from scenetruth.errors import OutputExistsError
 
-__all__ = ["Writer", "lock_path", "locked", "this_writer", "written_by"]
+__all__ = ["Writer", "locked", "this_writer", "written_by"]
 
 
 @dataclass(frozen=True)
 class Writer:
     """A process on a machine.
 
-    Parameters
-    ----------
-    host
-        Eight digits that stand for the machine's name.
-    process
-        Number of the process.
-    start
-        When it started, in clock ticks since the machine did; a number may be given to another process later.
+    ``host``: Eight digits that stand for the machine's name.
+    ``process``: Number of the process.
+    ``start``: When it started, in clock ticks since the machine did; a number may be given to another process later.
 
-    Examples
-    --------
     >>> writer = Writer("0123abcd", 17, 4711)
     >>> written_by(f".cube.partial-{writer}") == (".cube.partial", writer)
     True
@@ -109,21 +102,6 @@ def locked(target: Path) -> Iterator[bool]:
 
     The lock ends with the process that holds it, however that ends. Where the file system has no locks, nobody is kept
     away.
-
-    Parameters
-    ----------
-    target
-        Absolute path of the file or folder that is to be written.
-
-    Yields
-    ------
-    bool
-        Whether the target is locked.
-
-    Raises
-    ------
-    OutputExistsError
-        If another writer has it.
     """
     if target in _held.get():
         yield True

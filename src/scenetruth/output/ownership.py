@@ -13,12 +13,8 @@ __all__ = ["Claim", "OwnershipResult", "claim_file", "claim_folder", "claim_pict
 class OwnershipResult:
     """What a claim found out about an existing file or folder.
 
-    Parameters
-    ----------
-    refusal
-        Why it may not be replaced; empty if it may.
-    foreign
-        Names in the folder that are not ours; they stay.
+    ``refusal``: Why it may not be replaced; empty if it may.
+    ``foreign``: Names in the folder that are not ours; they stay.
     """
 
     refusal: str = ""
@@ -38,15 +34,7 @@ def claim_file(path: Path) -> OwnershipResult:
 
 
 def claim_pictures(path: Path, names: Callable[[str], bool] | None = None) -> OwnershipResult:
-    """Claim a folder of pictures.
-
-    Parameters
-    ----------
-    path
-        The folder.
-    names
-        Tells which names are ours; if not given, the pictures must say in themselves that scenetruth drew them.
-    """
+    """Claim a folder of pictures."""
     if not path.is_dir():
         return OwnershipResult("is a file, and not a folder of pictures that scenetruth wrote")
     foreign = [
@@ -58,15 +46,7 @@ def claim_pictures(path: Path, names: Callable[[str], bool] | None = None) -> Ow
 
 
 def claim_folder(sign: str, *names: str) -> Claim:
-    """Return a claim of folders that hold a certain file.
-
-    Parameters
-    ----------
-    sign
-        Name of the file without which a folder is not ours.
-    *names
-        Names of other files that are ours. Pictures are, if they say that scenetruth drew them.
-    """
+    """Return a claim of folders that hold a certain file."""
 
     def claim(path: Path) -> OwnershipResult:
         if not (path / sign).is_file():

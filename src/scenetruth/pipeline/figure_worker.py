@@ -55,15 +55,7 @@ class FigureWorker:
             self._process.communicate()
 
     def compile_method(self, choice: MethodChoice, dtype: str) -> None:
-        """Have the kernels of a method compiled; whoever needs them reads them from disk then, or compiles on its own.
-
-        Parameters
-        ----------
-        choice
-            The method with its settings.
-        dtype
-            Of the images that it will be given.
-        """
+        """Compile the kernels of a method in the second process; other processes read them from the cache."""
         settings = choice.settings.model_dump(mode="json")
         self._compile({"method": choice.method, "settings": settings, "dtype": dtype})
 
@@ -79,23 +71,7 @@ class FigureWorker:
             self._process.stdin.flush()
 
     def draw(self, name: str, stores: dict[str, str | None], folder: Path) -> Future[FigureInfo | None]:
-        """Have one figure drawn; one at a time.
-
-        Parameters
-        ----------
-        name
-            The figure, one of `scenetruth.scoring.FIGURES`.
-        stores
-            Paths of ``recording``, ``estimate``, ``truth`` and ``score``, None for what there is not.
-        folder
-            Folder for the picture, which exists.
-
-        Returns
-        -------
-        concurrent.futures.Future
-            What `scenetruth.scoring.plot_all` tells of the figure. It fails if the process cannot draw it: whoever asks
-            draws it then, and meets the reason.
-        """
+        """Have one figure drawn; one at a time."""
         self._asked = True
         future: Future[FigureInfo | None] = Future()
         request = json.dumps({"name": name, "folder": str(folder), **stores})
@@ -119,13 +95,7 @@ class FigureWorker:
 
 @contextmanager
 def open_figure_worker(wanted: int | FigureWorker) -> Iterator[FigureWorker | None]:
-    """Give a second process that compiles and draws while the block runs, or None.
-
-    Parameters
-    ----------
-    wanted
-        How many processes are wanted; there is at most one. Or one that runs, which is given as it is and not ended.
-    """
+    """Give a second process that compiles and draws while the block runs, or None."""
     if isinstance(wanted, FigureWorker):
         yield wanted
     elif wanted < 1:

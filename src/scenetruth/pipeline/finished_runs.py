@@ -24,12 +24,8 @@ __all__ = ["VerificationResult", "export_run", "verify_run"]
 class VerificationResult:
     """What became of checking one result.
 
-    Parameters
-    ----------
-    path
-        The file or store.
-    problem
-        What is wrong with it; empty if nothing is.
+    ``path``: The file or store.
+    ``problem``: What is wrong with it; empty if nothing is.
     """
 
     path: Path
@@ -39,29 +35,6 @@ class VerificationResult:
 def verify_run(folder: str | Path, progress: Progress | None = None) -> list[VerificationResult]:
     """Check every result in the folder of a run, or a single store, down to the last byte of its data.
 
-    Parameters
-    ----------
-    folder
-        The folder, or the store.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    list of Verdict
-        One for every scene, store and score in the folder; of parts that do not belong together, one more.
-
-    Raises
-    ------
-    StoreError
-        If there is nothing of ours.
-
-    See Also
-    --------
-    load_store : It checks what it reads.
-
-    Examples
-    --------
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
     >>> import scenetruth as st
@@ -112,7 +85,7 @@ def _problem(part: Path) -> str:
         if _is_named_store(part):
             verify_store(part)
         elif part.suffix == ".json":
-            Score.read(part)
+            Score.load(part)
         else:
             load_scene(part)
     except StoreError as error:
@@ -136,43 +109,6 @@ def export_run(
 ) -> ExportResult:
     """Write the recording of a run, and its truth or an estimate, in a format of others.
 
-    Parameters
-    ----------
-    folder
-        The folder of a run.
-    out
-        Folder to make.
-    format
-        Name of the format; see `export_formats` and ``docs/how_to/export.md``.
-    method
-        Write the estimate of this method; the truth if not given.
-    row
-        Of a grid of cameras, the row ``s_y``.
-    overwrite
-        Whether an earlier export may be replaced; what it did not write stays.
-    **options
-        Options of the format, such as ``left=0`` or ``flow="instantaneous"``.
-
-    Returns
-    -------
-    Exported
-        The files, and what a user should know of them. The same stands in the file ``export.json``.
-
-    Raises
-    ------
-    ExportError
-        If the format, its options or the data sets do not fit together; lists everything that is wrong.
-    MismatchError
-        If recording and maps are of different runs.
-    StoreError
-        If a store is missing or damaged, ``out`` exists and is not to be replaced, or it cannot be written.
-
-    See Also
-    --------
-    export_data : The same for data sets in memory.
-
-    Examples
-    --------
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
     >>> import scenetruth as st

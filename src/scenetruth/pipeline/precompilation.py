@@ -75,19 +75,6 @@ def precompile(
 
     Compiled code is kept beside the package or in the user's cache, so that this takes a minute or two once, and a few
     seconds from then on.
-
-    Parameters
-    ----------
-    progress
-        Called with (what, done, total).
-    beside
-        Lets a second process compile a method for images of a type, while this one compiles scenes and truth
-        (`FigureWorker.compile_method`).
-
-    Returns
-    -------
-    list of str
-        What was run: scenes and methods.
     """
     from scenetruth.errors import EstimateError
     from scenetruth.estimators import choose, estimate, method_entries
@@ -123,15 +110,7 @@ def precompile(
 
 
 def compile_method(method: str, settings: Mapping[str, Any], dtype: str) -> None:
-    """Let numba compile the kernels of one method, by an estimate of a few small images.
-
-    Parameters
-    ----------
-    method, settings
-        As of `scenetruth.estimate`.
-    dtype
-        Of the images: kernels are compiled for each type.
-    """
+    """Let numba compile the kernels of one method, by an estimate of a few small images."""
     from scenetruth.estimators import estimate
 
     with warnings.catch_warnings():

@@ -21,11 +21,6 @@ def method_choices(scene: Scene, methods: Sequence[MethodSpec]) -> list[MethodCh
     """Return methods with their settings: the scene's for the scene's own method, defaults for others.
 
     Names of methods that are not installed hold within `scenetruth.estimators.method_specs.offered_methods`.
-
-    Raises
-    ------
-    EstimateError
-        If there is no such method.
     """
     own = scene.estimate
     if not methods:
@@ -43,13 +38,7 @@ def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]
 
 
 def compute_method_workload(choices: Sequence[MethodChoice]) -> MethodWorkload:
-    """Return what the methods that estimate a recording one after the other take at most.
-
-    Parameters
-    ----------
-    choices
-        The methods.
-    """
+    """Return what the methods that estimate a recording one after the other take at most."""
     efforts = []
     for choice in choices:
         method = find_method(choice.method)
@@ -67,15 +56,7 @@ def compute_method_workload(choices: Sequence[MethodChoice]) -> MethodWorkload:
 
 
 def compute_recording_workload(recording: xr.Dataset, effort: MethodWorkload | None = None) -> RecordingWorkload:
-    """Return what the work on a recording grows with.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    effort
-        What the method of estimation takes; that of the structure tensor if not given.
-    """
+    """Return what the work on a recording grows with."""
     sizes = recording["image"].sizes
     return RecordingWorkload(
         pixels=sizes["y"] * sizes["x"],

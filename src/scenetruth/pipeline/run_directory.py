@@ -31,14 +31,9 @@ __all__ = ["MethodPaths", "RunDirectory", "claim_entry", "claim_run"]
 class MethodPaths:
     """What one method leaves in the folder of a run.
 
-    Parameters
-    ----------
-    estimate
-        Store of the estimate.
-    score_json, score_csv
-        Its score.
-    report, figures
-        The page, and the folder of its pictures.
+    ``estimate``: Store of the estimate.
+    ``score_json``, ``score_csv``: Its score.
+    ``report``, ``figures``: The page, and the folder of its pictures.
     """
 
     estimate: Path

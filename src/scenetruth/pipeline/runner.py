@@ -54,17 +54,7 @@ __all__ = ["PipelineRunner", "RunResult", "write_estimate"]
 
 
 def write_estimate(work: EstimationTask, path: Path, *, zipped: bool = False) -> None:
-    """Make an estimate, and write it to a store that does not exist yet.
-
-    Parameters
-    ----------
-    work
-        What is to be estimated.
-    path
-        The store; `write_atomically` gives such paths.
-    zipped
-        Whether it is one zip file.
-    """
+    """Make an estimate, and write it to a store that does not exist yet."""
     blank = work.blank()
     if blank is None:
         write_store(work.estimate(), path, zipped=zipped)
@@ -80,16 +70,10 @@ T = TypeVar("T")
 class RunResult:
     """What a run has made.
 
-    Parameters
-    ----------
-    folder
-        Where everything is.
-    scores
-        The scores by method.
-    failures
-        What went wrong, by method; the results of other methods and stages are there all the same.
-    timings_s
-        Seconds spent on each kind of work.
+    ``folder``: Where everything is.
+    ``scores``: The scores by method.
+    ``failures``: What went wrong, by method; the results of other methods and stages are there all the same.
+    ``timings_s``: Seconds spent on each kind of work.
     """
 
     folder: RunDirectory
@@ -101,23 +85,14 @@ class RunResult:
 class PipelineRunner:
     """Runs stages in a folder, and keeps in memory what the next stage needs.
 
-    Parameters
-    ----------
-    folder
-        The folder.
-    overwrite
-        Whether results that exist may be replaced.
-    check
-        Whether to refuse parts of different runs.
-    progress
-        Called with (what, done, total).
-    helper
-        A second process for figures.
-    limits
-        What may be taken of the machine; those by default if not given.
-    asked
-        A hash of all that the stages after rendering are asked for: a run that was interrupted, and asked for the same,
-        is gone on with. None for single stages.
+    ``folder``: The folder.
+    ``overwrite``: Whether results that exist may be replaced.
+    ``check``: Whether to refuse parts of different runs.
+    ``progress``: Called with (what, done, total).
+    ``helper``: A second process for figures.
+    ``limits``: What may be taken of the machine; those by default if not given.
+    ``asked``: A hash of all that the stages after rendering are asked for: a run that was interrupted, and asked for
+      the same, is gone on with. None for single stages.
     """
 
     def __init__(
@@ -230,20 +205,7 @@ class PipelineRunner:
             raise MismatchError([Problem(str(self.folder.recording), message)])
 
     def choice(self, method: str | None = None, overrides: Sequence[str] = ()) -> MethodChoice:
-        """Return a method with settings for the recording in the folder.
-
-        Parameters
-        ----------
-        method
-            The method; that of the recorded scene if not given.
-        overrides
-            Changes of the recorded settings, ``estimate.FIELD=VALUE``.
-
-        Raises
-        ------
-        SceneError
-            If an override does not fit.
-        """
+        """Return a method with settings for the recording in the folder."""
         section = dict((read_scene(self.recording) or {}).get("estimate") or {})
         if method is not None and section.get("method", self.folder.own_method) != method:
             section = {"method": method}
@@ -404,7 +366,7 @@ class PipelineRunner:
         from scenetruth.scoring import Score
 
         if method not in self.scores:
-            self.scores[method] = Score.read(self.folder.of(method).score_json)
+            self.scores[method] = Score.load(self.folder.of(method).score_json)
         return self.scores[method]
 
     @property

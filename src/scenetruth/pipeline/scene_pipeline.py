@@ -46,7 +46,7 @@ def run_scene(
     stages: Sequence[RunStage] = STAGES,
     overrides: Overrides = (),
     truth_views: TruthViews = "reference",
-    truth_poses: TruthPoses = "real",
+    truth_poses: TruthPoses = "actual",
     truth_content: TruthMaps = "standard",
     save_radiance: bool = False,
     save_images: Literal["png", "tiff"] | None = None,
@@ -155,7 +155,7 @@ def run_pipeline(
     methods: MethodLike | Sequence[MethodLike] | None = None,
     stages: Sequence[RunStage] = STAGES,
     overrides: Overrides = (),
-    truth: tuple[TruthViews, TruthPoses, TruthMaps] = ("reference", "real", "standard"),
+    truth: tuple[TruthViews, TruthPoses, TruthMaps] = ("reference", "actual", "standard"),
     save_radiance: bool = False,
     save_images: Literal["png", "tiff"] | None = None,
     limits: Limits | None = None,
@@ -166,20 +166,7 @@ def run_pipeline(
     helpers: int | FigureWorker = 0,
     progress: Progress | None = None,
 ) -> RunResult:
-    """Take a scene through its stages as `run_scene` does; for the command line, which works in two processes.
-
-    Parameters
-    ----------
-    scene, output, methods, stages, overrides, save_radiance, save_images, limits, overwrite, allow_mismatch, figures,
-    progress
-        As of `run_scene`.
-    truth
-        Views, poses and content of the truth, as of `run_scene`.
-    figure_formats
-        Formats of the figures: ``"png"``, which pages need, and ``"pdf"``.
-    helpers
-        Further processes to compile and to draw figures: none, or one, or one that runs already.
-    """
+    """Take a scene through its stages as `run_scene` does; for the command line, which works in two processes."""
     from scenetruth.truth import TruthOptions, refuse_arguments
 
     refuse_arguments(scene, *truth, progress)

@@ -62,21 +62,10 @@ def sort_rays(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], bool]:
     """Sort rays into square cells of the central projection along an axis.
 
-    Parameters
-    ----------
-    directions
-        Directions of the rays, shape (n, 3).
-    frame
-        The projection, as of `components`.
-    side
-        Number of cells along u, and along v.
-
-    Returns
-    -------
-    tuple
-        Indices of the rays in the order of their cells, row by row, shape (n,), those that are NaN last; where each
-        cell begins in this order, shape (side * side + 1,); the field of the rays: lowest u, highest u, lowest v,
-        highest v, cells per unit of u and of v, shape (6,); and whether all rays point into the half space of the axis.
+    ``directions``: Directions of the rays, shape (n, 3).
+    Returns: Indices of the rays in the order of their cells, row by row, shape (n,), those that are NaN last; where
+    each cell begins in this order, shape (side * side + 1,); the field of the rays: lowest u, highest u, lowest v,
+    highest v, cells per unit of u and of v, shape (6,); and whether all rays point into the half space of the axis.
     """
     count = directions.shape[0]
     places = np.empty((count, 2), dtype=np.float64)
@@ -139,22 +128,8 @@ def bin_faces(
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """List the faces that may touch each row of cells, in the order of their indices.
 
-    Parameters
-    ----------
-    boxes
-        The faces' ranges, as `prepare_faces` returns them.
-    field
-        The rays' field, as `sort_rays` returns it.
-    side
-        Number of cells along u, and along v.
-    most
-        Largest number of entries that the list may have.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        The faces, row after row, empty if there would be more than ``most``; and where each row begins in this list,
-        shape (side + 1,).
+    Returns: The faces, row after row, empty if there would be more than ``most``; and where each row begins in this
+    list, shape (side + 1,).
     """
     used = np.zeros((_SHARES, side), dtype=np.int64)
     least = max(_SHARES * _LEAST_SORTED // max(boxes.shape[0], 1), 1)
@@ -255,25 +230,7 @@ def scatter_hits(
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
     """Find the first face that every ray meets, cell by cell; the results are those of `raster_hits` to the bit.
 
-    Parameters
-    ----------
-    forms, boxes
-        The faces, as `prepare_faces` returns them.
-    frame
-        The projection, as of `components`.
-    field, order, cell_start
-        The sorted rays, as `sort_rays` returns them.
-    side
-        Number of cells along u, and along v; a power of two.
-    directions
-        Directions of the rays, shape (n, 3).
-    listed, row_start
-        The faces of each row of cells, as `bin_faces` returns them.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Face, depth and barycentric coordinates, as of `Hits`.
+    ``directions``: Directions of the rays, shape (n, 3).
     """
     count = directions.shape[0]
     face = np.empty(count, dtype=np.int32)

@@ -21,20 +21,11 @@ def face_sides(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Compute the normals of faces, and tell which faces show their front to a point.
 
-    Parameters
-    ----------
-    vertices
-        World positions in mm, shape (n, 3).
-    faces
-        Corners of the faces, shape (m, 3).
-    origin
-        The point, in mm, shape (3,).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Unit normals along (p1 - p0) x (p2 - p0), shape (m, 3); and whether the point is on the side of the face to
-        which its normal points, shape (m,).
+    ``vertices``: World positions in mm, shape (n, 3).
+    ``faces``: Corners of the faces, shape (m, 3).
+    ``origin``: The point, in mm, shape (3,).
+    Returns: Unit normals along (p1 - p0) x (p2 - p0), shape (m, 3); and whether the point is on the side of the face to
+    which its normal points, shape (m,).
     """
     count = faces.shape[0]
     normals = np.empty((count, 3), dtype=np.float64)
@@ -70,17 +61,7 @@ def contour_edges(
 ) -> NDArray[np.bool_]:
     """Tell which edges are seen as lines: boundaries, silhouette edges (between a front and a back face), sharp edges.
 
-    Parameters
-    ----------
-    normals, front
-        Unit normals of the faces, and which are seen from the front, as `face_sides` returns them.
-    edge_faces, flipped, crowded, crease_cosine
-        The edges, as of `Topology`: ``edge_faces``, ``edge_flipped``, ``edge_crowded``, ``edge_crease_cosine``.
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (k,). An edge at which more than two faces meet counts always.
+    Returns: bool, shape (k,). An edge at which more than two faces meet counts always.
     """
     count = edge_faces.shape[0]
     chosen = np.empty(count, dtype=np.bool_)
@@ -121,24 +102,13 @@ def cut_segments(
 ) -> Any:
     """Cut segments in the image at the borders of pixels, or into short equal pieces.
 
-    Parameters
-    ----------
-    first, last
-        Ends of the segments in px, shape (n, 2).
-    inverse_first, inverse_last
-        1 / Z at these ends, in 1/mm, shape (n,).
-    chosen
-        Indices of the segments to cut.
-    enter, leave
-        Shares of the segment, from 0 at its first end to 1 at its last, between which it is cut, shape (n,).
-    piece
-        Largest length of the pieces in px; 0 cuts at the pixels' borders, at half-integer coordinates.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Of the middle of every piece, in order along each segment: 1 / Z, shape (k,); position in px, shape (k, 2); and
-        index of the segment, shape (k,). 1 / Z is linear along a segment in the image.
+    ``first``, ``last``: Ends of the segments in px, shape (n, 2).
+    ``inverse_first``, ``inverse_last``: 1 / Z at these ends, in 1/mm, shape (n,).
+    ``enter``, ``leave``: Shares of the segment, from 0 at its first end to 1 at its last, between which it is cut,
+      shape (n,).
+    ``piece``: Largest length of the pieces in px; 0 cuts at the pixels' borders, at half-integer coordinates.
+    Returns: Of the middle of every piece, in order along each segment: 1 / Z, shape (k,); position in px, shape (k, 2);
+    and index of the segment, shape (k,). 1 / Z is linear along a segment in the image.
     """
     most, total = 0, 0
     for n in chosen:

@@ -31,20 +31,9 @@ def mixed_pixels(
     differ by more than their crease angle) is projected as a line, cut at the pixels' borders, and each piece is kept
     if it is seen.
 
-    Parameters
-    ----------
-    caster
-        The mesh at the time of the image.
-    viewpoint, camera
-        Pose of the camera, and the camera.
-    bodies
-        Index of the body at every pixel centre, shape (height, width), -1 for none: where it changes between
-        two pixels and no edge was found (bodies that cut into each other), both are marked.
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (height, width).
+    ``bodies``: Index of the body at every pixel centre, shape (height, width), -1 for none: where it changes between
+      two pixels and no edge was found (bodies that cut into each other), both are marked.
+    Returns: bool, shape (height, width).
     """
     mixed = np.zeros((camera.height, camera.width), dtype=np.bool_)
     edges = _contour_edges(caster, viewpoint.position_mm)

@@ -90,29 +90,13 @@ def refine_hits(
     Where a ray passes close to an edge, or where neighbouring rays meet other faces, every face nearby is tested in
     float64, and the nearest one wins.
 
-    Parameters
-    ----------
-    vertices
-        World positions in mm, shape (n, 3).
-    faces
-        Corners of the faces, shape (m, 3).
-    neighbours
-        The face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
-    origin
-        Where the rays start, in mm, shape (3,).
-    directions
-        Directions of the rays, shape (k, 3).
-    guesses
-        The face that Embree found for each ray, -1 for none, shape (k,).
-    width
-        Rays in a row if they form a grid, row by row; else 0.
-    margin
-        Angle in rad to an edge below which the faces beside are tested too.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Face, depth and barycentric coordinates, as of `Hits`.
+    ``vertices``: World positions in mm, shape (n, 3).
+    ``faces``: Corners of the faces, shape (m, 3).
+    ``neighbours``: The face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
+    ``origin``: Where the rays start, in mm, shape (3,).
+    ``directions``: Directions of the rays, shape (k, 3).
+    ``guesses``: The face that Embree found for each ray, -1 for none, shape (k,).
+    ``margin``: Angle in rad to an edge below which the faces beside are tested too.
     """
     count = directions.shape[0]
     face = np.empty(count, dtype=np.int32)
@@ -190,20 +174,10 @@ def footprint_forms(
     The ray at (x, y) from a pixel's centre is the pixel's own plus x and y times the rays' steps across and down.
     Texture coordinates are then quotients of linear forms in (1, x, y).
 
-    Parameters
-    ----------
-    mesh, rays
-        The surface, and the rays of the whole image.
-    pixels
-        The pixels to take, shape (n,); each must see a face.
-    reach
-        Half the width of the footprint in px.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        The forms: numerators of u and v and their denominator (rows), coefficients of 1, x and y (columns), shape
-        (n, 3, 3); and whether the square of half-width ``reach`` around the centre stays inside the face, shape (n,).
+    ``pixels``: The pixels to take, shape (n,); each must see a face.
+    ``reach``: Half the width of the footprint in px.
+    Returns: The forms: numerators of u and v and their denominator (rows), coefficients of 1, x and y (columns), shape
+    (n, 3, 3); and whether the square of half-width ``reach`` around the centre stays inside the face, shape (n,).
     """
     count = pixels.shape[0]
     forms = np.empty((count, 3, 3), dtype=np.float64)
@@ -279,21 +253,9 @@ def mix_vertices(
 ) -> NDArray[np.float64]:
     """Interpolate values that are given at vertices.
 
-    Parameters
-    ----------
-    face
-        Index of the face, -1 for none, shape (n,).
-    weights
-        Barycentric coordinates of its second and third corner, shape (n, 2).
-    faces
-        Corners of the faces, shape (m, 3).
-    values
-        Shape (vertices, k).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (n, k); NaN where there is no face.
+    ``face``: Index of the face, -1 for none, shape (n,).
+    ``weights``: Barycentric coordinates of its second and third corner, shape (n, 2).
+    ``faces``: Corners of the faces, shape (m, 3).
     """
     out = np.empty((face.shape[0], values.shape[1]), dtype=np.float64)
     in_bands(_mix_vertices, face.shape[0], face, weights, faces, values, out, least=_LEAST_MIXED)
@@ -351,20 +313,10 @@ def walk_footprints(
     neighbouring pixels sees another body (the two may intersect); where a sample's ray passes exactly through an edge,
     so that it is inside two faces; and after too many steps.
 
-    Parameters
-    ----------
-    mesh, rays
-        The surface, and the rays of the whole image.
-    pixels
-        The pixels to take, shape (n,).
-    offsets
-        The samples' offsets from the pixel centre in px, (x, y), shape (k, 2).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Whether the walk reached all samples, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates,
-        (n, k, 2), as of `Hits`; and texture coordinates, (n, k, 2).
+    ``pixels``: The pixels to take, shape (n,).
+    ``offsets``: The samples' offsets from the pixel centre in px, (x, y), shape (k, 2).
+    Returns: Whether the walk reached all samples, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates,
+    (n, k, 2), as of `Hits`; and texture coordinates, (n, k, 2).
     """
     count, samples = pixels.shape[0], offsets.shape[0]
     arrived = np.zeros(count, dtype=np.bool_)

@@ -22,24 +22,16 @@ CREASE_DEG = 1.0
 class Topology:
     """Faces and edges of a mesh, and which faces meet at an edge; constant while the mesh moves.
 
-    Parameters
-    ----------
-    faces
-        Vertex indices, shape (m, 3), int32.
-    edges
-        The two vertices of every edge, shape (k, 2), int32.
-    edge_faces
-        The two faces at every edge, shape (k, 2), int32; -1 where a boundary edge has no second face.
-    edge_flipped
-        Whether the two faces at the edge run around it in the same sense, so that one of them is turned inside out.
-    edge_crowded
-        Whether more than two faces meet at the edge.
-    face_neighbours
-        The face across each of the three edges of every face, shape (m, 3), int32; -1 for none. Edge k runs from corner
-        k to the next one.
-    edge_crease_cosine
-        Cosine of the angle between the two faces at the edge above which the edge is sharp, shape (k,), float64; 2
-        where it is sharp whatever the angle.
+    ``faces``: Vertex indices, shape (m, 3), int32.
+    ``edges``: The two vertices of every edge, shape (k, 2), int32.
+    ``edge_faces``: The two faces at every edge, shape (k, 2), int32; -1 where a boundary edge has no second face.
+    ``edge_flipped``: Whether the two faces at the edge run around it in the same sense, so that one of them is turned
+      inside out.
+    ``edge_crowded``: Whether more than two faces meet at the edge.
+    ``face_neighbours``: The face across each of the three edges of every face, shape (m, 3), int32; -1 for none. Edge k
+      runs from corner k to the next one.
+    ``edge_crease_cosine``: Cosine of the angle between the two faces at the edge above which the edge is sharp, shape
+      (k,), float64; 2 where it is sharp whatever the angle.
     """
 
     faces: NDArray[np.int32]
@@ -59,21 +51,11 @@ class Topology:
     ) -> Topology:
         """Find the edges of a mesh; vertices at the same place count as one, as at the seams of a texture.
 
-        Parameters
-        ----------
-        vertices
-            Positions, shape (n, 3).
-        faces
-            Vertex indices, shape (m, 3).
-        crease_deg
-            Crease angle of all faces, of each, shape (m,), or of each of their sides, shape (m, 3), where side k runs
-            from corner k to the next: an edge is sharp if its faces differ by more than the smaller of their two
-            angles, or if that is 0.
-
-        Returns
-        -------
-        Topology
-            Faces and edges.
+        ``vertices``: Positions, shape (n, 3).
+        ``faces``: Vertex indices, shape (m, 3).
+        ``crease_deg``: Crease angle of all faces, of each, shape (m,), or of each of their sides, shape (m, 3), where
+          side k runs from corner k to the next: an edge is sharp if its faces differ by more than the smaller of their
+          two angles, or if that is 0.
         """
         first, welded = _weld(vertices)
         corners = welded[faces]

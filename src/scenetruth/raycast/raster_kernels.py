@@ -33,7 +33,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["TILE", "prepare_faces", "raster_hits", "tile_bounds"]
+__all__ = ["prepare_faces", "raster_hits", "tile_bounds"]
 
 TILE = 16
 """Side of the square tiles in rays."""
@@ -52,20 +52,9 @@ def tile_bounds(
 ) -> tuple[NDArray[np.float64], bool]:
     """Bound the rays of every tile in the central projection along an axis.
 
-    Parameters
-    ----------
-    directions
-        Directions of a grid of rays, row by row, shape (n, 3). Directions that are NaN are passed over.
-    width
-        Rays in a row of the grid.
-    frame
-        The projection, as of `components`.
-
-    Returns
-    -------
-    tuple
-        Lowest u, highest u, lowest v, highest v of every tile, shape (tile rows, tile columns, 4); and whether all rays
-        point into the half space of the axis.
+    ``directions``: Directions of a grid of rays, row by row, shape (n, 3). Directions that are NaN are passed over.
+    Returns: Lowest u, highest u, lowest v, highest v of every tile, shape (tile rows, tile columns, 4); and whether all
+    rays point into the half space of the axis.
     """
     height = directions.shape[0] // width
     rows, columns = (height + TILE - 1) // TILE, (width + TILE - 1) // TILE
@@ -113,22 +102,11 @@ def prepare_faces(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Prepare all faces for rays from one point: their edge functions, and their ranges in the projection.
 
-    Parameters
-    ----------
-    vertices
-        World positions in mm, shape (n, 3).
-    faces
-        Corners of the faces, shape (m, 3).
-    origin
-        Where the rays start, in mm, shape (3,).
-    frame
-        The projection, as of `components`.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Coefficients of every face as of `write_forms`, shape (m, 16); and its lowest u, highest u, lowest v, highest v,
-        shape (m, 4), with margins for rounding. The range of faces behind the origin is empty.
+    ``vertices``: World positions in mm, shape (n, 3).
+    ``faces``: Corners of the faces, shape (m, 3).
+    ``origin``: Where the rays start, in mm, shape (3,).
+    Returns: Coefficients of every face as of `write_forms`, shape (m, 16); and its lowest u, highest u, lowest v,
+    highest v, shape (m, 4), with margins for rounding. The range of faces behind the origin is empty.
     """
     count = faces.shape[0]
     forms = np.empty((count, FORMS), dtype=np.float64)
@@ -205,23 +183,7 @@ def raster_hits(
     Every face is tested against every ray of the tiles that it may touch: inside by the signs of its three edge
     functions, depth from its plane. The nearest face wins, and of equally near ones that with the lower index.
 
-    Parameters
-    ----------
-    forms, boxes
-        The faces, as `prepare_faces` returns them.
-    frame
-        The projection, as of `components`.
-    bounds
-        The ranges of the tiles, as `tile_bounds` returns them.
-    directions
-        Directions of the rays, row by row, shape (n, 3).
-    width
-        Rays in a row of the grid.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Face, depth and barycentric coordinates, as of `Hits`.
+    ``directions``: Directions of the rays, row by row, shape (n, 3).
     """
     count = directions.shape[0]
     face = np.empty(count, dtype=np.int32)

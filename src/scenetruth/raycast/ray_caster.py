@@ -24,12 +24,8 @@ _PIECE = 1 << 20
 class EmbreeMesh:
     """A mesh at one time in Embree.
 
-    Parameters
-    ----------
-    vertices_mm
-        World positions, shape (n, 3).
-    faces
-        Vertex indices, shape (m, 3).
+    ``vertices_mm``: World positions, shape (n, 3).
+    ``faces``: Vertex indices, shape (m, 3).
     """
 
     def __init__(self, vertices_mm: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
@@ -44,17 +40,9 @@ class EmbreeMesh:
     def first_faces(self, starts_mm: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
         """Guess the first face that each ray meets.
 
-        Parameters
-        ----------
-        starts_mm
-            Where the rays start, shape (n, 3), or (3,) if all start there.
-        directions
-            Directions of the rays, of any length, shape (n, 3).
-
-        Returns
-        -------
-        numpy.ndarray
-            Index of the face, -1 for none, shape (n,). Near edges it may be wrong, by the rounding of float32.
+        ``starts_mm``: Where the rays start, shape (n, 3), or (3,) if all start there.
+        ``directions``: Directions of the rays, of any length, shape (n, 3).
+        Returns: Index of the face, -1 for none, shape (n,). Near edges it may be wrong, by the rounding of float32.
         """
         starts = np.broadcast_to(starts_mm, directions.shape)
         faces = np.empty(len(directions), dtype=np.int32)
@@ -82,14 +70,9 @@ _MOST_LISTED = 1 << 26
 class Hits:
     """What rays meet first.
 
-    Parameters
-    ----------
-    face
-        Index of the face, shape (n,), int32; -1 for none.
-    depth
-        Ray parameter of the point: its depth Z for directions with Z = 1. NaN for none.
-    weights
-        Barycentric coordinates of the face's second and third corner, shape (n, 2).
+    ``face``: Index of the face, shape (n,), int32; -1 for none.
+    ``depth``: Ray parameter of the point: its depth Z for directions with Z = 1. NaN for none.
+    ``weights``: Barycentric coordinates of the face's second and third corner, shape (n, 2).
     """
 
     face: NDArray[np.int32]
@@ -99,17 +82,8 @@ class Hits:
     def interpolate(self, faces: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Interpolate values that are given at vertices.
 
-        Parameters
-        ----------
-        faces
-            Corners of the faces, shape (m, 3).
-        values
-            Values at the vertices, shape (k, ...).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (n, ...); NaN where nothing is met.
+        ``faces``: Corners of the faces, shape (m, 3).
+        ``values``: Values at the vertices, shape (k, ...).
         """
         from scenetruth.raycast.hit_kernels import mix_vertices
 
@@ -120,15 +94,7 @@ class Hits:
     def interpolate_corners(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Interpolate values that are given at the corners of faces.
 
-        Parameters
-        ----------
-        values
-            Values at the corners, shape (m, 3, ...).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (n, ...); NaN where nothing is met.
+        ``values``: Values at the corners, shape (m, 3, ...).
         """
         # As of a mesh whose faces share no vertex.
         own = np.arange(3 * len(values), dtype=np.int32).reshape(-1, 3)
@@ -147,12 +113,8 @@ class _Prepared(NamedTuple):
 class RayCaster:
     """A mesh at one time, to cast rays at.
 
-    Parameters
-    ----------
-    vertices_mm
-        World positions, shape (n, 3), float64.
-    topology
-        The mesh's faces and edges.
+    ``vertices_mm``: World positions, shape (n, 3), float64.
+    ``topology``: The mesh's faces and edges.
     """
 
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
@@ -174,20 +136,8 @@ class RayCaster:
     def cast(self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], grid_width: int = 0) -> Hits:
         """Find the first face that each ray from one point meets.
 
-        Parameters
-        ----------
-        origin_mm
-            Where all rays start, shape (3,).
-        directions
-            Their directions, shape (n, 3), of any length; the depth of a hit counts in these lengths.
-        grid_width
-            Rays in a row if they form a grid, row by row; else 0. A grid is faster with few faces. Where Embree is
-            asked, the neighbours in the grid help to find the right face for rays that pass close to an edge.
-
-        Returns
-        -------
-        Hits
-            The first face that every ray meets, from either side.
+        ``origin_mm``: Where all rays start, shape (3,).
+        ``directions``: Their directions, shape (n, 3), of any length; the depth of a hit counts in these lengths.
         """
         origin = np.asarray(origin_mm, dtype=np.float64)
         directions = np.ascontiguousarray(directions, dtype=np.float64)

@@ -55,15 +55,8 @@ def blurs(
 ) -> Any:  # fmt: skip
     """Bound the rounding errors of a face's edge functions.
 
-    Parameters
-    ----------
-    ax, ay, az, bx, by, bz, cx, cy, cz
-        The three corners, relative to the origin of the ray, in mm.
-
-    Returns
-    -------
-    tuple of float
-        Bounds in mm² for each unit of |d_x|, |d_y| and |d_z| of the ray's direction d.
+    ``ax``, ``ay``, ``az``, ``bx``, ``by``, ``bz``, ``cx``, ``cy``, ``cz``: The three corners, relative to the origin of
+      the ray, in mm.
     """
     x, y, z = max(abs(ax), abs(bx), abs(cx)), max(abs(ay), abs(by), abs(cy)), max(abs(az), abs(bz), abs(cz))
     return _ROUNDINGS * y * z, _ROUNDINGS * z * x, _ROUNDINGS * x * y
@@ -76,18 +69,6 @@ def inside(w0: float, w1: float, w2: float, blur: float) -> Any:
     The edge functions of two faces at their common edge have exactly opposite signs, so that no ray passes between the
     two. At a corner, the functions of several edges are zero but for rounding, and their signs may be such that no face
     has the ray. Therefore a face also has the rays that pass outside its edges by no more than the rounding error.
-
-    Parameters
-    ----------
-    w0, w1, w2
-        The edge functions of the ray.
-    blur
-        Bound of their rounding errors, not negative.
-
-    Returns
-    -------
-    bool
-        Whether all three have the same sign, within rounding. Never for faces seen exactly edge-on.
     """
     total = w0 + w1 + w2
     if (w0 >= 0.0 and w1 >= 0.0 and w2 >= 0.0) or (w0 <= 0.0 and w1 <= 0.0 and w2 <= 0.0):
@@ -108,18 +89,10 @@ def write_forms(
 
     The operations and their order are those of `kernels._meet`, so that both find the same bits.
 
-    Parameters
-    ----------
-    vertices
-        World positions in mm, shape (n, 3).
-    faces
-        Corners of the faces, shape (m, 3).
-    face
-        Index of the face.
-    origin
-        Where the rays start, in mm, shape (3,).
-    form
-        Output, shape (16,), in the order of `W0_X` to `BLUR_Z`.
+    ``vertices``: World positions in mm, shape (n, 3).
+    ``faces``: Corners of the faces, shape (m, 3).
+    ``origin``: Where the rays start, in mm, shape (3,).
+    ``form``: Output, shape (16,), in the order of `W0_X` to `BLUR_Z`.
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
@@ -137,20 +110,7 @@ def write_forms(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def edge_functions(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Evaluate the edge functions of a face (Pineda, SIGGRAPH 1988) for a ray.
-
-    Parameters
-    ----------
-    form
-        What `write_forms` wrote.
-    dx, dy, dz
-        Direction of the ray, of any length.
-
-    Returns
-    -------
-    tuple of float
-        w_k = d . (p x q) with the corners p and q of the edge opposite to corner k, in mm² times the length of d.
-    """
+    """Evaluate the edge functions of a face (Pineda, SIGGRAPH 1988) for a ray."""
     w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
     w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
     w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
@@ -159,52 +119,19 @@ def edge_functions(form: NDArray[np.float64], dx: float, dy: float, dz: float) -
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def rounding(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Bound the rounding errors of the edge functions of a face for a ray.
-
-    Parameters
-    ----------
-    form, dx, dy, dz
-        As of `edge_functions`.
-
-    Returns
-    -------
-    float
-        The bound, in the unit of the edge functions.
-    """
+    """Bound the rounding errors of the edge functions of a face for a ray."""
     return abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def slope(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Return the scalar product of a face's normal with the direction of a ray.
-
-    Parameters
-    ----------
-    form, dx, dy, dz
-        As of `edge_functions`.
-
-    Returns
-    -------
-    float
-        The product. ``form[DISTANCE]`` over it is the ray parameter at which the ray meets the face's plane.
-    """
+    """Return the scalar product of a face's normal with the direction of a ray."""
     return form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Return the barycentric coordinates of the point at which a ray meets a face.
-
-    Parameters
-    ----------
-    form, dx, dy, dz
-        As of `edge_functions`.
-
-    Returns
-    -------
-    tuple of float
-        Coordinates of the second and third corner.
-    """
+    """Return the barycentric coordinates of the point at which a ray meets a face."""
     w0, w1, w2 = edge_functions(form, dx, dy, dz)
     total = w0 + w1 + w2
     return w1 / total, w2 / total
@@ -212,13 +139,7 @@ def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def depth_on(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Return the ray parameter at which a ray meets a face's plane; -1 if it runs along it.
-
-    Parameters
-    ----------
-    form, dx, dy, dz
-        As of `edge_functions`.
-    """
+    """Return the ray parameter at which a ray meets a face's plane; -1 if it runs along it."""
     towards = slope(form, dx, dy, dz)
     return form[DISTANCE] / towards if towards != 0.0 else -1.0
 
@@ -243,17 +164,7 @@ _ACROSS, _DOWN, _AXIS = range(3)
 def components(x: float, y: float, z: float, frame: NDArray[np.float64]) -> Any:
     """Return the components of a vector in a frame.
 
-    Parameters
-    ----------
-    x, y, z
-        The vector, in the world.
-    frame
-        Two unit vectors across the axis, and the axis, as the rows of a rotation, shape (3, 3).
-
-    Returns
-    -------
-    tuple of float
-        Components across, down and along the axis. Across / along and down / along are u and v of the projection.
+    ``frame``: Two unit vectors across the axis, and the axis, as the rows of a rotation, shape (3, 3).
     """
     across = x * frame[_ACROSS, 0] + y * frame[_ACROSS, 1] + z * frame[_ACROSS, 2]
     down = x * frame[_DOWN, 0] + y * frame[_DOWN, 1] + z * frame[_DOWN, 2]
@@ -265,24 +176,7 @@ def components(x: float, y: float, z: float, frame: NDArray[np.float64]) -> Any:
 def within(
     along_u: float, along_v: float, constant: float, margin: float, low_v: float, high_v: float, low: float, high: float
 ) -> Any:  # fmt: skip
-    """Narrow a range of u to where along_u u + along_v v + constant may be above 0, for some v in a range.
-
-    Parameters
-    ----------
-    along_u, along_v, constant
-        The linear function: an edge function over the ray's component along the axis.
-    margin
-        By how much it may be below 0; larger than all rounding.
-    low_v, high_v
-        The range of v.
-    low, high
-        The range of u.
-
-    Returns
-    -------
-    tuple of float
-        The narrower range of u, from infinity to minus infinity if it is empty.
-    """
+    """Narrow a range of u to where along_u u + along_v v + constant may be above 0, for some v in a range."""
     least = -(margin + constant + max(along_v * low_v, along_v * high_v))
     if along_u > 0.0:
         low = max(low, least / along_u)

@@ -13,17 +13,7 @@ from numpy.typing import NDArray
 
 from scenetruth.threads import in_bands
 
-__all__ = [
-    "BLOCKED",
-    "LIT",
-    "UNSURE",
-    "FacesInLight",
-    "confirm_blocked",
-    "flatten_faces",
-    "meets",
-    "parallel_shadows",
-    "sort_faces",
-]
+__all__ = ["BLOCKED", "UNSURE", "FacesInLight", "confirm_blocked", "flatten_faces", "parallel_shadows", "sort_faces"]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -35,14 +25,7 @@ def meets(
 
     The test is that of Möller and Trumbore (J. Graphics Tools 2, 1997).
 
-    Parameters
-    ----------
-    vertices, faces, farthest
-        As of `confirm_blocked`.
-    face
-        Index of the face.
-    start, way
-        Start and vector of the ray in mm, shape (3,).
+    ``start``, ``way``: Start and vector of the ray in mm, shape (3,).
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ux, uy, uz = (vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2])
@@ -75,29 +58,14 @@ def confirm_blocked(
 
     The face that Embree guessed and its three neighbours are tested in float64, but never the point's own face.
 
-    Parameters
-    ----------
-    vertices
-        World positions in mm, shape (n, 3).
-    faces
-        Corners of the faces, shape (m, 3).
-    neighbours
-        The face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
-    starts
-        Where the rays start, in mm, shape (k, 3).
-    ways
-        Vectors from there to the points, in mm, shape (k, 3).
-    guesses
-        The face that Embree found for each ray, -1 for none, shape (k,).
-    own
-        The face on which each point lies, shape (k,).
-    farthest
-        Share of the ray's length, below 1, beyond which faces do not block it.
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (k,).
+    ``vertices``: World positions in mm, shape (n, 3).
+    ``faces``: Corners of the faces, shape (m, 3).
+    ``neighbours``: The face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
+    ``starts``: Where the rays start, in mm, shape (k, 3).
+    ``ways``: Vectors from there to the points, in mm, shape (k, 3).
+    ``guesses``: The face that Embree found for each ray, -1 for none, shape (k,).
+    ``own``: The face on which each point lies, shape (k,).
+    Returns: bool, shape (k,).
     """
     count = starts.shape[0]
     out = np.empty(count, dtype=np.bool_)
@@ -278,20 +246,7 @@ def sort_faces(
     rows: int,
     tolerance: float,
 ) -> Any:
-    """Sort faces into cells.
-
-    Parameters
-    ----------
-    numbers, boxes
-        The faces, as `flatten_faces` returns them.
-    low, per_cell, columns, rows, tolerance
-        As of `FacesInLight`.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        ``starts``, ``listed`` and ``large``, as of `FacesInLight`.
-    """
+    """Sort faces into cells."""
     starts = np.zeros(rows * columns + 1, dtype=np.int64)
     large = np.empty(boxes.shape[0], dtype=np.int32)
     listed, place = np.empty(0, dtype=np.int32), starts
@@ -399,29 +354,12 @@ def parallel_shadows(
     and if everything that Embree could take for the first face within its rounding is a face that is met, or beside
     one.
 
-    Parameters
-    ----------
-    vertices, faces, neighbours
-        The mesh, as of `confirm_blocked`.
-    light
-        Its faces as the light sees them.
-    points
-        The points in mm, shape (n, 3).
-    own
-        The face on which each lies, shape (n,).
-    wanted
-        Which points are asked for, shape (n,).
-    to_light
-        Unit vector towards the light, shape (3,).
-    reach
-        Length of the rays in mm.
-    farthest
-        As of `confirm_blocked`.
-
-    Returns
-    -------
-    numpy.ndarray
-        `LIT`, `BLOCKED` or `UNSURE`, shape (n,), uint8.
+    ``points``: The points in mm, shape (n, 3).
+    ``own``: The face on which each lies, shape (n,).
+    ``wanted``: Which points are asked for, shape (n,).
+    ``to_light``: Unit vector towards the light, shape (3,).
+    ``reach``: Length of the rays in mm.
+    Returns: `LIT`, `BLOCKED` or `UNSURE`, shape (n,), uint8.
     """
     count = points.shape[0]
     out = np.zeros(count, dtype=np.uint8)

@@ -24,12 +24,8 @@ _CELLS_PER_FACE, _MOST_CELLS = 2, 1 << 22
 class ShadowCaster:
     """A mesh at one time, which casts shadows on its own surface.
 
-    Parameters
-    ----------
-    vertices_mm
-        World positions, shape (n, 3), float64.
-    topology
-        The mesh's faces and edges.
+    ``vertices_mm``: World positions, shape (n, 3), float64.
+    ``topology``: The mesh's faces and edges.
     """
 
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
@@ -53,19 +49,9 @@ class ShadowCaster:
     ) -> NDArray[np.bool_]:
         """Tell which points parallel light does not reach; what `blocked` tells, to the bit, but many times faster.
 
-        Parameters
-        ----------
-        points_mm, faces
-            As of `blocked`.
-        wanted
-            Which points are asked for, shape (n,).
-        to_light
-            Unit vector towards the light, shape (3,).
-
-        Returns
-        -------
-        numpy.ndarray
-            bool, shape (n,); False for points that are not asked for.
+        ``wanted``: Which points are asked for, shape (n,).
+        ``to_light``: Unit vector towards the light, shape (3,).
+        Returns: bool, shape (n,); False for points that are not asked for.
         """
         from scenetruth.raycast.shadow_kernels import BLOCKED, UNSURE, parallel_shadows
 
@@ -127,21 +113,11 @@ class ShadowCaster:
         Rays run from the light to the points; from a far light, they start just outside the mesh. A point is in shadow
         if its ray meets any face but the point's own before it. No offset from the surface is needed.
 
-        Parameters
-        ----------
-        points_mm
-            Points on the mesh, shape (n, 3).
-        faces
-            The face that each lies on, shape (n,).
-        to_light
-            Unit vectors towards the light, shape (n, 3).
-        distance_mm
-            Distance of the light, shape (n,), infinite for parallel light.
-
-        Returns
-        -------
-        numpy.ndarray
-            bool, shape (n,).
+        ``points_mm``: Points on the mesh, shape (n, 3).
+        ``faces``: The face that each lies on, shape (n,).
+        ``to_light``: Unit vectors towards the light, shape (n, 3).
+        ``distance_mm``: Distance of the light, shape (n,), infinite for parallel light.
+        Returns: bool, shape (n,).
         """
         from scenetruth.raycast.shadow_kernels import confirm_blocked
 

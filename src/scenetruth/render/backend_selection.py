@@ -28,23 +28,6 @@ def choose_renderer(scene: Scene, world: BuiltScene) -> BackendChoice:
 
     ``auto`` takes ``pyrender`` on OSMesa, then on EGL, then ``raycast``; and ``raycast`` for what OpenGL cannot render:
     a lens that distorts, a rolling shutter.
-
-    Parameters
-    ----------
-    scene
-        The scene; its ``render`` section says which backend and how many samples.
-    world
-        Its objects.
-
-    Returns
-    -------
-    Choice
-        The open renderer, and why it is not the first choice.
-
-    Raises
-    ------
-    BackendUnavailableError
-        If ``pyrender`` is asked for by name and does not run here.
     """
     settings = scene.render
     reason = ""

@@ -17,14 +17,9 @@ _LEAST_ROWS = 8
 def average_samples(samples: NDArray[np.float32], weights: NDArray[np.float64], out: NDArray[np.float32]) -> None:
     """Average n x n samples per pixel, with sums in float64, and turn the image upright.
 
-    Parameters
-    ----------
-    samples
-        Samples with rows from the bottom up, as OpenGL has them, shape (height n, width n).
-    weights
-        Weights along either axis of a pixel, with the sum 1, shape (n,).
-    out
-        Output with rows from the top down, shape (height, width).
+    ``samples``: Samples with rows from the bottom up, as OpenGL has them, shape (height n, width n).
+    ``weights``: Weights along either axis of a pixel, with the sum 1, shape (n,).
+    ``out``: Output with rows from the top down, shape (height, width).
     """
     in_bands(_average_samples, out.shape[0], samples, weights, out, least=_LEAST_ROWS)
 

@@ -23,17 +23,8 @@ class FloatBuffer:
     It stands in for pyrender's own framebuffer and shader, and keeps the compiled programs. The OpenGL context must be
     current.
 
-    Parameters
-    ----------
-    renderer
-        The ``pyrender.renderer.Renderer`` that draws; it is this buffer's from now on.
-    size
-        Width and height in samples.
-
-    Raises
-    ------
-    BackendUnavailableError
-        If OpenGL cannot draw to floats here.
+    ``renderer``: The ``pyrender.renderer.Renderer`` that draws; it is this buffer's from now on.
+    ``size``: Width and height in samples.
     """
 
     def __init__(self, renderer: Any, size: tuple[int, int]) -> None:
@@ -69,15 +60,7 @@ class FloatBuffer:
     def draw(self, scene: Any, nodes: Sequence[Any], samples: NDArray[np.float32]) -> None:
         """Draw a scene.
 
-        Parameters
-        ----------
-        scene
-            A ``pyrender.Scene``.
-        nodes
-            Its nodes with meshes, in the order in which they are drawn: pyrender's own order is that of a set, other
-            each time, and with it the last bit of some samples.
-        samples
-            Output of shape (height, width), rows from the bottom up.
+        ``samples``: Output of shape (height, width), rows from the bottom up.
         """
         from pyrender import RenderFlags
 
@@ -103,18 +86,7 @@ class FloatBuffer:
         return self._programs[primitive.material.texture_defines]
 
     def prepare(self, material: Any) -> None:
-        """Compile the program that draws a material, if it is not there yet.
-
-        Parameters
-        ----------
-        material
-            What `float_material` returned.
-
-        Raises
-        ------
-        BackendUnavailableError
-            If OpenGL does not compile it here.
-        """
+        """Compile the program that draws a material, if it is not there yet."""
         from pyrender.shader_program import ShaderProgram
 
         defines = material.texture_defines
@@ -143,13 +115,7 @@ class FloatBuffer:
 
 
 def largest_side() -> int:
-    """Return the largest width or height of a buffer; the OpenGL context must be current.
-
-    Returns
-    -------
-    int
-        Number of samples.
-    """
+    """Return the largest width or height of a buffer; the OpenGL context must be current."""
     from OpenGL import GL
 
     return int(min(GL.glGetIntegerv(GL.GL_MAX_RENDERBUFFER_SIZE), *GL.glGetIntegerv(GL.GL_MAX_VIEWPORT_DIMS)))
@@ -158,27 +124,7 @@ def largest_side() -> int:
 def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two_sided: bool = False) -> Any:
     """Make a material for meshes with texture coordinates in texels.
 
-    Parameters
-    ----------
-    values
-        The raster, shape (h, w): values to interpolate linearly between, or coefficients of a cubic B-spline.
-    tiled
-        Whether it repeats; otherwise its border extends.
-    cubic
-        Whether the values are coefficients.
-    two_sided
-        Whether the meshes bring texture coordinates for the backs of their faces, as tangents (x, y, z, w): (x, y) in
-        place of their first ones, (z, w) in place of their second.
-
-    Returns
-    -------
-    pyrender.MetallicRoughnessMaterial
-        With the raster as its base colour's texture, uploaded as ``GL_R32F`` when it is first drawn.
-
-    Raises
-    ------
-    BackendUnavailableError
-        When the OpenGL context is current and holds no raster as large as this.
+    ``values``: The raster, shape (h, w): values to interpolate linearly between, or coefficients of a cubic B-spline.
     """
     import pyrender
     from OpenGL import GL

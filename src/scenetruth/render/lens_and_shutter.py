@@ -14,16 +14,7 @@ from scenetruth.compilation import thread_count
 from scenetruth.render.renderer import Renderer
 from scenetruth.scene.built_scene import BuiltScene
 
-__all__ = [
-    "DepthBand",
-    "LensRenderer",
-    "blurred",
-    "fine_parts",
-    "is_sharp",
-    "margin_px",
-    "motion_px",
-    "split_into_bands",
-]
+__all__ = ["DepthBand", "LensRenderer", "fine_parts", "is_sharp", "margin_px", "split_into_bands"]
 
 # Parts of a pixel, along x and y, before light is spread. Edges within a part alias: by about (w / parts)² of what the
 # spectrum has at w periods per px, so that a lens that lets more pass needs more parts.
@@ -36,14 +27,9 @@ _GOLDEN = (np.sqrt(5) - 1) / 2
 class DepthBand:
     """A renderer of some rows of an image, which sees a margin of rows above and below that is cut off.
 
-    Parameters
-    ----------
-    rows
-        First and last + 1 row, of the fine image.
-    margin
-        Rows that the renderer's image has above; as many as below may follow.
-    renderer
-        What renders them.
+    ``rows``: First and last + 1 row, of the fine image.
+    ``margin``: Rows that the renderer's image has above; as many as below may follow.
+    ``renderer``: What renders them.
     """
 
     rows: tuple[int, int]
@@ -52,34 +38,12 @@ class DepthBand:
 
 
 def is_sharp(optics: Optics, shutter: Shutter) -> bool:
-    """Tell whether lens and shutter leave images as they are.
-
-    Parameters
-    ----------
-    optics, shutter
-        The lens and the shutter.
-
-    Returns
-    -------
-    bool
-        True without point spread function, defocus, vignetting, exposure time and readout time.
-    """
+    """Tell whether lens and shutter leave images as they are."""
     return optics == Optics() and shutter.exposure_time_s == 0 and shutter.readout_time_s == 0
 
 
 def fine_parts(psf: Psf | None) -> int:
-    """Return into how many parts pixels are divided before the point spread function is applied.
-
-    Parameters
-    ----------
-    psf
-        The point spread function; None for none.
-
-    Returns
-    -------
-    int
-        Number of parts along x, and along y.
-    """
+    """Return into how many parts pixels are divided before the point spread function is applied."""
     if psf is None:
         return 1
     return _PARTS if psf.finest_px >= _NARROW_PX else _MORE_PARTS
@@ -88,15 +52,7 @@ def fine_parts(psf: Psf | None) -> int:
 def margin_px(psf: Psf | None) -> int:
     """Return the margin around the image from which a point spread function spreads light into it.
 
-    Parameters
-    ----------
-    psf
-        The point spread function; None for none.
-
-    Returns
-    -------
-    int
-        Margin in px on every side.
+    Returns: Margin in px on every side.
     """
     return 0 if psf is None else int(np.ceil(psf.reach_px))
 
@@ -106,19 +62,7 @@ def motion_px(
 ) -> float:
     """Return the longest displacement in the image of a vertex in front of the camera.
 
-    Parameters
-    ----------
-    world, camera, viewpoint
-        The scene's objects, the camera, and its pose in the middle of the time.
-    times
-        First and last moment in frames.
-    travel_mm
-        How far the camera moves along X in this time.
-
-    Returns
-    -------
-    float
-        Displacement in px; 0 if no vertex is in front of the camera.
+    Returns: Displacement in px; 0 if no vertex is in front of the camera.
     """
     ends = []
     for time, share in zip(times, (-0.5, 0.5), strict=True):
@@ -137,19 +81,8 @@ def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float
 
     The transfer function multiplies the image's spectrum; the image wraps around, so that it needs a margin.
 
-    Parameters
-    ----------
-    fine
-        Mean radiance of the parts of pixels, shape (y, x).
-    psf
-        The point spread function.
-    parts
-        Parts per pixel.
-
-    Returns
-    -------
-    numpy.ndarray
-        The blurred image, shape (y, x), float64.
+    ``fine``: Mean radiance of the parts of pixels, shape (y, x).
+    Returns: The blurred image, shape (y, x), float64.
     """
     from scipy import fft
 
@@ -165,18 +98,12 @@ def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float
 class LensRenderer(Renderer):
     """Renders images through a lens and a shutter: means of sharp images, blurred and darkened.
 
-    Parameters
-    ----------
-    name
-        Name of the backend that renders the sharp images.
-    bands
-        Renderers that together see the fine image: one for all rows, or one for every row with a time of its own.
-    world, camera
-        The scene's objects, and the camera.
-    optics, shutter
-        Its lens and its shutter.
-    frame_interval_s
-        Time between frames.
+    ``name``: Name of the backend that renders the sharp images.
+    ``bands``: Renderers that together see the fine image: one for all rows, or one for every row with a time of its
+      own.
+    ``world``, ``camera``: The scene's objects, and the camera.
+    ``optics``, ``shutter``: Its lens and its shutter.
+    ``frame_interval_s``: Time between frames.
     """
 
     def __init__(
@@ -267,20 +194,7 @@ class LensRenderer(Renderer):
 def split_into_bands(
     camera: Camera, optics: Optics, shutter: Shutter, open_renderer: Callable[[Camera], Renderer]
 ) -> list[DepthBand]:
-    """Open the renderers of the sharp images: one for the fine image, or one for each row of pixels.
-
-    Parameters
-    ----------
-    camera, optics, shutter
-        The camera.
-    open_renderer
-        Opens a renderer for a camera.
-
-    Returns
-    -------
-    list of Band
-        One band with a global shutter, one for every row of pixels with a rolling shutter.
-    """
+    """Open the renderers of the sharp images: one for the fine image, or one for each row of pixels."""
     parts, margin = fine_parts(optics.psf), margin_px(optics.psf)
     fine = camera.refined(parts, margin) if optics.psf is not None else camera
     if shutter.readout_time_s == 0:

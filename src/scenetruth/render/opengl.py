@@ -30,23 +30,7 @@ _PROBE = Path(__file__).with_name("opengl_probe.py")
 
 
 def use_platform(wanted: str) -> str:
-    """Choose the OpenGL platform of this process.
-
-    Parameters
-    ----------
-    wanted
-        ``"osmesa"``, ``"egl"``, or ``"auto"`` for the first that runs.
-
-    Returns
-    -------
-    str
-        The platform, now set for PyOpenGL.
-
-    Raises
-    ------
-    BackendUnavailableError
-        If none runs; says why for each.
-    """
+    """Choose the OpenGL platform of this process."""
     loaded = os.environ.get("PYOPENGL_PLATFORM") if "OpenGL" in sys.modules else None
     if loaded in PLATFORMS:
         # PyOpenGL cannot change its platform within a process.

@@ -37,26 +37,14 @@ class PyrenderRenderer(Renderer):
     Every pixel is a mean of n x n samples, weighted by `even_rule`, of the texture's own spline (noise, plaid) or of
     its bilinear interpolation (images): no mip-maps, no lights, no tone curve, and 32-bit floats throughout.
 
-    Parameters
-    ----------
-    world
-        The scene's objects.
-    camera
-        The camera.
-    background
-        Radiance in [0, 1] where no surface is met.
-    supersampling
-        Number n of samples along x, and along y.
-    platform
-        ``"osmesa"``, ``"egl"`` or ``"auto"``.
-    lighting
-        The lights; none for textures whose values are the radiance. OpenGL gives the unlit image, which is multiplied
-        by the light that ray casting finds for each pixel; pixels at edges, of objects or of light, are ray cast.
-
-    Raises
-    ------
-    BackendUnavailableError
-        If OpenGL does not run here, draws no 32-bit floats, or cannot hold a texture.
+    ``world``: The scene's objects.
+    ``camera``: The camera.
+    ``background``: Radiance in [0, 1] where no surface is met.
+    ``supersampling``: Number n of samples along x, and along y.
+    ``platform``: ``"osmesa"``, ``"egl"`` or ``"auto"``.
+    ``lighting``: The lights; none for textures whose values are the radiance. OpenGL gives the unlit image, which is
+      multiplied by the light that ray casting finds for each pixel; pixels at edges, of objects or of light, are ray
+      cast.
     """
 
     def __init__(
@@ -171,15 +159,7 @@ _Part = tuple[tuple[int, int], NDArray[np.float32]]
 class _Drawing:
     """An OpenGL context with the objects of a world; all of it belongs to the thread that makes it.
 
-    Parameters
-    ----------
-    world, camera, background, supersampling
-        As of `PyrenderRenderer`.
-
-    Raises
-    ------
-    BackendUnavailableError
-        If OpenGL draws no 32-bit floats here, or cannot hold a texture.
+    ``world``, ``camera``, ``background``, ``supersampling``: As of `PyrenderRenderer`.
     """
 
     def __init__(self, world: BuiltScene, camera: Camera, background: float, supersampling: int) -> None:
@@ -230,22 +210,8 @@ class _Drawing:
     ) -> NDArray[np.float32]:
         """Draw one tile of an image.
 
-        Parameters
-        ----------
-        t
-            Time in frames.
-        vertices_mm
-            Where all vertices are then.
-        viewpoint
-            Pose of the camera.
-        place
-            Left upper pixel of the tile.
-
-        Returns
-        -------
-        numpy.ndarray
-            Samples of shape (height n, width n), rows from the bottom up, float32. Who has read them hands them to
-            `take_back`.
+        Returns: Samples of shape (height n, width n), rows from the bottom up, float32. Who has read them hands them to
+        `take_back`.
         """
         if self._t != t:
             self._place_world(t, vertices_mm)
@@ -268,13 +234,7 @@ class _Drawing:
         return samples
 
     def take_back(self, samples: NDArray[np.float32]) -> None:
-        """Take samples that were read, to draw into them again.
-
-        Parameters
-        ----------
-        samples
-            What `draw` returned.
-        """
+        """Take samples that were read, to draw into them again."""
         self._free.append(samples)
 
     def _place_world(self, t: float, vertices: NDArray[np.float64]) -> None:

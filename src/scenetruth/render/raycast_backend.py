@@ -32,15 +32,7 @@ def even_rule(count: int) -> Rule:
     1 + (πf / n)² / 6. From three samples on, there are weights that are exact for cubic functions; those nearest to
     equal are taken: 1/n + a (x² - mean of x²).
 
-    Parameters
-    ----------
-    count
-        Number of samples n.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Positions in [-1/2, 1/2] px and weights that sum to 1, shape (n,), float64.
+    Returns: Positions in [-1/2, 1/2] px and weights that sum to 1, shape (n,), float64.
     """
     positions = (np.arange(count) + 0.5) / count - 0.5
     weights = np.full(count, 1 / count)
@@ -54,15 +46,7 @@ def even_rule(count: int) -> Rule:
 def gauss_rule(count: int) -> Rule:
     """Return Gauss and Legendre's samples along one axis of a footprint, exact for polynomials of degree 2n - 1.
 
-    Parameters
-    ----------
-    count
-        Number of samples n.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Positions in [-1/2, 1/2] px and weights that sum to 1, shape (n,), float64.
+    Returns: Positions in [-1/2, 1/2] px and weights that sum to 1, shape (n,), float64.
     """
     positions, weights = np.polynomial.legendre.leggauss(count)
     return positions / 2, weights / 2
@@ -76,19 +60,8 @@ def visible_uv(
     The front of a face is the side to which its normal (p1 - p0) x (p2 - p0) points: seen from there, its corners run
     counter-clockwise.
 
-    Parameters
-    ----------
-    world
-        The scene's objects.
-    vertices_mm
-        World positions of the vertices, shape (n, 3).
-    origin_mm
-        Position of the camera, shape (3,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (m, 3, 2): `BuiltScene.uv` of faces seen from the front, `BuiltScene.uv_back` of those seen from the back.
+    ``vertices_mm``: World positions of the vertices, shape (n, 3).
+    ``origin_mm``: Position of the camera, shape (3,).
     """
     if world.uv_back is world.uv:
         return world.uv
@@ -122,21 +95,13 @@ class _View:
 class RaycastRenderer(Renderer):
     """Renders by ray casting; needs no system library.
 
-    Parameters
-    ----------
-    world
-        The scene's objects.
-    camera
-        The camera.
-    background
-        Radiance where no surface is met.
-    supersampling
-        n: every pixel is the mean of n x n samples, by Gauss and Legendre's rule (`gauss_rule`); of evenly spaced ones
-        where a silhouette crosses it.
-    lighting
-        The lights; none for textures whose values are the radiance.
-    topology
-        Faces and edges of the world, if they are known already.
+    ``world``: The scene's objects.
+    ``camera``: The camera.
+    ``background``: Radiance where no surface is met.
+    ``supersampling``: n: every pixel is the mean of n x n samples, by Gauss and Legendre's rule (`gauss_rule`); of
+      evenly spaced ones where a silhouette crosses it.
+    ``lighting``: The lights; none for textures whose values are the radiance.
+    ``topology``: Faces and edges of the world, if they are known already.
     """
 
     def __init__(
@@ -182,17 +147,9 @@ class RaycastRenderer(Renderer):
 
         Only pixels at edges, of objects or of light, are rendered here.
 
-        Parameters
-        ----------
-        albedo
-            Gives the unlit image, shape (height, width); asked for as late as possible, as another thread may draw it.
-        t, viewpoint
-            As of `render`.
-
-        Returns
-        -------
-        numpy.ndarray
-            Linear radiance, shape (height, width), float32.
+        ``albedo``: Gives the unlit image, shape (height, width); asked for as late as possible, as another thread may
+          draw it.
+        Returns: Linear radiance, shape (height, width), float32.
         """
         return self._render(t, viewpoint, albedo)
 

@@ -23,34 +23,13 @@ class Renderer(Protocol):
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Render one image.
 
-        Parameters
-        ----------
-        t
-            Time in frames.
-        viewpoint
-            Pose of the camera.
-
-        Returns
-        -------
-        numpy.ndarray
-            Linear radiance, shape (height, width), float32; every pixel is the mean over its footprint
-            [x ± 1/2] x [y ± 1/2], whose centre has the integer coordinates (x, y).
+        Returns: Linear radiance, shape (height, width), float32; every pixel is the mean over its footprint [x ± 1/2] x
+        [y ± 1/2], whose centre has the integer coordinates (x, y).
         """
         ...
 
     def render_all(self, moments: Iterable[tuple[float, Viewpoint]]) -> Iterator[NDArray[np.float32]]:
-        """Render images one after the other; some renderers begin the next while the caller works on the last.
-
-        Parameters
-        ----------
-        moments
-            Time in frames and pose of the camera of every image.
-
-        Yields
-        ------
-        numpy.ndarray
-            The images in the order of the moments, as of `render`.
-        """
+        """Render images one after the other; some renderers begin the next while the caller works on the last."""
         for t, viewpoint in moments:
             yield self.render(t, viewpoint)
 

@@ -21,18 +21,11 @@ _STEEPEST = 0.05
 class PixelLight:
     """The light on the surface points at the pixel centres of one image.
 
-    Parameters
-    ----------
-    shade
-        Irradiance, shape (height, width); 1 where nothing is seen.
-    face
-        The faces, shape (height, width), -1 for none.
-    mixed
-        Pixels whose footprint crosses an edge, shape (height, width).
-    uneven
-        Pixels whose light is not smooth, shape (height, width): at its borders, or where it is steep.
-    borders
-        Those at the borders of shadows and of the lights' zones, shape (height, width).
+    ``shade``: Irradiance, shape (height, width); 1 where nothing is seen.
+    ``face``: The faces, shape (height, width), -1 for none.
+    ``mixed``: Pixels whose footprint crosses an edge, shape (height, width).
+    ``uneven``: Pixels whose light is not smooth, shape (height, width): at its borders, or where it is steep.
+    ``borders``: Those at the borders of shadows and of the lights' zones, shape (height, width).
     """
 
     shade: NDArray[np.float64]
@@ -44,20 +37,7 @@ class PixelLight:
     def on(self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], variance_px2: float) -> NDArray[np.float32]:
         """Shade an image of mean albedos.
 
-        Parameters
-        ----------
-        albedo
-            Means over the pixels' footprints, shape (height, width).
-        unknown
-            Pixels without such a mean, to be left as they are.
-        variance_px2
-            Variance along x, as along y, of the samples of a footprint that the means stand for; 1/12 for the exact
-            mean.
-
-        Returns
-        -------
-        numpy.ndarray
-            Mean radiances, exact to second order where the light is smooth, float32.
+        ``albedo``: Means over the pixels' footprints, shape (height, width).
         """
         from scenetruth.render.shading_kernels import shade_image
 
@@ -74,12 +54,8 @@ class Shader:
     interpolated between those of the smooth surface at the corners: its error falls with the square of the triangles'
     size.
 
-    Parameters
-    ----------
-    lighting
-        The light of the scene.
-    world
-        Its objects.
+    ``lighting``: The light of the scene.
+    ``world``: Its objects.
     """
 
     def __init__(self, lighting: Lighting, world: BuiltScene) -> None:
@@ -93,22 +69,8 @@ class Shader:
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
         """Compute the irradiance where rays meet the world.
 
-        Parameters
-        ----------
-        caster
-            The world at time t.
-        t
-            Time in frames, for the lights.
-        origin_mm, directions
-            The rays, shapes (3,) and (n, 3).
-        hits
-            What they meet first.
-
-        Returns
-        -------
-        tuple
-            ambient + sum of E falloff max(0, n l) over the lights that reach the point, shape (n,), 1 where nothing is
-            met; and numbers, shape (n,), that differ where other lights reach, or other zones of their cones.
+        Returns: ambient + sum of E falloff max(0, n l) over the lights that reach the point, shape (n,), 1 where
+        nothing is met; and numbers, shape (n,), that differ where other lights reach, or other zones of their cones.
         """
         from scenetruth.render.shading_kernels import facing_points
 
@@ -139,24 +101,12 @@ class Shader:
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
         """Compute the irradiance of points on surfaces.
 
-        Parameters
-        ----------
-        caster
-            The world, whose faces cast shadows.
-        lamps
-            The lights.
-        points_mm, normals
-            Points and unit normals on the side that is looked at, shape (n, 3) each.
-        faces
-            The face that each point lies on, shape (n,); it casts no shadow on itself.
-        starts_mm
-            Where their shadow rays start, shape (n, 3): the points, or places above them on a smooth surface.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Irradiance, shape (n,); and numbers, shape (n,), that differ where other lights reach, or other zones of
-            their cones.
+        ``points_mm``, ``normals``: Points and unit normals on the side that is looked at, shape (n, 3) each.
+        ``faces``: The face that each point lies on, shape (n,); it casts no shadow on itself.
+        ``starts_mm``: Where their shadow rays start, shape (n, 3): the points, or places above them on a smooth
+          surface.
+        Returns: Irradiance, shape (n,); and numbers, shape (n,), that differ where other lights reach, or other zones
+        of their cones.
         """
         from scenetruth.render.shading_kernels import add_light, direct_light
 
@@ -198,17 +148,7 @@ class Shader:
     ) -> PixelLight:
         """Return the light on the pixels of one image.
 
-        Parameters
-        ----------
-        caster, t, origin_mm, directions, hits
-            As of `factors`; the rays through the pixels' centres, row by row.
-        mixed
-            Pixels at edges, shape (height, width).
-
-        Returns
-        -------
-        PixelLight
-            The irradiance, and where it is smooth.
+        ``mixed``: Pixels at edges, shape (height, width).
         """
         from scenetruth.render.shading_kernels import uneven_pixels
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.threads import in_bands
 
-__all__ = ["DARK", "add_light", "direct_light", "facing_points", "shade_image", "smooth_points", "uneven_pixels"]
+__all__ = ["add_light", "direct_light", "facing_points", "shade_image", "smooth_points", "uneven_pixels"]
 
 DARK = 0
 """Zone of a light's cone whose points get no light from it."""
@@ -93,23 +93,12 @@ def facing_points(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute the points that rays meet, and the unit normals there on the side that is seen.
 
-    Parameters
-    ----------
-    origin
-        Where the rays start, in mm, shape (3,).
-    directions
-        Directions of the rays, shape (k, 3).
-    depth, face
-        What they meet, as of `Hits`, shape (k,).
-    seen
-        Indices of the rays to take, shape (n,); each must meet a face.
-    face_normals
-        Unit normals of the faces, shape (m, 3).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Points in mm and unit normals, towards the origin, shape (n, 3) each.
+    ``origin``: Where the rays start, in mm, shape (3,).
+    ``directions``: Directions of the rays, shape (k, 3).
+    ``depth``, ``face``: What they meet, as of `Hits`, shape (k,).
+    ``seen``: Indices of the rays to take, shape (n,); each must meet a face.
+    ``face_normals``: Unit normals of the faces, shape (m, 3).
+    Returns: Points in mm and unit normals, towards the origin, shape (n, 3) each.
     """
     count = seen.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
@@ -153,28 +142,12 @@ def direct_light(
     vector l towards the light, its distance r, and the angle θ to the axis of a spotlight; S is 3 h² - 2 h³ of the
     share h of the cone's border that is passed. Parallel light has no distance, and only spotlights have S.
 
-    Parameters
-    ----------
-    points, normals
-        Points in mm, and unit normals there on the side that is seen, shape (n, 3) each.
-    position
-        Position of the light in mm, shape (3,); not used for parallel light.
-    axis
-        Unit vector along which it shines, shape (3,).
-    parallel_light
-        Whether the light is parallel.
-    irradiance
-        E, irradiance at normal incidence at the reference distance.
-    reference_distance
-        r_0 in mm.
-    cos_inner, cos_outer
-        Cosines of the half angles of the cone: full light inside, none outside. -1 inside for a light without a cone.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Irradiance, shape (n,); zone of the cone, `DARK` also where the surface faces away, shape (n,), uint8; unit
-        vectors towards the light, shape (n, 3); distance of the light in mm, shape (n,), infinite for parallel light.
+    ``points``, ``normals``: Points in mm, and unit normals there on the side that is seen, shape (n, 3) each.
+    ``position``: Position of the light in mm, shape (3,); not used for parallel light.
+    ``axis``: Unit vector along which it shines, shape (3,).
+    ``reference_distance``: r_0 in mm.
+    Returns: Irradiance, shape (n,); zone of the cone, `DARK` also where the surface faces away, shape (n,), uint8; unit
+    vectors towards the light, shape (n, 3); distance of the light in mm, shape (n,), infinite for parallel light.
     """
     count = points.shape[0]
     light = np.empty(count, dtype=np.float64)
@@ -231,15 +204,9 @@ def add_light(
 ) -> None:
     """Add the light of one lamp where it is not blocked, and its zone to the numbers that tell lights apart.
 
-    Parameters
-    ----------
-    total, state
-        Irradiance, and numbers that differ where other lights reach, or other zones of their cones, shape (n,); changed
-        in place.
-    light, zone
-        As `direct_light` returns them.
-    dark
-        Where the light is blocked, shape (n,).
+    ``total``, ``state``: Irradiance, and numbers that differ where other lights reach, or other zones of their cones,
+      shape (n,); changed in place.
+    ``dark``: Where the light is blocked, shape (n,).
     """
     in_bands(_add_light, total.shape[0], total, state, light, zone, dark, least=_LEAST_EASY_POINTS)
 
@@ -278,24 +245,13 @@ def uneven_pixels(
     The light is smooth if all eight neighbours on the same surface are reached by the same lights, and their
     irradiance differs by no more than a limit.
 
-    Parameters
-    ----------
-    shade
-        Irradiance, shape (height, width).
-    state
-        Numbers that differ where other lights, or other zones of their cones, reach the pixel, shape (height, width).
-    face
-        The face that each pixel sees, -1 for none, shape (height, width).
-    mixed
-        Pixels whose footprint crosses an edge, shape (height, width).
-    steepest
-        Largest difference of the irradiance of neighbours.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        The pixels, and those of them that other lights reach than a neighbour, or other zones: bool, shape (height,
-        width).
+    ``shade``: Irradiance, shape (height, width).
+    ``state``: Numbers that differ where other lights, or other zones of their cones, reach the pixel, shape (height,
+      width).
+    ``face``: The face that each pixel sees, -1 for none, shape (height, width).
+    ``mixed``: Pixels whose footprint crosses an edge, shape (height, width).
+    Returns: The pixels, and those of them that other lights reach than a neighbour, or other zones: bool, shape
+    (height, width).
     """
     uneven = np.zeros(shade.shape, dtype=np.bool_)
     borders = np.zeros(shade.shape, dtype=np.bool_)
@@ -341,23 +297,9 @@ def shade_image(
     differences, those of A of fourth order where there are enough neighbours, and one-sided ones at edges where the
     light is smooth.
 
-    Parameters
-    ----------
-    albedo
-        Mean albedo over each footprint, shape (height, width).
-    shade, face, mixed
-        As of `uneven_pixels`.
-    unknown
-        Pixels without an albedo, shape (height, width): they are not shaded, and not used for differences.
-    uneven
-        Pixels whose light is not smooth, as `uneven_pixels` returns them.
-    variance
-        σ², variance of the samples around the pixel's centre along x, and along y, in px².
-
-    Returns
-    -------
-    numpy.ndarray
-        Mean radiance, shape (height, width), float32.
+    ``albedo``: Mean albedo over each footprint, shape (height, width).
+    ``unknown``: Pixels without an albedo, shape (height, width): they are not shaded, and not used for differences.
+    Returns: Mean radiance, shape (height, width), float32.
     """
     out = albedo.copy()
     pixels = (albedo, shade, face, mixed, unknown, uneven)

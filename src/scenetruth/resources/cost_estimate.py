@@ -20,16 +20,10 @@ _SPEEDS = (0.25, 4.0)
 class StageForecast:
     """What one stage will take.
 
-    Parameters
-    ----------
-    memory_bytes
-        Its peak memory, all of the process.
-    disk_bytes
-        What it leaves on disk.
-    seconds
-        How long it takes.
-    disk_at_most_bytes
-        Disk space that it does not pass, however badly its results can be packed.
+    ``memory_bytes``: Its peak memory, all of the process.
+    ``disk_bytes``: What it leaves on disk.
+    ``seconds``: How long it takes.
+    ``disk_at_most_bytes``: Disk space that it does not pass, however badly its results can be packed.
     """
 
     memory_bytes: float
@@ -42,10 +36,7 @@ class StageForecast:
 class Forecast:
     """What a command will take, stage by stage.
 
-    Parameters
-    ----------
-    stages
-        The stages by name, in their order.
+    ``stages``: The stages by name, in their order.
     """
 
     stages: Mapping[str, StageForecast]
@@ -77,22 +68,7 @@ class Forecast:
 
 
 def estimate_cost(demand: RecordingWorkload, stages: Sequence[str], slower: float | None = None) -> Forecast:
-    """Foresee what stages take.
-
-    Parameters
-    ----------
-    demand
-        What the work grows with; that of rendering is foreseen for the `Workload` of a scene.
-    stages
-        Names of stages.
-    slower
-        How much slower the machine is than that of the table; measured if not given.
-
-    Returns
-    -------
-    Forecast
-        The stages that the table knows.
-    """
+    """Foresee what stages take."""
     if slower is None:
         least, most = _SPEEDS
         slower = min(max(work_s() / _REFERENCE_WORK_S, least), most)

@@ -18,27 +18,7 @@ _HOUR_S = 3600.0
 
 
 def limited_objects(scene: Scene, limits: Limits, folder: Path = Path()) -> list[ObjectWorkload]:
-    """Return the objects of a scene that stays within its bounds, with their sizes.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    limits
-        The bounds.
-    folder
-        Where relative paths in the scene count from.
-
-    Returns
-    -------
-    list of Part
-        The objects; nothing of them is made.
-
-    Raises
-    ------
-    SceneError
-        With every bound that is passed, and all that can be seen to be wrong with meshes and textures.
-    """
+    """Return the objects of a scene that stays within its bounds, with their sizes."""
     problems = limit_problems(scene, limits)
     if problems:
         # So many objects are not worth looking at one by one.
@@ -51,42 +31,12 @@ def limited_objects(scene: Scene, limits: Limits, folder: Path = Path()) -> list
 
 
 def refuse_beyond_limits(scene: Scene, limits: Limits | None = None, folder: Path = Path()) -> None:
-    """Refuse a scene that passes its bounds.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    limits
-        The bounds; those by default if not given.
-    folder
-        Where relative paths in the scene count from.
-
-    Raises
-    ------
-    SceneError
-        With every bound that is passed, and all that can be seen to be wrong with meshes and textures.
-    """
+    """Refuse a scene that passes its bounds."""
     limited_objects(scene, limits or Limits(), folder)
 
 
 def machine_problems(forecast: Forecast, machine: Machine, limits: Limits) -> list[Problem]:
-    """Return what is foreseen to be more than the machine has, or than may be taken.
-
-    Parameters
-    ----------
-    forecast
-        What will be taken.
-    machine
-        What there is.
-    limits
-        What may be taken, whatever there is.
-
-    Returns
-    -------
-    list of Problem
-        One for memory, disk and time each, if it is too much.
-    """
+    """Return what is foreseen to be more than the machine has, or than may be taken."""
     hungriest = max(forecast.stages, key=lambda name: forecast.stages[name].memory_bytes, default="")
     found = [
         _problem(
@@ -139,18 +89,7 @@ def _up(value: float) -> str:
 
 
 def refuse_resources(forecast: Forecast, machine: Machine, limits: Limits) -> None:
-    """Refuse work whose results cannot be written, or that is foreseen to take more than there is or may be taken.
-
-    Parameters
-    ----------
-    forecast, machine, limits
-        As of `machine_problems`.
-
-    Raises
-    ------
-    MachineError
-        With memory, disk and time, whichever is too much, and where one may not write.
-    """
+    """Refuse work whose results cannot be written, or that is foreseen to take more than there is or may be taken."""
     problems = machine_problems(forecast, machine, limits)
     if machine.unwritable:
         message = "results cannot be written here: choose another folder, or ask for the right to write in this one"

@@ -74,23 +74,6 @@ class Limits:
 def limits_from(words: Iterable[str]) -> Limits:
     """Return limits with some of them changed.
 
-    Parameters
-    ----------
-    words
-        Changes, each ``name=value``.
-
-    Returns
-    -------
-    Limits
-        The others are as they are by default.
-
-    Raises
-    ------
-    SceneError
-        With every word that is no such change.
-
-    Examples
-    --------
     >>> limits_from(["frames=2e4", "memory_gb=64"]).memory_gb
     64.0
     """
@@ -117,24 +100,7 @@ _NUMBER = re.compile(r"[0-9_]{1,18}(\.[0-9]{0,9})?([eE][+-]?[0-9]{1,2})?", re.AS
 
 
 def too_much(name: str, values: Sequence[tuple[str, float]], limits: Limits, what: str) -> list[Problem]:
-    """Return problems of values that pass a bound.
-
-    Parameters
-    ----------
-    name
-        The bound's name.
-    values
-        Paths in the scene, and how much each of them asks for.
-    limits
-        The bounds.
-    what
-        What is counted, for the message.
-
-    Returns
-    -------
-    list of Problem
-        One for each value beyond the bound.
-    """
+    """Return problems of values that pass a bound."""
     most = getattr(limits, name)
     remedy = "make it less, or allow it: --limit"
     return [
@@ -161,13 +127,6 @@ _LEAST_FOCAL_WIDTHS = 0.1
 def find_unit_errors(scene: Scene) -> list[str]:
     """Return warnings of values that are most likely meant in another unit, each with what was meant.
 
-    Parameters
-    ----------
-    scene
-        The scene; nothing of it is made.
-
-    Examples
-    --------
     >>> import scenetruth as st
     >>> print(*find_unit_errors(st.load_scene("cube", overrides=["sensor={noise_std: 2}"])))
     sensor.noise_std: is 2 times the full scale: nothing is seen but noise; it is a fraction, 0.01 is 1 % of full scale

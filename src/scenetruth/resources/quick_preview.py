@@ -40,19 +40,12 @@ _QUICKLY_READ = 4_000_000
 class QuickPreview:
     """What can be seen of a scene in passing.
 
-    Parameters
-    ----------
-    world
-        Coarse bodies without textures; `scene.check` looks at them as at real ones.
-    times
-        Moments to look at, in frames, with the first and the last.
-    left_out
-        Names of the objects that are not there: too many, or from files that take long to read.
-    depth, object_id
-        What the reference camera sees at the reference frame: about the depth, NaN for nothing, and the number of the
-        body, -1 for none, shape (h, w), of an image that is `scale` times smaller.
-    scale
-        Pixels of the camera per pixel of this picture, along both sides.
+    ``world``: Coarse bodies without textures; `scene.check` looks at them as at real ones.
+    ``times``: Moments to look at, in frames, with the first and the last.
+    ``left_out``: Names of the objects that are not there: too many, or from files that take long to read.
+    ``depth``, ``object_id``: What the reference camera sees at the reference frame: about the depth, NaN for nothing,
+      and the number of the body, -1 for none, shape (h, w), of an image that is `scale` times smaller.
+    ``scale``: Pixels of the camera per pixel of this picture, along both sides.
     """
 
     world: BuiltScene
@@ -64,25 +57,7 @@ class QuickPreview:
 
 
 def make_quick_preview(scene: Scene, parts: Sequence[ObjectWorkload], folder: Path = Path()) -> QuickPreview:
-    """Look at a scene in passing.
-
-    Parameters
-    ----------
-    scene, parts
-        The scene, and its objects.
-    folder
-        Where relative paths in the scene count from.
-
-    Returns
-    -------
-    Glimpse
-        Bodies, moments and a picture.
-
-    Raises
-    ------
-    SceneError
-        With deformations and motions that cannot be, as far as coarse bodies at some moments show.
-    """
+    """Look at a scene in passing."""
     step = -(-len(parts) // _MOST_BODIES)
     chosen = [part for part in parts[::step] if part.sketch is not None and _is_quick(part, folder)]
     names = {part.item.name for part in chosen}
@@ -109,20 +84,7 @@ def make_quick_preview(scene: Scene, parts: Sequence[ObjectWorkload], folder: Pa
 
 
 def without_interior(glimpse: QuickPreview, margin_px: float) -> list[str]:
-    """Return the names of the objects that are seen, but only near their edges, as far as a small picture shows it.
-
-    Parameters
-    ----------
-    glimpse
-        The scene seen in passing.
-    margin_px
-        Distance from an edge, in pixels of the camera, from which on pixels count as interior.
-
-    Returns
-    -------
-    list of str
-        Objects of which no pixel is so far from all edges, with a pixel of the small picture to spare.
-    """
+    """Return the names of the objects that are seen, but only near their edges, as far as a small picture shows it."""
     number = glimpse.object_id
     edges = np.zeros(number.shape, dtype=np.bool_)
     across, down = number[:, 1:] != number[:, :-1], number[1:] != number[:-1]

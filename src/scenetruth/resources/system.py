@@ -13,15 +13,7 @@ import numpy as np
 
 from scenetruth.cache import entry_key, load_or_compute
 
-__all__ = [
-    "Machine",
-    "free_disk_bytes",
-    "free_memory_bytes",
-    "inspect_machine",
-    "processors",
-    "unwritable_folder",
-    "work_s",
-]
+__all__ = ["Machine", "free_disk_bytes", "free_memory_bytes", "inspect_machine", "unwritable_folder", "work_s"]
 
 _CGROUPS = Path("/sys/fs/cgroup")
 _MEMORY = Path("/proc/meminfo")
@@ -34,16 +26,10 @@ _NO_LIMIT = 1 << 60
 class Machine:
     """What the machine has for this process; None where it does not tell.
 
-    Parameters
-    ----------
-    memory_bytes
-        Memory that the process may have in all: what it has, and what can still be taken.
-    disk_bytes
-        Space that is free where results go.
-    processors
-        Processors that the process may run on.
-    unwritable
-        The folder, of those that results go to, in which this process may not write; empty if it may.
+    ``memory_bytes``: Memory that the process may have in all: what it has, and what can still be taken.
+    ``disk_bytes``: Space that is free where results go.
+    ``processors``: Processors that the process may run on.
+    ``unwritable``: The folder, of those that results go to, in which this process may not write; empty if it may.
     """
 
     memory_bytes: int | None
@@ -53,18 +39,7 @@ class Machine:
 
 
 def inspect_machine(output: Path) -> Machine:
-    """Return what the machine has.
-
-    Parameters
-    ----------
-    output
-        Where results go; it need not exist.
-
-    Returns
-    -------
-    Machine
-        Memory, disk and processors.
-    """
+    """Return what the machine has."""
     free = free_memory_bytes()
     pages = _text_of(_MINE / "statm").split()
     memory = free if free is None or len(pages) < 2 else free + int(pages[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -72,31 +47,14 @@ def inspect_machine(output: Path) -> Machine:
 
 
 def processors() -> int:
-    """Return how many processors this process may run on.
-
-    Returns
-    -------
-    int
-        1 at least.
-    """
+    """Return how many processors this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return max(len(os.sched_getaffinity(0)), 1)
     return os.cpu_count() or 1
 
 
 def free_disk_bytes(output: Path) -> int | None:
-    """Return how much space is free in the file system that a path is, or will be, in.
-
-    Parameters
-    ----------
-    output
-        The path; of one that does not exist, the nearest folder above it counts.
-
-    Returns
-    -------
-    int or None
-        Bytes; None if the file system does not tell.
-    """
+    """Return how much space is free in the file system that a path is, or will be, in."""
     place = Path(os.path.abspath(output))
     for folder in (place, *place.parents):
         try:
@@ -111,18 +69,7 @@ def free_disk_bytes(output: Path) -> int | None:
 
 
 def unwritable_folder(output: Path) -> str:
-    """Return the folder in which results cannot be made, because this process may not write there.
-
-    Parameters
-    ----------
-    output
-        Where results go; of a path that does not exist, the nearest folder above it counts.
-
-    Returns
-    -------
-    str
-        The folder; empty if it is writable, or if no folder is there, as whoever makes it will tell.
-    """
+    """Return the folder in which results cannot be made, because this process may not write there."""
     place = Path(os.path.abspath(output))
     folder = next((one for one in (place, *place.parents) if os.path.lexists(one)), None)
     if folder is None or not os.path.isdir(folder):
@@ -140,23 +87,7 @@ def unwritable_folder(output: Path) -> str:
 
 
 def free_memory_bytes(mine: Path = _MINE, memory: Path = _MEMORY, groups: Path = _CGROUPS) -> int | None:
-    """Return how much memory this process can still take, by all that limits it.
-
-    Parameters
-    ----------
-    mine
-        What the system tells of this process.
-    memory
-        What it tells of the memory.
-    groups
-        What it tells of groups of processes and their limits, of both versions.
-
-    Returns
-    -------
-    int or None
-        The least of what is free in the machine, in every group of processes around this one, and under the process's
-        own limit; None where nothing tells.
-    """
+    """Return how much memory this process can still take, by all that limits it."""
     found = [
         _available(memory),
         *(_left_in(folder) for folder in _groups_of(mine, groups)),
@@ -222,13 +153,7 @@ def _text_of(file: Path) -> str:
 
 
 def work_s() -> float:
-    """Return how long a small piece of work takes on this machine: measured once, and remembered by later processes.
-
-    Returns
-    -------
-    float
-        Seconds, the best of several tries, which take some hundredths of a second.
-    """
+    """Return how long a small piece of work takes on this machine: measured once, and remembered by later processes."""
     key = entry_key("speed", platform.node(), _WORK_VERSION)
     return float(load_or_compute(key, lambda: {"seconds": np.array([_best_s()])})["seconds"][0])
 

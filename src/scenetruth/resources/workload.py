@@ -44,18 +44,11 @@ _AUTOMATIC_MOMENTS = 16
 class ObjectWorkload:
     """One object of a scene, a leaf too, as far as it is known without being made.
 
-    Parameters
-    ----------
-    path, item
-        The object's path in the scene, and the object.
-    size
-        How large its mesh will be.
-    sketch
-        A coarse mesh of about its form; None if its file is too large to be read in passing.
-    texels
-        Points of its texture.
-    painted
-        Whether the finished texture is kept from an earlier run.
+    ``path``, ``item``: The object's path in the scene, and the object.
+    ``size``: How large its mesh will be.
+    ``sketch``: A coarse mesh of about its form; None if its file is too large to be read in passing.
+    ``texels``: Points of its texture.
+    ``painted``: Whether the finished texture is kept from an earlier run.
     """
 
     path: str
@@ -70,16 +63,10 @@ class ObjectWorkload:
 class MethodWorkload:
     """What a method of estimation takes.
 
-    Parameters
-    ----------
-    in_memory
-        Whether it holds all frames.
-    bytes_per_pixel
-        Memory for a pixel of the frames that are estimated together.
-    pixels_at_once
-        Pixels of all frames that are estimated together, if one frame has no more.
-    seconds_per_sample
-        Time for a pixel of one image of an estimated frame, on two processors.
+    ``in_memory``: Whether it holds all frames.
+    ``bytes_per_pixel``: Memory for a pixel of the frames that are estimated together.
+    ``pixels_at_once``: Pixels of all frames that are estimated together, if one frame has no more.
+    ``seconds_per_sample``: Time for a pixel of one image of an estimated frame, on two processors.
     """
 
     in_memory: bool = False
@@ -92,18 +79,11 @@ class MethodWorkload:
 class RecordingWorkload:
     """What the work on a recording grows with.
 
-    Parameters
-    ----------
-    pixels
-        Pixels of one image.
-    positions
-        Cameras, of all rows.
-    frames
-        Frames.
-    sample_bytes
-        Bytes of a pixel.
-    effort
-        What the method of estimation takes.
+    ``pixels``: Pixels of one image.
+    ``positions``: Cameras, of all rows.
+    ``frames``: Frames.
+    ``sample_bytes``: Bytes of a pixel.
+    ``effort``: What the method of estimation takes.
     """
 
     pixels: float
@@ -117,40 +97,22 @@ class RecordingWorkload:
 class Workload(RecordingWorkload):
     """What the work on a scene grows with, beside the recording that it gives.
 
-    Parameters
-    ----------
-    fine_pixels
-        Pixels of one sharp image: more than `pixels` where light is spread by a lens.
-    save_radiance
-        Whether linear images are kept too.
-    sharp_images
-        Sharp images that one image is the mean of.
-    supersampling
-        Samples of a pixel of a sharp image along either side.
-    strips
-        Parts of which an image consists, each with a time of its own: one, or with a rolling shutter its rows.
-    lamps
-        Lights.
-    lit
-        Whether light is computed.
-    vertices, faces
-        Of all meshes together.
-    leaf_faces
-        Faces of leaves, which are meshed with more care.
-    texels
-        Points of all textures together.
-    largest_texels
-        Points of the largest texture.
-    noise_texels_to_paint, leaf_texels_to_paint
-        Points that are not kept from an earlier run.
-    views
-        Cameras that a truth is made for.
-    complete
-        Whether the truth has all maps.
-    narrow
-        Whether the truth is stored in 32 bits.
-    rays
-        Whether images are made by ray casting; None: by what runs.
+    ``fine_pixels``: Pixels of one sharp image: more than `pixels` where light is spread by a lens.
+    ``save_radiance``: Whether linear images are kept too.
+    ``sharp_images``: Sharp images that one image is the mean of.
+    ``supersampling``: Samples of a pixel of a sharp image along either side.
+    ``strips``: Parts of which an image consists, each with a time of its own: one, or with a rolling shutter its rows.
+    ``lamps``: Lights.
+    ``lit``: Whether light is computed.
+    ``vertices``, ``faces``: Of all meshes together.
+    ``leaf_faces``: Faces of leaves, which are meshed with more care.
+    ``texels``: Points of all textures together.
+    ``largest_texels``: Points of the largest texture.
+    ``noise_texels_to_paint``, ``leaf_texels_to_paint``: Points that are not kept from an earlier run.
+    ``views``: Cameras that a truth is made for.
+    ``complete``: Whether the truth has all maps.
+    ``narrow``: Whether the truth is stored in 32 bits.
+    ``rays``: Whether images are made by ray casting; None: by what runs.
     """
 
     fine_pixels: float
@@ -179,20 +141,7 @@ class Workload(RecordingWorkload):
 
 
 def list_object_workloads(scene: Scene, folder: Path = Path()) -> tuple[list[ObjectWorkload], list[Problem]]:
-    """Return all objects with their sizes, and what can be seen to be wrong with their meshes and textures.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    folder
-        Where relative paths in it count from.
-
-    Returns
-    -------
-    tuple
-        The objects whose meshes and textures can be made as far as can be told, and the problems of the others.
-    """
+    """Return all objects with their sizes, and what can be seen to be wrong with their meshes and textures."""
     parts, problems = [], []
     for path, item in scene.parts:
         place = "mesh"
@@ -220,18 +169,7 @@ def _texture(scene: Scene, item: SceneObject, sketch: TriangleMesh | None, folde
 
 
 def sharp_images(scene: Scene) -> int:
-    """Return of how many sharp images one image is the mean, by aperture and exposure.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-
-    Returns
-    -------
-    int
-        1 without aperture and exposure time.
-    """
+    """Return of how many sharp images one image is the mean, by aperture and exposure."""
     shutter, defocus = scene.shutter, scene.optics.defocus
     moments = 1
     if shutter.exposure_time_s > 0:
@@ -240,20 +178,7 @@ def sharp_images(scene: Scene) -> int:
 
 
 def limit_problems(scene: Scene, limits: Limits) -> list[Problem]:
-    """Return which bounds a scene passes that are counted from its numbers alone.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    limits
-        The bounds.
-
-    Returns
-    -------
-    list of Problem
-        Every bound that is passed.
-    """
+    """Return which bounds a scene passes that are counted from its numbers alone."""
     camera, stage = scene.camera, scene.stage
     images = stage.rows * stage.positions * scene.frames.count
     inner = -(-scene.render.supersampling // fine_parts(scene.optics.psf))
@@ -273,20 +198,7 @@ def limit_problems(scene: Scene, limits: Limits) -> list[Problem]:
 
 
 def object_problems(parts: Sequence[ObjectWorkload], limits: Limits) -> list[Problem]:
-    """Return which bounds the meshes and textures of a scene pass.
-
-    Parameters
-    ----------
-    parts
-        Its objects.
-    limits
-        The bounds.
-
-    Returns
-    -------
-    list of Problem
-        Every bound that is passed.
-    """
+    """Return which bounds the meshes and textures of a scene pass."""
     vertices = [(f"{part.path}.mesh", float(part.size.vertices)) for part in parts]
     total = sum(count for _, count in vertices)
     if total > limits.vertices >= max((count for _, count in vertices), default=0.0):
@@ -308,24 +220,7 @@ def compute_workload(
     complete: bool = False,
     save_radiance: bool = False,
 ) -> Workload:
-    """Count what the work on a scene grows with.
-
-    Parameters
-    ----------
-    scene, parts
-        The scene, and its objects.
-    views
-        Cameras that a truth is made for.
-    complete
-        Whether the truth has all maps.
-    save_radiance
-        Whether linear images are kept too.
-
-    Returns
-    -------
-    Demand
-        The counts.
-    """
+    """Count what the work on a scene grows with."""
     camera, psf = scene.camera, scene.optics.psf
     fine, margin = fine_parts(psf), margin_px(psf)
     to_paint = [part for part in parts if not part.painted]

@@ -62,21 +62,7 @@ def find_motion_problems(
 ) -> list[Problem]:
     """Return what is wrong with how an object is deformed and moved.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    where, thing
-        The object's path in it, and the object.
-    start, maps, faces
-        The object's points at rest, how they move, and its faces, shape (m, 3).
-    times
-        Times to look at, in frames.
-
-    Returns
-    -------
-    list
-        One problem at most for each deformation, at the first time at which there is one.
+    ``start``, ``maps``, ``faces``: The object's points at rest, how they move, and its faces, shape (m, 3).
     """
     found: dict[int, Problem] = {}
     last = max((n for n, item in enumerate(maps) if isinstance(item, DeformationStep)), default=-1)
@@ -148,22 +134,14 @@ _SNAPSHOT_COUNT = 2
 class SceneBody:
     """One object of the world.
 
-    Parameters
-    ----------
-    name
-        Its name in the scene.
-    mesh
-        Its mesh.
-    start
-        Where its points are before anything moves them.
-    uv
-        Texture coordinates at the corners, shape (m, 3, 2).
-    texture
-        What is painted on it.
-    maps
-        How it is deformed, placed and moved, first applied first.
-    uv_back
-        Texture coordinates for whoever sees a face from behind, shape (m, 3, 2); None if both sides show the same.
+    ``name``: Its name in the scene.
+    ``mesh``: Its mesh.
+    ``start``: Where its points are before anything moves them.
+    ``uv``: Texture coordinates at the corners, shape (m, 3, 2).
+    ``texture``: What is painted on it.
+    ``maps``: How it is deformed, placed and moved, first applied first.
+    ``uv_back``: Texture coordinates for whoever sees a face from behind, shape (m, 3, 2); None if both sides show the
+      same.
     """
 
     name: str
@@ -214,16 +192,10 @@ class SceneBody:
 class Snapshot:
     """All vertices of the world at one time.
 
-    Parameters
-    ----------
-    t
-        Time in frames.
-    vertices_mm
-        World positions, shape (n, 3), float64.
-    velocities
-        Their velocities in mm per frame, shape (n, 3), float64.
-    accelerations
-        Their accelerations in mm per frame squared, shape (n, 3), float64.
+    ``t``: Time in frames.
+    ``vertices_mm``: World positions, shape (n, 3), float64.
+    ``velocities``: Their velocities in mm per frame, shape (n, 3), float64.
+    ``accelerations``: Their accelerations in mm per frame squared, shape (n, 3), float64.
     """
 
     t: float
@@ -344,22 +316,7 @@ class BuiltScene:
 
 
 def build_scene(scene: Scene, folder: Path = Path(), *, painted: bool = True) -> BuiltScene:
-    """Make meshes, textures and motions of a scene.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    folder
-        Where relative paths in it count from.
-    painted
-        Whether objects get their textures, which takes most of the time; if not, they are all grey.
-
-    Raises
-    ------
-    SceneError
-        With every mesh and texture that cannot be made, and every deformation or motion that cannot be.
-    """
+    """Make meshes, textures and motions of a scene."""
     bodies: list[SceneBody] = []
     problems: list[Problem] = []
     for path, item in scene.parts:
@@ -375,13 +332,6 @@ def add_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> li
     """Return problems, and besides them every file of a scene's objects that is missing and not among them.
 
     Of what is wrong with an object, the first that was met says nothing of its other files.
-
-    Parameters
-    ----------
-    problems
-        What is wrong.
-    scene, folder
-        The scene, and where relative paths in it count from.
     """
     told = {problem.path for problem in problems}
     files = [

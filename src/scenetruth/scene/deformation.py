@@ -38,12 +38,8 @@ __all__ = [
 class Surroundings:
     """What deformations must know of their object and of the scene.
 
-    Parameters
-    ----------
-    extent_mm
-        Least and largest X of the mesh, of a sheet in the flat, mm.
-    frame_interval_s
-        Time between frames in seconds.
+    ``extent_mm``: Least and largest X of the mesh, of a sheet in the flat, mm.
+    ``frame_interval_s``: Time between frames in seconds.
     """
 
     extent_mm: tuple[float, float]
@@ -70,30 +66,13 @@ class DeformationModel(OwnFrameModel):
 
     @abstractmethod
     def point_map(self, around: Surroundings) -> PointMap:
-        """Return the map of the deformation in the object's own frame.
-
-        Parameters
-        ----------
-        around
-            What it has to know of its object and of the scene.
-        """
+        """Return the map of the deformation in the object's own frame."""
 
     def problem(self, around: Surroundings, points: Points, t: JetField) -> tuple[str, str]:
         """Return which field keeps the deformation from being applied to points at a time, and why.
 
-        Parameters
-        ----------
-        around
-            What it has to know of its object and of the scene.
-        points
-            Coordinates before the deformation, mm: arrays.
-        t
-            Time in frames, shape (1,).
-
-        Returns
-        -------
-        tuple
-            Name of the field and what is wrong, or two empty strings.
+        ``points``: Coordinates before the deformation, mm: arrays.
+        ``t``: Time in frames, shape (1,).
         """
         return "", ""
 
@@ -102,16 +81,10 @@ class DeformationModel(OwnFrameModel):
 class DeformationStep:
     """A map that knows which deformation of its object it is.
 
-    Parameters
-    ----------
-    number
-        Its place in the object's list of deformations.
-    entry
-        The deformation of the scene.
-    surroundings
-        What it has to know.
-    point_map
-        The map.
+    ``number``: Its place in the object's list of deformations.
+    ``entry``: The deformation of the scene.
+    ``surroundings``: What it has to know.
+    ``point_map``: The map.
     """
 
     number: int

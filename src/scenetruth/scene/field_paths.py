@@ -20,21 +20,9 @@ class PathError(Exception):
 def expand(plain: Any, path: str) -> list[str]:
     """Return the paths that a path with wildcards stands for; one without stands for itself.
 
-    Parameters
-    ----------
-    plain
-        Mappings and lists, with every field that there is.
-    path
-        Keys and indices with dots between them; ``*`` stands for every key, or every index, of what is there. The last
-        key need not be there; whoever validates the result tells.
+    ``path``: Keys and indices with dots between them; ``*`` stands for every key, or every index, of what is there. The
+      last key need not be there; whoever validates the result tells.
 
-    Raises
-    ------
-    PathError
-        If there is no such place.
-
-    Examples
-    --------
     >>> expand({"objects": [{"name": "a"}, {"name": "b"}]}, "objects.*.name")
     ['objects.0.name', 'objects.1.name']
     """
@@ -62,13 +50,7 @@ def _expanded(here: Any, keys: list[str], above: list[str]) -> Iterator[str]:
 
 
 def value_at(plain: Any, path: str) -> Any:
-    """Return what stands at a path without wildcards.
-
-    Raises
-    ------
-    PathError
-        If nothing does.
-    """
+    """Return what stands at a path without wildcards."""
     here, above = plain, list[str]()
     for key in path.split("."):
         here = _below(here, key, above)
@@ -77,13 +59,7 @@ def value_at(plain: Any, path: str) -> Any:
 
 
 def assign(plain: Any, path: str, value: Any) -> None:
-    """Put a value at a path without wildcards, in place.
-
-    Raises
-    ------
-    PathError
-        If there is no such place.
-    """
+    """Put a value at a path without wildcards, in place."""
     *around, last = path.split(".")
     here, above = plain, list[str]()
     for key in around:

@@ -15,18 +15,7 @@ from scenetruth.scene.motion import MotionModel, Points
 from scenetruth.scene.motion.rigid_motions import Motion
 from scenetruth.validated_model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
 
-__all__ = [
-    "EVERYWHERE",
-    "DirectionalLight",
-    "Flicker",
-    "Lamp",
-    "Light",
-    "LightModel",
-    "Lighting",
-    "PointLight",
-    "SpotLight",
-    "moved_axis",
-]
+__all__ = ["EVERYWHERE", "DirectionalLight", "Flicker", "Lamp", "LightModel", "Lighting", "PointLight", "SpotLight"]
 
 
 EVERYWHERE = -1.0
@@ -37,19 +26,12 @@ EVERYWHERE = -1.0
 class Lamp:
     """One light at one time.
 
-    Parameters
-    ----------
-    position_mm
-        World position, shape (3,); None if it is infinitely far away.
-    axis
-        Unit vector along which it shines, shape (3,); zeros for a point light.
-    irradiance
-        E of a surface that faces it, at the reference distance.
-    reference_distance_mm
-        That distance; 0 for a directional light.
-    cos_inner, cos_outer
-        Cosines of the angles from the axis where the border of a spot begins and ends; -1 and -1 for others, which
-        shine everywhere.
+    ``position_mm``: World position, shape (3,); None if it is infinitely far away.
+    ``axis``: Unit vector along which it shines, shape (3,); zeros for a point light.
+    ``irradiance``: E of a surface that faces it, at the reference distance.
+    ``reference_distance_mm``: That distance; 0 for a directional light.
+    ``cos_inner``, ``cos_outer``: Cosines of the angles from the axis where the border of a spot begins and ends; -1 and
+      -1 for others, which shine everywhere.
     """
 
     position_mm: NDArray[np.float64] | None
@@ -76,19 +58,9 @@ def moved_axis(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Move a lamp and a point on its axis as one rigid body.
 
-    Parameters
-    ----------
-    motions
-        Its motions; rotations without a point turn about the lamp.
-    at, ahead
-        The lamp and the point at t = 0, mm.
-    t
-        Time in frames.
-
-    Returns
-    -------
-    tuple
-        Position, mm, and unit vector along the axis, shape (3,) each; the vector is zero where both points are one.
+    ``at``, ``ahead``: The lamp and the point at t = 0, mm.
+    Returns: Position, mm, and unit vector along the axis, shape (3,) each; the vector is zero where both points are
+    one.
     """
     position: Any = tuple(float(value) for value in at)
     time = np.array([float(t)])

@@ -20,7 +20,7 @@ from scenetruth.scene.motion.time_curve import HarmonicCurve
 from scenetruth.scene.scene_object import Pose, Rotation, SceneObject
 from scenetruth.validated_model import Finite, FrozenModel, Name, NonNegative, Positive, Vector3
 
-__all__ = ["Elevation", "LeafPlace", "PlantModel", "Rosette", "Seedling"]
+__all__ = ["LeafPlace", "PlantModel", "Rosette", "Seedling"]
 
 
 GOLDEN_ANGLE_DEG = 137.508

@@ -46,16 +46,11 @@ class QuadricFit:
     A surface point is a vertex as seen from one smooth piece of the surface: a vertex on a sharp edge has one for each
     side. Every one has two orthonormal tangents, the directions of its coordinates a and b.
 
-    Parameters
-    ----------
-    corners
-        The surface point at every corner of every face, shape (m, 3), int32.
-    vertices
-        The vertex that each surface point is, shape (k,).
-    starts, neighbours
-        Neighbours of surface point i: vertices ``neighbours[starts[i] : starts[i + 1]]``.
-    coefficients
-        What the difference to each neighbour counts in the derivatives (a, b, aa, ab, bb), shape (len(neighbours), 5).
+    ``corners``: The surface point at every corner of every face, shape (m, 3), int32.
+    ``vertices``: The vertex that each surface point is, shape (k,).
+    ``starts``, ``neighbours``: Neighbours of surface point i: vertices ``neighbours[starts[i] : starts[i + 1]]``.
+    ``coefficients``: What the difference to each neighbour counts in the derivatives (a, b, aa, ab, bb), shape
+      (len(neighbours), 5).
     """
 
     corners: NDArray[np.int32]
@@ -67,10 +62,7 @@ class QuadricFit:
     def derivatives(self, field: Floats) -> Floats:
         """Return the derivatives (a, b, aa, ab, bb) of a field on the vertices, shape (5, k).
 
-        Parameters
-        ----------
-        field
-            Values, shape (n,).
+        ``field``: Values, shape (n,).
         """
         owner = np.repeat(np.arange(len(self.vertices)), np.diff(self.starts))
         difference = field[self.neighbours] - field[self.vertices][owner]
@@ -85,14 +77,8 @@ def fit_quadrics(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: floa
     regular meshes.
     Where the neighbours do not determine the second derivatives, as at the corners of a box, these are zero.
 
-    Parameters
-    ----------
-    vertices_mm
-        Positions, shape (n, 3).
-    faces
-        Vertex indices, shape (m, 3).
-    crease_deg
-        Faces that meet at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
+    ``vertices_mm``: Positions, shape (n, 3).
+    ``faces``: Vertex indices, shape (m, 3).
     """
     corners, vertex_of = _surface_points(vertices_mm, faces, crease_deg)
     count = len(vertex_of)
@@ -218,12 +204,8 @@ class ReferenceConfiguration(Protocol):
 class SheetConfiguration:
     """A flat sheet: its material coordinates a, b in mm are X and Y, and Z is zero.
 
-    Parameters
-    ----------
-    material_mm
-        Coordinates (a, b) of the vertices, shape (n, 2).
-    faces
-        Vertex indices, shape (m, 3).
+    ``material_mm``: Coordinates (a, b) of the vertices, shape (n, 2).
+    ``faces``: Vertex indices, shape (m, 3).
     """
 
     material_mm: NDArray[np.float64]
@@ -249,12 +231,8 @@ class SheetConfiguration:
 class MeshAtRest:
     """Vertices that stay where they are in the own frame.
 
-    Parameters
-    ----------
-    vertices_mm
-        Positions in the own frame, shape (n, 3).
-    faces
-        Vertex indices, shape (m, 3).
+    ``vertices_mm``: Positions in the own frame, shape (n, 3).
+    ``faces``: Vertex indices, shape (m, 3).
     """
 
     vertices_mm: NDArray[np.float64]
@@ -270,12 +248,8 @@ class MeshAtRest:
 class FittedConfiguration(MeshAtRest):
     """A mesh at rest, whose surface has no formula.
 
-    Parameters
-    ----------
-    vertices_mm, faces
-        Of `MeshAtRest`.
-    crease_deg
-        Faces that meet at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
+    ``vertices_mm``, ``faces``: Of `MeshAtRest`.
+    ``crease_deg``: Faces that meet at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
     """
 
     crease_deg: float | NDArray[np.float64]
@@ -300,12 +274,8 @@ class FittedConfiguration(MeshAtRest):
 class AnalyticConfiguration(MeshAtRest):
     """A mesh at rest on a smooth surface whose formula is known.
 
-    Parameters
-    ----------
-    vertices_mm, faces
-        Of `MeshAtRest`.
-    along
-        Derivatives (a, b, aa, ab, bb) of the positions along the surface, shape (5, n, 3).
+    ``vertices_mm``, ``faces``: Of `MeshAtRest`.
+    ``along``: Derivatives (a, b, aa, ab, bb) of the positions along the surface, shape (5, n, 3).
     """
 
     along: NDArray[np.float64]
@@ -343,12 +313,7 @@ def make_constant_field(values: NDArray[np.float64], t: JetField) -> Any:
 def make_surface_jet(osculation: QuadricFit, orders: NDArray[np.float64]) -> Jet:
     """Return a field on the vertices as a jet in t, a and b at the surface points.
 
-    Parameters
-    ----------
-    osculation
-        The fits.
-    orders
-        The field and, as far as it moves, its first and second derivative in time, shape (1 to 3, n).
+    ``orders``: The field and, as far as it moves, its first and second derivative in time, shape (1 to 3, n).
     """
     coefficients = np.zeros((10, len(osculation.vertices)))
     coefficients[VALUE] = orders[0][osculation.vertices]
@@ -368,21 +333,7 @@ def corner_normals(mesh: TriangleMesh, start: ReferenceConfiguration, maps: Sequ
     came with the mesh turn with the surface from where it is at rest: the little by which they differ from the
     derivatives' there, they keep.
 
-    Parameters
-    ----------
-    mesh
-        The mesh at rest.
-    start
-        Where its points are before anything moves them.
-    maps
-        How it is deformed, placed and moved, first applied first.
-    t
-        Time in frames.
-
-    Returns
-    -------
-    numpy.ndarray
-        Of either sense, shape (m, 3, 3); NaN where the derivatives along the surface are parallel.
+    Returns: Of either sense, shape (m, 3, 3); NaN where the derivatives along the surface are parallel.
     """
     moved = _frames(start, maps, t)[start.corners]
     if mesh.corner_normals is None:

@@ -88,32 +88,7 @@ def load_scene(scene: SceneLike, *, overrides: Overrides = ()) -> Scene:
 def read_input(
     given: Any, what: str, refused: InputProblemError, *, within: str = ".", overrides: Overrides = ()
 ) -> tuple[Any, str | Path | None, Path | None]:
-    """Return the values of a scene, a recipe or a specification that is given as a mapping, a path or a name.
-
-    Parameters
-    ----------
-    given
-        The values, the path of a YAML file, or the name of a file that is shipped.
-    what
-        What the file should be, for messages: ``a scene file``.
-    refused
-        What to raise.
-    within
-        Where files of this sort are shipped; as of `scenetruth.input_files.bundled_file`.
-    overrides
-        Changes to apply.
-
-    Returns
-    -------
-    tuple
-        The values; where they are from, for messages; and the folder that relative paths count from. None for both if
-        the values were given.
-
-    Raises
-    ------
-    SceneError, RecipeError
-        Whichever was asked for, if the file cannot be read or a change does not fit.
-    """
+    """Return the values of a scene, a recipe or a specification that is given as a mapping, a path or a name."""
     if isinstance(given, Mapping):
         # Changes are for this copy alone.
         plain, source, folder = copy.deepcopy(dict(given)) if overrides else given, None, None
@@ -163,13 +138,7 @@ def apply_overrides(
     source: str | Path | None = None,
     refused: InputProblemError = SceneError,
 ) -> None:
-    """Change values in place, by path or by ``path=value`` assignments.
-
-    Raises
-    ------
-    SceneError, RecipeError
-        Whichever was asked for, with every assignment whose spelling or path does not fit.
-    """
+    """Change values in place, by path or by ``path=value`` assignments."""
     problems = []
     if isinstance(overrides, str):
         overrides = [overrides]

@@ -21,15 +21,7 @@ from scenetruth.scene.texture.texture_model import Radiance
 from scenetruth.settings import ScoreSettings, StorageSettings
 from scenetruth.validated_model import FrozenModel
 
-__all__ = [
-    "Plant",
-    "RenderSettings",
-    "Scene",
-    "compute_image_times",
-    "format_line",
-    "make_summary_rows",
-    "make_summary_table",
-]
+__all__ = ["RenderSettings", "Scene", "compute_image_times"]
 
 
 def format_line(description: str, camera: Camera, stage: Stage, frames: Frames, names: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from scenetruth.scene.texture import TextureModel
 from scenetruth.scene.vertex_animation import VertexModel
 from scenetruth.validated_model import Direction, Finite, FrozenModel, Name, Vector3
 
-__all__ = ["AnyDeformation", "Mesh", "Pose", "Rotation", "SceneObject", "Texture"]
+__all__ = ["Pose", "Rotation", "SceneObject", "Texture"]
 
 
 class Rotation(FrozenModel):

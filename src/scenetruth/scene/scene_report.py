@@ -110,19 +110,12 @@ _BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3 + 2 + 1 + 1) + 4 + 4 + 1 + 2 + 1 + 1
 class ObjectReport:
     """What is to be expected of one object.
 
-    Parameters
-    ----------
-    name
-        Its name.
-    faces
-        Number of triangles.
-    depth_mm
-        Least and largest depth Z over all frames, of the vertices in front of the camera.
-    disparity_px
-        Least and largest disparity over all frames, px per step.
-    wavelength_px
-        Shortest and longest wavelength of its texture in the image where it is nearest and farthest, without
-        foreshortening; None for textures without a stated wavelength.
+    ``name``: Its name.
+    ``faces``: Number of triangles.
+    ``depth_mm``: Least and largest depth Z over all frames, of the vertices in front of the camera.
+    ``disparity_px``: Least and largest disparity over all frames, px per step.
+    ``wavelength_px``: Shortest and longest wavelength of its texture in the image where it is nearest and farthest,
+      without foreshortening; None for textures without a stated wavelength.
     """
 
     name: str
@@ -136,22 +129,13 @@ class ObjectReport:
 class SceneReport:
     """What will be made from a scene.
 
-    Parameters
-    ----------
-    image_count
-        Number of images.
-    recording_bytes, truth_bytes
-        Memory of the recording, and of the truth of the reference camera.
-    mean_disparity_px
-        Mean disparity of what the reference camera sees at the reference frame.
-    working_point_px
-        That mean, rounded: the integer shift per step of s that brings the images together.
-    residual_disparity_px
-        Range of the disparity that remains after it, at the reference frame.
-    objects
-        One report for each object.
-    warnings
-        What makes the scene unfit to be measured, though it can be made.
+    ``image_count``: Number of images.
+    ``recording_bytes``, ``truth_bytes``: Memory of the recording, and of the truth of the reference camera.
+    ``mean_disparity_px``: Mean disparity of what the reference camera sees at the reference frame.
+    ``working_point_px``: That mean, rounded: the integer shift per step of s that brings the images together.
+    ``residual_disparity_px``: Range of the disparity that remains after it, at the reference frame.
+    ``objects``: One report for each object.
+    ``warnings``: What makes the scene unfit to be measured, though it can be made.
     """
 
     image_count: int
@@ -165,18 +149,7 @@ class SceneReport:
 
 
 def check_scene(scene: Scene, world: BuiltScene) -> None:
-    """Refuse a scene with nothing to see, and warn of one that can hardly be measured.
-
-    Raises
-    ------
-    SceneError
-        With every object that is behind the camera or outside all images, and every light inside an object.
-
-    Warns
-    -----
-    SceneWarning
-        If a texture is finer than two pixels.
-    """
+    """Refuse a scene with nothing to see, and warn of one that can hardly be measured."""
     reports, problems = _inspect(scene, world, None)
     if problems:
         raise SceneError(problems)
@@ -187,24 +160,7 @@ def check_scene(scene: Scene, world: BuiltScene) -> None:
 def describe_scene(
     scene: Scene, world: BuiltScene, depth: NDArray[np.float64], times: Sequence[float] | None = None
 ) -> SceneReport:
-    """Describe what will be made.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    world
-        Its objects.
-    depth
-        Depth of the reference camera at the reference frame, NaN where nothing is seen.
-    times
-        Moments to look at, in frames; all if not given.
-
-    Raises
-    ------
-    SceneError
-        As `check_scene`.
-    """
+    """Describe what will be made."""
     reports, problems = _inspect(scene, world, times)
     seen = depth[np.isfinite(depth)]
     # Of a scene that is looked at in part, what is seen may be among the rest.

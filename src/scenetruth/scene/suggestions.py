@@ -41,13 +41,7 @@ def collect_keys() -> frozenset[str]:
 
 
 def suggest_key(location: Sequence[str | int]) -> str:
-    """Return the end of a message about an unknown key: what it was meant to be.
-
-    Parameters
-    ----------
-    location
-        Of the key as pydantic tells it, with the names of union members in between.
-    """
+    """Return the end of a message about an unknown key: what it was meant to be."""
     *around, last = location
     path, models = _place_at(around)
     here = sorted({name for model in models for name in _fields_of(model)})

@@ -20,7 +20,6 @@ __all__ = [
     "BB",
     "TA",
     "TB",
-    "TIME",
     "TT",
     "VALUE",
     "A",
@@ -48,11 +47,8 @@ class Jet(np.lib.mixins.NDArrayOperatorsMixin):
     rounding): a formula that is written for arrays gives its derivatives if it is given jets. Comparisons look at the
     values.
 
-    Parameters
-    ----------
-    coefficients
-        The value, the k first derivatives and the k (k + 1) / 2 second derivatives (11, 12, ..., 22, ...), shape
-        (1 + k + k (k + 1) / 2, n); n = 1 stands for any number of equal values.
+    ``coefficients``: The value, the k first derivatives and the k (k + 1) / 2 second derivatives (11, 12, ..., 22,
+      ...), shape (1 + k + k (k + 1) / 2, n); n = 1 stands for any number of equal values.
     """
 
     __slots__ = ("coefficients", "variables")
@@ -125,17 +121,7 @@ def strip_derivatives(field: Any) -> Any:
 def compose(field: JetField, value: Floats, first: Floats, second: Floats) -> Any:
     """Apply a function of one variable to a field, given the function's value and derivatives at the field's values.
 
-    Parameters
-    ----------
-    field
-        The inner field x.
-    value, first, second
-        f(x), f'(x) and f''(x), shape (n,).
-
-    Returns
-    -------
-    Field
-        f(x): a jet if ``field`` is one, else ``value``.
+    ``value``, ``first``, ``second``: f(x), f'(x) and f''(x), shape (n,).
     """
     if not isinstance(field, Jet):
         return value
@@ -145,12 +131,7 @@ def compose(field: JetField, value: Floats, first: Floats, second: Floats) -> An
 def where(condition: NDArray[np.bool_], one: Any, other: Any) -> Any:
     """Take values and derivatives from one field where a condition holds, and from another elsewhere.
 
-    Parameters
-    ----------
-    condition
-        bool, shape (n,); derivatives do not see it: the fields should join smoothly at its border.
-    one, other
-        Fields, arrays or numbers.
+    ``condition``: bool, shape (n,); derivatives do not see it: the fields should join smoothly at its border.
     """
     jets = [item for item in (one, other) if isinstance(item, Jet)]
     if not jets:

@@ -56,23 +56,7 @@ class VertexModel(OwnFrameModel):
 
     @final
     def start(self, mesh: TriangleMesh, folder: Path, frames: Frames) -> AnimatedConfiguration:
-        """Read where the vertices of a mesh are.
-
-        Parameters
-        ----------
-        mesh
-            The mesh at rest, made from a file.
-        folder
-            Where relative paths count from.
-        frames
-            The frames of the recording.
-
-        Raises
-        ------
-        SceneError
-            If a file is missing or unreadable, its arrays or meshes do not fit the mesh, hold numbers that are not
-            finite or let a triangle vanish, or the times do not cover the frames; paths count from the deformation.
-        """
+        """Read where the vertices of a mesh are."""
         source = mesh.source
         assert isinstance(source, FileMesh)
         # Arrays and files hold the nodes that no face uses too.
@@ -88,18 +72,7 @@ class VertexModel(OwnFrameModel):
     def states(self, mesh: TriangleMesh, mesh_file: Path, unit_mm: float, folder: Path, frames: Frames) -> States:
         """Return positions as they were read.
 
-        Parameters
-        ----------
-        mesh
-            The mesh at rest.
-        mesh_file
-            The file that it comes from.
-        unit_mm
-            Length of that file's unit in mm.
-        folder
-            Where relative paths count from.
-        frames
-            The frames of the recording.
+        ``unit_mm``: Length of that file's unit in mm.
         """
 
 
@@ -115,13 +88,7 @@ class TimedModel(VertexModel):
         return value if value is None else check_increasing(value)
 
     def times(self, count: int) -> Floats:
-        """Return the times of so many states.
-
-        Raises
-        ------
-        SceneError
-            If there are more or fewer times.
-        """
+        """Return the times of so many states."""
         given = self.times_frames
         if given is None:
             return centred_indices(count).astype(np.float64)
@@ -136,19 +103,13 @@ class AnimatedConfiguration:
 
     Before the first and after the last time the last piece goes on.
 
-    Parameters
-    ----------
-    times_frames
-        Increasing times, shape (k,), k >= 2. Two give straight lines, three parabolas, more the spline without knots
-        at the second and the last but one time.
-    states_mm
-        Positions at each, in the own frame, shape (k, n, 3).
-    faces
-        Vertex indices, shape (m, 3).
-    rest_mm
-        Positions by whose neighbourhood derivatives along the surface are fitted, shape (n, 3).
-    crease_deg
-        Faces that meet there at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
+    ``times_frames``: Increasing times, shape (k,), k >= 2. Two give straight lines, three parabolas, more the spline
+      without knots at the second and the last but one time.
+    ``states_mm``: Positions at each, in the own frame, shape (k, n, 3).
+    ``faces``: Vertex indices, shape (m, 3).
+    ``rest_mm``: Positions by whose neighbourhood derivatives along the surface are fitted, shape (n, 3).
+    ``crease_deg``: Faces that meet there at a larger angle belong to different pieces of the surface; see
+      `TriangleMesh`.
     """
 
     times_frames: Floats

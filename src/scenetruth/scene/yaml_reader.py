@@ -13,7 +13,7 @@ from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.input_files import regular_file_size
 from scenetruth.plain_data import MAX_DEPTH, MAX_VALUES, scalar_problem
 
-__all__ = ["MAX_YAML_BYTES", "read_file", "read_text", "read_yaml"]
+__all__ = ["MAX_YAML_BYTES", "read_file", "read_yaml"]
 
 MAX_YAML_BYTES = 4_000_000
 """Largest file of a scene or a recipe; those of the library have some thousand bytes."""
@@ -26,22 +26,7 @@ _READ_AS = {"null": "nothing", "bool": "yes or no", "int": "a whole number", "fl
 
 
 def read_file(file: str | Path, what: str, refused: type[SceneError] | type[RecipeError]) -> tuple[Any, Path]:
-    """Return the plain values in a YAML file, and the folder that relative paths in it count from.
-
-    Parameters
-    ----------
-    file
-        The file.
-    what
-        What it should be, for messages: ``a scene file``.
-    refused
-        What to raise.
-
-    Raises
-    ------
-    SceneError, RecipeError
-        Whichever was asked for, if the file cannot be read or is not valid.
-    """
+    """Return the plain values in a YAML file, and the folder that relative paths in it count from."""
     try:
         path = Path(file)
     except TypeError as error:
@@ -60,22 +45,7 @@ def read_file(file: str | Path, what: str, refused: type[SceneError] | type[Reci
 
 
 def read_text(file: Path, what: str = "a scene file") -> str:
-    """Return the text of a file in YAML.
-
-    Parameters
-    ----------
-    file
-        The file; it is not opened unless it is a regular one of at most `MAX_YAML_BYTES`.
-    what
-        What it should be, for messages.
-
-    Raises
-    ------
-    ValueError
-        If it is none, is too large, or is not UTF-8; says what to do.
-    OSError
-        If it cannot be read.
-    """
+    """Return the text of a file in YAML."""
     try:
         size = regular_file_size(file)
     except ValueError as error:
@@ -109,18 +79,6 @@ def read_yaml(text: str) -> tuple[Any, list[Problem]]:
     mapping or are no texts, dates and other tags, numbers of more than 64 bits, aliases that contain themselves, and
     more values than `MAX_VALUES`, each counted as often as it is used. An alias stands for a copy of its own.
 
-    Parameters
-    ----------
-    text
-        The text; not more than some megabytes.
-
-    Returns
-    -------
-    tuple
-        The values, and the problems, with the line in the message; the values are worthless if there are any.
-
-    Examples
-    --------
     >>> read_yaml("a: &size [1, 2.5]\nb: *size\nc: off")
     ({'a': [1, 2.5], 'b': [1, 2.5], 'c': False}, [])
     >>> print(*read_yaml("camera:\n  width: 3\n  width: 4")[1])

@@ -29,16 +29,10 @@ __all__ = [
 class Intrinsics:
     """The numbers that lead from pixels to the world, as a data set's attributes carry them.
 
-    Parameters
-    ----------
-    focal_length_px
-        f, in pixels.
-    principal_point_px
-        (c_x, c_y), in pixel indices.
-    baseline_mm
-        V_X, the camera's displacement per step of s.
-    frame_interval_s
-        Time between two frames.
+    ``focal_length_px``: f, in pixels.
+    ``principal_point_px``: (c_x, c_y), in pixel indices.
+    ``baseline_mm``: V_X, the camera's displacement per step of s.
+    ``frame_interval_s``: Time between two frames.
     """
 
     focal_length_px: float
@@ -77,8 +71,6 @@ def read_scene(dataset: xr.Dataset) -> dict[str, Any] | None:
 def read_object_names(dataset: xr.Dataset) -> list[str]:
     """Return the names of the objects that ``object_id`` counts, from 0 on; empty for data from elsewhere.
 
-    Examples
-    --------
     >>> read_object_names(xr.Dataset(attrs={"object_names": '["leaf", "soil"]'}))
     ['leaf', 'soil']
     """
@@ -91,8 +83,6 @@ _HASHES = ("recording_hash", "scene_hash")
 def digest(value: Any) -> str:
     """Return a hash of plain values, the same on every machine: 16 hexadecimal digits.
 
-    Examples
-    --------
     >>> digest({"b": 1, "a": [2, None]}) == digest({"a": [2, None], "b": 1})
     True
     """
@@ -124,19 +114,7 @@ def read_lineage(dataset: xr.Dataset) -> dict[str, str]:
 
 
 def check_same_run(parts: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse parts of different runs.
-
-    Parameters
-    ----------
-    parts
-        Attributes of the parts by name, such as the path of the store: of data sets, or the metadata of a score. Parts
-        that do not tell where they are from are taken as they are.
-
-    Raises
-    ------
-    MismatchError
-        With every part that was made from another recording than the first, by both names.
-    """
+    """Refuse parts of different runs."""
     problems = []
     names = list(parts)
     for name in names[1:]:

@@ -26,8 +26,6 @@ not be changed afterwards."""
 def blank_map(dtype: DTypeLike, shape: Sequence[int]) -> NDArray[Any]:
     """Return an array that takes no memory: all of its values are one, a zero that cannot be written to.
 
-    Examples
-    --------
     >>> blank_map(np.uint8, (2, 3)).tolist()
     [[0, 0, 0], [0, 0, 0]]
     """
@@ -37,13 +35,8 @@ def blank_map(dtype: DTypeLike, shape: Sequence[int]) -> NDArray[Any]:
 class IncrementalDataset:
     """A data set in memory whose maps are put in one by one.
 
-    Parameters
-    ----------
-    blank
-        The data set with blank maps (`blank_map`); its other variables stay as they are.
+    ``blank``: The data set with blank maps (`blank_map`); its other variables stay as they are.
 
-    Examples
-    --------
     >>> filling = IncrementalDataset(xr.Dataset({"depth": (("t", "y", "x"), blank_map(float, (2, 1, 2)))}))
     >>> for t in (0, 1):
     ...     filling.put("depth", {"t": t}, np.array([[1.0, 2.0 + t]]))
@@ -77,17 +70,6 @@ Map = NDArray[np.float64]
 def blank_estimate(given: Iterable[str], *, recording: xr.Dataset, t: ArrayLike) -> xr.Dataset:
     """Return an estimate with blank maps, of all variables that `make_estimate` makes of some quantities.
 
-    Parameters
-    ----------
-    given
-        Names of the arrays that `make_estimate` is to be given for every frame, such as ``"disparity"``.
-    recording
-        The recording.
-    t
-        The frames of the estimate.
-
-    Examples
-    --------
     >>> from scenetruth.schema import make_recording
     >>> recording = make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
     >>> blank = blank_estimate(["disparity"], recording=recording, t=[0, 1])
@@ -112,36 +94,14 @@ def blank_estimate(given: Iterable[str], *, recording: xr.Dataset, t: ArrayLike)
 
 
 def put_estimate(found: xr.Dataset, first: int, put: Put) -> None:
-    """Put the maps of an estimate of successive frames into one of more frames.
-
-    Parameters
-    ----------
-    found
-        The estimate of some frames.
-    first
-        Place of its first frame along t in the other.
-    put
-        Takes the maps.
-    """
+    """Put the maps of an estimate of successive frames into one of more frames."""
     for name, item in found.data_vars.items():
         for frame in range(found.sizes["t"]):
             put(str(name), {"t": first + frame}, item.isel(t=frame).values)
 
 
 def put_each(name: str, arrays: Iterable[Map], put: Put, *, recording: xr.Dataset) -> None:
-    """Put what `make_estimate` makes of one quantity, frame after frame, from the recording's first on.
-
-    Parameters
-    ----------
-    name
-        Name of the quantity, such as ``"disparity"``.
-    arrays
-        Its arrays, one for each frame.
-    put
-        Takes the maps.
-    recording
-        The recording.
-    """
+    """Put what `make_estimate` makes of one quantity, frame after frame, from the recording's first on."""
     times = recording["t"].values
     for place, values in enumerate(arrays):
         given: dict[str, Any] = {name: values}
@@ -151,19 +111,10 @@ def put_each(name: str, arrays: Iterable[Map], put: Put, *, recording: xr.Datase
 def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, recording: xr.Dataset) -> Map:
     """Return the rate of depth in a frame, as `make_estimate` takes it from neighbouring frames.
 
-    Parameters
-    ----------
-    disparities
-        Disparity in px per step in the frame (0), and in that before (-1) and behind it (1), as far as there are such.
-    flow
-        (dx/dt, dy/dt) in px per frame, shape (2, y, x).
-    recording
-        The recording.
-
-    Returns
-    -------
-    numpy.ndarray
-        dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
+    ``disparities``: Disparity in px per step in the frame (0), and in that before (-1) and behind it (1), as far as
+      there are such.
+    ``flow``: (dx/dt, dy/dt) in px per frame, shape (2, y, x).
+    Returns: dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
     """
     intrinsics = read_intrinsics(recording)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):

@@ -27,19 +27,7 @@ __all__ = [
 
 
 def real_array(name: str, values: Any, problems: list[Problem], *, masked_is_nan: bool = False) -> NDArray[Any] | None:
-    """Return an array of real numbers as it was given, not yet copied; None, with a problem noted, if it is none.
-
-    Parameters
-    ----------
-    name
-        What to call it.
-    values
-        Anything; masked arrays must have nothing masked, unless that means NaN.
-    problems
-        Where to note what is wrong.
-    masked_is_nan
-        Whether masked values become NaN.
-    """
+    """Return an array of real numbers as it was given, not yet copied; None, with a problem noted, if it is none."""
     try:
         masked = np.ma.isMaskedArray(values) and bool(np.ma.getmaskarray(values).any())
         if masked and masked_is_nan and values.dtype.kind in "fiu":
@@ -74,17 +62,7 @@ def without_repeats(values: NDArray[Any]) -> NDArray[Any]:
 def number_from(
     name: str, value: Any, problems: list[Problem], *, positive: bool = False, nonzero: bool = False
 ) -> float:
-    """Return a finite number; NaN, with a problem noted, if it is none.
-
-    Parameters
-    ----------
-    name, value
-        What to call it, and what was given: Python's or NumPy's real number, or an array of one without dimensions.
-    problems
-        Where to note what is wrong.
-    positive, nonzero
-        What else it must be.
-    """
+    """Return a finite number; NaN, with a problem noted, if it is none."""
     given = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "fiu" else value
     real = isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool)
     try:
@@ -143,18 +121,9 @@ _BOOLEANS = "must hold booleans, True where a pixel must not be used; compare, a
 def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Problem]) -> xr.Variable | None:
     """Return a mask with the names of its dimensions, as a copy; None, with a problem noted, if it is none.
 
-    Parameters
-    ----------
-    values
-        An array of shape (y, x), all of ``sizes`` but t, or all of them, where those before y may be 1; or a DataArray
-        of any dimensions of the images with y and x.
-    sizes
-        The sizes of the images by dimension, in their order.
-    problems
-        Where to note what is wrong.
+    ``values``: An array of shape (y, x), all of ``sizes`` but t, or all of them, where those before y may be 1; or a
+      DataArray of any dimensions of the images with y and x.
 
-    Examples
-    --------
     >>> sizes = {"s": 2, "t": 9, "y": 3, "x": 4}
     >>> exclusion_mask_from(np.zeros((2, 3, 4), dtype=bool), sizes, []).dims
     ('s', 'y', 'x')
@@ -202,13 +171,7 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
 
 
 def exclusion_mask_problems(recording: xr.Dataset) -> list[Problem]:
-    """Return what is wrong with the mask of a recording that has one.
-
-    Parameters
-    ----------
-    recording
-        A recording with the variable ``exclusion_mask``.
-    """
+    """Return what is wrong with the mask of a recording that has one."""
     mask = recording.variables["exclusion_mask"]
     problems = []
     if mask.dtype != np.bool_:

@@ -21,12 +21,8 @@ _TOLERANCE = 1e-3
 class PixelGrid:
     """Where the columns and rows of an array stand among the camera's pixels.
 
-    Parameters
-    ----------
-    first_x, first_y
-        Pixel index of the first column and of the first row.
-    step_px
-        Distance of two neighbouring columns, and of two rows, in px.
+    ``first_x``, ``first_y``: Pixel index of the first column and of the first row.
+    ``step_px``: Distance of two neighbouring columns, and of two rows, in px.
     """
 
     first_x: float = 0.0
@@ -54,18 +50,6 @@ def compute_pixel_grid(dataset: xr.Dataset) -> PixelGrid:
     The intrinsics of a data set hold for the camera's pixels, whichever of them it still has: a crop keeps its
     principal point, and of every second pixel the distance in the array is two pixels.
 
-    Parameters
-    ----------
-    dataset
-        A recording, truth or estimate with the dimensions x and y.
-
-    Raises
-    ------
-    RecordingError
-        If a coordinate does not grow in even steps, or those of x and y differ.
-
-    Examples
-    --------
     >>> images = xr.Dataset(coords={"x": np.arange(20, 60, 2), "y": np.arange(0, 40, 2)})
     >>> compute_pixel_grid(images)
     PixelGrid(first_x=20.0, first_y=0.0, step_px=2.0)

@@ -166,10 +166,7 @@ def _largest(values: NDArray[Any]) -> float:
 def image_to_grey(recording: xr.Dataset) -> NDArray[np.float32]:
     """Return the images as the paper's grey values: [0, full scale] becomes [-1, 1].
 
-    Returns
-    -------
-    numpy.ndarray
-        float32, shape (s, t, y, x[, channel]).
+    Returns: float32, shape (s, t, y, x[, channel]).
     """
     scale = np.float32(2.0 / float(recording.attrs["full_scale"]))
     grey: NDArray[np.float32] = recording["image"].values.astype(np.float32)

@@ -17,12 +17,7 @@ Map = NDArray[np.float64]
 def depth_from_disparity(disparity: Map, intrinsics: Intrinsics) -> Map:
     """Return Z = f V_X / d in mm from disparity d in px per step; the same of depth is disparity.
 
-    Parameters
-    ----------
-    disparity
-        In px per step of s, of any shape.
-    intrinsics
-        Focal length and baseline.
+    ``disparity``: In px per step of s, of any shape.
     """
     return intrinsics.focal_length_px * intrinsics.baseline_mm / disparity
 
@@ -32,21 +27,11 @@ def velocity_from_flow(flow: Map, depth: Map, depth_rate: Map, grid: Sequence[Ma
 
     U_X = (Z dx/dt + x U_Z) / f, U_Y alike: the derivative of x = f X / Z.
 
-    Parameters
-    ----------
-    flow
-        (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
-    depth, depth_rate
-        Z in mm and U_Z in mm per frame, shape (t, y, x).
-    grid
-        Column and row of every pixel in px, each of shape (y, x).
-    intrinsics
-        Focal length and principal point in the same px.
-
-    Returns
-    -------
-    numpy.ndarray
-        (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
+    ``flow``: (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
+    ``depth``, ``depth_rate``: Z in mm and U_Z in mm per frame, shape (t, y, x).
+    ``grid``: Column and row of every pixel in px, each of shape (y, x).
+    ``intrinsics``: Focal length and principal point in the same px.
+    Returns: (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
     """
     across = [
         (depth * part + (at - centre) * depth_rate) / intrinsics.focal_length_px
@@ -58,17 +43,8 @@ def velocity_from_flow(flow: Map, depth: Map, depth_rate: Map, grid: Sequence[Ma
 def flow_from_velocity(velocity: Map, depth: Map, grid: Sequence[Map], intrinsics: Intrinsics) -> Map:
     """Return the flow of surface points, dx/dt = (f U_X - x U_Z) / Z and dy/dt alike: the inverse of the above.
 
-    Parameters
-    ----------
-    velocity
-        (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
-    depth, grid, intrinsics
-        As of `velocity_from_flow`.
-
-    Returns
-    -------
-    numpy.ndarray
-        (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
+    ``velocity``: (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
+    Returns: (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
     """
     parts = [
         (intrinsics.focal_length_px * part - (at - centre) * velocity[2]) / depth
@@ -80,19 +56,10 @@ def flow_from_velocity(velocity: Map, depth: Map, grid: Sequence[Map], intrinsic
 def depth_rate_along(depth: Map, flow: Map, frames: NDArray[np.int64], grid: Sequence[Map]) -> Map:
     """Return the rate of depth of surface points in every frame; see `depth_rate_at`.
 
-    Parameters
-    ----------
-    depth, flow
-        Z in mm, shape (t, y, x); (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
-    frames
-        Their frame indices.
-    grid
-        Column and row of every pixel in px, equally spaced, each of shape (y, x).
-
-    Returns
-    -------
-    numpy.ndarray
-        dZ/dt in mm per frame, shape (t, y, x); NaN where no neighbour shows the point.
+    ``depth``, ``flow``: Z in mm, shape (t, y, x); (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
+    ``frames``: Their frame indices.
+    ``grid``: Column and row of every pixel in px, equally spaced, each of shape (y, x).
+    Returns: dZ/dt in mm per frame, shape (t, y, x); NaN where no neighbour shows the point.
     """
     depths = dict(zip(frames.tolist(), depth, strict=True))
     rate = np.empty_like(depth)
@@ -109,19 +76,9 @@ def depth_rate_at(depth: Map, flow: Map, near: Mapping[int, Map], grid: Sequence
     bilinear interpolation; the difference of the two depths is halved, or that to the only neighbour is taken. For
     steady flow the error is of second order in the frame interval with both neighbours, of first order with one.
 
-    Parameters
-    ----------
-    depth, flow
-        Z in mm, shape (y, x); (dx/dt, dy/dt) in px per frame, shape (2, y, x).
-    near
-        Z in the frames before and behind, by -1 and 1; one or both may be missing.
-    grid
-        Column and row of every pixel in px, equally spaced, each of shape (y, x).
-
-    Returns
-    -------
-    numpy.ndarray
-        dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
+    ``depth``, ``flow``: Z in mm, shape (y, x); (dx/dt, dy/dt) in px per frame, shape (2, y, x).
+    ``grid``: Column and row of every pixel in px, equally spaced, each of shape (y, x).
+    Returns: dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
     """
     from scipy.ndimage import map_coordinates
 

@@ -14,7 +14,7 @@ from scenetruth.schema.input_arrays import exclusion_mask_problems
 from scenetruth.schema.pixel_grid import pixel_grid_problems
 from scenetruth.schema.variables import REQUIRED, REQUIRED_ANY, VARIABLES
 
-__all__ = ["attribute_problems", "check_dataset", "is_finite_number"]
+__all__ = ["check_dataset"]
 
 
 _MAPPINGS_IN_JSON = ("scene", "versions", "settings")
@@ -79,21 +79,7 @@ def _json_problems(path: str, text: Any, kind: type[Any]) -> list[Problem]:
 
 
 def check_dataset(dataset: xr.Dataset, kind: str) -> None:
-    """Check that a data set has the agreed form.
-
-    Parameters
-    ----------
-    dataset
-        The data set.
-    kind
-        ``"recording"``, ``"truth"`` or ``"estimate"``.
-
-    Raises
-    ------
-    RecordingError
-        With every deviation: missing variables, wrong dimensions, missing or impossible intrinsics; of a
-        recording also pixels that are no even grid, and a mask that does not fit its images.
-    """
+    """Check that a data set has the agreed form."""
     if not isinstance(dataset, xr.Dataset):
         raise RecordingError([Problem("", "must be an xarray.Dataset", type(dataset).__name__)], source=kind)
     problems = [*_variable_problems(dataset, kind), *_intrinsics_problems(dataset), *attribute_problems(dataset)]

@@ -46,8 +46,6 @@ _NOT_DETERMINED, _AMBIGUOUS, _MASKED = (REASONS.index(name) for name in ("not_de
 def lower_status(*maps: NDArray[Any]) -> Flags:
     """Return the lowest status of every pixel: invalid, fallback, normal component only, valid.
 
-    Examples
-    --------
     >>> lower_status(np.array([2, 3, 2]), np.array([1, 2, 0])).tolist()
     [1, 3, 0]
     """
@@ -64,24 +62,6 @@ def status_of_quantity(values: NDArray[Any], *, components: bool) -> Flags:
 def compute_validity(maps: Mapping[str, NDArray[Any]], excluded: NDArray[np.bool_] | None = None) -> dict[str, Any]:
     """Return the status, the validity and the reason for invalidity of every pixel.
 
-    Parameters
-    ----------
-    maps
-        The maps of an estimate by name, components first. If there is no ``status``, it is the lower of those of
-        disparity and motion; these follow from where the quantities are finite, if the maps do not contain them.
-        ``invalid_reason`` is the reason that the method states, 0 where it states none.
-    excluded
-        Pixels of the reference image that the exclusion mask marks.
-
-    Returns
-    -------
-    dict
-        ``status`` and ``invalid_reason`` (uint8), ``valid`` (bool). The reason is ``none`` exactly where the estimate
-        is valid. Elsewhere it is ``masked`` for excluded pixels, then the stated reason, then ``ambiguous_match`` where
-        only the normal component is estimated, and ``not_determined`` otherwise.
-
-    Examples
-    --------
     >>> found = compute_validity({"depth": np.array([1.0, np.nan, np.nan])}, np.array([True, True, False]))
     >>> found["status"].tolist(), found["valid"].tolist(), [REASONS[code] for code in found["invalid_reason"]]
     ([2, 0, 0], [True, False, False], ['none', 'masked', 'not_determined'])
@@ -108,15 +88,7 @@ def compute_validity(maps: Mapping[str, NDArray[Any]], excluded: NDArray[np.bool
 
 
 def complete_validity(estimate: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
-    """Return an estimate with the variables of `VALIDITY_MAPS`, as of `compute_validity`.
-
-    Parameters
-    ----------
-    estimate
-        A checked estimate.
-    recording
-        Its recording, for the pixels that are excluded.
-    """
+    """Return an estimate with the variables of `VALIDITY_MAPS`, as of `compute_validity`."""
     names = [name for name in ("status", "invalid_reason", *STATUS_SOURCES) if name in estimate]
     names += [name for quantities in STATUS_SOURCES.values() for name in quantities if name in estimate]
     found = compute_validity(
@@ -133,15 +105,7 @@ def validity_variable(name: str, values: NDArray[Any]) -> xr.Variable:
 
 
 def excluded_pixels(recording: xr.Dataset, t: ArrayLike) -> NDArray[np.bool_] | None:
-    """Return the pixels of the reference camera that the exclusion mask marks, shape (t, y, x); None without a mask.
-
-    Parameters
-    ----------
-    recording
-        A checked recording.
-    t
-        Numbers of the frames.
-    """
+    """Return the pixels of the reference camera that the exclusion mask marks, shape (t, y, x); None without a mask."""
     if "exclusion_mask" not in recording:
         return None
     frames = np.atleast_1d(np.asarray(t))

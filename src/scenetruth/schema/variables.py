@@ -18,7 +18,6 @@ from scenetruth.schema.attributes import Intrinsics
 
 __all__ = [
     "COMPONENTS",
-    "COORDINATES",
     "FORMAT_VERSION",
     "MOTION_ACCELERATED",
     "MOTION_ACCELERATED_IN_PART",
@@ -302,30 +301,9 @@ def label(
 ) -> xr.Dataset:
     """Put names, coordinates and units on plain arrays.
 
-    Parameters
-    ----------
-    kind
-        ``"recording"``, ``"truth"`` or ``"estimate"``: which table of `VARIABLES` holds.
-    arrays
-        The arrays by name. An array with one dimension more than its table says has ``s`` before ``t``; an image then
-        has ``channel`` behind ``x``. Whatever has ``s`` has ``s_y`` before it if ``stage_y_mm`` is given.
-    intrinsics
-        Focal length, principal point, baseline, frame interval.
-    t, s
-        The frame and camera indices, 0 the reference.
-    stage_x_mm
-        The camera's position for every s; ``baseline_mm * s`` if not given.
-    stage_y_mm
-        The position of every row of a grid of cameras; the cameras stand in one row if not given.
-    x, y
-        Pixel indices of the columns and rows; all pixels from 0 on if not given. The intrinsics hold for these indices.
-    attrs
-        More attributes.
-
-    Returns
-    -------
-    xarray.Dataset
-        With ``units`` and ``long_name`` on every variable and coordinate.
+    ``t``, ``s``: The frame and camera indices, 0 the reference.
+    ``x``, ``y``: Pixel indices of the columns and rows; all pixels from 0 on if not given. The intrinsics hold for
+      these indices.
     """
     variables: dict[str, xr.Variable] = {}
     for name, array in arrays.items():

@@ -32,26 +32,6 @@ def align(estimate: xr.Dataset, truth: xr.Dataset) -> tuple[xr.Dataset, xr.Datas
 
     Frames and pixels are matched by their coordinates t, y and x, not by their place in the arrays: the estimate may
     belong to a part of the image, or to every other pixel.
-
-    Parameters
-    ----------
-    estimate
-        An estimate for the reference camera, dimensions (t, y, x).
-    truth
-        The truth of the reference camera, dimensions (t, y, x), or of all cameras, (s, t, y, x), of which s = 0 is
-        taken. It may have more frames and pixels than the estimate.
-
-    Returns
-    -------
-    tuple of xarray.Dataset
-        The estimate, and the truth at s = 0 and at the estimate's frames and pixels. The truth has
-        ``boundary_distance``: its own, or else that measured in its whole image.
-
-    Raises
-    ------
-    ScoreError
-        If either does not have the agreed form, the truth lacks frames or pixels of the estimate, or their intrinsics
-        differ; lists all that is wrong.
     """
     check_alignable(estimate, truth)
     reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth.dims}).sel(t=estimate["t"].values)
@@ -84,26 +64,14 @@ def select_pixels(dataset: xr.Dataset, estimate: xr.Dataset) -> xr.Dataset:
 
 
 def check_estimate(estimate: xr.Dataset) -> None:
-    """Check that an estimate has the agreed form.
-
-    Raises
-    ------
-    ScoreError
-        If not; lists all that is wrong.
-    """
+    """Check that an estimate has the agreed form."""
     problems = [*_form_problems(estimate, "estimate")]
     if problems:
         raise ScoreError(problems)
 
 
 def check_recording(recording: xr.Dataset, estimate: xr.Dataset) -> None:
-    """Check that a recording has the agreed form and the pixels of an estimate.
-
-    Raises
-    ------
-    ScoreError
-        If not; lists all that is wrong.
-    """
+    """Check that a recording has the agreed form and the pixels of an estimate."""
     problems = [*_form_problems(recording, "recording")] or [*_pixel_problems(estimate, recording, "recording")]
     if problems:
         raise ScoreError(problems)
@@ -181,18 +149,7 @@ def count_blocks(estimate: xr.Dataset) -> int:
 
 
 def iterate_aligned_blocks(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[tuple[xr.Dataset, xr.Dataset]]:
-    """Give successive frames of an estimate, each time with the part of the truth that they can be compared with.
-
-    Parameters
-    ----------
-    estimate, truth
-        As of `align`; they may have been opened and not loaded.
-
-    Raises
-    ------
-    ScoreError
-        If they cannot be compared; as by `align`.
-    """
+    """Give successive frames of an estimate, each time with the part of the truth that they can be compared with."""
     for part in iterate_blocks(estimate):
         yield align(part, truth)
 

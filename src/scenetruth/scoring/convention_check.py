@@ -33,14 +33,7 @@ from scenetruth.scoring.convention_samples import (
     weighted_median,
 )
 
-__all__ = [
-    "LEAST_PIXELS",
-    "MismatchVerdict",
-    "ShiftFit",
-    "detect_convention_mismatches",
-    "fit_shift",
-    "search_mismatches",
-]
+__all__ = ["MismatchVerdict", "ShiftFit", "detect_convention_mismatches", "fit_shift"]
 
 
 Map = NDArray[np.float64]
@@ -87,14 +80,9 @@ _EQUAL = 1.1
 class MismatchVerdict:
     """Slips that are likely, and how much they explain.
 
-    Parameters
-    ----------
-    hypothesis
-        The slips.
-    explained
-        Share of the misfit that undoing them takes away.
-    errors
-        What is left at every pixel that was looked at, in the units of the truth; NaN where it is not known.
+    ``hypothesis``: The slips.
+    ``explained``: Share of the misfit that undoing them takes away.
+    ``errors``: What is left at every pixel that was looked at, in the units of the truth; NaN where it is not known.
     """
 
     hypothesis: MismatchHypothesis
@@ -107,11 +95,6 @@ def search_mismatches(material: MismatchSamples) -> MismatchVerdict | None:
 
     All combinations of one slip of place, one of meaning and one of scale are compared with the estimate being right,
     with weights: the change that the slips would make.
-
-    Parameters
-    ----------
-    material
-        The quantity.
     """
     places = material.drawn(_PIXELS)
     found, truth = material.estimate_at(places), material.truth_at(places)
@@ -278,14 +261,10 @@ _OF_MEDIAN = 1 / 0.6745
 class ShiftFit:
     """What a shift explains.
 
-    Parameters
-    ----------
-    right, down
-        By how many pixels the maps are shifted: 0, 1/2 or 1 in both directions, or None where that is not known.
-    explained
-        Share of the squared misfit away from edges that undoing the shift takes away.
-    left
-        Median of the misfit that is left.
+    ``right``, ``down``: By how many pixels the maps are shifted: 0, 1/2 or 1 in both directions, or None where that is
+      not known.
+    ``explained``: Share of the squared misfit away from edges that undoing the shift takes away.
+    ``left``: Median of the misfit that is left.
     """
 
     right: float | None
@@ -322,13 +301,6 @@ def fit_shift(material: MismatchSamples, hypothesis: MismatchHypothesis) -> Shif
     gain and blur (the Laplacian) of every component, which thus are never taken for a shift. On a plane of constant
     slope an offset looks like a shift, so that none is measured there. The standard error is that of the jackknife
     over blocks of the map.
-
-    Parameters
-    ----------
-    material
-        The quantity.
-    hypothesis
-        The slips.
     """
     grid = material.grid
     places = material.drawn(max(_SHIFT_PIXELS, int(_SHARE * grid.rows * grid.columns)), inner=True)
@@ -353,14 +325,9 @@ def fit_shift(material: MismatchSamples, hypothesis: MismatchHypothesis) -> Shif
 class _Rows:
     """The linear model of a quantity's errors.
 
-    Parameters
-    ----------
-    error
-        Errors in units of their spread, shape (n * component,): those of a pixel follow each other.
-    columns
-        What they may follow from, shape (n * component, k): the two gradients, then what is no shift.
-    size
-        The units, shape (component,).
+    ``error``: Errors in units of their spread, shape (n * component,): those of a pixel follow each other.
+    ``columns``: What they may follow from, shape (n * component, k): the two gradients, then what is no shift.
+    ``size``: The units, shape (component,).
     """
 
     error: Map

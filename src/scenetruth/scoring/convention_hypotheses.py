@@ -21,7 +21,6 @@ from scenetruth.scoring.convention_samples import (
 
 __all__ = [
     "LEAST_RATIO",
-    "MEANING_HYPOTHESES",
     "NO_MISMATCH",
     "SCALE_HYPOTHESES",
     "ConventionMismatch",
@@ -38,18 +37,12 @@ __all__ = [
 class ConventionMismatch:
     """A likely slip of convention in an estimate.
 
-    Parameters
-    ----------
-    kind
-        Short and stable name, such as ``"sign"`` or ``"metres"``.
-    quantity
-        The variable of the estimate, such as ``"disparity"``.
-    message
-        One sentence: what is likely wrong, and the remedy.
-    explained
-        The share of the misfit that undoing the slip takes away, 0 to 1: of the median error, weighted by the change
-        that the slip makes; of shifts by pixels, of its square away from edges. Of slips that are there together, each
-        has the share of all of them.
+    ``kind``: Short and stable name, such as ``"sign"`` or ``"metres"``.
+    ``quantity``: The variable of the estimate, such as ``"disparity"``.
+    ``message``: One sentence: what is likely wrong, and the remedy.
+    ``explained``: The share of the misfit that undoing the slip takes away, 0 to 1: of the median error, weighted by
+      the change that the slip makes; of shifts by pixels, of its square away from edges. Of slips that are there
+      together, each has the share of all of them.
     """
 
     kind: str
@@ -78,18 +71,11 @@ _NAMED_APART = 10
 class ScaleHypothesis:
     """A slip of scale.
 
-    Parameters
-    ----------
-    kind
-        Its name.
-    quantities
-        The variables that it belongs to.
-    message
-        What is told, with ``{quantity}``, ``{factor}`` (by how much values are too large) and ``{inverse}``.
-    factors
-        Gives the factors by which values with the slip are too large.
-    whole
-        Whether the factors are whole numbers that follow each other.
+    ``kind``: Its name.
+    ``quantities``: The variables that it belongs to.
+    ``message``: What is told, with ``{quantity}``, ``{factor}`` (by how much values are too large) and ``{inverse}``.
+    ``factors``: Gives the factors by which values with the slip are too large.
+    ``whole``: Whether the factors are whole numbers that follow each other.
     """
 
     kind: str
@@ -123,17 +109,6 @@ class MatchedScale:
 def nearest_scale(quantity: str, factor: float, facts: AcquisitionParameters) -> MatchedScale | None:
     """Return the slip of scale that a measured factor belongs to, or None.
 
-    Parameters
-    ----------
-    quantity
-        The variable.
-    factor
-        By how much the values are too large.
-    facts
-        Of the camera and the maps.
-
-    Examples
-    --------
     >>> facts = AcquisitionParameters(500.0, 5.0, 1.0, 5, 1.0, 640.0)
     >>> nearest_scale("depth", 0.00102, facts).scale.kind, nearest_scale("disparity", 3.97, facts).factor
     ('metres', 4.0)
@@ -275,17 +250,11 @@ Map = NDArray[np.float64]
 class MeaningHypothesis:
     """A slip of meaning.
 
-    Parameters
-    ----------
-    kind
-        Its name.
-    quantity
-        The variable that it belongs to.
-    message
-        What is told.
-    apply
-        Gives the values with the slip from the true ones, shape (component, n), and the lengths of the rays there,
-        scaled to Z = 1, shape (n,).
+    ``kind``: Its name.
+    ``quantity``: The variable that it belongs to.
+    ``message``: What is told.
+    ``apply``: Gives the values with the slip from the true ones, shape (component, n), and the lengths of the rays
+      there, scaled to Z = 1, shape (n,).
     """
 
     kind: str
@@ -447,10 +416,7 @@ MEANING_HYPOTHESES = (
 class MismatchHypothesis:
     """Up to one slip of place, of meaning and of scale each.
 
-    Parameters
-    ----------
-    move, turn, scaled
-        The slips, or None.
+    ``move``, ``turn``, ``scaled``: The slips, or None.
     """
 
     move: PositionHypothesis | None = None

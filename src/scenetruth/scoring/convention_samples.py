@@ -17,7 +17,6 @@ from scenetruth.scoring.alignment import align, check_alignable, select_pixels
 from scenetruth.scoring.error_pairs import compute_pixel_coordinates, find_valid_pixels
 
 __all__ = [
-    "MISMATCH_VARIABLES",
     "POSITION_HYPOTHESES",
     "AcquisitionParameters",
     "MismatchSamples",
@@ -26,7 +25,6 @@ __all__ = [
     "SamplePositions",
     "fit_factor",
     "lengths",
-    "read_acquisition_parameters",
     "read_mismatch_samples",
     "weighted_median",
 ]
@@ -38,13 +36,6 @@ Map = NDArray[np.float64]
 def weighted_median(values: Map, weights: Map) -> float:
     """Return the value that half of the weight lies below; NaN without any weight.
 
-    Parameters
-    ----------
-    values, weights
-        Shape (n,); weights are not negative.
-
-    Examples
-    --------
     >>> weighted_median(np.array([5.0, 1.0, 2.0]), np.array([1.0, 1.0, 3.0]))
     2.0
     """
@@ -63,13 +54,7 @@ def lengths(vectors: Map) -> Map:
 
 
 def fit_factor(found: Map, expected: Map) -> float:
-    """Return the factor a for which the sum of abs(found - a expected) is least; NaN where nothing is expected.
-
-    Parameters
-    ----------
-    found, expected
-        Shape (component, n).
-    """
+    """Return the factor a for which the sum of abs(found - a expected) is least; NaN where nothing is expected."""
     there = expected != 0
     expected = expected[there]
     return weighted_median(found[there] / expected, np.abs(expected))
@@ -79,16 +64,10 @@ def fit_factor(found: Map, expected: Map) -> float:
 class AcquisitionParameters:
     """What slips of scale and of meaning depend on.
 
-    Parameters
-    ----------
-    focal_length_px, baseline_mm, frame_interval_s
-        As of `scenetruth.schema.Intrinsics`.
-    positions
-        How many positions the camera has on its stage, or None if the truth does not tell.
-    step_px
-        Distance of neighbouring pixels of the map, in px of the camera: 2 if every other pixel was taken.
-    width_px
-        Width of the map, in px of the camera.
+    ``focal_length_px``, ``baseline_mm``, ``frame_interval_s``: As of `scenetruth.schema.Intrinsics`.
+    ``positions``: How many positions the camera has on its stage, or None if the truth does not tell.
+    ``step_px``: Distance of neighbouring pixels of the map, in px of the camera: 2 if every other pixel was taken.
+    ``width_px``: Width of the map, in px of the camera.
     """
 
     focal_length_px: float
@@ -120,12 +99,8 @@ Indices = NDArray[np.intp]
 class SamplePositions:
     """Some pixels of some frames, by their places in the arrays, each of shape (n,).
 
-    Parameters
-    ----------
-    frame
-        Place along the frames of a `SampleGrid`; negative where there is no such frame.
-    y, x
-        Row and column.
+    ``frame``: Place along the frames of a `SampleGrid`; negative where there is no such frame.
+    ``y``, ``x``: Row and column.
     """
 
     frame: Indices
@@ -141,13 +116,9 @@ class SamplePositions:
 class SampleGrid:
     """The frames and pixels of the maps.
 
-    Parameters
-    ----------
-    rows, columns
-        Size of the maps.
-    following, preceding, opposite
-        By frame: the place of the frame after it, before it, and of the one as far from the last as it is from the
-        first; negative where there is none. Each has the shape (frame,).
+    ``rows``, ``columns``: Size of the maps.
+    ``following``, ``preceding``, ``opposite``: By frame: the place of the frame after it, before it, and of the one as
+      far from the last as it is from the first; negative where there is none. Each has the shape (frame,).
     """
 
     rows: int
@@ -161,14 +132,9 @@ class SampleGrid:
 class PositionHypothesis:
     """A slip of place.
 
-    Parameters
-    ----------
-    kind
-        Its name.
-    message
-        What is told, with ``{quantity}``.
-    source
-        Gives the places whose values a map with the slip shows at some places; None where the slip cannot be.
+    ``kind``: Its name.
+    ``message``: What is told, with ``{quantity}``.
+    ``source``: Gives the places whose values a map with the slip shows at some places; None where the slip cannot be.
     """
 
     kind: str
@@ -268,23 +234,14 @@ _EDGE_PX = 4.0
 class MismatchSamples:
     """The maps of one quantity.
 
-    Parameters
-    ----------
-    quantity
-        The variable.
-    facts
-        Of the camera and the maps.
-    estimate
-        Shape (component, t, y, x); NaN where the estimate does not claim to know it.
-    truth
-        Shape (component, frame, y, x). The first frames are those of the estimate, in their order; the others are
-        beside them. NaN where there is no surface.
-    grid
-        How frames follow each other.
-    rays
-        Length of the ray of every pixel, scaled to Z = 1; shape (y, x).
-    smooth
-        Where the true surface has no edge near, shape (t, y, x).
+    ``quantity``: The variable.
+    ``facts``: Of the camera and the maps.
+    ``estimate``: Shape (component, t, y, x); NaN where the estimate does not claim to know it.
+    ``truth``: Shape (component, frame, y, x). The first frames are those of the estimate, in their order; the others
+      are beside them. NaN where there is no surface.
+    ``grid``: How frames follow each other.
+    ``rays``: Length of the ray of every pixel, scaled to Z = 1; shape (y, x).
+    ``smooth``: Where the true surface has no edge near, shape (t, y, x).
     """
 
     quantity: str
@@ -306,15 +263,7 @@ class MismatchSamples:
         return values
 
     def drawn(self, count: int, *, inner: bool = False) -> SamplePositions:
-        """Return pixels where estimate and truth are known, evenly spread; at most ``count``.
-
-        Parameters
-        ----------
-        count
-            How many.
-        inner
-            Whether to take only pixels away from edges and from the border.
-        """
+        """Return pixels where estimate and truth are known, evenly spread; at most ``count``."""
         frames = self.estimate.shape[1]
         known = np.asarray(np.isfinite(self.estimate).all(axis=0))
         known &= np.isfinite(self.truth[:, :frames]).all(axis=0)
@@ -328,18 +277,7 @@ class MismatchSamples:
 
 
 def read_mismatch_samples(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[MismatchSamples]:
-    """Give what is compared, quantity by quantity, of some frames of an estimate.
-
-    Parameters
-    ----------
-    estimate, truth
-        As of `scenetruth.scoring.alignment.align`; they may have been opened and not loaded.
-
-    Raises
-    ------
-    ScoreError
-        If they cannot be compared.
-    """
+    """Give what is compared, quantity by quantity, of some frames of an estimate."""
     check_alignable(estimate, truth)
     count = estimate.sizes["t"]
     held = [name for name in MISMATCH_VARIABLES if name in estimate]

@@ -39,10 +39,7 @@ class PixelCoordinates:
 
     `scenetruth.schema.PixelGrid` is the even and square grid that methods ask of a recording.
 
-    Parameters
-    ----------
-    y, x
-        The rows and columns of the whole image, shapes (y,) and (x,), in px.
+    ``y``, ``x``: The rows and columns of the whole image, shapes (y,) and (x,), in px.
     """
 
     y: Map
@@ -73,19 +70,8 @@ def compute_pixel_coordinates(dataset: xr.Dataset) -> PixelCoordinates:
 def compute_surface_points(depth: Map, intrinsics: Intrinsics, grid: PixelCoordinates | None = None) -> Map:
     """Return the surface points that pixels see.
 
-    Parameters
-    ----------
-    depth
-        Depth in mm, shape (y, x).
-    intrinsics
-        Of the camera.
-    grid
-        The pixels of the map; the whole image if not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        X, Y and Z in mm in the camera's frame, shape (3, y, x).
+    ``depth``: Depth in mm, shape (y, x).
+    Returns: X, Y and Z in mm in the camera's frame, shape (3, y, x).
     """
     c_x, c_y = intrinsics.principal_point_px
     y, x = (np.arange(size, dtype=np.float64) for size in depth.shape) if grid is None else (grid.y, grid.x)
@@ -135,18 +121,8 @@ def has_quantity(truth: xr.Dataset, name: str) -> bool:
 def read_quantity(dataset: xr.Dataset, name: str) -> Map:
     """Read one quantity of a truth or an estimate.
 
-    Parameters
-    ----------
-    dataset
-        A truth of one camera, or an estimate.
-    name
-        A key of `QUANTITIES`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (t, y, x), of whole vectors (component, t, y, x); NaN where there is none. Growth is in % per
-        hour, all else in the units of the variable.
+    Returns: float64, shape (t, y, x), of whole vectors (component, t, y, x); NaN where there is none. Growth is in %
+    per hour, all else in the units of the variable.
     """
     entry = QUANTITIES[name]
     if entry.variable in dataset:
@@ -161,18 +137,8 @@ def read_quantity(dataset: xr.Dataset, name: str) -> Map:
 def read_std(estimate: xr.Dataset, name: str) -> Map | None:
     """Read the standard deviation that an estimate states for one quantity.
 
-    Parameters
-    ----------
-    estimate
-        An estimate.
-    name
-        A key of `QUANTITIES`.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        float64, shape (t, y, x), in the quantity's units, NaN where there is none; None where the estimate has no
-        standard deviation of this quantity.
+    Returns: float64, shape (t, y, x), in the quantity's units, NaN where there is none; None where the estimate has no
+    standard deviation of this quantity.
     """
     if not has_std(estimate, name):
         return None
@@ -203,17 +169,7 @@ def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
     ``status_motion`` is, velocity, growth and rotation where both are. Where the estimate lacks one of the two,
     ``status`` takes its place; without ``status``, every pixel counts as valid.
 
-    Parameters
-    ----------
-    estimate
-        An estimate.
-    variable
-        The variable of one of `QUANTITIES`.
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (t, y, x).
+    Returns: bool, shape (t, y, x).
     """
     needs = next(entry.needs for entry in QUANTITIES.values() if entry.variable == variable)
     statuses = [f"status_{need}" for need in needs]
@@ -227,14 +183,10 @@ def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
 class EstimateTruthPair:
     """What is compared of one quantity; all arrays have the same shape.
 
-    Parameters
-    ----------
-    estimate, truth
-        The two maps, in the same units; NaN where there is none. Of vectors, the components come first.
-    full
-        Where the estimate claims to know the quantity; everywhere if None.
-    std
-        The standard deviation that the estimate states, or None.
+    ``estimate``, ``truth``: The two maps, in the same units; NaN where there is none. Of vectors, the components come
+      first.
+    ``full``: Where the estimate claims to know the quantity; everywhere if None.
+    ``std``: The standard deviation that the estimate states, or None.
     """
 
     estimate: Map
@@ -253,15 +205,7 @@ class EstimateTruthPair:
 
 
 def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> EstimateTruthPair:
-    """Read one quantity of an estimate, and its truth, as arrays of the shape (t, y, x).
-
-    Parameters
-    ----------
-    estimate, truth
-        Aligned data sets.
-    name
-        A key of `QUANTITIES` that the estimate has and the truth tells.
-    """
+    """Read one quantity of an estimate, and its truth, as arrays of the shape (t, y, x)."""
     return EstimateTruthPair(
         read_quantity(estimate, name),
         read_quantity(truth, name),
@@ -273,12 +217,8 @@ def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> EstimateTru
 class EstimateTruthPairs(Mapping[str, EstimateTruthPair]):
     """The quantities of an estimate that its truth tells, by the keys of `QUANTITIES`; read when they are looked up.
 
-    Parameters
-    ----------
-    estimate, truth
-        Aligned data sets.
-    further
-        More quantities, of which the estimate itself has none.
+    ``estimate``, ``truth``: Aligned data sets.
+    ``further``: More quantities, of which the estimate itself has none.
     """
 
     def __init__(

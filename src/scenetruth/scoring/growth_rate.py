@@ -55,23 +55,11 @@ def label_depth_segments(
     tan(``max_slope_deg``) Z / f, with Z the nearer of both: by what a surface of that slope does over one pixel. Where
     it is known which object each pixel shows, they must also show the same one.
 
-    Parameters
-    ----------
-    depth
-        Depth in mm, shape (y, x); NaN where there is none.
-    focal_length_px
-        f, in pixels.
-    max_slope_deg
-        The steepest slope of one surface, in degrees.
-    objects
-        The number of the object that each pixel shows, shape (y, x); of one object if not given.
-    step_px
-        The distances between neighbouring pixels of the map, along y and along x, in px.
-
-    Returns
-    -------
-    numpy.ndarray
-        int32, shape (y, x): 0, 1, ... for the pieces, and -1 where there is no depth.
+    ``depth``: Depth in mm, shape (y, x); NaN where there is none.
+    ``max_slope_deg``: The steepest slope of one surface, in degrees.
+    ``objects``: The number of the object that each pixel shows, shape (y, x); of one object if not given.
+    ``step_px``: The distances between neighbouring pixels of the map, along y and along x, in px.
+    Returns: int32, shape (y, x): 0, 1, ... for the pieces, and -1 where there is no depth.
     """
     steepest = math.tan(math.radians(max_slope_deg)) / focal_length_px
     index = np.arange(depth.size).reshape(depth.shape)
@@ -109,23 +97,10 @@ def compute_windowed_growth(
 ) -> Map:
     """Return the areal growth rate of one frame; see `scenetruth.scoring.compute_growth_rate` for the formula.
 
-    Parameters
-    ----------
-    points, velocity
-        Surface points in mm and their velocities in mm per frame, shape (3, y, x).
-    patches
-        The piece of surface that each pixel belongs to, shape (y, x); windows take pixels of their centre's piece only,
-        and none where it is negative.
-    window_px
-        Standard deviation of the Gaussian weights, in pixels of the map; they reach three times as far. If two, along
-        y and along x.
-    min_coverage
-        Least share of a window's weight that must lie on its piece.
-
-    Returns
-    -------
-    numpy.ndarray
-        In 1/frame, shape (y, x); NaN off all pieces, and where the window holds too little.
+    ``points``, ``velocity``: Surface points in mm and their velocities in mm per frame, shape (3, y, x).
+    ``patches``: The piece of surface that each pixel belongs to, shape (y, x); windows take pixels of their centre's
+      piece only, and none where it is negative.
+    Returns: In 1/frame, shape (y, x); NaN off all pieces, and where the window holds too little.
     """
     growth = np.full(patches.shape, np.nan)
     sigma_y, sigma_x = window_px if isinstance(window_px, tuple) else (window_px, window_px)
@@ -270,15 +245,10 @@ def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = No
 class GrowthMaps:
     """Growth rates that are compared with each other, in 1/frame, shape (t, y, x), NaN where there is none.
 
-    Parameters
-    ----------
-    estimate
-        What follows from the estimate's depth and velocity.
-    truth
-        The true growth rate of every pixel's own surface element.
-    truth_windowed
-        What follows from the true depth and velocity in the same way, with the same windows over the pixels that the
-        estimate knows. What belongs to one surface is told by the truth itself.
+    ``estimate``: What follows from the estimate's depth and velocity.
+    ``truth``: The true growth rate of every pixel's own surface element.
+    ``truth_windowed``: What follows from the true depth and velocity in the same way, with the same windows over the
+      pixels that the estimate knows. What belongs to one surface is told by the truth itself.
     """
 
     estimate: Map
@@ -287,20 +257,7 @@ class GrowthMaps:
 
 
 def compute_growth_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> GrowthMaps | None:
-    """Return the growth rates of an estimate and its truth.
-
-    Parameters
-    ----------
-    estimate, truth
-        Aligned data sets of the same frames and pixels.
-    settings
-        Of the window.
-
-    Returns
-    -------
-    GrowthMaps or None
-        None if the truth has no ``growth_rate``, or the estimate lacks depth or velocity, or knows none.
-    """
+    """Return the growth rates of an estimate and its truth."""
     return _maps(estimate, truth, settings) if has_growth_rate(estimate, truth) else None
 
 
@@ -328,11 +285,6 @@ def compute_growth_pairs(
     ``growth_rate`` compares with the truth of every pixel, ``growth_rate_windowed`` with the truth in the same window:
     the error of the former is that of the latter plus the bias of the window. (Of an estimate with a growth rate of its
     own, `EstimateTruthPairs` takes that for the former.)
-
-    Parameters
-    ----------
-    estimate, truth, settings
-        As of `compute_growth_maps`; some frames, perhaps, of those for which `has_growth_rate` holds.
     """
     maps = _maps(estimate, truth, settings)
     factor = percent_per_hour(read_intrinsics(estimate))
@@ -356,16 +308,8 @@ def _finite(dataset: xr.Dataset) -> Mask:
 def _rates(dataset: xr.Dataset, used: Mask, connected: Mask, settings: ScoreSettings) -> Map:
     """Return the growth rate of every frame of a data set.
 
-    Parameters
-    ----------
-    dataset
-        With depth and velocity.
-    used
-        The pixels that windows may take, shape (t, y, x).
-    connected
-        The pixels that connect surfaces, same shape: two used pixels may be connected by others.
-    settings
-        Of the window.
+    ``used``: The pixels that windows may take, shape (t, y, x).
+    ``connected``: The pixels that connect surfaces, same shape: two used pixels may be connected by others.
     """
     intrinsics, grid = read_intrinsics(dataset), compute_pixel_coordinates(dataset)
     step_y, step_x = grid.step_px

@@ -15,8 +15,6 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def format_number(value: float | None, digits: int = 3) -> str:
     """Spell a number with so many significant digits; a dash where it is undefined.
 
-    Examples
-    --------
     >>> format_number(0.012345), format_number(-1.5e-7), format_number(None)
     ('0.0123', '−1.50 × 10⁻⁷', '–')
     """
@@ -36,8 +34,6 @@ def format_number(value: float | None, digits: int = 3) -> str:
 def format_percent(fraction: float | None) -> str:
     """Spell a fraction as a number of per cent; shares near the ends keep what sets them apart from 0 and 100.
 
-    Examples
-    --------
     >>> format_percent(0.5), format_percent(0.9999), format_percent(1.0), format_percent(0.0004)
     ('50.0', '99.9900', '100', '0.0400')
     """

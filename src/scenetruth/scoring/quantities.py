@@ -32,24 +32,14 @@ the angle in degrees between lines, which have no sign."""
 class Quantity:
     """A map of an estimate that is compared with the truth.
 
-    Parameters
-    ----------
-    variable
-        The variable of the data set that holds it.
-    component
-        Index along the variable's first dimension, or None for a scalar variable and for whole vectors.
-    units
-        Units of its errors, in plain text. Of what has % per hour, data sets have 1/frame; of angles, vectors.
-    symbol
-        Its symbol, in plain text.
-    title
-        What it is, in words.
-    group
-        What it belongs to; a score has the errors of all of a group or of none.
-    needs
-        What must be known: depth ("disparity"), the motion in the image ("motion"), or both.
-    error
-        How its error is taken.
+    ``variable``: The variable of the data set that holds it.
+    ``component``: Index along the variable's first dimension, or None for a scalar variable and for whole vectors.
+    ``units``: Units of its errors, in plain text. Of what has % per hour, data sets have 1/frame; of angles, vectors.
+    ``symbol``: Its symbol, in plain text.
+    ``title``: What it is, in words.
+    ``group``: What it belongs to; a score has the errors of all of a group or of none.
+    ``needs``: What must be known: depth ("disparity"), the motion in the image ("motion"), or both.
+    ``error``: How its error is taken.
     """
 
     variable: str

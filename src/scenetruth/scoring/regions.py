@@ -49,30 +49,13 @@ def region_masks(
     ``margin_px`` away from the centre of every mixed pixel of the same frame, that is, away from silhouettes and from
     sharp edges. The border of the image is neither.
 
-    Parameters
-    ----------
-    depth
-        The true depth in mm, shape (..., y, x); NaN where there is no surface.
-    mixed
-        True where a pixel's footprint crosses a silhouette or such an edge, same shape.
-    margin_px
-        The least distance from mixed pixels, in px; not negative.
-    distance_px
-        The distance of every pixel to the nearest mixed pixel, in px, same shape, if it is known. It is needed for a
-        part of an image, and for every other pixel; without it, it is measured in ``mixed``.
+    ``depth``: The true depth in mm, shape (..., y, x); NaN where there is no surface.
+    ``mixed``: True where a pixel's footprint crosses a silhouette or such an edge, same shape.
+    ``margin_px``: The least distance from mixed pixels, in px; not negative.
+    ``distance_px``: The distance of every pixel to the nearest mixed pixel, in px, same shape, if it is known. It is
+      needed for a part of an image, and for every other pixel; without it, it is measured in ``mixed``.
+    Returns: The region's name to a boolean array of the same shape.
 
-    Returns
-    -------
-    dict
-        The region's name to a boolean array of the same shape.
-
-    Raises
-    ------
-    ScoreError
-        If the margin is negative or not finite.
-
-    Examples
-    --------
     >>> depth, mixed = np.ones((1, 5)), np.array([[True, False, False, False, False]])
     >>> region_masks(depth, mixed, margin_px=3)["interior"]
     array([[False, False, False,  True,  True]])
@@ -93,15 +76,8 @@ def main_regions(truth: xr.Dataset, margin_px: float) -> dict[str, Mask]:
 def edge_distance(mixed: Mask) -> NDArray[np.float64]:
     """Return the Euclidean distance from every pixel's centre to that of the nearest mixed pixel of its frame.
 
-    Parameters
-    ----------
-    mixed
-        True at mixed pixels, shape (..., y, x).
-
-    Returns
-    -------
-    numpy.ndarray
-        Distances in px, same shape; 0 at mixed pixels and infinite in a frame that has none.
+    ``mixed``: True at mixed pixels, shape (..., y, x).
+    Returns: Distances in px, same shape; 0 at mixed pixels and infinite in a frame that has none.
     """
     edges = np.asarray(mixed, dtype=bool)
     distance = np.full(edges.shape, np.inf)
@@ -120,15 +96,7 @@ def is_further_region(name: str) -> bool:
 def visible_throughout(truth: xr.Dataset) -> Mask | None:
     """Return which reference pixels see a point at t = 0 that all cameras see at all frames.
 
-    Parameters
-    ----------
-    truth
-        The whole truth, before it is aligned.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        bool, shape (y, x); None if the truth has no ``visible``.
+    Returns: bool, shape (y, x); None if the truth has no ``visible``.
     """
     if "visible" not in truth:
         return None
@@ -164,24 +132,9 @@ def further_regions(
 
     Where the truth does not tell which pixels are visible, all are taken as such.
 
-    Parameters
-    ----------
-    truth
-        The aligned truth, maps (t, y, x).
-    interior
-        The region ``interior``, shape (t, y, x).
-    settings
-        The bounds of the classes.
-    throughout
-        What `visible_throughout` returns.
-    contrast
-        Contrast of the reference images as a fraction of full scale, shape (t, y, x); without it there are no classes
-        of it.
-
-    Returns
-    -------
-    dict
-        The region's name to a boolean array, in the order in which they are reported.
+    ``interior``: The region ``interior``, shape (t, y, x).
+    ``contrast``: Contrast of the reference images as a fraction of full scale, shape (t, y, x); without it there are no
+      classes of it.
     """
     seen = np.isfinite(truth["depth"].values)
     visible = seen

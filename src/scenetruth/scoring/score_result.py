@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from scenetruth.errors import Problem, ScoreError, StoreError
+from scenetruth.errors import ArgumentError, Problem, ScoreError, StoreError
 from scenetruth.input_files import regular_file_size
 from scenetruth.plain_data import parse_json, plain_problems
+from scenetruth.results import QuantityValue, Result
 from scenetruth.scoring.number_format import format_count, format_number, format_percent
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, QUANTITY_GROUPS, get_title, get_units
 from scenetruth.scoring.regions import REGIONS, is_further_region
@@ -24,7 +25,7 @@ from scenetruth.settings import ScoreSettings
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Score", "html_summary", "line_summary", "select_summary_quantities"]
+__all__ = ["Score", "select_summary_quantities"]
 
 
 Values = Mapping[str, float | int | None]
@@ -92,13 +93,15 @@ def _short(value: float | None) -> str:
 
 
 _COLUMNS = (*STATISTICS[:-1], *RATES)
+_IN_UNITS = ("bias", "rmse", "median_abs_error", "p95_abs_error")
+"""Statistics in the unit of the quantity; the others are ratios."""
 
 _ROUNDING = 1e9
 """Errors that are so many times larger than the truth have only roundings for a truth."""
 
 
 @dataclass(frozen=True, repr=False)
-class Score:
+class Score(Result):
     """The figures of merit of one estimate.
 
     Parameters
@@ -129,7 +132,7 @@ class Score:
     Score(regions: all, interior; quantities: depth; RMSE in the interior: depth 0.01 mm)
     >>> found.regions["interior"]["depth"]["rmse"], found.metadata
     (0.01, {'seed': 1})
-    >>> print(found.to_frame().loc[("all", "depth"), "units"], found.to_frame().loc[("all", "depth"), "rmse"])
+    >>> print(found.to_dataframe().loc[("all", "depth"), "units"], found.to_dataframe().loc[("all", "depth"), "rmse"])
     mm 0.02
     """
 
@@ -149,23 +152,91 @@ class Score:
         """Return the main table, as notebooks show it."""
         return html_summary(self.regions, grows=self.grows)
 
-    def to_json(self) -> str:
-        """Return strict JSON with the regions and ``metadata`` as its top-level keys."""
-        return json.dumps({**self.regions, "metadata": self.metadata}, indent=2, allow_nan=False, ensure_ascii=False)
+    def value(self, quantity: str, statistic: str = "rmse", *, region: str = "interior") -> QuantityValue:
+        """Return a statistic of the errors of a quantity.
+
+        Parameters
+        ----------
+        quantity
+            A key of `scenetruth.scoring.QUANTITIES` that the estimate has.
+        statistic
+            The statistic, for example ``rmse``, ``bias``, ``median_abs_error`` or ``density``.
+        region
+            A region of the score.
+
+        Returns
+        -------
+        QuantityValue
+            With the number of pixels as ``n``, and without an interval; NaN if undefined.
+
+        Raises
+        ------
+        ArgumentError
+            If the score lacks one of them; the message lists those that it has.
+        """
+        quantities = self.regions.get(region)
+        values = (quantities or self.regions["all"]).get(quantity)
+        problems = []
+        if quantities is None:
+            problems.append(Problem("region", f"must be one of {', '.join(self.regions)}", region))
+        if values is None:
+            problems.append(Problem("quantity", f"must be one of {', '.join(self.regions['all'])}", quantity))
+        elif statistic not in values:
+            problems.append(Problem("statistic", f"must be one of {', '.join(values)}", statistic))
+        if problems or values is None:
+            raise ArgumentError(problems)
+        number, count = values[statistic], values.get("count")
+        unit = get_units(quantity) if statistic in _IN_UNITS else "1"
+        size = None if count is None else int(count)
+        return QuantityValue(
+            math.nan if number is None else float(number), unit, statistic=statistic, region=region, n=size
+        )
+
+    def summary(self) -> str:
+        """Return one line with the regions, the quantities and the main errors."""
+        return line_summary(self.regions, grows=self.grows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the regions and ``metadata`` as plain values; undefined values are None."""
+        return {**self.regions, "metadata": self.metadata}
 
     @classmethod
-    def read(cls, file: str | Path) -> Score:
-        """Read a file that holds what `to_json` wrote.
+    def from_dict(cls, plain: Mapping[str, Any]) -> Score:
+        """Return the score that `to_dict` converted.
+
+        Raises
+        ------
+        ScoreError
+            As `from_json`.
+        """
+        problems = plain_problems(plain) or [*_problems(plain)]
+        if problems:
+            raise ScoreError(problems)
+        regions = {name: values for name, values in plain.items() if name != "metadata"}
+        return cls(regions={name: regions[name] for name in (*REGIONS, *regions)}, metadata=plain["metadata"])
+
+    def to_json(self) -> str:
+        """Return strict JSON with the regions and ``metadata`` as its top-level keys."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False, ensure_ascii=False)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Score:
+        """Load a score that `save` wrote, or a ``score.json`` of a run.
+
+        Parameters
+        ----------
+        path
+            The file.
 
         Raises
         ------
         StoreError
             If it cannot be read, or is no score; names the file and what is wrong.
         """
-        path = Path(file)
+        file = Path(path)
         try:
-            regular_file_size(path)
-            return cls.from_json(path.read_bytes())
+            regular_file_size(file)
+            return cls.from_json(file.read_bytes())
         except ValueError as error:
             raise StoreError(file, f"{error}; make it with `scenetruth score`") from error
         except OSError as error:
@@ -192,14 +263,9 @@ class Score:
             raise ScoreError([Problem("", f"is not JSON: {error}", text)]) from error
         if not isinstance(content, dict):
             raise ScoreError([Problem("", "must be a JSON object", content)])
-        problems = plain_problems(content) or [*_problems(content)]
-        if problems:
-            raise ScoreError(problems)
-        regions = {name: values for name, values in content.items() if name != "metadata"}
-        ordered = {name: regions[name] for name in (*REGIONS, *regions)}
-        return cls(regions=ordered, metadata=content["metadata"])
+        return cls.from_dict(content)
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_dataframe(self) -> pd.DataFrame:
         """Return a table.
 
         Returns
@@ -220,8 +286,8 @@ class Score:
         return pd.DataFrame(list(rows.values()), index=index, columns=["units", *_COLUMNS])
 
     def to_csv(self) -> str:
-        """Return the table of `to_frame` as comma-separated values with a header, undefined values left empty."""
-        return str(self.to_frame().to_csv(lineterminator="\n"))
+        """Return the table of `to_dataframe` as comma-separated values with a header, undefined values left empty."""
+        return str(self.to_dataframe().to_csv(lineterminator="\n"))
 
 
 def _problems(content: Mapping[str, Any]) -> Iterator[Problem]:

@@ -52,17 +52,9 @@ def local_contrast(image: Map, window_px: float) -> Map:
 
     Noise of the images is part of it, and adds its variance. Images end at their border; the window is reflected there.
 
-    Parameters
-    ----------
-    image
-        Grey values, shape (..., y, x); the images are independent.
-    window_px
-        Standard deviation of the window, in px.
-
-    Returns
-    -------
-    numpy.ndarray
-        In the units of the grey values, same shape.
+    ``image``: Grey values, shape (..., y, x); the images are independent.
+    ``window_px``: Standard deviation of the window, in px.
+    Returns: In the units of the grey values, same shape.
     """
     # Without the mean, the difference of squares keeps its digits.
     centred = image - image.mean(axis=(-2, -1), keepdims=True)
@@ -75,10 +67,7 @@ def local_contrast(image: Map, window_px: float) -> Map:
 def reference_images(recording: xr.Dataset, frames: NDArray[np.integer]) -> Map:
     """Return the reference camera's images at some frames, as fractions of full scale; of colours the mean.
 
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (t, y, x).
+    Returns: float64, shape (t, y, x).
     """
     image = recording["image"].sel({dim: 0 for dim in ("s_y", "s") if dim in recording["image"].dims} | {"t": frames})
     values = image.values.astype(np.float64) / float(recording.attrs["full_scale"])
@@ -91,12 +80,8 @@ Mask = NDArray[np.bool_]
 class StatisticsAggregator:
     """Gathers the statistics of every quantity in every region.
 
-    Parameters
-    ----------
-    rates
-        The rates of outliers to report: what `meaningful_rates` returns.
-    single
-        Whether there is one part only; see `StatisticsAccumulator`.
+    ``rates``: The rates of outliers to report: what `meaningful_rates` returns.
+    ``single``: Whether there is one part only; see `StatisticsAccumulator`.
     """
 
     def __init__(self, rates: Sequence[str], *, single: bool) -> None:
@@ -107,12 +92,7 @@ class StatisticsAggregator:
     def add(self, pairs: Mapping[str, EstimateTruthPair], regions: Mapping[str, Mask]) -> None:
         """Count a part.
 
-        Parameters
-        ----------
-        pairs
-            The quantities by the keys of `QUANTITIES`; they are looked up once or twice each.
-        regions
-            Where each region lies, shape (t, y, x).
+        ``regions``: Where each region lies, shape (t, y, x).
         """
         for quantity, pair in pairs.items():
             scored = ErrorSamples.of(pair, QUANTITIES[quantity].error)
@@ -147,13 +127,7 @@ class StatisticsAggregator:
 
 
 def score_settings(**settings: Any) -> ScoreSettings:
-    """Validate the settings of a score.
-
-    Raises
-    ------
-    ScoreError
-        With every setting that is unknown or impossible.
-    """
+    """Validate the settings of a score."""
     try:
         return ScoreSettings(**settings)
     except ValidationError as error:

@@ -17,8 +17,6 @@ from scenetruth.scoring.error_pairs import EstimateTruthPair, stacked
 from scenetruth.scoring.quantities import ErrorKind
 
 __all__ = [
-    "OUTLIER_FRACTION",
-    "OUTLIER_PX",
     "RATES",
     "STATISTICS",
     "STATISTIC_TITLES",
@@ -29,11 +27,8 @@ __all__ = [
     "StatisticsAccumulator",
     "StreamingQuantiles",
     "angle_deg",
-    "difference",
-    "diverged",
     "endpoint_statistics",
     "error_statistics",
-    "length",
     "meaningful_rates",
     "outlier_rates",
     "select_meaningful_rates",
@@ -64,8 +59,6 @@ def length(vectors: Map) -> Map:
 def angle_deg(one: Map, other: Map, *, lines: bool = False) -> Map:
     """Return the angles in degrees between vectors of three components, shape (3, ...), or between lines along them.
 
-    Examples
-    --------
     >>> angle_deg(np.array([1.0, 1.0, 0.0]), np.array([-2.0, 0.0, 0.0])).round(6)
     np.float64(135.0)
     >>> angle_deg(np.array([1.0, 1.0, 0.0]), np.array([-2.0, 0.0, 0.0]), lines=True).round(6)
@@ -95,13 +88,8 @@ class StreamingQuantiles:
     parts are counted in bins whose width is 2⁻⁹ of their octave's lower end, with linear interpolation inside a bin:
     quantiles are then right to better than 0.2 %.
 
-    Parameters
-    ----------
-    single
-        Whether all values come in one part.
+    ``single``: Whether all values come in one part.
 
-    Examples
-    --------
     >>> found = StreamingQuantiles(single=False)
     >>> for part in np.split(np.linspace(-1.0, 3.0, 4000), 8):
     ...     found.add(part)
@@ -132,13 +120,7 @@ class StreamingQuantiles:
                 self._counts[below] = self._counts[below] + counts if below in self._counts else counts
 
     def at(self, percent: Sequence[float]) -> list[float]:
-        """Return quantiles; of no values at all, NaN.
-
-        Parameters
-        ----------
-        percent
-            Which, 0 to 100.
-        """
+        """Return quantiles; of no values at all, NaN."""
         if self._single:
             values = self._values if self._values.size else np.array([np.nan])
             return [float(value) for value in np.percentile(values, percent)]
@@ -232,26 +214,11 @@ def error_statistics(
     - ``density`` = n / the number of pixels of the region with a finite truth,
     - ``count`` = n.
 
-    Parameters
-    ----------
-    estimate, truth
-        The two maps, of the same shape and in the same units; NaN where there is none.
-    region
-        Where to look, same shape.
-    full
-        Where the estimate claims to know the quantity, same shape; everywhere if not given.
-    std
-        The standard deviation that the estimate states, same shape and units.
+    ``estimate``, ``truth``: The two maps, of the same shape and in the same units; NaN where there is none.
+    ``region``: Where to look, same shape.
+    ``full``: Where the estimate claims to know the quantity, same shape; everywhere if not given.
+    ``std``: The standard deviation that the estimate states, same shape and units.
 
-    Returns
-    -------
-    dict
-        By the names of `STATISTICS`. With no scored pixel, everything is None but ``count`` = 0 and ``density`` = 0;
-        with no true pixel either, the density is None as well. Without any usable standard deviation, ``rms_z``
-        and ``coverage_2_std`` are None.
-
-    Examples
-    --------
     >>> everywhere = np.ones(3, dtype=bool)
     >>> error_statistics(np.array([1.5, 2.5, np.nan]), np.array([1.0, 2.0, 3.0]), everywhere)["bias"]
     0.5
@@ -266,17 +233,8 @@ def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | No
     rms of ‖truth_i‖ as the reference of ``relative_rmse``. All components must be finite at a scored pixel. A distance
     has no standard deviation, so that ``rms_z`` and ``coverage_2_std`` are None.
 
-    Parameters
-    ----------
-    estimate, truth
-        The two maps, shape (component, ...), in the same units; NaN where there is none.
-    region, full
-        As in `error_statistics`, shape (...).
-
-    Returns
-    -------
-    dict
-        By the names of `STATISTICS`.
+    ``estimate``, ``truth``: The two maps, shape (component, ...), in the same units; NaN where there is none.
+    ``region``, ``full``: As in `error_statistics`, shape (...).
     """
     return _statistics(ErrorSamples.of(EstimateTruthPair(estimate, truth, full), "distance"), region)
 
@@ -285,18 +243,9 @@ def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | No
 def standardised(error: Map, std: Map) -> Map:
     """Return errors in units of their standard deviation.
 
-    Parameters
-    ----------
-    error, std
-        Errors and their standard deviations, of the same shape and in the same units.
+    ``error``, ``std``: Errors and their standard deviations, of the same shape and in the same units.
+    Returns: error / std, a plain number, of those with a finite, positive standard deviation; shape (m,).
 
-    Returns
-    -------
-    numpy.ndarray
-        error / std, a plain number, of those with a finite, positive standard deviation; shape (m,).
-
-    Examples
-    --------
     >>> standardised(np.array([3.0, 1.0, 1.0]), np.array([2.0, 0.0, np.nan])).tolist()
     [1.5]
     """
@@ -309,16 +258,11 @@ def standardised(error: Map, std: Map) -> Map:
 class ErrorSamples:
     """The errors of one quantity, at the pixels that are scored.
 
-    Parameters
-    ----------
-    known
-        Where the truth is known, a map.
-    scored
-        Where estimate and truth are both known, a map; the following belong to these pixels, in their order.
-    error, expected
-        Errors, distances or angles, and true values or lengths; 0 for angles, which have nothing to compare with.
-    std
-        The standard deviations that the estimate states, or None.
+    ``known``: Where the truth is known, a map.
+    ``scored``: Where estimate and truth are both known, a map; the following belong to these pixels, in their order.
+    ``error``, ``expected``: Errors, distances or angles, and true values or lengths; 0 for angles, which have nothing
+      to compare with.
+    ``std``: The standard deviations that the estimate states, or None.
     """
 
     known: Mask
@@ -349,10 +293,7 @@ class ErrorSamples:
 class StatisticsAccumulator:
     """Gathers the statistics of one quantity in one region, part by part.
 
-    Parameters
-    ----------
-    single
-        Whether there is one part only: medians and percentiles are exact then (see `StreamingQuantiles`).
+    ``single``: Whether there is one part only: medians and percentiles are exact then (see `StreamingQuantiles`).
     """
 
     def __init__(self, *, single: bool) -> None:
@@ -454,21 +395,9 @@ def outlier_rates(
     if its endpoint error is above 3 px and above 5 % of the true flow's length. A pixel is an outlier of scene flow if
     either is. All rates are shares of the same pixels: those where all quantities are scored that the rates need.
 
-    Parameters
-    ----------
-    pairs
-        By name: ``disparity`` in px per step of s, ``flow_x`` and ``flow_y`` in px per frame, any shape. Others are
-        not looked at.
-    rates
-        The rates to return, names of `RATES`.
+    ``pairs``: By name: ``disparity`` in px per step of s, ``flow_x`` and ``flow_y`` in px per frame, any shape. Others
+      are not looked at.
 
-    Returns
-    -------
-    dict
-        The rates, shares between 0 and 1 or None with no scored pixel, and the ``count`` of scored pixels.
-
-    Examples
-    --------
     >>> disparity = EstimateTruthPair(np.array([10.0, 14.0]), np.array([10.0, 10.0]))
     >>> outlier_rates({"disparity": disparity}, ["disparity_rate"])
     {'disparity_rate': 0.5, 'count': 2}
@@ -483,12 +412,8 @@ def outlier_rates(
 class Outliers:
     """Which pixels are outliers.
 
-    Parameters
-    ----------
-    scored
-        Where all quantities are scored that the rates need, a map.
-    flags
-        By rate, whether a pixel is an outlier, at the scored pixels in their order.
+    ``scored``: Where all quantities are scored that the rates need, a map.
+    ``flags``: By rate, whether a pixel is an outlier, at the scored pixels in their order.
     """
 
     scored: Mask
@@ -510,10 +435,7 @@ class Outliers:
 class OutlierAccumulator:
     """Counts outliers in one region, part by part.
 
-    Parameters
-    ----------
-    rates
-        The rates to tell, names of `RATES`.
+    ``rates``: The rates to tell, names of `RATES`.
     """
 
     def __init__(self, rates: Sequence[str]) -> None:
@@ -540,20 +462,9 @@ def meaningful_rates(pairs: Mapping[str, EstimateTruthPair], region: Mask) -> tu
     A rate is meaningful if the estimate has an outlier, or if a guess would have one: the median of the truth, the same
     at every pixel. The rate of scene flow is meaningful if that of disparity or that of flow is.
 
-    Parameters
-    ----------
-    pairs
-        What `read_pairs` returns, shape (t, y, x).
-    region
-        Where to look, same shape.
+    ``pairs``: What `read_pairs` returns, shape (t, y, x).
+    ``region``: Where to look, same shape.
 
-    Returns
-    -------
-    tuple of str
-        Names of `RATES` without ``count``; empty if none is meaningful, or the estimate has neither disparity nor flow.
-
-    Examples
-    --------
     >>> truth, everywhere = np.array([38.0, 38.1, 38.4]), np.ones(3, dtype=bool)
     >>> meaningful_rates({"disparity": EstimateTruthPair(truth + 0.01, truth)}, everywhere)
     ()
@@ -566,15 +477,7 @@ def meaningful_rates(pairs: Mapping[str, EstimateTruthPair], region: Mask) -> tu
 def select_meaningful_rates(
     parts: Callable[[], Iterable[tuple[Mapping[str, EstimateTruthPair], Mask]]], count: int
 ) -> tuple[str, ...]:
-    """Return the rates that say anything about what comes part by part; see `meaningful_rates`.
-
-    Parameters
-    ----------
-    parts
-        Gives pairs and region of every part, each time that it is called.
-    count
-        How many parts there are. Of several, every ``count``-th pixel is taken for the median that a guess would be.
-    """
+    """Return the rates that say anything about what comes part by part; see `meaningful_rates`."""
     truths: dict[str, list[Map]] = {}
     fails: dict[str, bool] = {}
     for pairs, region in parts():

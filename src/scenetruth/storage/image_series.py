@@ -21,18 +21,7 @@ def is_image_name(name: str) -> bool:
 
 
 def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png", "tiff"]) -> None:
-    """Write every image of a recording as a file ``s+0_t+0.png``, or ``r+0_s+0_t+0.png`` in row ``s_y`` = 0 of a grid.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    folder
-        Folder for the files; it must not exist yet.
-    form
-        ``"png"``: 16 bit, full scale is 65535 (digital numbers of up to 16 bits follow from it exactly).
-        ``"tiff"``: float32, full scale is 1.
-    """
+    """Write each image of a recording to a file ``s+0_t+0.png``, or ``r+0_s+0_t+0.png`` in row ``s_y`` = 0."""
     import imageio.v3 as imageio
 
     folder = Path(folder)

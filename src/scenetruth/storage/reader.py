@@ -185,14 +185,9 @@ def _variable(path: Path, name: str, array: Any) -> xr.Variable:
 class StoredArray(BackendArray):
     """The values of one variable in a store, read as they are asked for.
 
-    Parameters
-    ----------
-    path
-        The store, for messages.
-    name
-        The variable.
-    array
-        Its zarr array.
+    ``path``: The store, for messages.
+    ``name``: The variable.
+    ``array``: Its zarr array.
     """
 
     def __init__(self, path: Path, name: str, array: Any) -> None:
@@ -205,13 +200,7 @@ class StoredArray(BackendArray):
         return np.asarray(indexing.explicit_indexing_adapter(key, self.shape, support, self.read))
 
     def read(self, key: tuple[Any, ...]) -> NDArray[Any]:
-        """Read a part; every chunk that is touched is checked.
-
-        Raises
-        ------
-        StoreError
-            If a chunk is damaged.
-        """
+        """Read a part; every chunk that is touched is checked."""
         try:
             with without_warnings():
                 return np.asarray(self._array.oindex[tuple(map(_plain, key))] if key else self._array[...])
@@ -234,23 +223,7 @@ def _plain(index: Any) -> Any:
 
 
 def verify_store(path: str | Path) -> str:
-    """Read a store through, one image or map after the other, and check every byte of it.
-
-    Parameters
-    ----------
-    path
-        The store.
-
-    Returns
-    -------
-    str
-        What it holds: ``"recording"``, ``"truth"`` or ``"estimate"``.
-
-    Raises
-    ------
-    StoreError
-        If there is no such store, it is not ours, or anything of it is damaged.
-    """
+    """Read a store through, one image or map after the other, and check every byte of it."""
     dataset = open_store(path)
     for variable in dataset.variables.values():
         if not is_mapped(variable.dims):

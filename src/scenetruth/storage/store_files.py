@@ -28,7 +28,6 @@ __all__ = [
     "check_checksums",
     "claim_store",
     "differs_from_packed",
-    "is_part",
     "is_store",
     "is_zip_name",
     "open_store_files",
@@ -51,8 +50,6 @@ TRUTH = "truth"
 def store_name(stem: str, *, zipped: bool) -> str:
     """Return the name of a store: of a folder, or of a zip file.
 
-    Examples
-    --------
     >>> store_name(TRUTH, zipped=False), store_name("estimate", zipped=True)
     ('truth.zarr', 'estimate.zarr.zip')
     """
@@ -100,13 +97,7 @@ class StoreFiles(Protocol):
         ...
 
     def read(self, name: str) -> bytes:
-        """Return what a file holds.
-
-        Raises
-        ------
-        OSError
-            If it cannot be read.
-        """
+        """Return what a file holds."""
         ...
 
 
@@ -175,15 +166,7 @@ def _pack(folder: Path, stream: IO[bytes]) -> None:
 
 
 def differs_from_packed(path: Path, scratch: Path) -> bool:
-    """Tell whether a zip file differs anywhere from what `pack` makes of its content.
-
-    Parameters
-    ----------
-    path
-        The zip file.
-    scratch
-        An empty folder for its content.
-    """
+    """Tell whether a zip file differs anywhere from what `pack` makes of its content."""
     try:
         with zipfile.ZipFile(path) as archive:
             archive.extractall(scratch)
@@ -241,20 +224,7 @@ def write_checksums(path: Path) -> None:
 
 
 def check_checksums(path: Path, attributes: dict[str, Any]) -> None:
-    """Refuse a store whose metadata or whose files have changed since it was sealed.
-
-    Parameters
-    ----------
-    path
-        The store.
-    attributes
-        Its attributes.
-
-    Raises
-    ------
-    StoreError
-        If it has; says what.
-    """
+    """Refuse a store whose metadata or whose files have changed since it was sealed."""
     sealed = attributes.get(CHECKSUM_ATTRIBUTE)
     if not isinstance(sealed, dict):
         raise StoreError(path, "carries no seal, so that nobody can tell whether it is whole; make it again")

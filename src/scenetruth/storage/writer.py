@@ -42,22 +42,12 @@ _PENDING_BYTES = 1 << 26
 class StoreWriter:
     """Writes a store; to be used in a with block, at whose end the store is whole.
 
-    Parameters
-    ----------
-    path
-        The store, which does not exist yet; `write_atomically` gives such paths.
-    like
-        A data set with the variables, coordinates and attributes that the store will have. Of variables with pixels
-        only the form is taken, so that they may be views of a single value; others hold until something is put there.
-    zipped
-        Whether the store is one zip file in the end.
-    narrow
-        Whether maps of float64 are stored as float32.
-
-    Raises
-    ------
-    RecordingError
-        If `load` could not read the store.
+    ``path``: The store, which does not exist yet; `write_atomically` gives such paths.
+    ``like``: A data set with the variables, coordinates and attributes that the store will have. Of variables with
+      pixels only the form is taken, so that they may be views of a single value; others hold until something is put
+      there.
+    ``zipped``: Whether the store is one zip file in the end.
+    ``narrow``: Whether maps of float64 are stored as float32.
     """
 
     def __init__(self, path: Path, like: xr.Dataset, *, zipped: bool = False, narrow: bool = False) -> None:
@@ -114,36 +104,14 @@ class StoreWriter:
             array[...] = variable.values
 
     def describe(self, attrs: Mapping[str, Any]) -> None:
-        """Add attributes that are known only now.
-
-        Parameters
-        ----------
-        attrs
-            The attributes; those of the same name are replaced.
-
-        Raises
-        ------
-        RecordingError
-            If a store cannot hold them.
-        """
+        """Add attributes that are known only now."""
         self._like = self._like.assign_attrs(attrs)
         check_dataset(self._like, self._kind)
         with without_warnings():
             self._group.update_attributes(plain_attributes(self._like)[""])
 
     def put(self, name: str, at: Mapping[str, int], values: NDArray[Any]) -> None:
-        """Write one image or map, or several.
-
-        Parameters
-        ----------
-        name
-            The variable.
-        at
-            Position along some of the leading dimensions, counted from 0.
-        values
-            What belongs there, with the other dimensions in their order. They must not be changed afterwards: they are
-            packed in the background.
-        """
+        """Write one image or map, or several."""
         if name not in self._variables:
             # Without pixels it is small, and is written when all is known.
             small = self._small.setdefault(name, np.array(self._like[name].values))
@@ -284,13 +252,7 @@ def _write(dataset: xr.Dataset, path: Path, *, zipped: bool) -> None:
 
 
 def _stamped(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a data set with its kind and format version; arithmetic with xarray may have dropped its attributes.
-
-    Raises
-    ------
-    RecordingError
-        If `load` could not read it.
-    """
+    """Return a data set with its kind and format version; arithmetic with xarray may have dropped its attributes."""
     kind = dataset.attrs.get("scenetruth")
     if kind is None:
         kind = "recording" if "image" in dataset else "truth" if "mixed" in dataset else "estimate"

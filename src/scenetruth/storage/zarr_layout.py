@@ -36,23 +36,7 @@ AUXILIARY = "coordinates"
 
 
 def plain_attributes(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Return the attributes of a data set and of its variables as plain values.
-
-    Parameters
-    ----------
-    dataset
-        The data set.
-
-    Returns
-    -------
-    dict
-        By name of the variable; those of the data set itself under the empty name.
-
-    Raises
-    ------
-    RecordingError
-        With every attribute that JSON cannot hold, and every variable whose values are neither numbers nor text.
-    """
+    """Return the attributes of a data set and of its variables as plain values."""
     problems: list[Problem] = []
     found = {"": _plain(dataset.attrs, "attrs", problems)}
     for name, variable in dataset.variables.items():
@@ -196,12 +180,8 @@ class ShardFile:
 
     zarr itself can only write such a file at once, with all its chunks in memory.
 
-    Parameters
-    ----------
-    path
-        The file.
-    grid
-        Number of chunks along every dimension.
+    ``path``: The file.
+    ``grid``: Number of chunks along every dimension.
 
     References
     ----------

@@ -19,13 +19,7 @@ from scenetruth.scoring.error_pairs import has_quantity, percent_per_hour, read_
 from scenetruth.testing.assertion_context import align_columns, format_multiple, get_context
 from scenetruth.testing.tolerances import Limit, LimitError, LimitOutcome, evaluate_limit, read_limits, suggest_names
 
-__all__ = [
-    "assert_accuracy",
-    "compute_bound_in_region",
-    "count_pixels_in_region",
-    "draw_differences",
-    "failure_message",
-]
+__all__ = ["assert_accuracy", "draw_differences"]
 
 
 Map = NDArray[np.float64]
@@ -34,15 +28,7 @@ Map = NDArray[np.float64]
 def count_pixels_in_region(
     estimate: xr.Dataset, truth: xr.Dataset, recording: xr.Dataset | None, region: str, settings: Mapping[str, Any]
 ) -> int:
-    """Return how many pixels a region has over all frames of an estimate: those that a perfect one would be scored at.
-
-    Parameters
-    ----------
-    estimate, truth, recording, region
-        As of `assert_accuracy`.
-    settings
-        Of the score.
-    """
+    """Return the number of pixels of a region over all frames, those that a complete estimate would be scored at."""
     found, exact = align(estimate, truth)
     x, y = (found[name].values if name in found.coords else None for name in ("x", "y"))
     perfect = label("estimate", {"depth": exact["depth"].values}, read_intrinsics(found), t=found["t"].values, x=x, y=y)
@@ -59,30 +45,7 @@ def compute_bound_in_region(
     region: str,
     settings: Mapping[str, Any],
 ) -> dict[str, float | None]:
-    """Return the rms of a bound over the pixels of a region at which an estimate is scored.
-
-    Parameters
-    ----------
-    bound
-        Standard deviations, ``depth_std`` and so on, with the dimensions and units of the estimate's variables.
-    names
-        The quantities, keys of `scenetruth.scoring.QUANTITIES`.
-    estimate, truth, recording, region
-        As of `assert_accuracy`.
-    settings
-        Of the score.
-
-    Returns
-    -------
-    dict
-        In the score's units; None where the bound is known at no pixel that is scored, or the estimate does not hold
-        the quantity itself. Pixels where the bound is not known do not count.
-
-    Raises
-    ------
-    LimitError
-        If the bound does not hold what is asked for; lists what is wrong.
-    """
+    """Return the rms of a bound over the pixels of a region at which an estimate is scored."""
     found, exact = align(estimate, truth)
     # An estimate that is wrong by one standard deviation everywhere has the rms of the standard deviations.
     wrong = found.copy()
@@ -133,22 +96,7 @@ def _read_std(bound: xr.Dataset, entry: Quantity, found: xr.Dataset) -> Map:
 def draw_differences(
     estimate: xr.Dataset, truth: xr.Dataset, recording: xr.Dataset | None, names: Collection[str], folder: Path
 ) -> list[Path]:
-    """Draw some quantities of one frame, t = 0 or the middle one; a distance as the components of its vector.
-
-    Parameters
-    ----------
-    estimate, truth, recording
-        What was compared, and what was estimated from.
-    names
-        Keys of `scenetruth.scoring.QUANTITIES`. Angles, and what the estimate does not know, are left out.
-    folder
-        Where the PNG files go, one for each variable; made if missing. None is overwritten.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files.
-    """
+    """Draw some quantities of one frame, t = 0 or the middle one; a distance as the components of its vector."""
     # matplotlib takes a second to import, and nobody needs it for what is kept.
     from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
     from scenetruth.scoring.figures.figure_style import style
@@ -205,21 +153,7 @@ def failure_message(
     pictures: Sequence[Path] | str,
     slips: Sequence[str],
 ) -> str:
-    """Return the text of a failure.
-
-    Parameters
-    ----------
-    outcomes
-        Of all limits, kept ones too.
-    method
-        Who estimated.
-    region, pixels
-        The region, and how many pixels it has.
-    pictures
-        The files, or why there are none; nothing if nobody asked for any.
-    slips
-        What may have been mixed up.
-    """
+    """Return the text of a failure."""
     broken = sum(not outcome.kept for outcome in outcomes)
     head = f"{broken} of {len(outcomes)} limit{'s' * (len(outcomes) != 1)} broken by the estimate of '{method}'"
     lines = [f"{head} in the region '{region}' of {pixels} pixels:", *_table(outcomes)]
@@ -229,7 +163,7 @@ def failure_message(
         shown = [pictures] if isinstance(pictures, str) else [f"  {file}" for file in pictures]
         lines += shown if isinstance(pictures, str) else ["estimate, truth and error:", *shown]
     look = "scenetruth.write_report(estimate, truth, recording, output=...) draws everything; "
-    lines.append(f"look further: {look}scenetruth.score(estimate, truth, recording).to_frame() has all regions")
+    lines.append(f"look further: {look}scenetruth.score(estimate, truth, recording).to_dataframe() has all regions")
     return "\n".join(lines)
 
 

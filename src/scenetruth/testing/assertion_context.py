@@ -15,8 +15,6 @@ __all__ = ["AssertionContext", "OutcomeRow", "align_columns", "format_multiple",
 def align_columns(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return the lines of a table, its columns padded to the same width.
 
-    Examples
-    --------
     >>> align_columns([("depth", "rmse"), ("disparity", "bias")])
     ['depth      rmse', 'disparity  bias']
     """
@@ -37,13 +35,9 @@ OutcomeRow = dict[str, Any]
 class AssertionContext:
     """What a test run offers to the assertions in it.
 
-    Parameters
-    ----------
-    pictures
-        Makes the folder for pictures of what fails, and returns it; not called before something does. Without it, no
-        pictures are drawn unless an assertion names a folder.
-    note
-        Takes the outcomes of every assertion.
+    ``pictures``: Makes the folder for pictures of what fails, and returns it; not called before something does. Without
+      it, no pictures are drawn unless an assertion names a folder.
+    ``note``: Takes the outcomes of every assertion.
     """
 
     pictures: Callable[[], Path] | None = None
@@ -65,13 +59,6 @@ def use_context(
 ) -> Iterator[None]:
     """Surround the assertions of a block.
 
-    Parameters
-    ----------
-    pictures, note
-        As of `AssertionContext`.
-
-    Examples
-    --------
     >>> with use_context(pictures=lambda: Path("pictures")):
     ...     get_context().pictures is None
     ...     with use_context():

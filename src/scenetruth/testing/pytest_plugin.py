@@ -14,7 +14,7 @@ from scenetruth.testing.assertion_context import OutcomeRow, use_context
 if TYPE_CHECKING:
     from scenetruth.testing.recording_cache import RecordingCache
 
-__all__ = ["scenetruth_pictures", "scenetruth_recording"]
+__all__ = []
 
 _ROWS = pytest.StashKey[list[OutcomeRow]]()
 _FOLDER = "scenetruth"

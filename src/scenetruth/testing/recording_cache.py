@@ -45,12 +45,8 @@ _Entry = tuple[xr.Dataset, xr.Dataset, tuple[str, ...]]
 class SimulatedRecording:
     """A recording, its truth, and the scene of both.
 
-    Parameters
-    ----------
-    recording, truth
-        As `scenetruth.simulate` returns them, in memory; their arrays cannot be written to.
-    scene
-        The scene.
+    ``recording``, ``truth``: As `scenetruth.simulate` returns them, in memory; their arrays cannot be written to.
+    ``scene``: The scene.
     """
 
     recording: xr.Dataset
@@ -65,12 +61,8 @@ class RecordingCache:
     depend on. It is written whole or not at all, one that is damaged is made again, and of several processes one makes
     it while the others wait.
 
-    Parameters
-    ----------
-    folder
-        Where entries are.
-    root
-        What relative paths of scenes are looked up in, after the current folder.
+    ``folder``: Where entries are.
+    ``root``: What relative paths of scenes are looked up in, after the current folder.
     """
 
     def __init__(self, folder: Path, root: Path) -> None:
@@ -84,31 +76,7 @@ class RecordingCache:
         save_radiance: bool = False,
         truth_content: Literal["standard", "complete"] = "standard",
     ) -> SimulatedRecording:
-        """Return the recording of a scene and its truth.
-
-        Parameters
-        ----------
-        scene
-            A scene file; the name of one in the folder ``scenes`` of the tests' root, or of scenetruth's checkout;
-            plain values as in a scene file; or a scene. Its backend ``auto`` is taken for ``raycast``, so that images
-            are the same on every machine.
-        *overrides
-            Changes as of `scenetruth.load_scene`: ``"camera.width=160"``.
-        save_radiance, truth_content
-            As of `scenetruth.simulate`.
-
-        Raises
-        ------
-        SceneError
-            If there is no such scene, or it cannot be made.
-        StoreError
-            If nothing can be written.
-
-        Warns
-        -----
-        SceneWarning
-            As `scenetruth.simulate` does, also when the recording was made before.
-        """
+        """Return the recording of a scene and its truth."""
         chosen = self._scene(scene, overrides)
         key = entry_key("recording", scene_hash(chosen), bool(save_radiance), truth_content, _source())
         recording, truth, messages = self._found(self.folder / key, chosen, save_radiance, truth_content)
@@ -167,13 +135,7 @@ class RecordingCache:
 
 
 def remove_entries(folder: Path) -> int:
-    """Remove the entries of a folder, and nothing else in it; return how many there were.
-
-    Parameters
-    ----------
-    folder
-        Where entries are. Those that another process is writing stay.
-    """
+    """Remove the entries of a folder, and nothing else in it; return how many there were."""
     removed = 0
     for entry in sorted(folder.iterdir()) if folder.is_dir() else ():
         if _ENTRY.fullmatch(entry.name):
@@ -186,12 +148,15 @@ def remove_entries(folder: Path) -> int:
 
 
 def _make(entry: Path, scene: Scene, save_radiance: bool, truth_content: Literal["standard", "complete"]) -> None:
-    from scenetruth.simulation import simulate
+    from scenetruth.simulation import simulate_into
+    from scenetruth.truth import TruthOptions
 
     with write_atomically(entry, overwrite=True, claim=_claim) as aside:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            simulate(scene, folder=aside, save_radiance=save_radiance, truth_content=truth_content)
+            aside.mkdir()
+            choice = TruthOptions("reference", "actual", truth_content)
+            simulate_into(aside, scene, choice, save_radiance=save_radiance)
         told = [str(item.message) for item in caught if issubclass(item.category, SceneWarning)]
         (aside / _WARNINGS).write_text(json.dumps(told), encoding="utf-8")
     for item in caught:

@@ -53,14 +53,9 @@ class LimitError(ScoreError, TypeError, ValueError):
 class LimitKey:
     """A keyword that names a quantity, or several, and a unit.
 
-    Parameters
-    ----------
-    quantities
-        Keys of `scenetruth.scoring.QUANTITIES`: the components of a vector have the same limit.
-    factor
-        From the score's unit to this one.
-    units
-        The unit as people read it.
+    ``quantities``: Keys of `scenetruth.scoring.QUANTITIES`: the components of a vector have the same limit.
+    ``factor``: From the score's unit to this one.
+    ``units``: The unit as people read it.
     """
 
     quantities: tuple[str, ...]
@@ -72,16 +67,11 @@ class LimitKey:
 class Limit:
     """What one statistic of one quantity may be.
 
-    Parameters
-    ----------
-    quantity, statistic
-        Of a score.
-    least, most
-        Between these it must lie, in ``units``; infinite where it need not.
-    factor, units
-        From the score's unit to that of the limit, and that unit; 1 and nothing for ratios and counts.
-    of_bound
-        The multiple of the Cramér-Rao bound that the statistic may reach, in place of ``most``.
+    ``quantity``, ``statistic``: Of a score.
+    ``least``, ``most``: Between these it must lie, in ``units``; infinite where it need not.
+    ``factor``, ``units``: From the score's unit to that of the limit, and that unit; 1 and nothing for ratios and
+      counts.
+    ``of_bound``: The multiple of the Cramér-Rao bound that the statistic may reach, in place of ``most``.
     """
 
     quantity: str
@@ -137,20 +127,6 @@ KEYS: Mapping[str, LimitKey] = _keys()
 def read_limits(given: Mapping[str, Any], min_density: object = None) -> tuple[list[Limit], list[Problem]]:
     """Read limits as they are given to `assert_accuracy`.
 
-    Parameters
-    ----------
-    given
-        By the names of `KEYS`: a number or text, which limits ``rmse``, or a mapping of statistics to these.
-    min_density
-        The least density of each of these quantities, if there is one.
-
-    Returns
-    -------
-    tuple of list
-        The limits, and what is wrong with them.
-
-    Examples
-    --------
     >>> limits, problems = read_limits({"depth_mm": {"rmse": 0.2, "median_abs_error": 0.1}, "dispraity_px": 0.1})
     >>> [(limit.quantity, limit.statistic, limit.most) for limit in limits]
     [('depth', 'rmse', 0.2), ('depth', 'median_abs_error', 0.1)]
@@ -253,16 +229,11 @@ Values = Mapping[str, float | int | None]
 class LimitOutcome:
     """A limit and what was found.
 
-    Parameters
-    ----------
-    limit
-        The limit; of a multiple of the bound, ``most`` is what it came to.
-    found
-        The statistic in the limit's units; None where it is undefined.
-    density, count
-        Of the quantity in the region: the share of pixels with a true value that are scored, and their number.
-    note
-        Why nothing could be found; empty if something was.
+    ``limit``: The limit; of a multiple of the bound, ``most`` is what it came to.
+    ``found``: The statistic in the limit's units; None where it is undefined.
+    ``density``, ``count``: Of the quantity in the region: the share of pixels with a true value that are scored, and
+      their number.
+    ``note``: Why nothing could be found; empty if something was.
     """
 
     limit: Limit
@@ -326,22 +297,6 @@ class LimitOutcome:
 def evaluate_limit(limit: Limit, values: Values | None, bound: float | None = None) -> LimitOutcome:
     """Hold a limit against a score.
 
-    Parameters
-    ----------
-    limit
-        The limit.
-    values
-        The statistics of its quantity in the region, in the score's units; None if the estimate has no such quantity.
-    bound
-        The rms of the bound over the pixels that are scored, in the score's units; None if it is not known.
-
-    Returns
-    -------
-    Outcome
-        What cannot be found is never kept.
-
-    Examples
-    --------
     >>> evaluate_limit(Limit("depth", "rmse", most=0.2, units="mm"), {"rmse": 0.3, "density": 0.9, "count": 90}).kept
     False
     """

@@ -26,14 +26,9 @@ TruthMaps = Literal["standard", "complete"]
 class GeometryPass:
     """The world at one time, for the maps of any camera.
 
-    Parameters
-    ----------
-    world
-        The scene's objects.
-    topology
-        Faces and edges of the world, from `Topology.of` once for all times.
-    t
-        Time in frames.
+    ``world``: The scene's objects.
+    ``topology``: Faces and edges of the world, from `Topology.of` once for all times.
+    ``t``: Time in frames.
     """
 
     def __init__(self, world: BuiltScene, topology: Topology, t: float) -> None:
@@ -50,12 +45,8 @@ class GeometryPass:
 class Geometries:
     """The world at any time, the last few times kept.
 
-    Parameters
-    ----------
-    world, topology
-        As of `GeometryPass`.
-    kept
-        How many times are kept.
+    ``world``, ``topology``: As of `GeometryPass`.
+    ``kept``: How many times are kept.
     """
 
     def __init__(self, world: BuiltScene, topology: Topology, kept: int) -> None:
@@ -78,42 +69,27 @@ def truth_maps(
 ) -> dict[str, NDArray[Any]]:
     """Compute the truth at the pixel centres of one image.
 
-    Parameters
-    ----------
-    geometry
-        The world at the image's time.
-    camera
-        The camera.
-    viewpoint
-        Pose of the camera. Depth and all vectors are in its frame.
-    baseline_mm
-        V_X in mm per step of s, for the disparity.
-    maps
-        ``"standard"``: the maps of `names.STANDARD` only; ``"complete"``: all.
+    ``baseline_mm``: V_X in mm per step of s, for the disparity.
+    Returns: The variables of a truth by name (`scenetruth.schema.VARIABLES`), vector components first. Of the triangle
+    that is seen, and therefore consistent with each other to rounding:
 
-    Returns
-    -------
-    dict
-        The variables of a truth by name (`scenetruth.schema.VARIABLES`), vector components first. Of the triangle
-        that is seen, and therefore consistent with each other to rounding:
+    - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame, ``acceleration`` in mm per frame squared,
+    - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5), of the image without distortion,
+    - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y from the principal point:
+      the paper's (u_x + x u_z, u_y + y u_z); times the slope of the distortion, if the lens has one,
+    - ``normal`` and ``slope`` (dZ/dX, dZ/dY),
+    - ``object_id``, ``face_id``, ``barycentric``: which point of which triangle; ``uv`` and
+      ``material_coordinates_mm``: where it is on the surface.
 
-        - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame, ``acceleration`` in mm per frame squared,
-        - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5), of the image without distortion,
-        - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y from the principal point:
-          the paper's (u_x + x u_z, u_y + y u_z); times the slope of the distortion, if the lens has one,
-        - ``normal`` and ``slope`` (dZ/dX, dZ/dY),
-        - ``object_id``, ``face_id``, ``barycentric``: which point of which triangle; ``uv`` and
-          ``material_coordinates_mm``: where it is on the surface.
+    Of the smooth surface that the triangles stand for, interpolated between its exact values at the vertices:
 
-        Of the smooth surface that the triangles stand for, interpolated between its exact values at the vertices:
+    - ``curvature``: principal curvatures in 1/mm, the larger first, positive where it bulges towards the camera,
+    - ``rotation_rate`` of the surface element in rad per frame,
+    - ``growth_rate``: relative rate of its area, 1 per frame; ``principal_growth_rates``: the relative rates of
+      length in the directions in which these are largest and least; ``principal_growth_direction``: the first of
+      these directions.
 
-        - ``curvature``: principal curvatures in 1/mm, the larger first, positive where it bulges towards the camera,
-        - ``rotation_rate`` of the surface element in rad per frame,
-        - ``growth_rate``: relative rate of its area, 1 per frame; ``principal_growth_rates``: the relative rates of
-          length in the directions in which these are largest and least; ``principal_growth_direction``: the first of
-          these directions.
-
-        Of the pixel: ``mixed``, and ``boundary_distance``, how far in px the nearest mixed pixel is.
+    Of the pixel: ``mixed``, and ``boundary_distance``, how far in px the nearest mixed pixel is.
     """
     from scenetruth.truth.map_kernels import MovingMesh, fill_maps, fill_surface_maps
 
@@ -183,10 +159,7 @@ def truth_maps(
 def boundary_distance(mixed: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return how far in px the nearest mixed pixel is from the centre of every pixel, infinite if there is none.
 
-    Parameters
-    ----------
-    mixed
-        The mixed pixels of one image, shape (height, width).
+    ``mixed``: The mixed pixels of one image, shape (height, width).
     """
     if not mixed.any():
         return np.full(mixed.shape, np.inf)
@@ -207,25 +180,8 @@ def truth_by_rows(
 ) -> dict[str, NDArray[Any]]:
     """Compute the truth of every row at its own time and from its own viewpoint.
 
-    Parameters
-    ----------
-    world, topology
-        The scene's objects, and their faces and edges.
-    camera
-        The camera.
-    times
-        Time of every row in frames, shape (height,).
-    viewpoints
-        Poses of the camera at these times.
-    baseline_mm
-        V_X in mm per step of s.
-    maps
-        Which maps; see `truth_maps`.
-
-    Returns
-    -------
-    dict
-        As `truth_maps`; flow and velocity are instantaneous, at the row's time.
+    ``times``: Time of every row in frames, shape (height,).
+    ``baseline_mm``: V_X in mm per step of s.
     """
     found: dict[str, NDArray[Any]] = {}
     for row, (time, viewpoint) in enumerate(zip(times.tolist(), viewpoints, strict=True)):

@@ -63,24 +63,11 @@ def fill_maps(
 ]:
     """Write velocity, rates, disparity, normal, object and face of every pixel.
 
-    Parameters
-    ----------
-    face, depth, weights
-        What the pixels' rays meet, as of `Hits`.
-    directions
-        The rays' directions in the camera's frame, with Z = 1, shape (k, 3).
-    mesh
-        What they meet.
-    scale
-        Multiplies the rates of X / Z and Y / Z: the focal length in px, or 1.
-    disparity_depth
-        Product of disparity and depth, f V_X, in px mm.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Velocity, shape (3, k); rates, (2, k); disparity, (k,); normal, (3, k), towards the camera; object and face
-        within the object, (k,). NaN and -1 where nothing is met.
+    ``directions``: The rays' directions in the camera's frame, with Z = 1, shape (k, 3).
+    ``scale``: Multiplies the rates of X / Z and Y / Z: the focal length in px, or 1.
+    ``disparity_depth``: Product of disparity and depth, f V_X, in px mm.
+    Returns: Velocity, shape (3, k); rates, (2, k); disparity, (k,); normal, (3, k), towards the camera; object and face
+    within the object, (k,). NaN and -1 where nothing is met.
     """
     count = face.shape[0]
     velocity = np.empty((3, count), dtype=np.float64)
@@ -168,30 +155,16 @@ def fill_surface_maps(
 ) -> tuple[NDArray[np.float64], ...]:
     """Interpolate the tensors of surface points at every pixel, and find their principal values and directions.
 
-    Parameters
-    ----------
-    face, weights
-        The face that each pixel sees, -1 for none, and barycentric coordinates on it, as of `Hits`.
-    normal
-        Unit normal of this face in the camera's frame, towards the camera, shape (3, n).
-    corners
-        The surface points at the corners of the faces, as indices into ``tensors``, shape (m, 3).
-    tensors
-        Tensors of surface points in the world, as of `scenetruth.scene.surface_tensor_kernels.surface_tensors`, shape
-        (k, 18).
-    to_camera
-        Rotation from the world to the camera's frame, shape (3, 3).
-    complete
-        Whether all is wanted, or only the growth of the area; then the others have no pixels, n = 0.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Principal curvatures in 1/mm, the larger first, positive where the surface bulges towards the camera, shape
-        (2, n); rotation rate in rad per frame in the camera's frame, (3, n); rate of growth of the area, 1 per frame,
-        (n,); principal rates of growth, the larger first, 1 per frame, (2, n); and the direction of the first of them
-        in the camera's frame, with X >= 0, (3, n). NaN where nothing is met. The direction is also NaN where both
-        principal rates are the same.
+    ``normal``: Unit normal of this face in the camera's frame, towards the camera, shape (3, n).
+    ``corners``: The surface points at the corners of the faces, as indices into ``tensors``, shape (m, 3).
+    ``tensors``: Tensors of surface points in the world, as of
+      `scenetruth.scene.surface_tensor_kernels.surface_tensors`, shape (k, 18).
+    ``to_camera``: Rotation from the world to the camera's frame, shape (3, 3).
+    Returns: Principal curvatures in 1/mm, the larger first, positive where the surface bulges towards the camera, shape
+    (2, n); rotation rate in rad per frame in the camera's frame, (3, n); rate of growth of the area, 1 per frame, (n,);
+    principal rates of growth, the larger first, 1 per frame, (2, n); and the direction of the first of them in the
+    camera's frame, with X >= 0, (3, n). NaN where nothing is met. The direction is also NaN where both principal rates
+    are the same.
     """
     count = face.shape[0]
     size = count if complete else 0
@@ -300,15 +273,7 @@ def distances(marked: NDArray[np.bool_]) -> NDArray[np.float64]:
 
     Squared distances are integers, so that nothing is rounded but the root.
 
-    Parameters
-    ----------
-    marked
-        The marked pixels, at least one, shape (height, width).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (height, width), float64.
+    ``marked``: The marked pixels, at least one, shape (height, width).
     """
     height, width = marked.shape
     along = np.empty((height, width), dtype=np.int64)

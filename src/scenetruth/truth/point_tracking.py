@@ -27,15 +27,10 @@ __all__ = ["PixelPoints", "PointTracker", "SurfacePoints", "compile_visibility",
 class SurfacePoints:
     """Points on the faces of the world, which move with the surface.
 
-    Parameters
-    ----------
-    face
-        Index in the world's list of faces, shape (n,).
-    weights
-        Barycentric coordinates of the face's second and third corner, shape (n, 2).
-    towards
-        Whether the point is on the front of its face, to which the normal (p1 - p0) x (p2 - p0) points, shape (n,). The
-        two sides of a thin sheet are different surfaces.
+    ``face``: Index in the world's list of faces, shape (n,).
+    ``weights``: Barycentric coordinates of the face's second and third corner, shape (n, 2).
+    ``towards``: Whether the point is on the front of its face, to which the normal (p1 - p0) x (p2 - p0) points, shape
+      (n,). The two sides of a thin sheet are different surfaces.
     """
 
     face: NDArray[np.int32]
@@ -46,17 +41,7 @@ class SurfacePoints:
     def seen_from(
         cls, viewpoint: Viewpoint, geometry: GeometryPass, face: NDArray[np.int32], weights: NDArray[np.float64]
     ) -> Self:
-        """Return points on the sides of their faces that a camera sees.
-
-        Parameters
-        ----------
-        viewpoint
-            Pose of the camera.
-        geometry
-            The world at the time of the image.
-        face, weights
-            The points, as of the class.
-        """
+        """Return points on the sides of their faces that a camera sees."""
         from scenetruth.truth.visibility_kernels import place_points
 
         vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
@@ -66,15 +51,7 @@ class SurfacePoints:
     def positions_mm(self, geometry: GeometryPass) -> NDArray[np.float64]:
         """Return the positions of the points in the world.
 
-        Parameters
-        ----------
-        geometry
-            The world at the time that is asked for.
-
-        Returns
-        -------
-        numpy.ndarray
-            Positions in mm, shape (n, 3).
+        Returns: Positions in mm, shape (n, 3).
         """
         from scenetruth.truth.visibility_kernels import place_points
 
@@ -90,20 +67,8 @@ def find_visible_points(
     A point is seen if it lies in the image, if its side of the face is turned towards the camera, and if no other face
     lies between (every face near the line of sight is tested in float64).
 
-    Parameters
-    ----------
-    points
-        The points.
-    geometry
-        The world at the time of the image.
-    camera, viewpoint
-        The camera, and its pose.
-
-    Returns
-    -------
-    tuple
-        Whether each point is seen, bool, shape (n,); and positions in the image in px, shape (n, 2), NaN behind the
-        camera.
+    Returns: Whether each point is seen, bool, shape (n,); and positions in the image in px, shape (n, 2), NaN behind
+    the camera.
     """
     from scenetruth.truth.visibility_kernels import hide_points, look_at_points, sort_into_cells
 
@@ -131,14 +96,9 @@ TimedViewpoint = tuple[float, Viewpoint]
 class PixelPoints:
     """The surface points that the pixels of one image see.
 
-    Parameters
-    ----------
-    maps
-        The truth of the image (`truth_maps`).
-    geometry
-        The world at the time of the image.
-    viewpoint
-        Pose of its camera.
+    ``maps``: The truth of the image (`truth_maps`).
+    ``geometry``: The world at the time of the image.
+    ``viewpoint``: Pose of its camera.
     """
 
     def __init__(self, maps: Mapping[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint) -> None:
@@ -154,16 +114,10 @@ class PixelPoints:
 class PointTracker:
     """Follows the points of pixels to the other cameras, and to the frames before and after.
 
-    Parameters
-    ----------
-    geometries
-        The world at any time.
-    camera
-        The camera.
-    places
-        Time and pose of every image, [camera][frame].
-    maps
-        Whether displacements and finite flow are wanted (``"complete"``).
+    ``geometries``: The world at any time.
+    ``camera``: The camera.
+    ``places``: Time and pose of every image, [camera][frame].
+    ``maps``: Whether displacements and finite flow are wanted (``"complete"``).
     """
 
     def __init__(
@@ -178,43 +132,20 @@ class PointTracker:
         self._size = (camera.height, camera.width)
 
     def shown(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:
-        """Tell which pixels' points an image shows.
-
-        Parameters
-        ----------
-        points
-            What the pixels of some image see.
-        index, frame
-            The image: camera and frame.
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (y, x); False where a pixel sees nothing.
-        """
+        """Tell which pixels' points an image shows."""
         return self._map(points, self._seen(points, index, frame))
 
     def maps(self, own: PixelPoints, index: int, frame: int) -> dict[str, NDArray[Any]]:
         """Return the maps of one image that tell where else its points are.
 
-        Parameters
-        ----------
-        own
-            What its pixels see.
-        index, frame
-            Its camera and its frame.
-
-        Returns
-        -------
-        dict
-            - ``view_count`` and ``occluded_across_cameras`` (y, x): how many cameras see the pixel's point at this
-              frame, and whether some do not,
-            - ``occluded_in_time`` (y, x): whether this camera does not see it at the recorded frame before or after,
-            - ``displacement_next``, ``displacement_previous`` (component, y, x) in mm, in the frame of the camera, one
-              frame later and earlier,
-            - ``flow_next``, ``flow_previous`` (image component, y, x) in px: where the point is in the image that the
-              same camera takes one frame later or earlier, minus the pixel. Beyond the first and the last frame the
-              camera stays where it is.
+        Returns: - ``view_count`` and ``occluded_across_cameras`` (y, x): how many cameras see the pixel's point at this
+          frame, and whether some do not,
+        - ``occluded_in_time`` (y, x): whether this camera does not see it at the recorded frame before or after,
+        - ``displacement_next``, ``displacement_previous`` (component, y, x) in mm, in the frame of the camera, one
+          frame later and earlier,
+        - ``flow_next``, ``flow_previous`` (image component, y, x) in px: where the point is in the image that the
+          same camera takes one frame later or earlier, minus the pixel. Beyond the first and the last frame the
+          camera stays where it is.
         """
         count = np.ones(len(own.pixels), dtype=np.int16)
         for other in range(len(self._places)):
@@ -262,13 +193,7 @@ class PointTracker:
 
 
 def compile_visibility(scene: Scene) -> None:
-    """Let numba compile the kernels that tell which points a camera sees, by asking for a few.
-
-    Parameters
-    ----------
-    scene
-        Any scene, best a small one.
-    """
+    """Let numba compile the kernels that tell which points a camera sees, by asking for a few."""
     world = build_scene(scene)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
     viewpoint = build_schedule(scene).moment(0, 0).viewpoint

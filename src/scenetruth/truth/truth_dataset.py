@@ -32,11 +32,6 @@ from scenetruth.truth.geometry_maps import Geometries, TruthMaps, truth_by_rows,
 from scenetruth.truth.point_tracking import PixelPoints, PointTracker
 
 __all__ = [
-    "DTYPES",
-    "FOLLOWED",
-    "FURTHER",
-    "MOVED",
-    "STANDARD",
     "TruthOptions",
     "TruthPoses",
     "TruthViews",
@@ -102,21 +97,8 @@ def interior_warnings(
 ) -> list[str]:
     """Return a warning that names the objects which are seen, but have no pixel in the interior.
 
-    Parameters
-    ----------
-    world
-        The scene's objects.
-    object_id
-        Number of the object at every pixel of one image, shape (height, width); -1 for none.
-    boundary_distance
-        How far the nearest mixed pixel is in px, same shape; 0 for mixed pixels.
-    margin_px
-        Least distance of the interior's pixels from mixed ones, ``score.interior_margin_px``.
-
-    Returns
-    -------
-    list of str
-        One line, or none.
+    ``object_id``: Number of the object at every pixel of one image, shape (height, width); -1 for none.
+    ``boundary_distance``: How far the nearest mixed pixel is in px, same shape; 0 for mixed pixels.
     """
     without, faceted = [], []
     for index, body in enumerate(world.bodies):
@@ -143,7 +125,7 @@ def _listed(names: list[str]) -> str:
 
 
 TruthViews = Literal["reference", "all"]
-TruthPoses = Literal["real", "nominal"]
+TruthPoses = Literal["actual", "nominal"]
 
 # Times at which the world is kept: of this frame and both neighbours; with scans, of every camera for itself.
 _CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8
@@ -154,7 +136,7 @@ def make_truth(
     *,
     overrides: Overrides = (),
     truth_views: TruthViews = "reference",
-    truth_poses: TruthPoses = "real",
+    truth_poses: TruthPoses = "actual",
     truth_content: TruthMaps = "standard",
     limits: Limits | None = None,
     progress: Progress | None = None,
@@ -170,7 +152,7 @@ def make_truth(
     truth_views
         ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
     truth_poses
-        ``"real"``: truth at the time and pose at which each image was taken, with the errors of the stage;
+        ``"actual"``: truth at the time and pose at which each image was taken, with the errors of the stage;
         ``"nominal"``: truth at the planned time and pose.
     truth_content
         ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
@@ -219,13 +201,7 @@ def make_truth(
 
 
 def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_content: Any, progress: Any) -> None:
-    """Refuse arguments of `make_truth` and its like whose types nobody checks at a call.
-
-    Raises
-    ------
-    ArgumentError
-        With all that are wrong.
-    """
+    """Refuse arguments of `make_truth` and its like whose types nobody checks at a call."""
     problems = argument_problems(
         progress,
         truth_views=(truth_views, TruthViews),
@@ -242,22 +218,7 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
 def truth_from_world(
     scene: Scene, world: BuiltScene, choice: TruthOptions, provenance: dict[str, Any], progress: Progress | None = None
 ) -> xr.Dataset:
-    """Compute the truth of a world that has been built and checked; see `make_truth`.
-
-    Parameters
-    ----------
-    scene, world
-        The scene, and its objects.
-    choice, progress
-        As of `make_truth`.
-    provenance
-        Attributes that say from which scene and program the truth is.
-
-    Returns
-    -------
-    xarray.Dataset
-        As of `make_truth`.
-    """
+    """Compute the truth of a world that has been built and checked; see `make_truth`."""
     filling = IncrementalDataset(blank_truth(scene, choice, provenance))
     fill_truth(scene, world, choice, filling.put, progress)
     return filling.dataset()
@@ -268,7 +229,7 @@ class TruthOptions:
     """Which truth is wanted; see `make_truth`."""
 
     views: TruthViews = "reference"
-    poses: TruthPoses = "real"
+    poses: TruthPoses = "actual"
     content: TruthMaps = "standard"
 
 
@@ -305,26 +266,9 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
 def fill_truth(
     scene: Scene, world: BuiltScene, choice: TruthOptions, put: Put, progress: Progress | None = None
 ) -> list[str]:
-    """Compute the maps of a truth, image by image.
-
-    Parameters
-    ----------
-    scene, world
-        The scene, and its objects.
-    choice
-        Which truth is wanted.
-    put
-        Takes every map: (name, place along the leading dimensions, values).
-    progress
-        As of `make_truth`.
-
-    Returns
-    -------
-    list of str
-        Warnings of objects without pixels in the interior (`interior_warnings`).
-    """
+    """Compute the maps of a truth, image by image."""
     stage, frames, schedule = scene.stage, scene.frames, build_schedule(scene)
-    moment_of = schedule.moment if choice.poses == "real" else schedule.nominal
+    moment_of = schedule.moment if choice.poses == "actual" else schedule.nominal
     cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
     moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
     places = [[(moment.t, moment.viewpoint) for moment in row] for row in moments]

@@ -51,22 +51,12 @@ def place_points(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Compute points on faces, and tell which faces show their front to the origin.
 
-    Parameters
-    ----------
-    vertices
-        Positions in mm, shape (k, 3).
-    faces
-        Corners of the faces, shape (m, 3).
-    face
-        The face on which each point lies, shape (n,).
-    weights
-        Barycentric coordinates of the face's second and third corner, shape (n, 2).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Points in mm, shape (n, 3); and whether the normal (p1 - p0) x (p2 - p0) of their face points to the side on
-        which the origin lies, shape (n,).
+    ``vertices``: Positions in mm, shape (k, 3).
+    ``faces``: Corners of the faces, shape (m, 3).
+    ``face``: The face on which each point lies, shape (n,).
+    ``weights``: Barycentric coordinates of the face's second and third corner, shape (n, 2).
+    Returns: Points in mm, shape (n, 3); and whether the normal (p1 - p0) x (p2 - p0) of their face points to the side
+    on which the origin lies, shape (n,).
     """
     count = face.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
@@ -118,22 +108,11 @@ def look_at_points(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Compute where a pinhole sees points on faces, and which of them turn their side to it.
 
-    Parameters
-    ----------
-    vertices
-        Positions in the camera's frame in mm, shape (k, 3).
-    faces, face, weights
-        The points, as of `place_points`.
-    sides
-        Whether each point is on the front of its face, shape (n,).
-    focal_px, centre_x, centre_y
-        Focal length and principal point in px.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Points in mm, shape (n, 3); their pixel coordinates, shape (n, 2), NaN behind the camera; and whether they are
-        in front of it and turn their side to it, shape (n,).
+    ``vertices``: Positions in the camera's frame in mm, shape (k, 3).
+    ``sides``: Whether each point is on the front of its face, shape (n,).
+    ``focal_px``, ``centre_x``, ``centre_y``: Focal length and principal point in px.
+    Returns: Points in mm, shape (n, 3); their pixel coordinates, shape (n, 2), NaN behind the camera; and whether they
+    are in front of it and turn their side to it, shape (n,).
     """
     count = face.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
@@ -166,19 +145,8 @@ def _look_at_points(
 def sort_into_cells(points: NDArray[np.float64], chosen: NDArray[np.bool_], pixel: float) -> Any:
     """Sort points into cells.
 
-    Parameters
-    ----------
-    points
-        Points in the camera's frame in mm, shape (n, 3).
-    chosen
-        The points to sort; all must be in front of the camera, shape (n,).
-    pixel
-        Size of a pixel in X / Z: cells are no smaller.
-
-    Returns
-    -------
-    Cells
-        About one point to a cell, and never many more cells than points.
+    ``points``: Points in the camera's frame in mm, shape (n, 3).
+    ``chosen``: The points to sort; all must be in front of the camera, shape (n,).
     """
     count = 0
     low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
@@ -230,21 +198,10 @@ def hide_points(
     A face hides a point if the ray to the point meets the face (`scenetruth.raycast.ray_triangle_kernels.inside`)
     before the point. A point's own face does not hide it.
 
-    Parameters
-    ----------
-    vertices
-        Positions in the camera's frame in mm, shape (k, 3).
-    faces
-        Corners of the faces, shape (m, 3).
-    own
-        The face on which each point lies, in the order of the cells, shape (n,).
-    cells
-        The points.
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (n,), in the order of the cells.
+    ``vertices``: Positions in the camera's frame in mm, shape (k, 3).
+    ``faces``: Corners of the faces, shape (m, 3).
+    ``own``: The face on which each point lies, in the order of the cells, shape (n,).
+    Returns: bool, shape (n,), in the order of the cells.
     """
     hidden = np.zeros(own.shape[0], dtype=np.bool_)
     count = faces.shape[0]

@@ -11,15 +11,7 @@ __all__ = ["write_table"]
 
 
 def write_table(file: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write a table as CSV in UTF-8, with the names of the columns in its first line.
-
-    Parameters
-    ----------
-    file
-        The file to write.
-    rows
-        The rows, at least one, all with the same columns in the same order.
-    """
+    """Write a table as CSV in UTF-8, with the names of the columns in its first line."""
     with file.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, list(rows[0]))
         writer.writeheader()

@@ -17,26 +17,14 @@ from scenetruth.progress import Progress
 from scenetruth.random_streams import generator_for
 from scenetruth.validation_studies.csv_tables import write_table
 
-__all__ = ["SensorComparison", "compare_with_settings", "draw_transfer", "measure_sensor", "run_emva"]
+__all__ = ["SensorComparison", "compare_with_settings", "measure_sensor", "run_emva"]
 
 
 _MEASURED, _TOLD = "#0072B2", "#D55E00"
 
 
 def draw_transfer(name: str, sensor: EmvaSensor, found: PhotonTransfer, file: Path) -> None:
-    """Draw variance over mean, mean over photons and the deviation from a line, as measured and as set.
-
-    Parameters
-    ----------
-    name
-        Title of the picture.
-    sensor
-        What was measured.
-    found
-        Its measurement.
-    file
-        Picture to write.
-    """
+    """Draw variance over mean, mean over photons and the deviation from a line, as measured and as set."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -102,18 +90,11 @@ _BEYOND = (1.0, 1.02, 1.05, 1.1, 1.2)
 class SensorComparison:
     """A figure of a sensor as it was set, and as it was measured.
 
-    Parameters
-    ----------
-    sensor
-        Name of the sensor.
-    quantity
-        Name of the figure; ``linearity_error`` is 0 as set.
-    told
-        Value that was set, in the sensor's fields.
-    measured
-        Value that was measured.
-    error
-        measured / told - 1, or measured where ``told`` is 0.
+    ``sensor``: Name of the sensor.
+    ``quantity``: Name of the figure; ``linearity_error`` is 0 as set.
+    ``told``: Value that was set, in the sensor's fields.
+    ``measured``: Value that was measured.
+    ``error``: measured / told - 1, or measured where ``told`` is 0.
     """
 
     sensor: str
@@ -126,27 +107,7 @@ class SensorComparison:
 def measure_sensor(
     sensor: EmvaSensor, *, shape: tuple[int, int] = SHAPE, levels: int = LEVELS, stack: int = STACK, name: str = ""
 ) -> PhotonTransfer:
-    """Expose a sensor to uniform light, and measure it by the photon transfer method.
-
-    Parameters
-    ----------
-    sensor
-        The sensor; its exposure time is the operating one, 1 µs the shortest. Gamma and colour filters, which the
-        standard excludes, are left out, and so are inserted effects.
-    shape
-        Rows and columns of the images.
-    levels
-        Number of levels from 2 % to 96 % of saturation, with two images each; a few beyond show where it ends.
-    stack
-        Number of images of each of the dark, bias and flat stacks.
-    name
-        Keys the random numbers: the same name gives the same images.
-
-    Returns
-    -------
-    PhotonTransfer
-        The measured figures.
-    """
+    """Expose a sensor to uniform light, and measure it by the photon transfer method."""
     operated = sensor.model_copy(update={"gamma": 1.0, "bayer": None, "insert": ()})
     shortest = operated.model_copy(update={"exposure_time_s": min(_SHORTEST_S, operated.exposure_time_s)})
     shares = np.append(np.linspace(0.02, 0.96, levels), _BEYOND)
@@ -172,22 +133,7 @@ def measure_sensor(
 
 
 def compare_with_settings(name: str, sensor: EmvaSensor, found: PhotonTransfer) -> list[SensorComparison]:
-    """Compare the measured figures of a sensor with those that were set.
-
-    Parameters
-    ----------
-    name
-        Name of the sensor.
-    sensor
-        The sensor.
-    found
-        Its measurement.
-
-    Returns
-    -------
-    list of Comparison
-        One for each figure.
-    """
+    """Compare the measured figures of a sensor with those that were set."""
     told = {
         "gain_dn_per_e": (sensor.gain_dn_per_e, found.gain_dn_per_e),
         "temporal_dark_noise_e": (sensor.temporal_dark_noise_e, found.temporal_dark_noise_e),
@@ -204,27 +150,7 @@ def compare_with_settings(name: str, sensor: EmvaSensor, found: PhotonTransfer) 
 
 
 def run_emva(folder: Path, presets: Sequence[str] = (), *, progress: Progress | None = None) -> list[SensorComparison]:
-    """Measure presets; write ``emva.csv``, ``emva_levels.csv`` and a picture of each preset, ``<name>.png``.
-
-    Parameters
-    ----------
-    folder
-        Where; it is made.
-    presets
-        Their names; all of them if none is given.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    list of Comparison
-        Figures as set and as measured, preset by preset.
-
-    Raises
-    ------
-    SceneError
-        If there is no preset of that name.
-    """
+    """Measure presets; write ``emva.csv``, ``emva_levels.csv`` and a picture of each preset, ``<name>.png``."""
     names = list(presets or PRESETS)
     message = f"there is no such preset; there are {', '.join(PRESETS)}"
     unknown = [Problem("--preset", message, name) for name in names if name not in PRESETS]

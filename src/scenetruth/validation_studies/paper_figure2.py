@@ -23,12 +23,9 @@ from scenetruth.validation_studies.csv_tables import write_table
 __all__ = [
     "FOCAL_LENGTH_PX",
     "REFERENCE_DEPTH",
-    "SHAPE",
     "Condition",
     "ConditionResult",
-    "Quantity",
     "conditions",
-    "draw_panels",
     "measure_condition",
     "pattern_images",
     "pattern_recording",
@@ -43,16 +40,10 @@ Quantity = Literal["U_X", "U_Z", "V_X"]
 class Condition:
     """What one point of the figure is measured under.
 
-    Parameters
-    ----------
-    quantity
-        What is varied: U_X, U_Z, or the camera distance V_X, whose panel shows the error of Z.
-    value
-        Its value; everything else as in the paper (f = 10, Z_0 = 100, V_X = 1, no motion).
-    wavelength_px
-        λ of the pattern.
-    noise_std
-        σ_n of the images, for grey values in [-1, 1].
+    ``quantity``: What is varied: U_X, U_Z, or the camera distance V_X, whose panel shows the error of Z.
+    ``value``: Its value; everything else as in the paper (f = 10, Z_0 = 100, V_X = 1, no motion).
+    ``wavelength_px``: λ of the pattern.
+    ``noise_std``: σ_n of the images, for grey values in [-1, 1].
     """
 
     quantity: Quantity
@@ -65,16 +56,10 @@ class Condition:
 class ConditionResult:
     """The errors under one condition, over phases of the pattern and seeds of the noise.
 
-    Parameters
-    ----------
-    quantity, value, wavelength_px, noise_std
-        The condition.
-    runs
-        How many measurements.
-    full
-        Number of them with a full estimate (``kind`` full). The statistics are over these; NaN if there is none.
-    median_relative_error, rms_relative_error, max_relative_error
-        Of abs(measured / true - 1).
+    ``quantity``, ``value``, ``wavelength_px``, ``noise_std``: The condition.
+    ``runs``: How many measurements.
+    ``full``: Number of them with a full estimate (``kind`` full). The statistics are over these; NaN if there is none.
+    ``median_relative_error``, ``rms_relative_error``, ``max_relative_error``: Of abs(measured / true - 1).
     """
 
     quantity: Quantity
@@ -113,27 +98,10 @@ def pattern_images(
     X = x Z_t / f - U_X t + V_X s, Y = y Z_t / f - U_Y t and Z_t = Z_0 + U_Z t, with x and y from the image's centre and
     K_X = K_Y such that the wavelength in the image is ``wavelength_px`` at t = 0.
 
-    Parameters
-    ----------
-    wavelength_px
-        λ in px.
-    velocity
-        (U_X, U_Y, U_Z) per frame.
-    baseline
-        V_X per step of s.
-    phase
-        Phases of the two cosines in radian.
-    noise_std
-        σ_n of Gaussian noise, for grey values in [-1, 1].
-    generator
-        Source of the noise; needed if there is noise.
-    shape
-        Cameras, frames, rows and columns.
-
-    Returns
-    -------
-    numpy.ndarray
-        Images (1 + g) / 2 + noise of that shape, which lead to the grey values g of the paper.
+    ``wavelength_px``: λ in px.
+    ``velocity``: (U_X, U_Y, U_Z) per frame.
+    ``baseline``: V_X per step of s.
+    Returns: Images (1 + g) / 2 + noise of that shape, which lead to the grey values g of the paper.
     """
     s, t, y, x = (
         (np.arange(size) - (size - 1) / 2 if axis > 1 else np.arange(size) - (size - 1) // 2).astype(np.float64)
@@ -155,17 +123,7 @@ def pattern_images(
 def pattern_recording(images: NDArray[np.float64], baseline: float = 1.0) -> xr.Dataset:
     """Make a recording with the paper's camera.
 
-    Parameters
-    ----------
-    images
-        What `pattern_images` made, of one pattern, or of several side by side along x.
-    baseline
-        V_X per step of s.
-
-    Returns
-    -------
-    xarray.Dataset
-        The recording.
+    ``baseline``: V_X per step of s.
     """
     # Noise may exceed full scale a little.
     return make_recording(images, FOCAL_LENGTH_PX, baseline, full_scale=1.0)
@@ -184,17 +142,7 @@ _STYLES = {4: ("#0072B2", "o"), 8: ("#D55E00", "s"), 16: ("#009E73", "^"), 32: (
 
 
 def draw_panels(results: Sequence[ConditionResult], file: Path, divergence: str) -> None:
-    """Draw errors over values, log-log: without noise on the left, with noise on the right, a row for each quantity.
-
-    Parameters
-    ----------
-    results
-        The points of the figure.
-    file
-        Picture to write.
-    divergence
-        Setting of the estimator, for the title.
-    """
+    """Draw errors over values, log-log: without noise on the left, with noise on the right, a row for each quantity."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -259,13 +207,7 @@ _RANGES: dict[Quantity, tuple[float, float]] = {"U_X": (0.01, 30.0), "U_Z": (0.0
 
 
 def conditions() -> list[Condition]:
-    """Return all conditions of the figure.
-
-    Returns
-    -------
-    list of Condition
-        For each quantity, its values in ascending order, with every wavelength and every noise.
-    """
+    """Return all conditions of the figure."""
     return [
         Condition(quantity, float(value), wavelength, noise)
         for quantity, (low, high) in _RANGES.items()
@@ -282,20 +224,6 @@ def measure_condition(
 
     U_X and U_Z are those of the estimated optical flow at the known depth, u_x Z_0 / f and -u_z Z_0, so that the error
     of Z, which has panels of its own, is not counted twice.
-
-    Parameters
-    ----------
-    condition
-        What to measure.
-    divergence
-        Setting of the estimator.
-    runs
-        Number of phases and noise seeds; 8 without and 60 with noise if not given.
-
-    Returns
-    -------
-    Result
-        Statistics of the errors.
     """
     from scenetruth.estimators import estimate
 
@@ -361,24 +289,7 @@ def run_figure2(
     runs: int | None = None,
     progress: Progress | None = None,
 ) -> list[ConditionResult]:
-    """Measure the whole figure on all cores, and write ``figure2.csv`` and ``figure2.png``.
-
-    Parameters
-    ----------
-    folder
-        Where; it is made.
-    divergence
-        Setting of the estimator; ``"paper"`` for the paper's figure.
-    runs
-        How many measurements for each point; 8 without and 60 with noise if not given.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    list of Result
-        In the order of the panels.
-    """
+    """Measure the whole figure on all cores, and write ``figure2.csv`` and ``figure2.png``."""
     todo = conditions()
     results: dict[Condition, ConditionResult] = {}
     # One measurement is small: cores are shared out to processes, each with one thread.

@@ -26,9 +26,7 @@ from scenetruth.scene.texture.procedural_textures import NoiseTexture
 from scenetruth.validation_studies.csv_tables import write_table
 
 __all__ = [
-    "BOUNDS_PX",
     "SHIFTS_PX",
-    "SUBSET_PX",
     "TEXTURES_PX",
     "PlaneImage",
     "RenderingAccuracy",
@@ -51,20 +49,14 @@ class PlaneImage:
     square footprint of a pixel of pitch p is that series with every wave times sinc(k_x p) sinc(k_y p), where k counts
     cycles per length: no quadrature is needed, and no interpolation.
 
-    Parameters
-    ----------
-    spectrum
-        Amplitudes of the waves exp(2πi (k_y Y / P_y + k_x X / P_x)) of the radiance, shape (rows, columns), complex128.
-    wave_numbers
-        Whole numbers k_y, shape (rows,), and k_x, shape (columns,).
-    period_mm
-        (P_x, P_y).
-    pitch_mm
-        Distance of two pixels on the plane, in X as in Y.
-    first_mm
-        Where the first pixel's centre lies on the texture, (X, Y) from the corner of the raster's first texel.
-    shape
-        (height, width) of the image.
+    ``spectrum``: Amplitudes of the waves exp(2πi (k_y Y / P_y + k_x X / P_x)) of the radiance, shape (rows, columns),
+      complex128.
+    ``wave_numbers``: Whole numbers k_y, shape (rows,), and k_x, shape (columns,).
+    ``period_mm``: (P_x, P_y).
+    ``pitch_mm``: Distance of two pixels on the plane, in X as in Y.
+    ``first_mm``: Where the first pixel's centre lies on the texture, (X, Y) from the corner of the raster's first
+      texel.
+    ``shape``: (height, width) of the image.
     """
 
     spectrum: NDArray[np.complex128]
@@ -89,16 +81,7 @@ class PlaneImage:
     ) -> Self:
         """Find the Fourier series of noise from its values on a raster.
 
-        Parameters
-        ----------
-        values
-            Noise of zero mean and unit variance at texels (j + 1/2, i + 1/2), shape (h, w).
-        mean, std
-            Radiance is ``mean`` + ``std`` times the noise.
-        shortest_mm
-            Shortest wavelength; what the raster holds beyond is rounding, and left out.
-        period_mm, pitch_mm, first_mm, shape
-            See the class.
+        ``values``: Noise of zero mean and unit variance at texels (j + 1/2, i + 1/2), shape (h, w).
         """
         rows, columns = values.shape
         k_y, k_x = fft.fftfreq(rows, 1 / rows), fft.fftfreq(columns, 1 / columns)
@@ -113,47 +96,21 @@ class PlaneImage:
     def values(self, shift_px: float = 0.0) -> Field:
         """Return the exact image: means over the pixels' footprints.
 
-        Parameters
-        ----------
-        shift_px
-            How far the plane has moved to the right.
-
-        Returns
-        -------
-        numpy.ndarray
-            Radiance, shape (height, width), float64.
+        Returns: Radiance, shape (height, width), float64.
         """
         return self._sum(self.spectrum * self._footprint(), shift_px)
 
     def points(self, shift_px: float = 0.0, offset_px: tuple[float, float] = (0.0, 0.0)) -> Field:
         """Return the radiance at one point of each pixel.
 
-        Parameters
-        ----------
-        shift_px
-            How far the plane has moved to the right.
-        offset_px
-            Offset (x, y) of the point from the pixel's centre.
-
-        Returns
-        -------
-        numpy.ndarray
-            Radiance, shape (height, width), float64.
+        Returns: Radiance, shape (height, width), float64.
         """
         return self._sum(self.spectrum, shift_px, offset_px)
 
     def gradient(self, shift_px: float = 0.0) -> tuple[Field, Field]:
         """Return the derivatives of `values`.
 
-        Parameters
-        ----------
-        shift_px
-            How far the plane has moved to the right.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Derivatives per pixel to the right, and per pixel down, shape (height, width) each.
+        Returns: Derivatives per pixel to the right, and per pixel down, shape (height, width) each.
         """
         (k_y, k_x), spectrum = self.wave_numbers, self.spectrum * self._footprint()
         across, down = (2j * np.pi * self.pitch_mm / period for period in self.period_mm)
@@ -190,21 +147,8 @@ def shift_errors(
     terms of second order that it leaves out change it by some e² over the wavelength: nothing, at the thousandths of a
     pixel found here. Gain and offset are not adjusted: what they could explain counts as error.
 
-    Parameters
-    ----------
-    image
-        The image, shape (height, width).
-    exact
-        What it should be.
-    across, down
-        Derivatives of ``exact`` per pixel to the right, and per pixel down.
-    subset_px
-        Edge of the subsets; what is left of rows and columns at the end is not used.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shift (x, y) of the image's content in px, shape (rows, columns, 2), float64.
+    ``image``: The image, shape (height, width).
+    Returns: Shift (x, y) of the image's content in px, shape (rows, columns, 2), float64.
     """
     rows, columns = (side // subset_px for side in exact.shape)
 
@@ -228,24 +172,14 @@ for the largest error."""
 class RenderingAccuracy:
     """The errors of one backend with one number of samples.
 
-    Parameters
-    ----------
-    texture
-        Which of `TEXTURES_PX`.
-    shortest_wavelength_px
-        Its shortest wavelength.
-    backend
-        Name of the renderer, with its platform.
-    supersampling
-        n, of n x n samples.
-    subsets
-        How many subsets were registered, over all shifts.
-    rms_px, max_px
-        Of the shift errors of all subsets, x and y together.
-    rms_grey, max_grey
-        Of rendered minus exact grey values, over the texture's standard deviation.
-    seconds_per_image
-        Median over the shifts.
+    ``texture``: Which of `TEXTURES_PX`.
+    ``shortest_wavelength_px``: Its shortest wavelength.
+    ``backend``: Name of the renderer, with its platform.
+    ``supersampling``: n, of n x n samples.
+    ``subsets``: How many subsets were registered, over all shifts.
+    ``rms_px``, ``max_px``: Of the shift errors of all subsets, x and y together.
+    ``rms_grey``, ``max_grey``: Of rendered minus exact grey values, over the texture's standard deviation.
+    ``seconds_per_image``: Median over the shifts.
     """
 
     texture: str
@@ -277,12 +211,8 @@ class RenderingAccuracy:
 class RenderingMeasurement:
     """A result and what it was computed from.
 
-    Parameters
-    ----------
-    result
-        The figures.
-    errors_px
-        Shift errors (x, y) of every subset, shape (shifts, rows, columns, 2).
+    ``result``: The figures.
+    ``errors_px``: Shift errors (x, y) of every subset, shape (shifts, rows, columns, 2).
     """
 
     result: RenderingAccuracy
@@ -292,22 +222,14 @@ class RenderingMeasurement:
 if TYPE_CHECKING:
     pass
 
-__all__ = ["draw_errors", "draw_maps"]
+__all__ = []
 
 # Okabe and Ito's colours, with a marker each.
 _STYLES = {"pyrender": ("#0072B2", "o"), "raycast": ("#D55E00", "s")}
 
 
 def draw_errors(results: Sequence[RenderingAccuracy], file: Path) -> None:
-    """Draw shift errors and grey-value errors over the number of samples, a column for each texture.
-
-    Parameters
-    ----------
-    results
-        The results.
-    file
-        Picture to write.
-    """
+    """Draw shift errors and grey-value errors over the number of samples, a column for each texture."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -347,15 +269,7 @@ def draw_errors(results: Sequence[RenderingAccuracy], file: Path) -> None:
 
 
 def draw_maps(measured: Sequence[RenderingMeasurement], file: Path) -> None:
-    """Draw maps of the shift errors of the subsets with the band-limited texture, as rms over all shifts.
-
-    Parameters
-    ----------
-    measured
-        The measurements; a column for each number of samples, a row for each backend.
-    file
-        Picture to write.
-    """
+    """Draw maps of the shift errors of the subsets with the band-limited texture, as rms over all shifts."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
@@ -402,17 +316,7 @@ _OBJECT = "plane"
 def noise_plane(wavelength_px: tuple[float, float], shape: tuple[int, int]) -> Scene:
     """Return a noise plane at 660 mm that fills the image, and moves to the right by one pixel per frame.
 
-    Parameters
-    ----------
-    wavelength_px
-        Shortest and longest wavelength in px of the image.
-    shape
-        (height, width) of the image.
-
-    Returns
-    -------
-    Scene
-        The scene, with one frame and one camera position.
+    ``wavelength_px``: Shortest and longest wavelength in px of the image.
     """
     height, width = shape
     return Scene.from_dict(
@@ -441,16 +345,6 @@ def reference_image(scene: Scene) -> PlaneImage:
     """Return the exact image of a noise plane, from the Fourier series of its noise and the projection.
 
     The noise is made anew from the scene's seed. No spline and no texture coordinate of the renderers is used.
-
-    Parameters
-    ----------
-    scene
-        What `noise_plane` returned.
-
-    Returns
-    -------
-    PlaneImage
-        The image, for any shift of the plane.
     """
     item = scene.objects[0]
     assert isinstance(item.texture, NoiseTexture)
@@ -488,24 +382,6 @@ def run_fidelity(
     """Measure every backend that runs here, and write tables and pictures.
 
     Files: ``fidelity.csv``, ``fidelity.json``, ``fidelity.png`` and ``fidelity_maps.png``.
-
-    Parameters
-    ----------
-    folder
-        Where; it is made.
-    samplings
-        Numbers n of n x n samples.
-    shape
-        (height, width) of the images; at least one subset.
-    platform
-        OpenGL platform of ``pyrender``: ``"auto"``, ``"osmesa"`` or ``"egl"``. A process can use one only.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    tuple
-        The results, and why ``pyrender`` was left out (empty if it was not).
     """
     openers, reason = _openers(platform)
     shape = (max(shape[0], SUBSET_PX), max(shape[1], SUBSET_PX))

@@ -29,7 +29,7 @@ def budget_of_a_cube(noise: str = "noise of the sensor") -> Budget:
         part("lens_residual", "distortion of the lens", 0.002),
         part("curvature", "curved surfaces", math.nan),
     ]
-    whole = math.sqrt(sum(one.figure**2 for one in parts if math.isfinite(one.figure)))
+    whole = math.sqrt(sum(one.value**2 for one in parts if math.isfinite(one.value)))
     total = CombinedUncertainty("depth", "interior", "mm", whole, whole, 1.5, 0.16, 660.0, 0.9)
     remedies = {"stage_yaw": Mitigation("an air bearing", {"stage_yaw": 0.025})}
     return Budget("A cube", "structure_tensor", parts, [total], 3, remedies)

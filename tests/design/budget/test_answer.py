@@ -25,7 +25,7 @@ def found() -> Budget:
 
 
 def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budget) -> None:
-    (line,) = found.words()
+    (line,) = found.summary().splitlines()
     assert line.startswith("Depth: 1.5 mm in all.")
     assert "Yaw of the stage (100 µrad) makes 1.4 of it in these draws, and 4.2 is to be expected of others" in line
     # What is left: the root of 0.035² + 0.16² + 0.05², times 1.5 over the parts' sum.
@@ -43,7 +43,7 @@ def test_bars_add_up_by_their_squares(found: Budget) -> None:
     for one, other in pairwise(steps):
         assert other.start == pytest.approx(one.end)
     for step in steps:
-        assert step.end**2 - step.start**2 == pytest.approx(step.figure**2)
+        assert step.end**2 - step.start**2 == pytest.approx(step.value**2)
 
 
 def test_the_picture_is_drawn(found: Budget, tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_tables_of_the_page_sort_and_their_sums_stay_below(found: Budget, tmp_pa
 
 
 def test_the_page_is_of_one_region_and_says_which(found: Budget, tmp_path: Path) -> None:
-    parts = [replace(one, region="object_leaf", figure=7 * one.figure) for one in found.parts]
+    parts = [replace(one, region="object_leaf", value=7 * one.value) for one in found.parts]
     total = replace(found.totals[0], region="object_leaf", simulated=9.5)
     both = replace(found, parts=[*found.parts, *parts], totals=[*found.totals, total])
     inside, leaf = (

@@ -53,7 +53,7 @@ def found(scene: st.Scene, folder: Path) -> Budget:
 
 
 def agrees(found: Budget, cause: str, quantity: str = "depth", within: float = 0.2) -> None:
-    part = found.part(cause, quantity)
+    part = found.contribution(cause, quantity)
     expected = part.predicted_for_seeds if math.isfinite(part.predicted_for_seeds) else part.predicted
     assert part.simulated == pytest.approx(expected, rel=within), (cause, quantity)
 
@@ -67,7 +67,7 @@ def test_what_is_predicted_is_simulated(found: Budget) -> None:
     agrees(found, "noise", within=0.3)
     agrees(found, "brightness", "velocity_z", within=0.3)
     # Calibrations are off by plus and minus one standard deviation.
-    assert found.part("focal_length", "depth").predicted == pytest.approx(0.72, rel=0.02)
+    assert found.contribution("focal_length", "depth").predicted == pytest.approx(0.72, rel=0.02)
 
 
 def test_one_frame_is_predicted_too_and_calibration_is_not_simulated() -> None:
@@ -78,10 +78,10 @@ def test_one_frame_is_predicted_too_and_calibration_is_not_simulated() -> None:
     )
     assert found.quantities == ["depth", "disparity"]
     # In proportion to Z, of about 720 mm; disparity is what images show, whatever the focal length is said to be.
-    assert found.part("focal_length", "depth").predicted == pytest.approx(0.72, rel=0.02)
-    assert found.part("focal_length", "disparity").predicted == 0
+    assert found.contribution("focal_length", "depth").predicted == pytest.approx(0.72, rel=0.02)
+    assert found.contribution("focal_length", "disparity").predicted == 0
     for cause in ("stage_yaw", "noise", "focal_length", "baseline"):
-        part = found.part(cause, "depth")
+        part = found.contribution(cause, "depth")
         assert part.predicted > 0
         assert math.isnan(part.simulated), cause
 
@@ -93,37 +93,37 @@ def test_everything_predicted_is_simulated() -> None:
     for cause in ("stage_yaw", "stage_position", "stage_roll", "timing", "focal_length", "baseline", "lens_residual"):
         agrees(found, cause)
     # Shifts across the stage do nothing to the first order; what they do is less than ideal images leave.
-    assert found.part("stage_pitch", "depth").simulated < 0.2 * found.total("depth").ideal
+    assert found.contribution("stage_pitch", "depth").simulated < 0.2 * found.combined("depth").ideal
     for cause in ("noise", "quantisation"):
         agrees(found, cause, within=0.3)
         agrees(found, cause, "velocity_z", within=0.3)
     agrees(found, "brightness", "velocity_z", within=0.3)
     for quantity in ("depth", "velocity_x", "velocity_y", "velocity_z"):
-        total = found.total(quantity)
+        total = found.combined(quantity)
         assert total.root_sum_square == pytest.approx(total.simulated, rel=0.2), quantity
         assert total.signed_sum == pytest.approx(total.simulated, rel=0.1), quantity
 
 
 def test_parts_add_up_to_the_whole(found: Budget) -> None:
     for quantity in ("velocity_z", "velocity_y"):
-        total = found.total(quantity)
+        total = found.combined(quantity)
         # Of a single draw, parts may be alike by chance.
         assert total.root_sum_square == pytest.approx(total.simulated, rel=0.3), quantity
         assert total.signed_sum == pytest.approx(total.simulated, rel=0.1), quantity
-        parts = [one.figure for one in found.of(quantity) if math.isfinite(one.figure)]
+        parts = [one.value for one in found.contributions(quantity) if math.isfinite(one.value)]
         assert total.root_sum_square == pytest.approx(float(np.linalg.norm(parts)))
-        own = [found.part(kind, quantity).figure for kind in ("slope", "curvature", "rest")]
+        own = [found.contribution(kind, quantity).value for kind in ("slope", "curvature", "rest")]
         assert total.ideal == pytest.approx(float(np.linalg.norm(own)))
-    everywhere = found.total("depth", "all")
-    assert everywhere.ideal >= found.total("depth").ideal
+    everywhere = found.combined("depth", "all")
+    assert everywhere.ideal >= found.combined("depth").ideal
 
 
 def test_it_says_what_limits(found: Budget) -> None:
-    words = found.words()
+    words = found.summary().splitlines()
     # The disparity is the depth again.
     assert len(words) == len(found.quantities) - 1
     depth = next(line for line in words if line.startswith("Depth: "))
-    largest = found.of("depth")[0]
+    largest = found.contributions("depth")[0]
     assert largest.title in depth.lower() or largest.title in depth
     assert "brings it to" in depth
 
@@ -134,7 +134,7 @@ def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, fol
     again = budget(scene, output=folder, seeds=1, simulated_share=1.0, calibration={"focal_length_percent": 0.1})
     assert {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()} == before
     assert [one.simulated for one in again.parts] == pytest.approx([one.simulated for one in found.parts], nan_ok=True)
-    frame = found.to_frame()
+    frame = found.to_dataframe()
     assert set(frame["cause"]) >= {"noise", "root_sum_square", "signed_sum", "everything", "ideal"}
     assert len(frame) == len(found.parts) + 4 * len(found.totals)
     with pytest.raises(OutputExistsError, match="another scene"):
@@ -144,9 +144,9 @@ def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, fol
 def test_little_is_simulated_where_little_matters(scene: st.Scene) -> None:
     few = budget(scene, calibration="perfect", seeds=1, simulated_share=0.0)
     assert not [one for one in few.parts if math.isfinite(one.simulated)]
-    part = few.part("stage_yaw", "depth")
-    assert part.figure == part.predicted > 0
-    assert ", as predicted" in few.words()[0]
+    part = few.contribution("stage_yaw", "depth")
+    assert part.value == part.predicted > 0
+    assert ", as predicted" in few.summary().splitlines()[0]
 
 
 def test_runs_are_what_simulations_of_their_scenes_are() -> None:

@@ -46,7 +46,7 @@ def evaluated(prepared: OptimisationProblem, **changes: Any) -> Evaluation:
 def test_parts_add_up_to_what_is_predicted(prepared: OptimisationProblem) -> None:
     one = evaluated(prepared)
     scene = Scene.from_dict(dict(rig_from_evaluation(3, one, prepared).scene))
-    assert one.parts["Depth"]["noise"] == predict(scene, method="structure_tensor").figure("depth", "interior").value
+    assert one.parts["Depth"]["noise"] == predict(scene, method="structure_tensor").precision("depth", "interior").value
     for title, parts in one.parts.items():
         assert one.predicted[title] == pytest.approx(math.hypot(*parts.values()))
     # A screw is far worse than the noise, an air bearing far better than a screw.
@@ -62,7 +62,7 @@ def test_statistics_are_those_of_the_region(prepared: OptimisationProblem, stati
     one = evaluated(prepared, stage="air_bearing")
     scene = Scene.from_dict(dict(rig_from_evaluation(3, one, prepared).scene))
     prediction = predict(scene, method="structure_tensor")
-    figure = prediction.figure("depth", "interior")
+    figure = prediction.precision("depth", "interior")
     depth = replace(prepared.task.objectives[0], statistic=statistic)
     parts = compute_objective_contributions(depth, scene, prediction)
     assert parts["noise"] == getattr(figure, statistic)

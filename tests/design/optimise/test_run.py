@@ -85,12 +85,12 @@ def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> Non
     assert "# Beside recommended.yaml: images cut from 64 x 48" in (folder / "recommended_preview.yaml").read_text()
     plain = json.loads((folder / "design.json").read_text())
     assert plain["recommended"] == found.recommended.number
-    assert plain["words"] == list(found.words())
+    assert plain["summary"] == found.summary().splitlines()
     assert 20 <= len(found.screened) <= SMALL["predictions"]
-    assert list(found.to_frame()["rig"]) == [rig.number for rig in found.rigs]
+    assert list(found.to_dataframe()["rig"]) == [rig.number for rig in found.rigs]
     # With one objective, the front is one rig.
     assert len(found.front) == 1
-    assert found.to_frame()["front"].sum() == 1
+    assert found.to_dataframe()["front"].sum() == 1
     assert found.recommended in found.rigs
 
 
@@ -103,7 +103,7 @@ def test_a_design_is_loaded_as_it_was(found: DesignResult, folder: Path) -> None
     assert again.recommended == found.recommended
     # NaN is no other NaN's equal.
     assert repr(again.sensitivities) == repr(found.sensitivities)
-    assert again.words() == found.words()
+    assert again.summary() == found.summary()
     pd.testing.assert_frame_equal(again.screened, found.screened)
     page = (folder / "index.html").read_text(encoding="utf-8")
     assert write_design_page(again, folder).read_text(encoding="utf-8") == page
@@ -128,7 +128,7 @@ def test_folders_that_hold_no_design_are_refused(found: DesignResult, folder: Pa
 
 
 def test_words(found: DesignResult) -> None:
-    told = "\n".join(found.words())
+    told = found.summary()
     assert f"recommended, rig {found.recommended.number}" in told
     assert "Depth: scaled median absolute error, predicted" in told
     assert "; RMSE " in told

@@ -203,7 +203,7 @@ def test_alternatives_behind_the_front_are_told_from_it(sample: DesignResult) ->
     names = {trace["name"]: trace["x"] for trace in chart.data if "name" in trace}
     assert names["alternatives, predicted"] == [0.07]
     assert len(names["front, predicted"]) == 4
-    assert list(found.to_frame()["front"]) == [True, True, True, False, True]
+    assert list(found.to_dataframe()["front"]) == [True, True, True, False, True]
 
 
 def test_three_objectives_have_three_charts_and_one_has_its_parameter(sample: DesignResult) -> None:

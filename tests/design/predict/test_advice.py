@@ -30,7 +30,7 @@ def test_slow_growth_asks_for_a_longer_interval_that_suffices() -> None:
     (told,) = (line for line in warnings_of(wall(**GROWING, frames=frames)) if line.startswith("growth"))
     assert re.match(r"growth of 'wall' is .* % per frame at a precision of .* % per pixel: raise frames\.frame_", told)
     longer = {"count": 5, "frame_interval_s": float(told.split()[-1])}
-    ratio = predict(wall(**GROWING, frames=longer)).figure("growth_rate", "object_wall").signal_to_noise
+    ratio = predict(wall(**GROWING, frames=longer)).precision("growth_rate", "object_wall").signal_to_noise
     assert ratio is not None
     # What is asked for, and not many times more.
     assert 1.8 < ratio < 2.6
@@ -47,7 +47,7 @@ def test_a_short_baseline_is_to_be_as_long_as_one_per_cent_of_depth_takes() -> N
     stage = {"positions": 5, "baseline_mm": 0.01}
     (told,) = (line for line in warnings_of(wall(stage=stage)) if line.startswith("depth has"))
     longer = {"positions": 5, "baseline_mm": float(told.split()[-1])}
-    depth = predict(wall(stage=longer)).figure("depth").std
+    depth = predict(wall(stage=longer)).precision("depth", "all").std
     assert 0.8 * 6 < depth < 1.05 * 6
 
 

@@ -47,7 +47,7 @@ def test_points_have_the_truth_s_growth_of_length() -> None:
 
 def test_growth_of_length_is_told_where_any_gradient_may_be() -> None:
     told = predict(rubber(), window_sigma_px=WINDOW, motion="affine")
-    largest, least = (told.figure(f"growth_{name}") for name in ("principal_1", "principal_2"))
+    largest, least = (told.precision(f"growth_{name}", "all") for name in ("principal_1", "principal_2"))
     assert (largest.unit, largest.value_unit) == ("1/frame", "%/h")
     assert largest.signal_value == pytest.approx(PER_HOUR * STRAIN, rel=1e-3)
     assert least.signal_value == pytest.approx(PER_HOUR * STRAIN / 2, rel=1e-3)
@@ -103,4 +103,4 @@ def test_both_levels_agree() -> None:
     told = predict(rubber(), window_sigma_px=WINDOW, motion="affine")
     _, std = normalised(1)
     for k, name in enumerate(("principal_1", "principal_2")):
-        assert told.figure(f"growth_{name}").std == pytest.approx(float(np.median(std[k])), rel=1.0)
+        assert told.precision(f"growth_{name}", "all").std == pytest.approx(float(np.median(std[k])), rel=1.0)

@@ -47,9 +47,9 @@ def test_the_envelope_is_that_of_the_closed_formulas() -> None:
         window_sigma_px=4.0,
     )
     assert found.causes.gradient_x == pytest.approx(gradient, rel=0.02)
-    assert found.figure("depth").std == pytest.approx(told.depth_mm, rel=0.03)
-    assert found.figure("slope_x").std == pytest.approx(told.slope, rel=0.03)
-    assert found.figure("flow_y").std == pytest.approx(told.flow_px, rel=0.03)
+    assert found.precision("depth", "all").std == pytest.approx(told.depth_mm, rel=0.03)
+    assert found.precision("slope_x", "all").std == pytest.approx(told.slope, rel=0.03)
+    assert found.precision("flow_y", "all").std == pytest.approx(told.flow_px, rel=0.03)
 
 
 def test_noise_that_stays_does_not_average_over_frames() -> None:
@@ -66,7 +66,10 @@ def test_noise_that_stays_does_not_average_over_frames() -> None:
     causes = with_pattern.causes
     expected = np.sqrt(1 + 5 * (causes.pattern_std / causes.noise_std) ** 2)
     assert expected > 2
-    ratio = {name: with_pattern.figure(name).std / without.figure(name).std for name in ("depth", "flow_x")}
+    ratio = {
+        name: with_pattern.precision(name, "all").std / without.precision(name, "all").std
+        for name in ("depth", "flow_x")
+    }
     assert ratio["depth"] == pytest.approx(expected, rel=0.05)
     assert ratio["flow_x"] == pytest.approx(1.0, abs=0.01)
 
@@ -99,7 +102,7 @@ def scatter() -> tuple[dict[str, float], dict[str, Prediction]]:
 def test_the_structure_tensor_scatters_as_predicted(model: str, quantity: str) -> None:
     """20 noises and about 40 independent windows: 3 %. The formulas leave out what noise does to its own gradients."""
     measured, told = scatter()
-    assert told[model].figure(quantity).std == pytest.approx(measured[quantity], rel=0.15)
+    assert told[model].precision(quantity, "all").std == pytest.approx(measured[quantity], rel=0.15)
 
 
 def test_the_bound_is_that_of_simulated_images() -> None:

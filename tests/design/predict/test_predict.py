@@ -33,7 +33,7 @@ def test_units_and_titles_are_those_of_scores() -> None:
 def test_scenes_in_any_form(tmp_path: Path) -> None:
     (tmp_path / "wall.yaml").write_text(yaml.safe_dump(wall()))
     told = [predict(form) for form in (wall(), st.Scene.from_dict(wall()), tmp_path / "wall.yaml")]
-    assert len({one.figure("depth").std for one in told}) == 1
+    assert len({one.precision("depth", "all").std for one in told}) == 1
 
 
 def test_figures_have_units_signals_and_what_people_read() -> None:
@@ -41,15 +41,15 @@ def test_figures_have_units_signals_and_what_people_read() -> None:
     mesh = {"kind": "plane", "size_mm": [170, 140], "resolution_mm": 10}
     frames = {"count": 5, "frame_interval_s": 60.0}
     told = predict(wall(mesh=mesh, deformation=[growth], frames=frames))
-    figure = told.figure("growth_rate", "object_wall")
+    figure = told.precision("growth_rate", "object_wall")
     assert (figure.unit, figure.value_unit) == ("1/frame", "%/h")
     assert figure.value == pytest.approx(PER_HOUR / 60 * figure.std)
     assert figure.signal_value == pytest.approx(90.0, rel=1e-3)
     assert figure.signal is not None
     assert figure.signal_to_noise == pytest.approx(figure.signal / figure.std)
-    depth = told.figure("depth")
+    depth = told.precision("depth", "all")
     assert (depth.signal, depth.signal_to_noise, depth.value) == (None, None, depth.std)
-    velocity = told.figure("velocity_z")
+    velocity = told.precision("velocity_z", "all")
     # It moves by -0.1 mm per frame; growth in its own plane adds nothing to that.
     assert velocity.signal == pytest.approx(0.1, rel=1e-3)
 
@@ -59,11 +59,11 @@ def test_regions_and_table() -> None:
     narrow = wall()["objects"][0] | {"mesh": {"kind": "plane", "size_mm": [24, 100]}}
     told = predict(wall(objects=[narrow, behind]))
     assert told.regions == ("all", "interior", "object_wall", "object_ground")
-    table = told.to_frame()
+    table = told.to_dataframe()
     assert set(table["region"]) == set(told.regions)
     assert set(table["quantity"]) == set(told.quantities) <= set(UNITS)
     assert set(table["model"]) == {"analytic"}
-    near, far = (told.figure("depth", f"object_{name}").std for name in ("wall", "ground"))
+    near, far = (told.precision("depth", f"object_{name}").std for name in ("wall", "ground"))
     # Standard deviations of depth grow with the square of it, and textures are finer in the image.
     assert near < far
 
@@ -87,7 +87,7 @@ def test_both_levels_agree_on_the_cube() -> None:
     scene = cube(sensor={"noise_std": 0.01, "bit_depth": 8}, score={"interior_margin_px": 10})
     told = {model: predict(scene, method="refined", model=model, window_sigma_px=4.0) for model in ("analytic", "maps")}
     for quantity in ("depth", "velocity_z", "flow_x", "slope_x", "growth_rate"):
-        one, other = (told[model].figure(quantity, "interior").std for model in ("analytic", "maps"))
+        one, other = (told[model].precision(quantity, "interior").std for model in ("analytic", "maps"))
         assert one == pytest.approx(other, rel=0.3)
     maps = told["maps"].maps
     assert maps is not None
@@ -95,7 +95,7 @@ def test_both_levels_agree_on_the_cube() -> None:
     assert maps["depth_std"].sizes == {"y": 120, "x": 160}
     inside = np.nanmedian(maps["depth_std"].values)
     # The lower of the two in the middle of an even number.
-    assert told["maps"].figure("depth").std == pytest.approx(inside, rel=1e-3)
+    assert told["maps"].precision("depth", "all").std == pytest.approx(inside, rel=1e-3)
 
 
 VARIED: dict[str, tuple[dict[str, Any], float]] = {
@@ -111,7 +111,7 @@ def test_depth_scales_as_it_should(name: str) -> None:
     changes, factor = VARIED[name]
     still = {"motion": [], "camera": {"width": 400, "height": 300, "focal_length_px": 1200}}
     still |= {"mesh": {"kind": "plane", "size_mm": [300, 200]}}
-    one, other = (predict(wall(**still, **more)).figure("depth").std for more in ({}, changes))
+    one, other = (predict(wall(**still, **more)).precision("depth", "all").std for more in ({}, changes))
     assert other / one == pytest.approx(factor, rel=0.03)
 
 
@@ -127,12 +127,14 @@ def test_one_camera_tells_flow_and_one_frame_depth(method: str, model: Any) -> N
     assert set(alone.quantities) == {"flow_x", "flow_y"}
     still = predict(wall(frames={"count": 1}), model=model, method=method)
     assert {"depth", "disparity"} <= set(still.quantities) <= {"depth", "disparity", "slope_x", "slope_y", "normal"}
-    assert still.figure("depth").std > predict(wall(), model=model, method=method).figure("depth").std
+    assert (
+        still.precision("depth", "all").std > predict(wall(), model=model, method=method).precision("depth", "all").std
+    )
 
 
 @pytest.mark.parametrize("model", ["analytic", "maps"])
 def test_nothing_is_known_of_a_surface_without_texture(model: Any) -> None:
-    told = predict(wall(texture={"kind": "uniform"}), model=model).figure("depth")
+    told = predict(wall(texture={"kind": "uniform"}), model=model).precision("depth", "all")
     assert told == PredictedValue(float("inf"), "mm", None, float("inf"), None, "mm", 0.0)
 
 
@@ -148,7 +150,7 @@ def test_what_is_wrong_is_told_at_once() -> None:
     with pytest.raises(st.SceneError, match="sees none of them"):
         predict(wall(pose={"position_mm": [3000, 0, 600]}))
     with pytest.raises(st.SceneError, match=r"(?s)region: .*object_wall.*quantity: "):
-        predict(wall()).figure("charge", "moon")
+        predict(wall()).precision("charge", "moon")
     with pytest.raises(st.SceneError, match="frames"):
         predict(wall(), limits=st.Limits(frames=2))
 
@@ -173,8 +175,8 @@ def test_what_is_left_out_is_told() -> None:
 @pytest.mark.parametrize("file", ["cube", "plane", "relief"])
 def test_scenes_of_the_library_are_predicted(file: str) -> None:
     told = predict(SCENES / f"{file}.yaml")
-    assert 0 < told.figure("depth", "interior").std < 0.1
-    assert told.figure("depth").valid_fraction > 0.9
+    assert 0 < told.precision("depth", "interior").std < 0.1
+    assert told.precision("depth", "all").valid_fraction > 0.9
 
 
 @given(some.lists(some.tuples(some.floats(0, 10), some.integers(1, 5)), min_size=1, max_size=20))

@@ -40,7 +40,7 @@ def found() -> Sweep:
 
 
 def rms(found: Sweep, quantity: str, baseline: float, noise: float, **which: Any) -> float:
-    return found.figure(quantity, at={BASELINE: baseline, NOISE: noise}, **which).value
+    return found.value(quantity, at={BASELINE: baseline, NOISE: noise}, **which).value
 
 
 def test_depth_errs_inversely_to_the_baseline_and_in_proportion_to_noise(found: Sweep) -> None:
@@ -59,9 +59,9 @@ def test_nothing_goes_below_the_bound_and_the_structure_tensor_is_near_it(found:
             bound = rms(found, quantity, baseline, 0.01, method="bound")
             # Derivative filters and three frames cost up to a third of the noise more than the bound.
             assert 1 - SCATTER < rms(found, quantity, baseline, 0.01) / bound < 1.33 + SCATTER
-    assert found.figure("depth", "precision_std", method="bound").value == found.figure("depth", method="bound").value
-    median = found.figure("depth", "median_abs_error", method="bound").value
-    assert median < found.figure("depth", method="bound").value
+    assert found.value("depth", "precision_std", method="bound").value == found.value("depth", method="bound").value
+    median = found.value("depth", "median_abs_error", method="bound").value
+    assert median < found.value("depth", method="bound").value
 
 
 def test_noise_is_the_same_at_every_point() -> None:
@@ -88,21 +88,21 @@ def test_figures_are_those_of_a_single_simulation(found: Sweep) -> None:
         estimate = st.estimate(recording, "structure_tensor", window_sigma_px=3, window_taps_px=13)
         score = st.score(estimate, truth, settings={"interior_margin_px": 0})
         for name in ("rmse", "bias", "median_abs_error", "density"):
-            row = found.figure("velocity_z", name, at={BASELINE: 2, NOISE: 0.01}, region="all", seed=seed)
+            row = found.value("velocity_z", name, at={BASELINE: 2, NOISE: 0.01}, region="all", seed=seed)
             assert row.value == score.regions["all"]["velocity_z"][name]
         error = (estimate["depth"] - truth["depth"].sel(t=[0])).values
         errors[seed] = np.where(estimate["status_disparity"] == 2, error, np.nan)
-    both = found.figure("depth", "precision_std", at={BASELINE: 2, NOISE: 0.01}, region="all").value
+    both = found.value("depth", "precision_std", at={BASELINE: 2, NOISE: 0.01}, region="all").value
     # Between two numbers, the standard deviation is their difference over √2.
     assert both == pytest.approx(float(np.sqrt(np.nanmean(np.square(errors[5] - errors[6]) / 2))), rel=1e-4)
-    pooled = found.figure("depth", at={BASELINE: 2, NOISE: 0.01}, region="all")
-    each = [found.figure("depth", at={BASELINE: 2, NOISE: 0.01}, region="all", seed=seed).value for seed in (5, 6)]
+    pooled = found.value("depth", at={BASELINE: 2, NOISE: 0.01}, region="all")
+    each = [found.value("depth", at={BASELINE: 2, NOISE: 0.01}, region="all", seed=seed).value for seed in (5, 6)]
     assert pooled.value == pytest.approx(math.hypot(*each) / math.sqrt(2))
     assert pooled.ci_low < min(each) < max(each) < pooled.ci_high
 
 
 def test_the_table_is_tidy(found: Sweep) -> None:
-    frame = found.to_frame()
+    frame = found.to_dataframe()
     assert list(frame.columns[:5]) == [BASELINE, NOISE, "scene", "method", "seed"]
     keys = ["scene", "method", "seed", "region", "quantity", "statistic", BASELINE, NOISE]
     assert not frame.duplicated(keys).any()
@@ -117,7 +117,7 @@ def test_the_table_is_tidy(found: Sweep) -> None:
     with pytest.raises(KeyError, match="no rmse of slope_x"):
         found.best("slope_x")
     with pytest.raises(KeyError, match=f"{BASELINE} = 7"):
-        found.figure("depth", at={BASELINE: 7})
+        found.value("depth", at={BASELINE: 7})
 
 
 def test_it_goes_on_where_it_was(tmp_path: Path, messages: list[str]) -> None:
@@ -137,12 +137,12 @@ def test_it_goes_on_where_it_was(tmp_path: Path, messages: list[str]) -> None:
     assert {path.name: path.read_bytes() for path in points.iterdir() if path.suffix == ".json"} == {
         name: content for name, content in before.items() if name.endswith(".json")
     }
-    pd.testing.assert_frame_equal(again.to_frame(), calm.to_frame())
+    pd.testing.assert_frame_equal(again.to_dataframe(), calm.to_dataframe())
     # More values, and only these are made.
     more = sweep(scene(), {BASELINE: [2, 2.5, 3]}, methods=nearest, output=tmp_path / "calm", **options)
     assert "6 simulations, 2 of them to be made" in told[-1]
     kept = pd.read_parquet(tmp_path / "calm" / "results.parquet")
-    pd.testing.assert_frame_equal(kept, more.to_frame())
+    pd.testing.assert_frame_equal(kept, more.to_dataframe())
     assert len(pd.read_csv(tmp_path / "calm" / "results.csv")) == len(kept)
     assert (tmp_path / "calm" / "plots" / "depth_rmse.png").exists()
 
@@ -167,7 +167,7 @@ def test_what_failed_or_has_changed_is_made_again(
         code = f"def f(recording):\n    return {{'depth': 0.0 * recording.image[0].values + {depth_mm}}}\n"
         (tmp_path / "wall_of_mine.py").write_text(code)
         found = run()
-        assert found.figure("depth", "bias").value == pytest.approx(depth_mm - DEPTH_MM, abs=0.2)
+        assert found.value("depth", "bias").value == pytest.approx(depth_mm - DEPTH_MM, abs=0.2)
         assert "2 simulations, 2 of them to be made" in told[-1]
     run()
     assert told[-1].endswith("2 simulations, 0 of them to be made, 2 kept from earlier")
@@ -180,21 +180,21 @@ def test_scenes_and_methods_are_factors_and_what_fails_is_told() -> None:
     found = sweep([scene(), other], {BASELINE: [2, 3]}, methods=methods, seeds=1)
     assert found.methods == ["nearest", "mine", "failing"]
     # The wall is 10 mm farther than the method knows.
-    assert found.figure("depth", "bias", method="nearest", scene="scene 1").value == pytest.approx(0, abs=1e-6)
-    assert found.figure("depth", "bias", method="nearest", scene="scene 2").value == pytest.approx(-10)
-    assert found.figure("depth", method="bound of mine", scene="scene 2").value > 0
+    assert found.value("depth", "bias", method="nearest", scene="scene 1").value == pytest.approx(0, abs=1e-6)
+    assert found.value("depth", "bias", method="nearest", scene="scene 2").value == pytest.approx(-10)
+    assert found.value("depth", method="bound of mine", scene="scene 2").value > 0
     assert len(found.failures) == 4
     assert "scene 1, stage.baseline_mm = 2, seed 5: failing" in found.failures[0]
     assert "no idea" in found.failures[0]
     with pytest.raises(KeyError):
-        found.figure("depth", "precision_std", method="mine")
+        found.value("depth", "precision_std", method="mine")
 
 
 def test_a_scenes_own_settings_vary_and_what_has_no_noise_has_no_bound() -> None:
     plain = scene(sensor="ideal", estimate={"window_taps_px": 13})
     found = sweep(plain, {"estimate.window_sigma_px": [2, 3]}, seeds=1)
     assert found.methods == ["structure_tensor"]
-    errors = [found.figure("disparity", at={"estimate.window_sigma_px": sigma}).value for sigma in (2, 3)]
+    errors = [found.value("disparity", at={"estimate.window_sigma_px": sigma}).value for sigma in (2, 3)]
     assert errors[0] != errors[1]
     assert not any(row.is_bound for row in found.rows)
     assert "no bound: noise_std: is zero" in found.notes[0]
@@ -246,9 +246,9 @@ def test_what_only_a_complete_truth_tells_is_scored() -> None:
     found = sweep(plain, {BASELINE: [2, 3]}, methods=[stretching, nearest], seeds=2)
     # 18 per hour are 2 % per frame at rest, in percent per hour 1800; what has grown does so by 2 % less of itself.
     for quantity in ("growth_principal_1", "growth_principal_2"):
-        assert found.figure(quantity, "rmse", at={BASELINE: 2}, method="stretching").value < 0.03 * 1800
+        assert found.value(quantity, "rmse", at={BASELINE: 2}, method="stretching").value < 0.03 * 1800
     with pytest.raises(KeyError):
-        found.figure("growth_principal_1", method="nearest")
+        found.value("growth_principal_1", method="nearest")
 
 
 def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
@@ -276,7 +276,7 @@ def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
 @nightly
 def test_processes_find_the_same() -> None:
     here, there = (sweep(scene(), {BASELINE: [1, 2]}, methods=METHOD, seeds=2, workers=workers) for workers in (1, 2))
-    pd.testing.assert_frame_equal(here.to_frame(), there.to_frame())
+    pd.testing.assert_frame_equal(here.to_dataframe(), there.to_dataframe())
 
 
 @nightly

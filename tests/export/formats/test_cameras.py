@@ -56,7 +56,7 @@ def test_opencv_projects_points_to_their_pixels(export: Export) -> None:
 
 def test_opencv_does_so_with_lens_and_stage_errors(imperfect: tuple[xr.Dataset, xr.Dataset], tmp_path: Path) -> None:
     points = st.export(imperfect, "ply", output=tmp_path / "ply").folder
-    cameras = st.export(imperfect, "opencv_yaml", output=tmp_path / "cameras", poses="real").folder
+    cameras = st.export(imperfect, "opencv_yaml", output=tmp_path / "cameras", poses="actual").folder
     planned = st.export(imperfect, "opencv_yaml", output=tmp_path / "planned").folder
     for s, t in ((-1, 0), (0, 1), (1, 1)):
         where, pixels = points_of(points, s, t)
@@ -140,6 +140,6 @@ def test_frames_other_than_the_reference_know_one_image_of_each_point(export: Ex
 def test_real_poses_need_a_truth(recording: xr.Dataset, tmp_path: Path) -> None:
     estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
     with pytest.raises(st.ExportError, match="poses: needs the poses that a truth tells"):
-        st.export((recording, estimate), "opencv_yaml", output=tmp_path / "x", poses="real")
+        st.export((recording, estimate), "opencv_yaml", output=tmp_path / "x", poses="actual")
     with pytest.raises(st.ExportError, match=r"frame: must be one of the frames \[-1, 0, 1\] \(got 5\)"):
         st.export((recording, estimate), "colmap", output=tmp_path / "x", frame=5)

@@ -46,28 +46,17 @@ BOUND = "bound"
 class BenchmarkRecord:
     """One figure.
 
-    Parameters
-    ----------
-    case
-        Which case of the suite.
-    level
-        What was varied, in the unit of the case.
-    method
-        Label of the method, or `BOUND`.
-    quantity
-        What was measured: a key of `scenetruth.scoring.QUANTITIES`; empty for time and memory.
-    pixels
-        Over which pixels: `METHOD_VALID`, `COMMON_VALID` or `ALL`.
-    statistic
-        What of their errors.
-    value
-        The figure, in the quantity's unit; NaN where there is none.
-    ci_low, ci_high
-        Its 95 % confidence interval; NaN if it was not found out.
-    threshold
-        What a curve is drawn over besides: the share of pixels that is kept, or the number of standard deviations.
-    unit
-        Unit of the figure.
+    ``case``: Which case of the suite.
+    ``level``: What was varied, in the unit of the case.
+    ``method``: Label of the method, or `BOUND`.
+    ``quantity``: What was measured: a key of `scenetruth.scoring.QUANTITIES`; empty for time and memory.
+    ``pixels``: Over which pixels: `METHOD_VALID`, `COMMON_VALID` or `ALL`.
+    ``statistic``: What of their errors.
+    ``value``: The figure, in the quantity's unit; NaN where there is none.
+    ``ci_low``, ``ci_high``: Its 95 % confidence interval; NaN if it was not found out.
+    ``threshold``: What a curve is drawn over besides: the share of pixels that is kept, or the number of standard
+      deviations.
+    ``unit``: Unit of the figure.
     """
 
     case: str
@@ -108,16 +97,10 @@ Mask = NDArray[np.bool_]
 class CaseEstimates:
     """What methods have found at one value of a case, with one noise.
 
-    Parameters
-    ----------
-    estimates
-        Estimates by label, of the reference frame alone: t = 0, dimensions (t, y, x).
-    truth
-        The truth of the reference camera at the same frame, and ``visible_throughout``.
-    recording
-        The images that they were made from.
-    value
-        What was varied.
+    ``estimates``: Estimates by label, of the reference frame alone: t = 0, dimensions (t, y, x).
+    ``truth``: The truth of the reference camera at the same frame, and ``visible_throughout``.
+    ``recording``: The images that they were made from.
+    ``value``: What was varied.
     """
 
     estimates: Mapping[str, xr.Dataset]
@@ -174,13 +157,7 @@ class Case:
         return self.labels().get(value, f"{value:g}")
 
     def value_of(self, given: float | str) -> float:
-        """Return the value that is given as a number, or by what it is called.
-
-        Raises
-        ------
-        ArgumentError
-            If it is neither.
-        """
+        """Return the value that is given as a number, or by what it is called."""
         named = {label: value for value, label in self.labels().items()}
         if given in named:
             return named[str(given)]
@@ -238,13 +215,7 @@ def all_cases() -> Mapping[str, Case]:
 
 
 def select_cases(names: Iterable[str] | None) -> list[Case]:
-    """Return cases by kind; all if no names are given.
-
-    Raises
-    ------
-    ArgumentError
-        With every name that is none.
-    """
+    """Return cases by kind; all if no names are given."""
     known = all_cases()
     if names is None:
         return list(known.values())

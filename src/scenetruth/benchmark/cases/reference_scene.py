@@ -6,7 +6,7 @@ import copy
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["DISTANCE_MM", "FOCAL_PX", "apply_changes", "build_reference_scene", "build_wall"]
+__all__ = ["DISTANCE_MM", "apply_changes", "build_reference_scene", "build_wall"]
 
 FOCAL_PX = 720.0
 DISTANCE_MM = 720.0
@@ -25,18 +25,7 @@ def build_wall(
 ) -> dict[str, Any]:
     """Return a textured plane across the optical axis.
 
-    Parameters
-    ----------
-    name
-        Its name.
-    distance_mm
-        Its depth.
-    velocity
-        U_X, U_Y, U_Z in mm per frame.
-    size_mm
-        Its width and height.
-    centre_mm
-        X and Y of its middle.
+    ``velocity``: U_X, U_Y, U_Z in mm per frame.
     """
     return {
         "name": name,
@@ -52,14 +41,7 @@ def build_reference_scene(
 ) -> dict[str, Any]:
     """Return the scene that all cases begin with: five positions, five frames, an ideal sensor.
 
-    Parameters
-    ----------
-    changes
-        Values by path: ``{"objects.0.texture.rms_contrast": 0.1}``.
-    baseline_mm
-        Distance of two positions; as many px of disparity per step.
-    seed
-        Of the texture.
+    ``baseline_mm``: Distance of two positions; as many px of disparity per step.
     """
     scene = {
         "camera": {"width": 144, "height": 108, "focal_length_px": FOCAL_PX},
@@ -75,15 +57,7 @@ def build_reference_scene(
 
 
 def apply_changes(scene: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a scene with other values at some paths; what is not there is made.
-
-    Parameters
-    ----------
-    scene
-        A scene as plain values.
-    changes
-        Values by path.
-    """
+    """Return a scene with other values at some paths; what is not there is made."""
     found: dict[str, Any] = copy.deepcopy(dict(scene))
     for path, value in changes.items():
         *above, last = path.split(".")

@@ -15,7 +15,7 @@ from scenetruth.benchmark.error_statistics import compute_growth_records
 from scenetruth.input_files import bundled_files
 from scenetruth.scene import load_scene
 
-__all__ = ["GalleryCase", "scene_files"]
+__all__ = ["GalleryCase"]
 
 _CHANGES = ("render.backend=raycast", "frames.count=5")
 _STILL = 1e-9

@@ -13,7 +13,7 @@ from scenetruth.benchmark.cases.reference_scene import DISTANCE_MM, build_refere
 from scenetruth.benchmark.error_statistics import compute_growth_records
 from scenetruth.benchmark.spatial_resolution import compute_amplitude_records, compute_cutoff_records
 
-__all__ = ["GrowthIntervalCase", "build_growing_scene"]
+__all__ = ["GrowthIntervalCase"]
 
 
 class CurvatureCase(Case):
@@ -72,15 +72,7 @@ class DepthDiscontinuityCase(Case):
 
 
 def build_growing_scene(rate_per_hour: float, interval_min: float) -> Mapping[str, Any]:
-    """Return the sheet, turned by 20 degrees, that grows.
-
-    Parameters
-    ----------
-    rate_per_hour
-        Relative growth rate of its area.
-    interval_min
-        Time between frames in minutes.
-    """
+    """Return the sheet, turned by 20 degrees, that grows."""
     return build_reference_scene(
         {
             "frames.frame_interval_s": 60 * interval_min,

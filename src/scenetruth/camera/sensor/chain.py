@@ -86,21 +86,7 @@ class SensorChain(FrozenModel):
         return any(effect.remembers for effect in self.effects)
 
     def open(self, shape: tuple[int, int], generator_for: GeneratorFor) -> OpenSensor:
-        """Return the sensor with the pixels that it has in one recording.
-
-        Parameters
-        ----------
-        shape
-            Rows and columns.
-        generator_for
-            Source of random numbers. Called with ``("pattern", name)`` for what an effect's pixels keep over the
-            recording, and with ``(name, s_y, s, t)`` for what it draws for one image.
-
-        Returns
-        -------
-        OpenSensor
-            The sensor with its fixed patterns, which turns linear images into images.
-        """
+        """Return the sensor with the pixels that it has in one recording."""
         return OpenSensor(self, shape, generator_for)
 
 
@@ -110,14 +96,9 @@ class OpenSensor:
     What it makes of an image depends on this image, on the one before if an effect remembers, and on nothing else:
     images may be read in any order, and on any number of workers.
 
-    Parameters
-    ----------
-    chain
-        The sensor.
-    shape
-        Rows and columns.
-    generator_for
-        As for `SensorChain.open`.
+    ``chain``: The sensor.
+    ``shape``: Rows and columns.
+    ``generator_for``: As for `SensorChain.open`.
     """
 
     def __init__(self, chain: SensorChain, shape: tuple[int, int], generator_for: GeneratorFor) -> None:
@@ -129,20 +110,7 @@ class OpenSensor:
         self._largest_number = _largest_number(chain.effects)
 
     def read(self, image: LinearImage, previous: LinearImage | None = None) -> NDArray[Any]:
-        """Turn one linear image into what the camera delivers.
-
-        Parameters
-        ----------
-        image
-            The linear image.
-        previous
-            The one that the camera took before; None if it is the first. Only effects that remember need it.
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (y, x): uint8 or uint16 if the chain digitises, else float32.
-        """
+        """Turn one linear image into what the camera delivers."""
         return self._through(len(self.chain.effects), image, previous).astype(self.chain.dtype)
 
     def _through(self, count: int, image: LinearImage, previous: LinearImage | None) -> NDArray[np.float64]:
@@ -237,25 +205,7 @@ class InsertedEffect(FrozenModel):
 
 
 def insert_effects(effects: Sequence[Effect], insertions: Sequence[InsertedEffect]) -> tuple[Effect, ...]:
-    """Put further effects into a chain, one after the other.
-
-    Parameters
-    ----------
-    effects
-        The chain.
-    insertions
-        The further effects; one may come behind another.
-
-    Returns
-    -------
-    tuple of Effect
-        The longer chain.
-
-    Raises
-    ------
-    ValueError
-        If the chain has no effect of the name that one should come behind.
-    """
+    """Put further effects into a chain, one after the other."""
     chain = list(effects)
     for insertion in insertions:
         keys = [effect.key for effect in chain]
@@ -269,22 +219,7 @@ def insert_effects(effects: Sequence[Effect], insertions: Sequence[InsertedEffec
 def check_insertions(
     effects: Sequence[Effect], insertions: Sequence[InsertedEffect], field: str
 ) -> list[InitErrorDetails]:
-    """Return all problems of insertions, each with its path.
-
-    Parameters
-    ----------
-    effects
-        The chain.
-    insertions
-        The further effects.
-    field
-        Name of the field that holds them.
-
-    Returns
-    -------
-    list of pydantic_core.InitErrorDetails
-        One for each insertion that does not fit; empty if all do.
-    """
+    """Return all problems of insertions, each with its path."""
     fitting: list[InsertedEffect] = []
     problems = []
     for index, insertion in enumerate(insertions):

@@ -23,28 +23,18 @@ _LEVELS = 3
 class PhotonTransfer:
     """A sensor's figures as measured.
 
-    Parameters
-    ----------
-    gain_dn_per_e
-        K, overall system gain: slope of the temporal variance over the mean, both without the dark images'.
-    temporal_dark_noise_e
-        σ_d in electrons at the shortest exposure, without quantisation noise.
-    dsnu_e
-        DSNU_1288, spatial standard deviation of the dark images at the shortest exposure, in electrons.
-    prnu
-        PRNU_1288, spatial standard deviation of the sensitivity, relative to its mean.
-    quantum_efficiency
-        η: responsivity / K, electrons per photon.
-    saturation_e
-        Electrons at which the mean stops growing: what the full well or the converter can hold.
-    dark_e
-        Electrons that the dark current adds from the shortest to the operating exposure.
-    linearity_error
-        Largest deviation of the mean from a line through it, relative to the line, from 5 % to 95 % of saturation.
-    photons
-        Photons per pixel of each level, shape (n,).
-    mean_dn, variance_dn2
-        Mean and temporal variance above the dark images', shape (n,).
+    ``gain_dn_per_e``: K, overall system gain: slope of the temporal variance over the mean, both without the dark
+      images'.
+    ``temporal_dark_noise_e``: σ_d in electrons at the shortest exposure, without quantisation noise.
+    ``dsnu_e``: DSNU_1288, spatial standard deviation of the dark images at the shortest exposure, in electrons.
+    ``prnu``: PRNU_1288, spatial standard deviation of the sensitivity, relative to its mean.
+    ``quantum_efficiency``: η: responsivity / K, electrons per photon.
+    ``saturation_e``: Electrons at which the mean stops growing: what the full well or the converter can hold.
+    ``dark_e``: Electrons that the dark current adds from the shortest to the operating exposure.
+    ``linearity_error``: Largest deviation of the mean from a line through it, relative to the line, from 5 % to 95 % of
+      saturation.
+    ``photons``: Photons per pixel of each level, shape (n,).
+    ``mean_dn``, ``variance_dn2``: Mean and temporal variance above the dark images', shape (n,).
     """
 
     gain_dn_per_e: float
@@ -68,35 +58,14 @@ def photon_transfer(
     The images may come from a camera or from a simulation. They are taken as they are: unlike in the standard, no
     high-pass filter removes uneven light, and saturation is where the mean ends, not where its variance is largest.
 
-    Parameters
-    ----------
-    photons
-        Photons per pixel and exposure of each level, shape (n,), in any order; at least three from 5 % to 70 % of
-        saturation.
-    pairs
-        Two images of each level at the operating exposure, shape (n, 2, y, x), digital numbers.
-    dark
-        Images without light at the operating exposure, shape (m, y, x).
-    bias
-        Images without light at the shortest exposure, shape (m, y, x).
-    flat
-        Images at about half of saturation, shape (m, y, x).
-    saturated
-        Images far beyond saturation, shape (m, y, x) or (y, x).
+    ``photons``: Photons per pixel and exposure of each level, shape (n,), in any order; at least three from 5 % to 70 %
+      of saturation.
+    ``pairs``: Two images of each level at the operating exposure, shape (n, 2, y, x), digital numbers.
+    ``dark``: Images without light at the operating exposure, shape (m, y, x).
+    ``bias``: Images without light at the shortest exposure, shape (m, y, x).
+    ``flat``: Images at about half of saturation, shape (m, y, x).
+    ``saturated``: Images far beyond saturation, shape (m, y, x) or (y, x).
 
-    Returns
-    -------
-    PhotonTransfer
-        The figures that were measured.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not match, a stack has fewer than two images, the digital numbers do not follow the light, or
-        there are too few levels below saturation.
-
-    Notes
-    -----
     Temporal variance is half the mean square of a pair's difference, so that fixed patterns drop out; spatial variance
     is that of the mean image, less what is left of the temporal noise. Rounding adds 1/12 DN² to the temporal variance.
     """

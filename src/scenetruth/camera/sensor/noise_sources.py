@@ -23,25 +23,7 @@ __all__ = [
 
 
 def checked_hot_pixel_current(value: float, info: ValidationInfo) -> float:
-    """Check, as a validator of pydantic, that hot pixels have more dark current than the others.
-
-    Parameters
-    ----------
-    value
-        Dark current of hot pixels, in electrons per second.
-    info
-        The fields before it: ``dark_current_e_per_s`` and ``hot_pixel_share``.
-
-    Returns
-    -------
-    float
-        The value.
-
-    Raises
-    ------
-    ValueError
-        If there are hot pixels, and their current is below that of the others.
-    """
+    """Check, as a validator of pydantic, that hot pixels have more dark current than the others."""
     current = info.data.get("dark_current_e_per_s")
     if info.data.get("hot_pixel_share") and current is not None and value < current:
         msg = f"must not be below dark_current_e_per_s, {current:g}, where there are hot pixels"

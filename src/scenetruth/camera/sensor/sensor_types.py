@@ -45,16 +45,7 @@ from scenetruth.camera.sensor.noise_sources import (
 from scenetruth.discovery import kind_in_lower_case
 from scenetruth.validated_model import FrozenModel, NonNegative, Positive, Preset, preset
 
-__all__ = [
-    "CHOSEN",
-    "PRESETS",
-    "TYPICAL",
-    "AnySensor",
-    "EmvaSensor",
-    "GaussianSensor",
-    "PresetName",
-    "build_sensor_chain",
-]
+__all__ = ["PRESETS", "AnySensor", "EmvaSensor", "GaussianSensor", "PresetName", "build_sensor_chain"]
 
 
 class GaussianSensor(FrozenModel):
@@ -352,18 +343,7 @@ AnySensor = Annotated[
 
 
 def build_sensor_chain(sensor: Literal["ideal"] | GaussianSensor | EmvaSensor | SensorChain) -> SensorChain:
-    """Return the chain of effects that models a sensor.
-
-    Parameters
-    ----------
-    sensor
-        The sensor, as a scene describes it.
-
-    Returns
-    -------
-    SensorChain
-        Its effects; the empty chain for ``"ideal"``.
-    """
+    """Return the chain of effects that models a sensor."""
     if isinstance(sensor, str):
         return SensorChain()
     return sensor if isinstance(sensor, SensorChain) else sensor.chain()

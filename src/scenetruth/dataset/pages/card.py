@@ -53,23 +53,13 @@ from scenetruth.scoring.number_format import format_count, format_number
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["build_card_contents", "load_thumbnails", "write_card"]
+__all__ = ["write_card"]
 
 
 def load_thumbnails(
     folder: DatasetFolder, table: pyarrow.Table, places: Sequence[int], progress: Progress | None = None
 ) -> list[NDArray[np.float32]]:
-    """Return the images of the reference camera at t = 0, small, from 0 to 1 of full scale.
-
-    Parameters
-    ----------
-    folder, table
-        The data set and its catalogue.
-    places
-        Rows of the catalogue.
-    progress
-        Called with (what, done, total).
-    """
+    """Return the images of the reference camera at t = 0, small, from 0 to 1 of full scale."""
     dataset = SceneDataset(folder, table.select(["sample"]).to_pandas())
     found = []
     for done, place in enumerate(places):
@@ -108,19 +98,7 @@ def build_card_contents(
     pictures: Path,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Draw the pictures of a card, and return what its templates show.
-
-    Parameters
-    ----------
-    folder, sampler, identity
-        The data set.
-    table
-        Its catalogue.
-    pictures
-        Where pictures go, a folder that exists.
-    progress
-        Called with (what, done, total).
-    """
+    """Draw the pictures of a card, and return what its templates show."""
     recipe = sampler.recipe
     quantities = collect_quantities(sampler, _values_of(table))
     paired = select_paired(quantities)
@@ -274,30 +252,6 @@ def write_card(
     """Describe a data set: a card for people, with real images and distributions, and metadata for machines.
 
     All of it is the same for the same data set.
-
-    Parameters
-    ----------
-    folder
-        The data set, with all its samples. Into it go ``card.html``, ``card.md``, their pictures in ``card``, and
-        ``croissant.json``.
-    publication
-        Version, date and address; version 1.0.0 if not given.
-    overwrite
-        Whether earlier ones may be replaced.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    pathlib.Path
-        The card, ``card.html``.
-
-    Raises
-    ------
-    StoreError
-        If there is no data set, or samples of it are missing.
-    OutputExistsError
-        If it has a card, and that may not be replaced.
     """
     places = DatasetFolder(folder)
     identity = read_fingerprint(places)

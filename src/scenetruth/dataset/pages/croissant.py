@@ -19,26 +19,16 @@ from scenetruth.errors import Problem, RecipeError
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["CATALOGUE", "VALUE", "Publication", "build_croissant", "describe_column"]
+__all__ = ["VALUE", "Publication", "build_croissant", "describe_column"]
 
 
 @dataclass(frozen=True)
 class Publication:
     """How a data set is published.
 
-    Parameters
-    ----------
-    version
-        Its version: three numbers with points between them.
-    date
-        The day of its publication, as 2026-11-23; empty if it is not known yet.
-    url
-        Where it is to be found; empty if it is not known yet.
-
-    Raises
-    ------
-    RecipeError
-        If one of them does not have its form.
+    ``version``: Its version: three numbers with points between them.
+    ``date``: The day of its publication, as 2026-11-23; empty if it is not known yet.
+    ``url``: Where it is to be found; empty if it is not known yet.
     """
 
     version: str = "1.0.0"
@@ -100,15 +90,7 @@ _FILE_COLUMNS = {"sha256": "SHA-256 of {}", "bytes": "size of {} in bytes"}
 
 
 def describe_column(name: str, sampler: Sampler) -> str:
-    """Return what a column of the catalogue holds.
-
-    Parameters
-    ----------
-    name
-        Name of the column.
-    sampler
-        The recipe, whose fields the columns of values are.
-    """
+    """Return what a column of the catalogue holds."""
     if name.startswith(VALUE):
         key = name.removeprefix(VALUE)
         told = format_title(*format_label(key, sampler.bases[0].to_dict()))
@@ -179,17 +161,7 @@ _PARQUET, _YAML, _JSON, _ZIP, _TAR = (
 def build_croissant(
     folder: DatasetFolder, sampler: Sampler, table: pyarrow.Table, publication: Publication
 ) -> dict[str, Any]:
-    """Return the metadata of a data set, ready for JSON.
-
-    Parameters
-    ----------
-    folder, sampler
-        The data set.
-    table
-        Its catalogue.
-    publication
-        What its folder does not know of it.
-    """
+    """Return the metadata of a data set, ready for JSON."""
     recipe = sampler.recipe
     found: dict[str, Any] = {
         "@context": _CONTEXT,

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MOST_CHARTS",
-    "MOST_PAIRED",
     "ON_A_SHEET",
     "THUMBNAIL_PX",
     "PlotQuantity",
@@ -48,18 +47,11 @@ _AXES = ("X", "Y", "Z")
 class PlotQuantity:
     """Something that varies, with its values.
 
-    Parameters
-    ----------
-    title
-        What it is.
-    unit
-        Its unit; empty for none.
-    numbers
-        Its values; empty if they are no numbers.
-    counts
-        How often each value occurs, of what is no number.
-    log
-        Whether its logarithm is what is spread evenly.
+    ``title``: What it is.
+    ``unit``: Its unit; empty for none.
+    ``numbers``: Its values; empty if they are no numbers.
+    ``counts``: How often each value occurs, of what is no number.
+    ``log``: Whether its logarithm is what is spread evenly.
     """
 
     title: str
@@ -80,15 +72,7 @@ class PlotQuantity:
 
 
 def collect_quantities(sampler: Sampler, drawn: Mapping[str, Sequence[Any]]) -> list[PlotQuantity]:
-    """Return what a recipe varies, with the values that were drawn.
-
-    Parameters
-    ----------
-    sampler
-        The recipe.
-    drawn
-        Values by key; what was not drawn is None.
-    """
+    """Return what a recipe varies, with the values that were drawn."""
     plain = sampler.bases[0].to_dict()
     found: list[PlotQuantity] = []
     for item in sampler.varied:
@@ -103,17 +87,6 @@ def collect_quantities(sampler: Sampler, drawn: Mapping[str, Sequence[Any]]) -> 
 def split_quantities(title: str, unit: str, values: Sequence[Any], *, log: bool = False) -> list[PlotQuantity]:
     """Return values as one quantity, or, of lists and mappings of numbers, as one for each number.
 
-    Parameters
-    ----------
-    title, unit
-        What they are.
-    values
-        The values, at least one.
-    log
-        Whether their logarithms are what is spread evenly.
-
-    Examples
-    --------
     >>> split_quantities("shape", "", ["oval", "round", "oval"])[0].counts
     (('oval', 2), ('round', 1))
     >>> turns = [[{"axis": [0.0, 0.0, 1.0], "angle_deg": float(n)}] for n in range(20)]
@@ -193,15 +166,7 @@ _LETTERS = 24
 
 
 def draw_histograms(quantities: Sequence[PlotQuantity], path: Path) -> None:
-    """Draw a histogram of each of some quantities into one picture.
-
-    Parameters
-    ----------
-    quantities
-        At least one; the first `MOST_CHARTS` are drawn.
-    path
-        The PNG file.
-    """
+    """Draw a histogram of each of some quantities into one picture."""
     shown = quantities[:MOST_CHARTS]
     columns = min(_CHART_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -241,15 +206,7 @@ def _alike(one: PlotQuantity, other: PlotQuantity) -> bool:
 
 
 def draw_pairs(quantities: Sequence[PlotQuantity], path: Path) -> None:
-    """Draw every two of some numbers against each other into one picture.
-
-    Parameters
-    ----------
-    quantities
-        Numbers of the same samples in the same order, at least two.
-    path
-        The PNG file.
-    """
+    """Draw every two of some numbers against each other into one picture."""
     pairs = list(combinations(quantities, 2))
     columns = min(_CHART_COLUMNS, len(pairs))
     rows = -(-len(pairs) // columns)
@@ -363,13 +320,7 @@ _BRIGHT, _ABOVE = 99.8, 1.15
 
 
 def to_display_grey(images: Sequence[NDArray[Any]]) -> list[NDArray[np.uint8]]:
-    """Return linear images as grey values of a screen, all on one scale, so that dark ones look dark.
-
-    Parameters
-    ----------
-    images
-        Linear radiances of all pictures of a sheet.
-    """
+    """Return linear images as grey values of a screen, all on one scale, so that dark ones look dark."""
     if not images:
         return []
     values = np.concatenate([np.asarray(image, dtype=np.float64).ravel() for image in images])
@@ -380,14 +331,8 @@ def to_display_grey(images: Sequence[NDArray[Any]]) -> list[NDArray[np.uint8]]:
 def draw_contact_sheet(images: Sequence[tuple[str, NDArray[np.uint8]]], foot: str, path: Path) -> None:
     """Draw small pictures in rows of eight.
 
-    Parameters
-    ----------
-    images
-        Captions, and grey values of shape (height, width); at least one.
-    foot
-        What they are, in one line below them.
-    path
-        The PNG file; the same bytes for the same pictures.
+    ``images``: Captions, and grey values of shape (height, width); at least one.
+    ``path``: The PNG file; the same bytes for the same pictures.
     """
     from PIL import Image, ImageDraw
     from PIL.PngImagePlugin import PngInfo

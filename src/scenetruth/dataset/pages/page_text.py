@@ -69,8 +69,6 @@ _UNIT_VECTORS = ([1, 0, 0], [0, 1, 0], [0, 0, 1])
 def split_unit(name: str) -> tuple[str, str]:
     """Return a name in words, and the unit that it ends with; an empty text for none.
 
-    Examples
-    --------
     >>> split_unit("focal_length_px"), split_unit("rate_per_hour"), split_unit("seen_share"), split_unit("seed")
     (('focal length', 'px'), ('rate', '1 per hour'), ('seen share', ''), ('seed', ''))
     """
@@ -87,15 +85,6 @@ def split_unit(name: str) -> tuple[str, str]:
 def format_label(path: str, plain: Mapping[str, Any]) -> tuple[str, str]:
     """Return a field in words, and its unit.
 
-    Parameters
-    ----------
-    path
-        Its path in a scene, or the name of a value.
-    plain
-        A scene with that field, as plain values: objects are told by their names, parts by their kinds.
-
-    Examples
-    --------
     >>> scene = {"objects": [{"name": "cube", "pose": {"position_mm": [0, 0, 600]}, "motion": [{"kind": "velocity"}]}]}
     >>> paths = "objects.0.pose.position_mm.2", "objects.0.motion.0.velocity_mm_per_frame"
     >>> tuple(format_label(path, scene) for path in paths)
@@ -158,8 +147,6 @@ def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
 def describe_distribution(distribution: Distribution) -> str:
     """Return a distribution in words.
 
-    Examples
-    --------
     >>> from scenetruth.dataset.distributions import UniformDistribution
     >>> describe_distribution(UniformDistribution(low=2, high=4, sampling="sobol"))
     'uniform: low 2, high 4 (sobol)'
@@ -180,8 +167,6 @@ def describe_distribution(distribution: Distribution) -> str:
 def describe_criterion(bound: AcceptanceCriterion) -> str:
     """Return a bound of geometry in words.
 
-    Examples
-    --------
     >>> from scenetruth.dataset.acceptance import VisibleFractionCriterion
     >>> describe_criterion(VisibleFractionCriterion(object="leaf-*", min=0.2))
     'visible share of leaf-*: at least 0.2'
@@ -249,13 +234,6 @@ _NUMBER = re.compile(r"(?<![\w.])-?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?(?![\w]|\.\w)
 def tabulate_rejections(reasons: Mapping[str, int]) -> list[tuple[str, int]]:
     """Return why draws were refused and how many, the most frequent first.
 
-    Parameters
-    ----------
-    reasons
-        The reasons as a draw tells them. Of scenes that cannot be made, numbers do not count.
-
-    Examples
-    --------
     >>> counts = {"depth of cube over 9 mm": 4, "cannot be made: at frame 3": 3, "cannot be made: at frame 12": 2}
     >>> tabulate_rejections(counts)
     [('cannot be made: at frame …', 5), ('depth of cube over 9 mm', 4)]
@@ -278,29 +256,13 @@ class RawMarkdown(str):
 
 
 def render_html(template: str, **content: Any) -> str:
-    """Return a page.
-
-    Parameters
-    ----------
-    template
-        Name of a template of this room.
-    **content
-        What it shows; texts may hold anything.
-    """
+    """Return a page."""
     environment = _environment(autoescape=True)
     return environment.get_template(template).render(content)
 
 
 def render_markdown(template: str, **content: Any) -> str:
-    """Return a text in Markdown.
-
-    Parameters
-    ----------
-    template
-        Name of a template of this room.
-    **content
-        What it shows; texts may hold anything.
-    """
+    """Return a text in Markdown."""
     environment = _environment(autoescape=False, finalize=_finalized)
     environment.filters |= {"code": format_code, "verbatim": RawMarkdown}
     return environment.get_template(template).render(content)
@@ -315,8 +277,6 @@ def _environment(**options: Any) -> Environment:
 def escape_markdown(text: str) -> str:
     r"""Return a text on one line in which nothing acts as Markdown or HTML.
 
-    Examples
-    --------
     >>> print(escape_markdown("*bold* <b>\nnext"))
     \*bold\* &lt;b&gt; next
     >>> print(escape_markdown("1. first"), escape_markdown("- 2"), escape_markdown("1.5 mm"))
@@ -333,8 +293,6 @@ def escape_markdown(text: str) -> str:
 def format_code(text: Any) -> RawMarkdown:
     """Return a text as code on one line, whatever it holds.
 
-    Examples
-    --------
     >>> print(format_code("a`b"))
     ``a`b``
     """
@@ -348,8 +306,6 @@ def format_code(text: Any) -> RawMarkdown:
 def format_size(count: float) -> str:
     """Return a number of bytes as people read it.
 
-    Examples
-    --------
     >>> format_size(999), format_size(1_234_567)
     ('999 B', '1.23 MB')
     """

@@ -65,18 +65,7 @@ _PLAIN_TEXELS = 1_000_000
 
 
 def render_thumbnail(scene: Scene) -> NDArray[np.float32]:
-    """Return a small linear image of the reference camera at the reference frame.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-
-    Raises
-    ------
-    SceneError
-        If the scene cannot be made.
-    """
+    """Return a small linear image of the reference camera at the reference frame."""
     small = simplify_scene(scene)
     with warnings.catch_warnings():
         # They are told of when the sample is made.
@@ -92,13 +81,7 @@ def render_thumbnail(scene: Scene) -> NDArray[np.float32]:
 
 
 def simplify_scene(scene: Scene) -> Scene:
-    """Return a scene that looks alike from the reference camera in few pixels, and is quickly made.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    """
+    """Return a scene that looks alike from the reference camera in few pixels, and is quickly made."""
     focal_px = scene.camera.shrunk_to(THUMBNAIL_PX).focal_px
     return _small(scene, [(path, _coarse(item, focal_px)) for path, item in scene.parts])
 
@@ -185,33 +168,6 @@ def write_preview(
     """Draw some samples of a recipe, and show them: their values, their thumbnails, and why draws were refused.
 
     Nothing is rendered in full: thumbnails have simplified surfaces, and say so.
-
-    Parameters
-    ----------
-    sampler
-        The recipe with its base scenes.
-    folder
-        Where ``preview.html`` and its pictures go; it appears whole, or not at all.
-    draws
-        How many samples are drawn; if not given, 500, or 48 for recipes that bound the geometry.
-    overwrite
-        Whether an earlier preview may be replaced.
-    workers, scheduler
-        As of `run_dataset`, for bounds on the geometry and for thumbnails.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    pathlib.Path
-        The page.
-
-    Raises
-    ------
-    RecipeError
-        If none of the samples can be drawn, or one of them makes no scene.
-    OutputExistsError
-        If the folder exists and may not be replaced.
     """
     resolve_workers(workers)
     claim = claim_folder(PAGE)

@@ -24,7 +24,6 @@ __all__ = [
     "CatalogueEntry",
     "LensEntry",
     "StageEntry",
-    "list_catalogue_problems",
     "load_catalogues",
 ]
 
@@ -151,10 +150,7 @@ _MODELS: Mapping[str, type[CatalogueEntry]] = {"lenses": LensEntry, "cameras": C
 class CatalogueEntries:
     """All entries that there are, by name.
 
-    Parameters
-    ----------
-    lenses, cameras, stages
-        Of each kind.
+    ``lenses``, ``cameras``, ``stages``: Of each kind.
     """
 
     lenses: Mapping[str, LensEntry]
@@ -167,18 +163,7 @@ class CatalogueEntries:
 
 
 def load_catalogues(files: Sequence[str | Path] = ()) -> CatalogueEntries:
-    """Return the entries that ship, and those of files.
-
-    Parameters
-    ----------
-    files
-        Files in YAML with ``lenses``, ``cameras`` and ``stages``; an entry replaces an earlier one of its name.
-
-    Raises
-    ------
-    DesignSpecError
-        With every problem of every file: fields without units, unknown fields, what is missing.
-    """
+    """Return the entries that ship, and those of files."""
     found = [_bundled()]
     problems: list[Problem] = []
     for file in files:

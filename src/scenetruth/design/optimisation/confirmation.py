@@ -47,12 +47,10 @@ from scenetruth.simulation import simulate
 __all__ = [
     "ConfirmationResult",
     "ConfirmationTask",
-    "Figures",
     "ReducedScene",
     "check_pair_rank",
     "check_rank_consistency",
     "compare_with_prediction",
-    "derive_seeds",
     "get_simulated_statistic",
     "reduce_scene",
     "simulate_candidate",
@@ -68,19 +66,7 @@ _NOTABLE_FACTOR = 1.3
 def compare_with_prediction(
     rig: int, objective: Objective, predicted: float, simulated: PredictionInterval
 ) -> Discrepancy:
-    """Return prediction and simulation of one objective at one rig.
-
-    Parameters
-    ----------
-    rig
-        Number of the rig.
-    objective
-        What is told.
-    predicted
-        What is predicted of the images that were simulated.
-    simulated
-        What simulations found: the same statistic.
-    """
+    """Return prediction and simulation of one objective at one rig."""
     ratio = simulated.value / predicted if predicted > 0 and math.isfinite(predicted) else math.nan
     if not math.isfinite(ratio):
         says = f"{objective.title}: nothing was estimated in the simulations, where {predicted:.3g} was predicted"
@@ -110,12 +96,8 @@ _LEAST_WINDOWS, _LEAST_ROWS = 10.0, 32
 class ReducedScene:
     """What is simulated instead of a rig's scene.
 
-    Parameters
-    ----------
-    plain
-        The scene as plain values.
-    changes
-        What is different, in words.
+    ``plain``: The scene as plain values.
+    ``changes``: What is different, in words.
     """
 
     plain: Mapping[str, Any]
@@ -123,18 +105,7 @@ class ReducedScene:
 
 
 def reduce_scene(scene: Scene, region: str, max_size_px: int | None) -> ReducedScene:
-    """Return what is simulated of a scene.
-
-    Parameters
-    ----------
-    scene
-        The scene of a rig.
-    region
-        Region around whose middle images are cut.
-    max_size_px
-        Pixels along the longer side, where all positions see the same; images are wider by the disparity between the
-        outermost positions, and lower in return. None for whole images.
-    """
+    """Return what is simulated of a scene."""
     look = sample_surface(scene, limited_objects(scene, Limits(), Path()), Path())
     chosen = _chosen(look, region)
     plain, changes = scene.to_dict(), list[str]()
@@ -217,17 +188,7 @@ _ALL_UNDEFINED = dict.fromkeys(_STATISTICS, math.nan)
 
 
 def get_simulated_statistic(figures: Figures | None, title: str, statistic: str) -> float:
-    """Return the figure of an objective's simulation; NaN where there is none.
-
-    Parameters
-    ----------
-    figures
-        Of a simulation; None if it is not made.
-    title
-        The objective.
-    statistic
-        Key of `STATISTICS`.
-    """
+    """Return the figure of an objective's simulation; NaN where there is none."""
     kind = STATISTICS[statistic]
     return kind.factor * (figures or {}).get(title, {}).get(kind.scored, math.nan)
 
@@ -236,18 +197,11 @@ def get_simulated_statistic(figures: Figures | None, title: str, statistic: str)
 class ConfirmationTask:
     """All that a worker needs to simulate any rig with any seed.
 
-    Parameters
-    ----------
-    folder
-        Where figures go.
-    plains
-        Scenes of the rigs.
-    seeds
-        Seeds of each.
-    objectives
-        What is measured.
-    versions
-        What figures depend on besides.
+    ``folder``: Where figures go.
+    ``plains``: Scenes of the rigs.
+    ``seeds``: Seeds of each.
+    ``objectives``: What is measured.
+    ``versions``: What figures depend on besides.
     """
 
     folder: str
@@ -298,15 +252,7 @@ class ConfirmationTask:
 
 
 def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...]) -> Figures:
-    """Simulate a scene, estimate with its method, and score.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    objectives
-        What is measured; what nothing is told of is left out.
-    """
+    """Simulate a scene, estimate with its method, and score."""
     with ignore_scene_warnings():
         recording, truth = simulate(scene, truth_content="complete" if _is_further(objectives) else "standard")
         maps = estimate(recording, scene.estimate.method, scene.estimate.settings.model_dump())
@@ -354,14 +300,9 @@ _LARGEST_SEED = 2**63 - 1
 class ConfirmationResult:
     """What simulations say.
 
-    Parameters
-    ----------
-    rigs
-        The rigs with their figures, by number.
-    discrepancies
-        Prediction beside simulation.
-    changes
-        What is different in simulations, in words.
+    ``rigs``: The rigs with their figures, by number.
+    ``discrepancies``: Prediction beside simulation.
+    ``changes``: What is different in simulations, in words.
     """
 
     rigs: Mapping[int, RigDesign]
@@ -380,25 +321,7 @@ def simulate_candidates(
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> ConfirmationResult:
-    """Simulate rigs with several seeds, in pieces of work that are done once.
-
-    Parameters
-    ----------
-    rigs
-        The rigs.
-    prepared
-        What is designed.
-    confirm
-        How they are simulated.
-    folder
-        Where figures are kept.
-    workers, scheduler
-        As of `optimise`.
-    progress
-        Called with (what, done, total).
-    notice
-        Called with lines that a user may want to read.
-    """
+    """Simulate rigs with several seeds, in pieces of work that are done once."""
     if not rigs:
         return ConfirmationResult({}, (), ())
     task = prepared.task
@@ -464,15 +387,7 @@ _LEVEL = 0.975
 
 
 def check_rank_consistency(rigs: Sequence[RigDesign], objectives: Sequence[Objective]) -> tuple[RankConsistency, ...]:
-    """Return all pairs of rigs that were simulated, objective by objective.
-
-    Parameters
-    ----------
-    rigs
-        Rigs; those that were not simulated are left out.
-    objectives
-        What is to be known.
-    """
+    """Return all pairs of rigs that were simulated, objective by objective."""
     found = [
         check_pair_rank(one, other, objective)
         for objective in objectives
@@ -488,13 +403,6 @@ def check_pair_rank(one: RigDesign, other: RigDesign, objective: Objective) -> R
     A seed gives all rigs the same texture, and draws noise and errors of the stage from the same streams. What rigs
     have in common goes out of the differences of logarithms. Their mean is known to within t s / √n, with Student's t
     of n - 1 degrees of freedom and their standard deviation s.
-
-    Parameters
-    ----------
-    one, other
-        The rigs, with figures of the same seeds.
-    objective
-        What is compared, by its statistic.
     """
     from scipy.special import stdtrit
 

@@ -70,18 +70,7 @@ class ConstraintSpec(FrozenModel):
         raise NotImplementedError
 
     def value(self, facts: RigContext) -> float:
-        """Return what a rig has, in `unit`.
-
-        Parameters
-        ----------
-        facts
-            The rig.
-
-        Returns
-        -------
-        float
-            NaN where it has none, which no bound allows.
-        """
+        """Return what a rig has, in `unit`."""
         raise NotImplementedError
 
     def checked(self, facts: RigContext) -> Iterator[ConstraintValue]:
@@ -93,15 +82,7 @@ class ConstraintSpec(FrozenModel):
 
 
 def evaluate_bound(kind: str, title: str, value: float, sense: str, limit: float, unit: str) -> ConstraintValue:
-    """Return a bound at a rig.
-
-    Parameters
-    ----------
-    kind, title, value, limit, unit
-        As of `ConstraintValue`.
-    sense
-        ``"at most"`` or ``"at least"``.
-    """
+    """Return a bound at a rig."""
     left = limit - value if sense == "at most" else value - limit
     margin = left / (abs(limit) or 1.0) if math.isfinite(left) else (_FAR if not left > 0 else -_FAR)
     # What differs by rounding alone is the same.

@@ -45,16 +45,10 @@ Statistic = Literal["scaled_median_abs_error", "rmse", "p95_abs_error"]
 class StatisticKind:
     """A statistic of errors that simulations and predictions both tell.
 
-    Parameters
-    ----------
-    title
-        What it is, in words.
-    scored
-        The statistic of a score that it is taken from.
-    factor
-        What that is multiplied with.
-    of_normal
-        What it is of normal errors with a standard deviation of 1.
+    ``title``: What it is, in words.
+    ``scored``: The statistic of a score that it is taken from.
+    ``factor``: What that is multiplied with.
+    ``of_normal``: What it is of normal errors with a standard deviation of 1.
     """
 
     title: str
@@ -79,15 +73,7 @@ assert set(STATISTICS) == set(get_args(Statistic))
 
 
 def compute_predicted_statistic(figure: PredictedValue, statistic: Statistic) -> float:
-    """Return what a prediction says of a statistic, in units for people.
-
-    Parameters
-    ----------
-    figure
-        The figure of a quantity in a region.
-    statistic
-        Key of `STATISTICS`.
-    """
+    """Return what a prediction says of a statistic, in units for people."""
     told = {"scaled_median_abs_error": figure.value, "rmse": figure.rmse, "p95_abs_error": figure.p95_abs_error}
     return told[statistic]
 
@@ -96,14 +82,9 @@ def compute_predicted_statistic(figure: PredictedValue, statistic: Statistic) ->
 class PredictionInterval:
     """A figure from simulations, with the interval in which another recording's figure lies with 95 %.
 
-    Parameters
-    ----------
-    value
-        Root mean square over seeds.
-    pi_low, pi_high
-        Ends of the interval for one further seed; NaN where fewer than two seeds tell.
-    seeds
-        How many recordings were simulated.
+    ``value``: Root mean square over seeds.
+    ``pi_low``, ``pi_high``: Ends of the interval for one further seed; NaN where fewer than two seeds tell.
+    ``seeds``: How many recordings were simulated.
     """
 
     value: float
@@ -116,24 +97,14 @@ class PredictionInterval:
 class ConstraintValue:
     """A constraint at one rig.
 
-    Parameters
-    ----------
-    kind
-        Kind of the constraint: ``field_of_view``, ``motion_blur``, ...
-    title
-        What is bounded, in words.
-    value
-        What the rig has; in ``unit``.
-    limit
-        What is allowed; in ``unit``.
-    unit
-        Unit of ``value`` and ``limit``.
-    holds
-        Whether the rig is allowed.
-    margin
-        Share of the limit that is left: positive where it holds, 0 at the limit.
-    sense
-        ``"at most"`` or ``"at least"``: how ``value`` must lie to ``limit``.
+    ``kind``: Kind of the constraint: ``field_of_view``, ``motion_blur``, ...
+    ``title``: What is bounded, in words.
+    ``value``: What the rig has; in ``unit``.
+    ``limit``: What is allowed; in ``unit``.
+    ``unit``: Unit of ``value`` and ``limit``.
+    ``holds``: Whether the rig is allowed.
+    ``margin``: Share of the limit that is left: positive where it holds, 0 at the limit.
+    ``sense``: ``"at most"`` or ``"at least"``: how ``value`` must lie to ``limit``.
     """
 
     kind: str
@@ -150,20 +121,13 @@ class ConstraintValue:
 class Objective:
     """What is to be known precisely: a statistic of errors that is to be small.
 
-    Parameters
-    ----------
-    quantity
-        Key of `scenetruth.scoring.QUANTITIES`.
-    region
-        Region of the scene: ``all``, ``interior`` or ``object_NAME``.
-    unit
-        Unit of its figures, for people: growth in % per hour.
-    title
-        What it is called everywhere else: keys of ``RigDesign.predicted`` and ``RigDesign.simulated``.
-    wanted
-        The figure that is good enough; None to minimise.
-    statistic
-        Key of `scenetruth.design.optimisation.design_records.STATISTICS`: what predictions and simulations are told in.
+    ``quantity``: Key of `scenetruth.scoring.QUANTITIES`.
+    ``region``: Region of the scene: ``all``, ``interior`` or ``object_NAME``.
+    ``unit``: Unit of its figures, for people: growth in % per hour.
+    ``title``: What it is called everywhere else: keys of ``RigDesign.predicted`` and ``RigDesign.simulated``.
+    ``wanted``: The figure that is good enough; None to minimise.
+    ``statistic``: Key of `scenetruth.design.optimisation.design_records.STATISTICS`: what predictions and simulations
+      are told in.
     """
 
     quantity: str
@@ -183,28 +147,18 @@ class Objective:
 class RigDesign:
     """A rig: its parameters, its scene, and what it reaches.
 
-    Parameters
-    ----------
-    number
-        Number of the prediction that found it: row of ``DesignResult.screened``.
-    parameters
-        Design variables: values by path, or names of entries by catalogue (``lens``, ``camera``, ``stage``).
-    scene
-        The scene with it, as plain values, ready to run.
-    predicted
-        Predicted statistics of errors, by objective's title.
-    simulated
-        The same statistics of errors against the truth, by objective's title; empty if it was not simulated.
-    constraints
-        Every constraint of the design specification.
-    price
-        Sum of the prices of what is from catalogues; None if one is not known, or none was chosen.
-    limits
-        What limits it, in words.
-    figures
-        All statistics of simulations, by objective's title and statistic: one figure for each seed, NaN where nothing
-        was told; ``density`` is the share of the region's pixels that the method tells. The seeds are the same for all
-        rigs.
+    ``number``: Number of the prediction that found it: row of ``DesignResult.screened``.
+    ``parameters``: Design variables: values by path, or names of entries by catalogue (``lens``, ``camera``,
+      ``stage``).
+    ``scene``: The scene with it, as plain values, ready to run.
+    ``predicted``: Predicted statistics of errors, by objective's title.
+    ``simulated``: The same statistics of errors against the truth, by objective's title; empty if it was not simulated.
+    ``constraints``: Every constraint of the design specification.
+    ``price``: Sum of the prices of what is from catalogues; None if one is not known, or none was chosen.
+    ``limits``: What limits it, in words.
+    ``figures``: All statistics of simulations, by objective's title and statistic: one figure for each seed, NaN where
+      nothing was told; ``density`` is the share of the region's pixels that the method tells. The seeds are the same
+      for all rigs.
     """
 
     number: int
@@ -232,25 +186,18 @@ class RigDesign:
 class Sensitivity:
     """What a parameter does to an objective.
 
-    Parameters
-    ----------
-    parameter
-        Path, or catalogue.
-    objective
-        Title of the objective.
-    morris_mu_star, morris_sigma
-        Mean size and scatter of the elementary effects over the whole range (Morris 1991, Campolongo 2007), of the
-        natural logarithm of the objective: 0.7 is a factor of two. NaN if not computed.
-    sobol_first, sobol_total
-        Shares of the logarithm's variance: of the parameter alone, and with all its interactions. NaN if not computed.
-        Estimates from few samples may lie outside of 0 to 1, and the first above the total.
-    ten_percent, ten_percent_less
-        Relative change of the objective at the recommended rig for 10 % more of the parameter, and for 10 % less: -0.09
-        is 9 % better. NaN of choices that have no size.
-    sobol_first_half, sobol_total_half
-        Half widths of the indices' intervals of 95 %, from resampling. NaN if not computed.
-    sobol_samples
-        Base samples from which the indices are estimated.
+    ``parameter``: Path, or catalogue.
+    ``objective``: Title of the objective.
+    ``morris_mu_star``, ``morris_sigma``: Mean size and scatter of the elementary effects over the whole range (Morris
+      1991, Campolongo 2007), of the natural logarithm of the objective: 0.7 is a factor of two. NaN if not computed.
+    ``sobol_first``, ``sobol_total``: Shares of the logarithm's variance: of the parameter alone, and with all its
+      interactions. NaN if not computed. Estimates from few samples may lie outside of 0 to 1, and the first above the
+      total.
+    ``ten_percent``, ``ten_percent_less``: Relative change of the objective at the recommended rig for 10 % more of the
+      parameter, and for 10 % less: -0.09 is 9 % better. NaN of choices that have no size.
+    ``sobol_first_half``, ``sobol_total_half``: Half widths of the indices' intervals of 95 %, from resampling. NaN if
+      not computed.
+    ``sobol_samples``: Base samples from which the indices are estimated.
     """
 
     parameter: str
@@ -270,22 +217,13 @@ class Sensitivity:
 class RankConsistency:
     """Two rigs that were simulated, and whether simulations keep the order that was predicted.
 
-    Parameters
-    ----------
-    objective
-        Title of the objective.
-    better, worse
-        Numbers of the rigs: which is predicted to be better, which worse.
-    predicted
-        Prediction of the worse one over that of the better one: above 1.
-    simulated
-        The same of simulations, geometric mean over seeds; NaN if fewer than two seeds tell both.
-    ci_low, ci_high
-        Interval of that mean, 95 %.
-    seeds
-        How many seeds tell both.
-    verdict
-        ``"kept"`` or ``"swapped"`` if the interval is on one side of 1, else ``"cannot be told"``.
+    ``objective``: Title of the objective.
+    ``better``, ``worse``: Numbers of the rigs: which is predicted to be better, which worse.
+    ``predicted``: Prediction of the worse one over that of the better one: above 1.
+    ``simulated``: The same of simulations, geometric mean over seeds; NaN if fewer than two seeds tell both.
+    ``ci_low``, ``ci_high``: Interval of that mean, 95 %.
+    ``seeds``: How many seeds tell both.
+    ``verdict``: ``"kept"`` or ``"swapped"`` if the interval is on one side of 1, else ``"cannot be told"``.
     """
 
     objective: str
@@ -303,18 +241,11 @@ class RankConsistency:
 class RuleOfThumb:
     """A rule of thumb of the field, and whether the recommended rig keeps it.
 
-    Parameters
-    ----------
-    title
-        What it is about.
-    source
-        Who says so.
-    says
-        The rule in words.
-    here
-        What the recommended rig has, in words with its unit.
-    holds
-        Whether it is kept.
+    ``title``: What it is about.
+    ``source``: Who says so.
+    ``says``: The rule in words.
+    ``here``: What the recommended rig has, in words with its unit.
+    ``holds``: Whether it is kept.
     """
 
     title: str
@@ -328,22 +259,13 @@ class RuleOfThumb:
 class Discrepancy:
     """Prediction beside simulation at one rig.
 
-    Parameters
-    ----------
-    rig
-        Number of the rig.
-    objective
-        Title of the objective.
-    predicted
-        What is predicted of the images that were simulated: the objective's statistic.
-    simulated
-        What it is compared with: ``RigDesign.simulated``.
-    ratio
-        Simulated over predicted.
-    notable
-        Whether the two differ by more than the prediction claims to know, and the interval allows.
-    says
-        That in words.
+    ``rig``: Number of the rig.
+    ``objective``: Title of the objective.
+    ``predicted``: What is predicted of the images that were simulated: the objective's statistic.
+    ``simulated``: What it is compared with: ``RigDesign.simulated``.
+    ``ratio``: Simulated over predicted.
+    ``notable``: Whether the two differ by more than the prediction claims to know, and the interval allows.
+    ``says``: That in words.
     """
 
     rig: int
@@ -359,17 +281,7 @@ _LEVEL = 0.975
 
 
 def compute_rig_interval(rig: RigDesign, title: str, statistic: str) -> PredictionInterval:
-    """Return what simulations say of any statistic of a rig.
-
-    Parameters
-    ----------
-    rig
-        The rig.
-    title
-        The objective.
-    statistic
-        Key of `scenetruth.design.optimisation.design_records.STATISTICS`.
-    """
+    """Return what simulations say of any statistic of a rig."""
     figures = rig.figures.get(title, {}).get(statistic, ())
     return compute_prediction_interval([one for one in figures if math.isfinite(one)])
 
@@ -380,13 +292,6 @@ def compute_prediction_interval(values: Sequence[float]) -> PredictionInterval:
     Logarithms of figures are taken for normal. The next of them lies within t s √(1 + 1/n) of their mean, with
     Student's t of n - 1 degrees of freedom and their standard deviation s.
 
-    Parameters
-    ----------
-    values
-        Positive figures, one of each seed.
-
-    Examples
-    --------
     >>> found = compute_prediction_interval([0.9, 1.0, 1.1, 1.0])
     >>> round(found.value, 3), round(found.pi_low, 2), round(found.pi_high, 2), found.seeds
     (1.002, 0.75, 1.34, 4)

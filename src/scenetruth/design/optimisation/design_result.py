@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import types
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.optimisation.design_records import (
-    ConstraintValue,
+    STATISTICS,
     Discrepancy,
     Objective,
     PredictionInterval,
@@ -22,8 +21,10 @@ from scenetruth.design.optimisation.design_records import (
     Sensitivity,
     compute_rig_interval,
 )
-from scenetruth.errors import StoreError
+from scenetruth.errors import ArgumentError, Problem, StoreError
+from scenetruth.output import claim_folder, write_atomically
 from scenetruth.plain_data import parse_json
+from scenetruth.results import QuantityValue, Result, from_plain_data, to_plain_data
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,104 +33,19 @@ __all__ = [
     "RESULT_FILE",
     "SCREENING_FILE",
     "SUFFICIENT_DENSITY",
-    "ConstraintValue",
     "DesignResult",
-    "Discrepancy",
-    "Objective",
-    "PredictionInterval",
-    "RankConsistency",
-    "RigDesign",
-    "RuleOfThumb",
-    "Sensitivity",
     "compose_summary",
     "describe_rank_consistency",
     "format_parameter",
-    "from_plain_data",
-    "read_screening_table",
-    "to_plain_data",
     "write_screening_table",
 ]
-
-
-def to_plain_data(value: Any) -> Any:
-    """Return plain values, as JSON has them.
-
-    Parameters
-    ----------
-    value
-        Dataclasses, mappings, lists, tuples, and what is in them.
-
-    Examples
-    --------
-    >>> to_plain_data({"low": math.nan, "high": math.inf, "seeds": (1, 2)})
-    {'low': None, 'high': 'inf', 'seeds': [1, 2]}
-    """
-    if is_dataclass(value) and not isinstance(value, type):
-        return {one.name: to_plain_data(getattr(value, one.name)) for one in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): to_plain_data(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [to_plain_data(one) for one in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else "inf" if value > 0 else "-inf"
-    return value
-
-
-def from_plain_data(kind: Any, plain: Any) -> Any:
-    """Return what plain values stand for.
-
-    Parameters
-    ----------
-    kind
-        Its type: a dataclass, a mapping or tuple of a type, a number, or anything else as it is.
-    plain
-        As `to_plain_data` gives them.
-
-    Raises
-    ------
-    TypeError, ValueError, KeyError
-        If they are not of this type.
-    """
-    if kind is float:
-        return math.nan if plain is None else float(plain)
-    if is_dataclass(kind):
-        hints = get_type_hints(kind)
-        given = {one.name: plain[one.name] for one in fields(kind)}
-        return kind(**{name: from_plain_data(hints[name], one) for name, one in given.items()})  # type: ignore[operator]
-    origin, inner = get_origin(kind), get_args(kind)
-    if origin is tuple:
-        kinds = inner[:1] * len(plain) if inner[1:] == (...,) else inner
-        return tuple(from_plain_data(each, one) for each, one in zip(kinds, plain, strict=True))
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        return {key: from_plain_data(inner[1], one) for key, one in plain.items()}
-    if origin in (Union, types.UnionType):
-        return (
-            None
-            if plain is None
-            else from_plain_data(next(each for each in inner if each is not types.NoneType), plain)
-        )
-    if kind in (int, str, bool) and not isinstance(plain, kind):
-        message = f"{plain!r} is no {kind.__name__}"
-        raise TypeError(message)
-    if origin is Literal and plain not in inner:
-        message = f"{plain!r} is none of {inner}"
-        raise ValueError(message)
-    return plain
 
 
 _TEXT_COLUMNS = ("phase", "problem")
 
 
 def write_screening_table(table: pd.DataFrame, file: Path) -> None:
-    """Write all predictions; values that are neither numbers nor texts are written as JSON.
-
-    Parameters
-    ----------
-    table
-        The predictions.
-    file
-        The file, which is overwritten.
-    """
+    """Write all predictions; values that are neither numbers nor texts are written as JSON."""
     told = table.copy()
     for name in told.columns:
         if told[name].dtype == object and name not in _TEXT_COLUMNS:
@@ -138,15 +54,7 @@ def write_screening_table(table: pd.DataFrame, file: Path) -> None:
 
 
 def read_screening_table(file: Path, variables: Mapping[str, Any]) -> pd.DataFrame:
-    """Return all predictions of a file.
-
-    Parameters
-    ----------
-    file
-        The file.
-    variables
-        The design variables of the design specification as plain values: which choices texts stand for.
-    """
+    """Return all predictions of a file."""
     import pandas as pd
 
     table = pd.read_csv(file, dtype=str, keep_default_na=False)
@@ -194,15 +102,7 @@ def compose_summary(
     rules: Sequence[RuleOfThumb],
     orders: Sequence[RankConsistency] = (),
 ) -> tuple[str, ...]:
-    """Return a design in words, a line each.
-
-    Parameters
-    ----------
-    objectives, sensitivities, discrepancies, rules, orders
-        As of a design.
-    rig
-        The recommended rig.
-    """
+    """Return a design in words, a line each."""
     values = ", ".join(f"{name} = {format_parameter(value)}" for name, value in rig.parameters.items())
     found = [f"recommended, rig {rig.number}: {values}", *_reached(objectives, rig)]
     if rig.limits:
@@ -220,13 +120,7 @@ def format_parameter(value: Any) -> str:
 
 
 def describe_rank_consistency(objectives: Sequence[Objective], orders: Sequence[RankConsistency]) -> Iterator[str]:
-    """Say whether simulated rigs keep the order of their predictions, objective by objective.
-
-    Parameters
-    ----------
-    objectives, orders
-        As of a design.
-    """
+    """Say whether simulated rigs keep the order of their predictions, objective by objective."""
     for objective in objectives:
         own = [one for one in orders if one.objective == objective.title]
         count = Counter(one.verdict for one in own)
@@ -309,7 +203,7 @@ _PARTS: Mapping[str, Any] = {
 
 
 @dataclass(frozen=True, eq=False)
-class DesignResult:
+class DesignResult(Result):
     """The answer: a rig, the front, alternatives, and what stands behind them.
 
     Parameters
@@ -360,7 +254,7 @@ class DesignResult:
     >>> spec |= {"constraints": [{"kind": "stage_travel", "max": 16}], "objectives": [{"quantity": "depth"}]}
     >>> spec |= {"search": {"predictions": 16, "morris_trajectories": 0, "sobol": 0}, "confirmation": {"rigs": 0}}
     >>> design = optimise(spec)
-    >>> print(design.words()[1])
+    >>> print(design.summary().splitlines()[1])
     Depth: scaled median absolute error, predicted 0.162 mm
     >>> for rig in design.rigs:
     ...     print(f"baseline {rig.parameters['stage.baseline_mm']} mm: depth to {rig.predicted['Depth']:.2f} mm")
@@ -395,7 +289,7 @@ class DesignResult:
         titles = [one.title for one in self.objectives]
         return tuple(sorted((*self.front, *self.alternatives), key=lambda rig: [rig.predicted[one] for one in titles]))
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_dataframe(self) -> pd.DataFrame:
         """Return the front and the alternatives, a rig each row.
 
         Returns
@@ -420,10 +314,64 @@ class DesignResult:
             rows.append({**row, "price": rig.price, "limits": rig.limits})
         return pd.DataFrame(rows)
 
-    def words(self) -> tuple[str, ...]:
-        """Return the answer in words, a line each."""
-        return compose_summary(
-            self.objectives, self.recommended, self.sensitivities, self.discrepancies, self.rules, self.orders
+    def value(
+        self, quantity: str, statistic: str | None = None, *, region: str = "interior", rig: int | None = None
+    ) -> QuantityValue:
+        """Return a statistic of the errors of one objective's quantity.
+
+        Parameters
+        ----------
+        quantity, region
+            Quantity and region of one of the objectives.
+        statistic
+            The statistic: ``scaled_median_abs_error``, ``rmse`` or ``p95_abs_error``; by default that of the objective.
+        rig
+            Number of the rig; by default the recommended one.
+
+        Returns
+        -------
+        QuantityValue
+            From simulations if the rig was simulated, with the 95 % prediction interval of a further recording and the
+            number of seeds; otherwise predicted, without an interval.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such objective, rig or statistic.
+        """
+        objective = next((one for one in self.objectives if (one.quantity, one.region) == (quantity, region)), None)
+        chosen = self.recommended if rig is None else next((one for one in self.rigs if one.number == rig), None)
+        problems = []
+        if objective is None:
+            listed = ", ".join(f"{one.quantity} in {one.region}" for one in self.objectives)
+            problems.append(
+                Problem("quantity", f"is not an objective in region {region}; objectives: {listed}", quantity)
+            )
+        if chosen is None:
+            problems.append(Problem("rig", f"must be one of {', '.join(str(one.number) for one in self.rigs)}", rig))
+        if statistic is not None and statistic not in STATISTICS:
+            problems.append(Problem("statistic", f"must be one of {', '.join(STATISTICS)}", statistic))
+        if problems or objective is None or chosen is None:
+            raise ArgumentError(problems)
+        wanted = statistic or objective.statistic
+        simulated = compute_rig_interval(chosen, objective.title, STATISTICS[wanted].scored)
+        if simulated.seeds:
+            factor = STATISTICS[wanted].factor
+            numbers = [factor * one for one in (simulated.value, simulated.pi_low, simulated.pi_high)]
+            return QuantityValue(
+                numbers[0], objective.unit, numbers[1], numbers[2], statistic=wanted, region=region, n=simulated.seeds
+            )
+        if wanted != objective.statistic:
+            message = f"is predicted as {objective.statistic} only; rig {chosen.number} was not simulated"
+            raise ArgumentError([Problem("statistic", message, wanted)])
+        return QuantityValue(chosen.predicted[objective.title], objective.unit, statistic=wanted, region=region)
+
+    def summary(self) -> str:
+        """Return the recommended rig, its errors, what limits them, and the sensitivities, one statement per line."""
+        return "\n".join(
+            compose_summary(
+                self.objectives, self.recommended, self.sensitivities, self.discrepancies, self.rules, self.orders
+            )
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -432,17 +380,41 @@ class DesignResult:
         Numbers that are not finite are None (not a number), ``"inf"`` and ``"-inf"``.
         """
         told = {name: to_plain_data(getattr(self, name)) for name in _PARTS}
-        more = {"recommended": self.recommended.number, "words": list(self.words())}
+        more = {"recommended": self.recommended.number, "summary": self.summary().splitlines()}
         return {"format": _FORMAT, "specification": to_plain_data(self.specification), **told, **more}
 
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Save the result in a directory, as `optimise` does with ``output``: ``design.json`` and ``evaluations.csv``.
+
+        Parameters
+        ----------
+        path
+            The directory to write.
+        overwrite
+            Whether an existing result may be replaced.
+
+        Raises
+        ------
+        OutputExistsError
+            If the directory exists and ``overwrite`` is false.
+        """
+        folder = Path(path)
+        with write_atomically(folder, overwrite=overwrite, claim=claim_folder(RESULT_FILE)) as partial:
+            partial.mkdir()
+            (partial / RESULT_FILE).write_text(
+                json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+            )
+            write_screening_table(self.screened, partial / SCREENING_FILE)
+        return folder
+
     @classmethod
-    def load(cls, folder: str | Path) -> DesignResult:
+    def load(cls, path: str | Path) -> DesignResult:
         """Load what `optimise` left in a folder.
 
         Parameters
         ----------
-        folder
-            The folder; ``design.json`` and ``evaluations.csv`` of it are read.
+        path
+            The directory; ``design.json`` and ``evaluations.csv`` in it are read.
 
         Raises
         ------
@@ -456,7 +428,7 @@ class DesignResult:
         >>> from scenetruth.design.optimisation.report.design_report import write_design_page
         >>> write_design_page(DesignResult.load("outputs/rig"), "outputs/rig")  # doctest: +SKIP
         """
-        place = Path(folder)
+        place = Path(path)
         file = place / RESULT_FILE
         remedy = "run 'scenetruth design optimise' again; what is kept of predictions and simulations is used"
         try:

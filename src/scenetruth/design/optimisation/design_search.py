@@ -25,7 +25,6 @@ __all__ = [
     "SobolIndices",
     "allocate_evaluations",
     "analyse_sensitivity",
-    "import_optional",
     "refine_locally",
     "require_optional_libraries",
     "search_with_optuna",
@@ -33,13 +32,7 @@ __all__ = [
 
 
 def import_optional(name: str) -> Any:
-    """Return a module of a library that only designs need.
-
-    Raises
-    ------
-    MachineError
-        If it is not installed; says how to get it.
-    """
+    """Return a module of a library that only designs need."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -48,13 +41,7 @@ def import_optional(name: str) -> Any:
 
 
 def require_optional_libraries() -> None:
-    """Refuse to begin without the libraries.
-
-    Raises
-    ------
-    MachineError
-        If one is not installed.
-    """
+    """Refuse to begin without the libraries."""
     import_optional("optuna")
     import_optional("SALib.sample.morris")
 
@@ -67,18 +54,11 @@ _LEAST_SEARCHED = 0.3
 class EvaluationBudget:
     """Numbers of predictions.
 
-    Parameters
-    ----------
-    even
-        Sobol's points, a power of two.
-    morris
-        Trajectories.
-    sobol
-        Base samples of Sobol' indices, a power of two; 0 for none.
-    search
-        Trials of the search.
-    last
-        Steps around the best.
+    ``even``: Sobol's points, a power of two.
+    ``morris``: Trajectories.
+    ``sobol``: Base samples of Sobol' indices, a power of two; 0 for none.
+    ``search``: Trials of the search.
+    ``last``: Steps around the best.
     """
 
     even: int
@@ -93,15 +73,6 @@ def allocate_evaluations(search: SearchSpec, parameters: int) -> EvaluationBudge
 
     Sensitivity gets less than asked for where it would leave too few for the search.
 
-    Parameters
-    ----------
-    search
-        What the design specification says.
-    parameters
-        Number of design variables.
-
-    Examples
-    --------
     >>> allocate_evaluations(SearchSpec(), 8)
     EvaluationBudget(even=512, morris=10, sobol=64, search=798, last=360)
     """
@@ -139,17 +110,6 @@ def search_with_optuna(
 
     One objective is searched by the tree-structured Parzen estimator, and from its 400th trial on by NSGA-II, as
     several are from the first.
-
-    Parameters
-    ----------
-    ledger
-        Where predictions come from, and what was found before: the best of it is where the search starts.
-    space, objectives
-        What is designed.
-    trials
-        How many.
-    seed
-        Of the sampler.
     """
     if trials <= 0:
         return
@@ -247,19 +207,7 @@ _PATIENCE = 3
 def refine_locally(
     ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], count: int, seed: int
 ) -> None:
-    """Step from the best rigs to better ones: by the product of the objectives, and by each of them.
-
-    Parameters
-    ----------
-    ledger
-        Where predictions come from.
-    space, objectives
-        What is designed.
-    count
-        How many predictions, at most.
-    seed
-        Of what is drawn.
-    """
+    """Step from the best rigs to better ones: by the product of the objectives, and by each of them."""
     end = len(ledger) + count
     generator = np.random.default_rng(seed)
     goals: list[tuple[Objective, ...]] = [tuple(objectives)]
@@ -385,14 +333,9 @@ _FEWEST_BASE = 8
 class SobolIndices:
     """Sobol' indices of a parameter.
 
-    Parameters
-    ----------
-    first, total
-        Of the parameter alone, and with all its interactions.
-    first_half, total_half
-        Half widths of their intervals of 95 %, from resampling the base samples.
-    samples
-        Base samples that tell.
+    ``first``, ``total``: Of the parameter alone, and with all its interactions.
+    ``first_half``, ``total_half``: Half widths of their intervals of 95 %, from resampling the base samples.
+    ``samples``: Base samples that tell.
     """
 
     first: float
@@ -406,14 +349,9 @@ class SobolIndices:
 class SensitivityResult:
     """What sensitivity analyses say, by objective's title and parameter's name.
 
-    Parameters
-    ----------
-    morris
-        Mean size and scatter of elementary effects.
-    sobol
-        Sobol' indices.
-    left_out
-        Share of the trajectories and of the base samples that held a rig that cannot be made.
+    ``morris``: Mean size and scatter of elementary effects.
+    ``sobol``: Sobol' indices.
+    ``left_out``: Share of the trajectories and of the base samples that held a rig that cannot be made.
     """
 
     morris: Mapping[tuple[str, str], tuple[float, float]]
@@ -428,18 +366,7 @@ def analyse_sensitivity(
 
     Trajectories and base samples that hold a rig that cannot be made are left out.
 
-    Parameters
-    ----------
-    ledger
-        Where predictions come from.
-    space, objectives
-        What is designed.
-    morris
-        Trajectories of Morris' method, 0 for none.
-    sobol
-        Base samples of Sobol' indices, a power of two; 0 for none.
-    seed
-        Of the samples.
+    ``sobol``: Base samples of Sobol' indices, a power of two; 0 for none.
     """
     problem = {"num_vars": len(space), "names": space.names, "bounds": [[0.0, 1.0]] * len(space)}
     found_morris: dict[tuple[str, str], tuple[float, float]] = {}

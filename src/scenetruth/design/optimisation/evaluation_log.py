@@ -24,18 +24,11 @@ class EvaluationLog:
     A file keeps them: a search that was killed finds them there, asks for the same rigs again in the same order, and so
     comes to the same end.
 
-    Parameters
-    ----------
-    task, space
-        What is designed.
-    workers
-        Who predicts.
-    file
-        Where predictions are kept; None to keep none.
-    progress
-        Called with ("predictions", done, total).
-    total
-        How many there will be, for progress.
+    ``task``, ``space``: What is designed.
+    ``workers``: Who predicts.
+    ``file``: Where predictions are kept; None to keep none.
+    ``progress``: Called with ("predictions", done, total).
+    ``total``: How many there will be, for progress.
     """
 
     def __init__(
@@ -69,15 +62,7 @@ class EvaluationLog:
         return list(self._phases.values())
 
     def ask(self, points: Sequence[Sequence[float]], phase: str) -> list[Evaluation]:
-        """Return the predictions of points of the unit cube, in their order.
-
-        Parameters
-        ----------
-        points
-            The points.
-        phase
-            What they are for.
-        """
+        """Return the predictions of points of the unit cube, in their order."""
         return self.ask_values([self._space.values(point) for point in points], phase)
 
     def ask_values(self, many: Sequence[Mapping[str, Any]], phase: str) -> list[Evaluation]:

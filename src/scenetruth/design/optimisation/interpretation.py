@@ -36,7 +36,6 @@ __all__ = [
     "check_rules_of_thumb",
     "compute_local_sensitivities",
     "describe_limiting_factors",
-    "find_active_constraints",
     "list_assumptions",
     "refuse_infeasible",
     "rig_from_evaluation",
@@ -55,17 +54,7 @@ _CONTRIBUTION_TITLES = {
 
 
 def describe_limiting_factors(one: Evaluation, space: DesignSpace, objectives: tuple[Objective, ...]) -> str:
-    """Return what limits a rig.
-
-    Parameters
-    ----------
-    one
-        The rig.
-    space
-        The design variables.
-    objectives
-        What is to be known.
-    """
+    """Return what limits a rig."""
     parts = [*_errors(one, objectives)]
     used = [
         f"{each.title} ({each.value:.4g} of {each.limit:.4g}{'' if each.unit == '1' else f' {each.unit}'})"
@@ -115,17 +104,7 @@ _OTHER = "another length"
 
 
 def rig_from_evaluation(number: int, one: Evaluation, prepared: OptimisationProblem) -> RigDesign:
-    """Return the rig of an evaluation.
-
-    Parameters
-    ----------
-    number
-        Its number among all predictions.
-    one
-        The evaluation.
-    prepared
-        What is designed.
-    """
+    """Return the rig of an evaluation."""
     task = prepared.task
     built = build_rig(task.base, one.values)
     plain = Scene.from_dict(built.plain).to_dict()
@@ -143,15 +122,6 @@ def compute_local_sensitivities(
 
     Of whole numbers, at least one more or less is taken, and what ten percent would do follows on logarithmic scales.
     Of a lens, it is the focal length. What cannot be made, or has no size, is left out.
-
-    Parameters
-    ----------
-    one
-        The rig.
-    prepared
-        What is designed.
-    factor
-        What parameters are multiplied with: 0.9 for ten percent less.
     """
     task, found = prepared.task, dict[tuple[str, str], float]()
     # Not the prediction that is kept: it may be of an earlier version.
@@ -196,13 +166,7 @@ _CUT = 2.0
 
 
 def check_rules_of_thumb(facts: RigContext) -> tuple[RuleOfThumb, ...]:
-    """Return the rules at a rig.
-
-    Parameters
-    ----------
-    facts
-        The rig.
-    """
+    """Return the rules at a rig."""
     causes, camera = facts.causes, facts.scene.camera
     # Dots of a diameter D have most of their gradient in waves of about 2 D.
     speckle = causes.wavelength_px / 2
@@ -264,21 +228,7 @@ def list_assumptions(
     left_out: tuple[float, float],
     effects: Sequence[Sensitivity],
 ) -> tuple[str, ...]:
-    """Return what is taken for granted.
-
-    Parameters
-    ----------
-    spec
-        The design specification.
-    facts
-        The recommended rig.
-    changes
-        What is different in simulations, in words.
-    left_out
-        Shares of trajectories and base samples that sensitivity leaves out.
-    effects
-        What parameters do.
-    """
+    """Return what is taken for granted."""
     return tuple(_lines(spec, facts, changes, left_out, effects))
 
 
@@ -344,20 +294,7 @@ def _is_nonzero(value: Any) -> bool:
 
 
 def refuse_infeasible(spec: DesignSpec, found: Sequence[Evaluation]) -> None:
-    """Refuse a design specification that no rig meets.
-
-    Parameters
-    ----------
-    spec
-        The design specification.
-    found
-        All rigs that were tried.
-
-    Raises
-    ------
-    DesignSpecError
-        If none satisfies all constraints: with those that exclude all, and the nearest rig.
-    """
+    """Refuse a design specification that no rig meets."""
     if any(one.holds for one in found):
         return
     made = [one for one in found if one.constraints]

@@ -54,7 +54,7 @@ from scenetruth.scene import Overrides, Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["INDEX", "optimise"]
+__all__ = ["optimise"]
 
 INDEX = "specification.json"
 """What a folder of a design is known by."""

@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.design.optimisation.design_records import Objective
 from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation
 
-__all__ = [
-    "add_alternatives",
-    "compute_target_ratios",
-    "find_pareto_front",
-    "select_distinguishable",
-    "select_recommended",
-    "thin_front",
-]
+__all__ = ["add_alternatives", "find_pareto_front", "select_distinguishable", "select_recommended", "thin_front"]
 
 Array = NDArray[np.float64]
 
@@ -33,15 +26,7 @@ _AS_GOOD = 1.1
 
 
 def find_pareto_front(found: Sequence[Evaluation], objectives: Sequence[Objective]) -> list[int]:
-    """Return the numbers of the rigs on the front, by the first objective; with one objective, of its best.
-
-    Parameters
-    ----------
-    found
-        All rigs.
-    objectives
-        What is to be known.
-    """
+    """Return the numbers of the rigs on the front, by the first objective; with one objective, of its best."""
     held = [number for number, one in enumerate(found) if one.holds]
     if not held:
         return []
@@ -60,24 +45,7 @@ def add_alternatives(
     front: Sequence[int],
     count: int = 6,
 ) -> list[int]:
-    """Return the front, and if it has few rigs, the best of those that differ from it and from each other.
-
-    Parameters
-    ----------
-    found
-        All rigs.
-    objectives, space
-        What is designed.
-    front
-        Numbers of the rigs on the front.
-    count
-        How many rigs are wanted.
-
-    Returns
-    -------
-    list of int
-        Numbers, those of the front first; none of a rig whose worst factor is three times that of the best.
-    """
+    """Return the front, and if it has few rigs, the best of those that differ from it and from each other."""
     chosen = list(front)
     least = {one.title: min(found[number].predicted[one.title] for number in front) for one in objectives}
     worths = {
@@ -107,30 +75,12 @@ def _differ(one: Sequence[float], other: Sequence[float], space: DesignSpace) ->
 def compute_target_ratios(
     figures: Mapping[str, float], objectives: Sequence[Objective], least: Mapping[str, float]
 ) -> list[float]:
-    """Return how far a rig is from what is wanted, or from the best that there is: factors, one for each objective.
-
-    Parameters
-    ----------
-    figures
-        Of the rig, by objective's title.
-    objectives
-        What is to be known.
-    least
-        The least figure of each objective on the front.
-    """
+    """Return how far a rig is from what is wanted, or from the best that there is: factors, one for each objective."""
     return [figures[one.title] / (one.wanted if one.wanted is not None else least[one.title]) for one in objectives]
 
 
 def select_recommended(figures: Sequence[Mapping[str, float]], objectives: Sequence[Objective]) -> int:
-    """Return the number of the rig to recommend: by its worst factor, and of those as good, by the product of factors.
-
-    Parameters
-    ----------
-    figures
-        Figures of rigs, by objective's title; not finite where there are none.
-    objectives
-        What is to be known.
-    """
+    """Return the index of the rig to recommend: the least worst ratio to the best value, then least product."""
     least = {
         one.title: min((each[one.title] for each in figures if math.isfinite(each[one.title])), default=math.inf)
         for one in objectives
@@ -147,19 +97,7 @@ def select_distinguishable(figures: Array, on_front: int, count: int) -> list[in
 
     Of the front, the farthest come first; then alternatives in their order. If these are too few, the rest follows.
 
-    Parameters
-    ----------
-    figures
-        Logarithms of the objectives, shape (rigs, objectives): the front's first.
-    on_front
-        How many of them are on the front.
-    count
-        How many are wanted.
-
-    Returns
-    -------
-    list of int
-        Numbers of rigs.
+    ``figures``: Logarithms of the objectives, shape (rigs, objectives): the front's first.
     """
     chosen = [0][:count]
 
@@ -182,19 +120,7 @@ def select_distinguishable(figures: Array, on_front: int, count: int) -> list[in
 def thin_front(figures: Array, count: int, first: int) -> list[int]:
     """Return some points of a front that are far from each other, ends first.
 
-    Parameters
-    ----------
-    figures
-        Logarithms of the objectives, shape (points, objectives).
-    count
-        How many.
-    first
-        Number of one that must be among them.
-
-    Returns
-    -------
-    list of int
-        Numbers of points, that one first.
+    ``figures``: Logarithms of the objectives, shape (points, objectives).
     """
     spread = np.ptp(figures, axis=0)
     scaled = figures / np.where(spread > 0, spread, 1.0)

@@ -51,14 +51,9 @@ _MOST_TRIED = 64
 class OptimisationProblem:
     """A design specification that can be followed.
 
-    Parameters
-    ----------
-    task
-        What evaluates rigs.
-    space
-        What is variable.
-    scene
-        The base scene, with the design specification's changes.
+    ``task``: What evaluates rigs.
+    ``space``: What is variable.
+    ``scene``: The base scene, with the design specification's changes.
     """
 
     task: EvaluationTask
@@ -67,19 +62,7 @@ class OptimisationProblem:
 
 
 def prepare_problem(spec: DesignSpec) -> OptimisationProblem:
-    """Return what is searched.
-
-    Parameters
-    ----------
-    spec
-        The design specification.
-
-    Raises
-    ------
-    DesignSpecError
-        With every problem: paths that lead nowhere, parameters that vary nothing, values that make no scene, names that
-        no catalogue has, objectives that are not predicted.
-    """
+    """Return what is searched."""
     problems: list[Problem] = []
     entries = _entries(spec, problems)
     scene = _scene(spec, problems)

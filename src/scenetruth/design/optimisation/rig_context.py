@@ -27,16 +27,10 @@ _UNIFORM = 1 / math.sqrt(12)
 class StageShifts:
     """How far errors of the stage move images, standard deviations.
 
-    Parameters
-    ----------
-    along
-        Along x, of a position: all of it, px.
-    guide
-        The part that is the same at every visit, px.
-    visit
-        The part that is new at every visit, px.
-    turn_x, turn_y
-        Change of the shift along x per px along x, and along y.
+    ``along``: Along x, of a position: all of it, px.
+    ``guide``: The part that is the same at every visit, px.
+    ``visit``: The part that is new at every visit, px.
+    ``turn_x``, ``turn_y``: Change of the shift along x per px along x, and along y.
     """
 
     along: float
@@ -47,15 +41,7 @@ class StageShifts:
 
 
 def compute_stage_shifts_px(scene: Scene, depth_mm: float) -> StageShifts:
-    """Return how far the errors of a scene's stage move images.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    depth_mm
-        Depth at which.
-    """
+    """Return how far the errors of a scene's stage move images."""
     errors, camera = scene.stage.errors, scene.camera
     if errors is None:
         return StageShifts(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -75,19 +61,7 @@ def compute_stage_uncertainty(
 ) -> dict[str, dict[str, float]]:
     """Return standard deviations that the stage adds, by what adds it (``stage``, ``scan``) and quantity.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    causes
-        What a prediction says of a region.
-    signals
-        Rms of what there is to be measured there, by quantity: ``flow_x`` and ``velocity_z`` count.
-
-    Returns
-    -------
-    dict
-        Units of `QUANTITIES`, growth per frame; only what is not zero.
+    Returns: Units of `QUANTITIES`, growth per frame; only what is not zero.
     """
     s = scene.stage.x_mm / scene.stage.baseline_mm
     t = np.arange(causes.frames) - (causes.frames - 1) / 2
@@ -127,20 +101,12 @@ def _propagate_disparity(d: float, depth: float, disparity: float, slope_x: floa
 class RigContext:
     """A rig as constraints see it.
 
-    Parameters
-    ----------
-    scene
-        Its scene.
-    prediction
-        What is predicted of it.
-    region
-        The region of the first objective.
-    parameters
-        Design variables, by name.
-    lens, camera, stage
-        What was chosen from catalogues; None if nothing was.
-    f_number
-        Of the lens; None without one.
+    ``scene``: Its scene.
+    ``prediction``: What is predicted of it.
+    ``region``: The region of the first objective.
+    ``parameters``: Design variables, by name.
+    ``lens``, ``camera``, ``stage``: What was chosen from catalogues; None if nothing was.
+    ``f_number``: Of the lens; None without one.
     """
 
     scene: Scene

@@ -50,18 +50,11 @@ _DIGITS = 4
 class Parameter:
     """One design variable.
 
-    Parameters
-    ----------
-    name
-        Path of a field, or a name that design specifications know.
-    low, high
-        Ends of a range.
-    logarithmic
-        Whether it is searched on a logarithmic scale.
-    whole
-        Whether its values are whole numbers.
-    choices
-        Values to choose from, instead of a range.
+    ``name``: Path of a field, or a name that design specifications know.
+    ``low``, ``high``: Ends of a range.
+    ``logarithmic``: Whether it is searched on a logarithmic scale.
+    ``whole``: Whether its values are whole numbers.
+    ``choices``: Values to choose from, instead of a range.
     """
 
     name: str
@@ -113,10 +106,7 @@ class Parameter:
 class DesignSpace:
     """All design variables.
 
-    Parameters
-    ----------
-    parameters
-        In the order of the design specification.
+    ``parameters``: In the order of the design specification.
     """
 
     parameters: tuple[Parameter, ...]
@@ -153,18 +143,11 @@ _EXPOSURE_S = 0.01
 class BaseRig:
     """What all rigs have in common.
 
-    Parameters
-    ----------
-    plain
-        The base scene as plain values, with all fields.
-    places
-        Paths without wildcards, by those of the design specification.
-    entries
-        The catalogues.
-    light
-        The light; None for as much as cameras need.
-    depth_mm
-        Depth of what is measured in the base scene: the lens is focused there.
+    ``plain``: The base scene as plain values, with all fields.
+    ``places``: Paths without wildcards, by those of the design specification.
+    ``entries``: The catalogues.
+    ``light``: The light; None for as much as cameras need.
+    ``depth_mm``: Depth of what is measured in the base scene: the lens is focused there.
     """
 
     plain: Mapping[str, Any]
@@ -186,20 +169,7 @@ class BuiltRig:
 
 
 def build_rig(base: BaseRig, values: Mapping[str, Any]) -> BuiltRig:
-    """Return the scene of a rig.
-
-    Parameters
-    ----------
-    base
-        What all rigs have in common.
-    values
-        Of the design variables, by name.
-
-    Raises
-    ------
-    SceneError
-        If what was chosen cannot be put together; whether it makes a scene is another question.
-    """
+    """Return the scene of a rig."""
     plain = copy.deepcopy(dict(base.plain))
     for path, places in base.places.items():
         for place in places:
@@ -313,16 +283,10 @@ _S_PER_H = 3600.0
 class EvaluationTask:
     """All that is needed to evaluate any rig.
 
-    Parameters
-    ----------
-    base
-        What all rigs have in common.
-    limits
-        The constraints of the design specification.
-    objectives
-        What is to be known.
-    method
-        Name of the method; its settings are the scene's.
+    ``base``: What all rigs have in common.
+    ``limits``: The constraints of the design specification.
+    ``objectives``: What is to be known.
+    ``method``: Name of the method; its settings are the scene's.
     """
 
     base: BaseRig
@@ -335,18 +299,11 @@ class EvaluationTask:
 class Evaluation:
     """What a rig is worth.
 
-    Parameters
-    ----------
-    values
-        Of the design variables, by name.
-    predicted
-        Of each objective its statistic, by title; infinite where nothing is told.
-    parts
-        What they are made of, by title: ``noise``, ``stage``, ``scan``.
-    constraints
-        All constraints; empty if there is no scene.
-    problem
-        Why there is no scene; empty if there is.
+    ``values``: Of the design variables, by name.
+    ``predicted``: Of each objective its statistic, by title; infinite where nothing is told.
+    ``parts``: What they are made of, by title: ``noise``, ``stage``, ``scan``.
+    ``constraints``: All constraints; empty if there is no scene.
+    ``problem``: Why there is no scene; empty if there is.
     """
 
     values: Mapping[str, Any]
@@ -371,15 +328,7 @@ class Evaluation:
 
 
 def evaluate_rig(task: EvaluationTask, values: Mapping[str, Any]) -> Evaluation:
-    """Evaluate one rig.
-
-    Parameters
-    ----------
-    task
-        What is designed.
-    values
-        Of the design variables, by name.
-    """
+    """Evaluate one rig."""
     nothing = {one.title: math.inf for one in task.objectives}
     try:
         built = build_rig(task.base, values)
@@ -419,7 +368,7 @@ def compute_rig_context(
 def compute_objective_contributions(objective: Objective, scene: Scene, prediction: Prediction) -> dict[str, float]:
     """Return what an objective's statistic is made of, by its causes alone; empty if nothing is told."""
     quantity, region = objective.quantity, objective.region
-    figures = prediction.figures.get(region, {})
+    figures = prediction.precisions.get(region, {})
     if quantity not in figures:
         return {}
     figure = figures[quantity]

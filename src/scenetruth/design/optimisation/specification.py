@@ -28,7 +28,6 @@ __all__ = [
     "CATALOGUES",
     "CONSTRAINT_MODULES",
     "NAMED_VARIABLES",
-    "AnyConstraint",
     "ConfirmationSpec",
     "DesignSpec",
     "DesignSpecLike",

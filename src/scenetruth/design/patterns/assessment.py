@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,19 +26,17 @@ from scenetruth.design.patterns.pattern_spectrum import (
     remove_shading,
     sample_patch,
 )
-from scenetruth.errors import Problem
+from scenetruth.errors import ArgumentError, Problem
+from scenetruth.results import QuantityValue, Result
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "SIZES_PX",
-    "UNITS",
     "PatternAssessment",
     "assess_pattern",
     "assessments_to_dataframe",
     "compute_size_table",
-    "compute_statistics_by_size",
     "compute_theoretical_statistics",
     "describe_assessments",
     "describe_pattern",
@@ -58,8 +56,30 @@ _LEAST_PX = 24
 _COUNT, _THEORY_PX, _THEORY_LENGTHS = 1024, 256, 12
 
 
+UNITS = {
+    "mean": "of full scale",
+    "contrast": "of full scale",
+    "gradient_x": "of full scale per px",
+    "gradient_y": "of full scale per px",
+    "theory_gradient": "of full scale per px",
+    "wavelength_px": "px",
+    "size_px": "px",
+    "aliased_share": "1",
+    "noise_std": "of full scale",
+    "window_sigma_px": "px",
+    "disparity_px": "px/step",
+    "depth_mm": "mm",
+    "slope": "1",
+    "flow_px": "px/frame",
+    "velocity_lateral_mm": "mm/frame",
+    "velocity_depth_mm": "mm/frame",
+    "growth_rate": "1/frame",
+}
+"""Units of the numbers of an assessment, by name."""
+
+
 @dataclass(frozen=True, eq=False)
-class PatternAssessment:
+class PatternAssessment(Result):
     """What a pattern is worth to a rig. Grey values are shares of full scale.
 
     Parameters
@@ -91,7 +111,8 @@ class PatternAssessment:
     optics
         The rig whose lens and pixels act on it; None if they have already.
     patch
-        Grey values of some pixels in its middle, shape (y, x), without noise of a pattern.
+        Grey values of some pixels in its middle, shape (y, x), without noise of a pattern. `save` leaves ``spectrum``,
+        ``optics`` and ``patch`` out: after `load` they are None, and the assessment cannot be plotted.
 
     See Also
     --------
@@ -110,7 +131,7 @@ class PatternAssessment:
 
     One frame tells nothing of motion, and dots that keep apart have no closed form:
 
-    >>> [name for name, value in worth.figures().items() if value is None]
+    >>> [name for name, value in worth.statistics().items() if value is None]
     ['theory_gradient', 'flow_px', 'velocity_lateral_mm', 'velocity_depth_mm', 'growth_rate']
     """
 
@@ -132,19 +153,56 @@ class PatternAssessment:
     velocity_lateral_mm: float | None
     velocity_depth_mm: float | None
     growth_rate: float | None
-    spectrum: PatternSpectrum
-    optics: PatternRig | None
-    patch: Array
+    spectrum: PatternSpectrum | None = field(default=None, repr=False)
+    optics: PatternRig | None = field(default=None, repr=False)
+    patch: Array | None = field(default=None, repr=False)
+
+    _UNSAVED = frozenset({"spectrum", "optics", "patch"})
 
     @property
     def gradient(self) -> float:
         """Rms of the derivative along one axis, mean square of both, per px."""
         return math.hypot(self.gradient_x, self.gradient_y) / math.sqrt(2)
 
-    def figures(self) -> dict[str, float | None]:
-        """Return all numbers by name, None where nothing is known."""
-        left_out = ("label", "spectrum", "optics", "patch")
-        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in left_out}
+    def statistics(self) -> dict[str, float | None]:
+        """Return all numbers by name; None where they cannot be determined."""
+        return {name: getattr(self, name) for name in UNITS}
+
+    def value(self, quantity: str, statistic: str = "rmse", *, region: str = "all") -> QuantityValue:
+        """Return one number with its unit.
+
+        Parameters
+        ----------
+        quantity
+            A field, for example ``depth_mm`` or ``contrast``.
+        statistic, region
+            ``rmse`` and ``all``, the only ones of a pattern.
+
+        Raises
+        ------
+        ArgumentError
+            If there is none; the message lists those that there are.
+        """
+        choices = {"quantity": (quantity, UNITS), "statistic": (statistic, ("rmse",)), "region": (region, ("all",))}
+        problems = [
+            Problem(name, f"must be one of {', '.join(listed)}", given)
+            for name, (given, listed) in choices.items()
+            if given not in listed
+        ]
+        if problems:
+            raise ArgumentError(problems)
+        number = getattr(self, quantity)
+        return QuantityValue(
+            math.nan if number is None else number, UNITS[quantity], statistic=statistic, region=region
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return all numbers: columns ``pattern``, ``quantity``, ``value`` and ``unit``."""
+        return assessments_to_dataframe([self])
+
+    def summary(self) -> str:
+        """Return the gradients, the standard deviations and the warnings, one per line."""
+        return "\n".join(describe_assessments([self]))
 
 
 def assess_pattern(
@@ -279,19 +337,7 @@ def compute_statistics_by_size(
 ) -> dict[float, PatternStatistics]:
     """Return what a rig sees of random dots of several diameters, from the closed form of dots that lie anywhere.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    sizes_px
-        Diameters in px.
-    coverage
-        Share of the sheet that they cover.
-
-    Returns
-    -------
-    dict
-        What it sees, in shares of the range from ink to paper, by diameter.
+    ``sizes_px``: Diameters in px.
     """
     found: dict[float, PatternStatistics] = {}
     for size in sizes_px:
@@ -306,48 +352,15 @@ def compute_statistics_by_size(
 
 
 def assessments_to_dataframe(worths: Sequence[PatternAssessment]) -> pd.DataFrame:
-    """Return the figures of several patterns beside each other.
-
-    Parameters
-    ----------
-    worths
-        The patterns.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``pattern``, ``quantity``, ``value`` and ``unit``; quantities are the fields of `PatternAssessment`.
-    """
+    """Return the figures of several patterns beside each other."""
     import pandas as pd
 
     rows = [
         {"pattern": worth.label, "quantity": name, "value": value, "unit": UNITS[name]}
         for worth in worths
-        for name, value in worth.figures().items()
+        for name, value in worth.statistics().items()
     ]
     return pd.DataFrame(rows).astype({"value": float})
-
-
-UNITS = {
-    "mean": "of full scale",
-    "contrast": "of full scale",
-    "gradient_x": "of full scale per px",
-    "gradient_y": "of full scale per px",
-    "theory_gradient": "of full scale per px",
-    "wavelength_px": "px",
-    "size_px": "px",
-    "aliased_share": "1",
-    "noise_std": "of full scale",
-    "window_sigma_px": "px",
-    "disparity_px": "px/step",
-    "depth_mm": "mm",
-    "slope": "1",
-    "flow_px": "px/frame",
-    "velocity_lateral_mm": "mm/frame",
-    "velocity_depth_mm": "mm/frame",
-    "growth_rate": "1/frame",
-}
-"""Units of the figures."""
 
 
 def _range(pattern: Pattern, rig: PatternRig) -> float:
@@ -420,7 +433,7 @@ def _precision(
     rig: PatternRig, seen: PatternStatistics, noise: float, window_sigma_px: float, motion: str
 ) -> dict[str, float | None]:
     """Return the least standard deviations; None where the rig or a sensor without noise does not tell them."""
-    names = [field.name for field in fields(ClosedFormBound)]
+    names = [one.name for one in fields(ClosedFormBound)]
     if noise == 0 or rig.positions < 2 or min(seen.gradient_x, seen.gradient_y) <= 0:
         return dict.fromkeys(names)
     # Disparities are along x; what shows along both axes has the mean of both.
@@ -465,13 +478,7 @@ _OWN_PX = 4.0
 
 
 def describe_assessments(worths: Sequence[PatternAssessment]) -> list[str]:
-    """Return what the first pattern allows, and how the others compare to it.
-
-    Parameters
-    ----------
-    worths
-        The patterns.
-    """
+    """Return what the first pattern allows, and how the others compare to it."""
     found = []
     for number, worth in enumerate(worths):
         told = f"{worth.label}: gradients of {100 * worth.gradient:.3g} % of full scale per px"
@@ -508,13 +515,7 @@ def _warnings(worth: PatternAssessment) -> list[str]:
 
 
 def describe_pattern(pattern: Pattern) -> list[str]:
-    """Return what a pattern is, and how large its dots are at the nearest and the farthest depth.
-
-    Parameters
-    ----------
-    pattern
-        The pattern.
-    """
+    """Return what a pattern is, and how large its dots are at the nearest and the farthest depth."""
     rig, width = pattern.rig, pattern.size_mm
     found = [f"{pattern.model.kind} of {width[0]:g} x {width[1]:g} mm: {pattern.told}"]
     if rig.depth_range_mm is not None and rig.depth_range_mm[0] < rig.depth_range_mm[1]:
@@ -530,18 +531,8 @@ def describe_pattern(pattern: Pattern) -> list[str]:
 def compute_size_table(rig: PatternRig, coverage: float = 0.5) -> list[tuple[float, float, float, float]]:
     """Return what dots of several sizes are worth to a rig, from theory: dots that lie anywhere.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    coverage
-        Share of the sheet that they cover.
-
-    Returns
-    -------
-    list of tuple
-        Diameter in px and in mm, noise of depth and motion relative to dots of 4 px, and the share of the variance that
-        is too fine for the pixels.
+    Returns: Diameter in px and in mm, noise of depth and motion relative to dots of 4 px, and the share of the variance
+    that is too fine for the pixels.
     """
     seen = compute_statistics_by_size(rig, SIZES_PX, coverage)
     own = seen[_OWN_PX].gradient_x
@@ -554,15 +545,7 @@ _RINGS = 40
 
 
 def plot_assessments(file: Path, worths: Sequence[PatternAssessment]) -> None:
-    """Draw what the rig sees of patterns, and the spectrum that lens and pixels leave.
-
-    Parameters
-    ----------
-    file
-        PNG file to write.
-    worths
-        The patterns.
-    """
+    """Draw what the rig sees of patterns, and the spectrum that lens and pixels leave."""
     import matplotlib.style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -572,11 +555,13 @@ def plot_assessments(file: Path, worths: Sequence[PatternAssessment]) -> None:
         FigureCanvasAgg(figure)
         axes = figure.subplots(1, len(worths) + 1, width_ratios=[*[3.2] * len(worths), 5.0])
         for ax, worth in zip(axes[:-1], worths, strict=True):
+            assert worth.patch is not None
             ax.imshow(worth.patch, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
             ax.set(title=worth.label, xlabel="x, px", ylabel="y, px")
         edges = np.linspace(0, 1.5 * NYQUIST, _RINGS + 1)
         middle = (edges[1:] + edges[:-1]) / 2
         for worth, colour in zip(worths, _COLOURS * len(worths), strict=False):
+            assert worth.spectrum is not None
             density = compute_ring_means(worth.spectrum, worth.optics, edges)
             # What a ring adds to the square of the gradient: its circumference, and (2 π f)² / 2 for one axis.
             adds = 4 * np.pi**3 * middle**3 * np.maximum(density, 0.0)

@@ -26,33 +26,8 @@ def place_dots(
 ) -> Any:
     """Place candidates one by one, unless they come too near to what is there, until enough is covered.
 
-    Parameters
-    ----------
-    candidates
-        Centres (x, y) from the sheet's upper left corner, shape (n, 2), not further outside than ``radius``.
-    placed
-        Centres so far, of which ``count`` are filled; more are added.
-    count
-        How many there are.
-    cells
-        Number of the dot in every cell, -1 for none; cells have the side ``least`` / √2, and begin at -``radius``.
-    least
-        Least distance of two centres; 0 for none.
-    covered
-        Texels of the sheet whose middle is covered.
-    texel
-        Their size.
-    radius
-        Of the dots.
-    wanted
-        How many texels are to be covered.
-    so_far
-        How many are.
-
-    Returns
-    -------
-    tuple of int
-        How many dots there are then, and how many texels they cover.
+    ``candidates``: Centres (x, y) from the sheet's upper left corner, shape (n, 2), not further outside than
+      ``radius``.
     """
     rows, columns = covered.shape
     high, wide = cells.shape

@@ -12,7 +12,7 @@ from scenetruth.design.patterns.generation import Pattern
 from scenetruth.design.patterns.pattern_model import Box, PatternError
 from scenetruth.errors import Problem
 
-__all__ = ["PAGES_MM", "RULER_MM", "PageLine", "PageText", "PrintPage", "lay_out_pages"]
+__all__ = ["PageLine", "PageText", "PrintPage", "lay_out_pages"]
 
 PAGES_MM = {
     "A5": (148.0, 210.0),
@@ -65,16 +65,10 @@ class PageText:
 class PrintPage:
     """A page to print.
 
-    Parameters
-    ----------
-    size_mm
-        Width and height.
-    place_mm
-        Where the tile is on the page.
-    tile_mm
-        Which part of the pattern it is.
-    lines, texts
-        What else is on the page.
+    ``size_mm``: Width and height.
+    ``place_mm``: Where the tile is on the page.
+    ``tile_mm``: Which part of the pattern it is.
+    ``lines``, ``texts``: What else is on the page.
     """
 
     size_mm: tuple[float, float]
@@ -87,20 +81,8 @@ class PrintPage:
 def lay_out_pages(pattern: Pattern, page: str = "A4", margin_mm: float = 10.0) -> list[PrintPage]:
     """Lay a pattern out on pages.
 
-    Parameters
-    ----------
-    pattern
-        The pattern. What does not fit on one page is cut into tiles, row by row.
-    page
-        A size of paper (`PAGES_MM`), or its width and height in mm: ``"300x400"``. Known sizes are laid across where
-        that takes fewer pages.
-    margin_mm
-        What the printer cannot print on, along all sides.
-
-    Raises
-    ------
-    PatternError
-        If the page is unknown or too small, or too many are needed.
+    ``page``: A size of paper (`PAGES_MM`), or its width and height in mm: ``"300x400"``. Known sizes are laid across
+      where that takes fewer pages.
     """
     sizes = _page_sizes(page)
     problems = [] if sizes else [Problem("page", f"must be one of {', '.join(PAGES_MM)}, or WIDTHxHEIGHT in mm", page)]

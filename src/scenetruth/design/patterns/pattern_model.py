@@ -23,7 +23,6 @@ __all__ = [
     "PatternDrawing",
     "PatternError",
     "PatternModel",
-    "list_problems",
     "validate_values",
 ]
 
@@ -40,17 +39,7 @@ class PatternError(ArgumentError):
 def validate_values(
     model: type[Model], values: Mapping[str, Any], path: str = ""
 ) -> tuple[Model | None, list[Problem]]:
-    """Return a model made of values, or what is wrong with them.
-
-    Parameters
-    ----------
-    model
-        The model.
-    values
-        Its fields.
-    path
-        What stands before the names of fields in problems.
-    """
+    """Return a model made of values, or what is wrong with them."""
     try:
         return model.model_validate(dict(values)), []
     except ValidationError as error:
@@ -59,17 +48,7 @@ def validate_values(
 
 
 def list_problems(error: ValidationError, path: str, known: str) -> list[Problem]:
-    """Return the problems that a validation has found.
-
-    Parameters
-    ----------
-    error
-        What it raised.
-    path
-        What stands before the names of fields.
-    known
-        Names of the fields that there are.
-    """
+    """Return the problems that a validation has found."""
     found = []
     for entry in error.errors():
         where = ".".join([path, *map(str, entry["loc"])] if path else map(str, entry["loc"]))
@@ -92,12 +71,8 @@ Box = tuple[float, float, float, float]
 class InkDots:
     """Discs of ink.
 
-    Parameters
-    ----------
-    centres_mm
-        Shape (n, 2).
-    diameter_mm
-        Of all of them.
+    ``centres_mm``: Shape (n, 2).
+    ``diameter_mm``: Of all of them.
     """
 
     centres_mm: Array
@@ -108,10 +83,7 @@ class InkDots:
 class InkAreas:
     """Areas of ink.
 
-    Parameters
-    ----------
-    outlines_mm
-        Closed polygons, each of shape (n, 2); holes run the other way round than what they are in.
+    ``outlines_mm``: Closed polygons, each of shape (n, 2); holes run the other way round than what they are in.
     """
 
     outlines_mm: list[Array]
@@ -121,12 +93,8 @@ class InkAreas:
 class GreyPicture:
     """A picture in shades of grey.
 
-    Parameters
-    ----------
-    values
-        sRGB grey values, shape (rows, columns), uint8.
-    box_mm
-        What it covers.
+    ``values``: sRGB grey values, shape (rows, columns), uint8.
+    ``box_mm``: What it covers.
     """
 
     values: NDArray[np.uint8]
@@ -142,20 +110,7 @@ class PatternDrawing(ABC):
 
     @abstractmethod
     def ink(self, box_mm: Box, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return how much of every texel ink covers.
-
-        Parameters
-        ----------
-        box_mm
-            What the texels cover.
-        shape
-            Rows and columns.
-
-        Returns
-        -------
-        numpy.ndarray
-            From 0, paper, to 1.
-        """
+        """Return how much of every texel ink covers."""
 
     @abstractmethod
     def marks(self, box_mm: Box) -> Marks:
@@ -179,20 +134,7 @@ class PatternModel(FrozenModel, ABC):
 
     @abstractmethod
     def draw(self, size_mm: tuple[float, float], generator: np.random.Generator) -> PatternDrawing:
-        """Draw the pattern.
-
-        Parameters
-        ----------
-        size_mm
-            Width and height.
-        generator
-            Source of everything irregular.
-
-        Raises
-        ------
-        PatternError
-            If it cannot be drawn as the model says.
-        """
+        """Draw the pattern."""
 
     @abstractmethod
     def told(self, mm_per_px: float) -> str:
@@ -215,17 +157,7 @@ class PatternModel(FrozenModel, ABC):
     def power(self, count: int, pitch_mm: float) -> Array | None:
         """Return the spectrum of the ink from theory.
 
-        Parameters
-        ----------
-        count
-            Points of a periodic raster along x, and along y.
-        pitch_mm
-            Their distance.
-
-        Returns
-        -------
-        numpy.ndarray or None
-            Power at the frequencies of `numpy.fft.fftfreq` along y and x, shape (count, count), which sums to the
-            variance of the ink; None if there is no closed form.
+        Returns: Power at the frequencies of `numpy.fft.fftfreq` along y and x, shape (count, count), which sums to the
+        variance of the ink; None if there is no closed form.
         """
         return None

@@ -203,18 +203,9 @@ Array = NDArray[np.float64]
 def compute_contrast_transfer(rig: PatternRig, along_x: Array, along_y: Array) -> Array:
     """Return the modulation transfer of a rig: lens in focus, blur disc out of focus, and the pixel's aperture.
 
-    Parameters
-    ----------
-    rig
-        The rig; it is in focus if it has no ``defocus``.
-    along_x, along_y
-        Spatial frequencies in periods per px; they are broadcast.
-
-    Returns
-    -------
-    numpy.ndarray
-        Contrast that is left; negative where a blur disc reverses it. A disc of diameter b px leaves 2 J1(π b f) / (π b
-        f), a square pixel sin(π f) / (π f) along each axis.
+    ``along_x``, ``along_y``: Spatial frequencies in periods per px; they are broadcast.
+    Returns: Contrast that is left; negative where a blur disc reverses it. A disc of diameter b px leaves 2 J1(π b f) /
+    (π b f), a square pixel sin(π f) / (π f) along each axis.
     """
     from scipy.special import j1
 
@@ -237,14 +228,9 @@ _LEVELS = 257
 class PatternGreyLevel:
     """A grey value, as a share of full scale.
 
-    Parameters
-    ----------
-    grey
-        The grey value.
-    gain
-        What it changes by per radiance.
-    noise_std
-        Standard deviation of the noise that is new in every image, rounding included; 0 of an ideal sensor.
+    ``grey``: The grey value.
+    ``gain``: What it changes by per radiance.
+    ``noise_std``: Standard deviation of the noise that is new in every image, rounding included; 0 of an ideal sensor.
     """
 
     grey: float

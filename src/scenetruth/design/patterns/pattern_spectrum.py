@@ -36,21 +36,7 @@ _MOST_SIDE = 2048
 
 
 def load_grey_values(picture: str | Path | NDArray[Any], encoding: str) -> Array:
-    """Return the linear grey values of a photograph, from 0 to 1; of a large one, its middle.
-
-    Parameters
-    ----------
-    picture
-        An image file, or an array of grey values (y, x) or colours (y, x, channel): integers up to the largest of their
-        type, or floats in [0, 1].
-    encoding
-        ``"linear"``: proportional to light; ``"srgb"``: as cameras write JPEG files.
-
-    Raises
-    ------
-    PatternError
-        If it is no such image.
-    """
+    """Return the linear grey values of a photograph, from 0 to 1; of a large one, its middle."""
     if encoding not in ("linear", "srgb"):
         raise PatternError([Problem("encoding", "must be linear or srgb", encoding)])
     image = _read(Path(picture)) if isinstance(picture, str | Path) else np.asarray(picture)
@@ -102,16 +88,11 @@ _REACH_PX = 16
 class PatternSpectrum:
     """Power at the frequencies of `numpy.fft.fftfreq`; it sums to the variance.
 
-    Parameters
-    ----------
-    power
-        Shape (rows, columns).
-    pitch_px
-        Distance of the raster's points on the sensor, in px.
-    window
-        Correlation of the window that the picture was faded out with, by distance in rows and columns; None for none.
-    fade
-        What the slopes of this window along x and y add to squared gradients, per variance.
+    ``power``: Shape (rows, columns).
+    ``pitch_px``: Distance of the raster's points on the sensor, in px.
+    ``window``: Correlation of the window that the picture was faded out with, by distance in rows and columns; None for
+      none.
+    ``fade``: What the slopes of this window along x and y add to squared gradients, per variance.
     """
 
     power: Array
@@ -129,17 +110,11 @@ class PatternSpectrum:
 class PatternStatistics:
     """What a rig sees of a pattern, in shares of the picture's unit.
 
-    Parameters
-    ----------
-    contrast
-        Standard deviation.
-    gradient_x, gradient_y
-        Rms of the derivatives, per px, of the quintic spline through the pixels, from which the bound and the refined
-        method take them: of waves that are sampled finely enough.
-    aliased_share
-        Share of the variance in waves that are too short for the pixels.
-    size_px
-        Full width at half maximum of the autocorrelation, mean of x and y.
+    ``contrast``: Standard deviation.
+    ``gradient_x``, ``gradient_y``: Rms of the derivatives, per px, of the quintic spline through the pixels, from which
+      the bound and the refined method take them: of waves that are sampled finely enough.
+    ``aliased_share``: Share of the variance in waves that are too short for the pixels.
+    ``size_px``: Full width at half maximum of the autocorrelation, mean of x and y.
     """
 
     contrast: float
@@ -152,14 +127,7 @@ class PatternStatistics:
 def compute_spectrum(picture: Array, pitch_px: float, noise_std: float = 0.0) -> PatternSpectrum:
     """Return the spectrum of a picture that does not repeat: without its mean, faded out towards its borders.
 
-    Parameters
-    ----------
-    picture
-        Shape (rows, columns).
-    pitch_px
-        Distance of its points on the sensor, in px.
-    noise_std
-        Standard deviation of white noise in it, whose power is taken away.
+    ``pitch_px``: Distance of its points on the sensor, in px.
     """
     from scipy import fft
 
@@ -176,17 +144,7 @@ def compute_spectrum(picture: Array, pitch_px: float, noise_std: float = 0.0) ->
 def compute_pattern_statistics(
     spectrum: PatternSpectrum, rig: PatternRig | None, texel_px: float = 0.0
 ) -> PatternStatistics:
-    """Return what a rig sees of a pattern with that spectrum.
-
-    Parameters
-    ----------
-    spectrum
-        Of the pattern.
-    rig
-        Lens and pixels; None for a picture that they have taken already.
-    texel_px
-        Size of the texels over which the picture has been averaged; that is taken back.
-    """
+    """Return what a rig sees of a pattern with that spectrum."""
     f_x, f_y = spectrum.frequencies()
     left = np.ones_like(spectrum.power) if rig is None else compute_contrast_transfer(rig, f_x, f_y)
     # Beyond, where nothing is taken back, hardly anything is left.
@@ -210,17 +168,7 @@ def compute_pattern_statistics(
 
 
 def sample_patch(picture: Array, pitch_px: float, rig: PatternRig | None, side_px: int) -> Array:
-    """Return the middle of a picture as a rig's pixels sample it, or as it is if they have taken it.
-
-    Parameters
-    ----------
-    picture, pitch_px
-        As of `compute_spectrum`.
-    rig
-        Lens and pixels; None for a picture that they have taken already.
-    side_px
-        Pixels along each side, or as many as there are.
-    """
+    """Return the middle of a picture as a rig's pixels sample it, or as it is if they have taken it."""
     from scipy import fft
     from scipy.ndimage import map_coordinates
 
@@ -245,12 +193,7 @@ def sample_patch(picture: Array, pitch_px: float, rig: PatternRig | None, side_p
 def compute_ring_means(spectrum: PatternSpectrum, rig: PatternRig | None, edges: Array) -> Array:
     """Return the mean power density in rings of frequencies, as the rig sees it, times px²; NaN in rings without any.
 
-    Parameters
-    ----------
-    spectrum, rig
-        As of `compute_pattern_statistics`.
-    edges
-        Borders of the rings in periods per px.
+    ``edges``: Borders of the rings in periods per px.
     """
     f_x, f_y = spectrum.frequencies()
     left = 1.0 if rig is None else compute_contrast_transfer(rig, f_x, f_y)

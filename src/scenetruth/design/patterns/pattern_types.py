@@ -29,16 +29,12 @@ from scenetruth.scene.texture.band_limited_noise import contains_wavelength, mak
 from scenetruth.validated_model import Positive
 
 __all__ = [
-    "MOST_TEXELS",
     "GreyNoisePattern",
     "NoiseField",
     "NoisePattern",
     "SpecklePattern",
-    "compute_band_power",
     "compute_boolean_covariance",
     "compute_clipped_covariance",
-    "generate_noise_field",
-    "list_band_problems",
 ]
 
 
@@ -56,12 +52,8 @@ _PART = 2_000_000
 class NoiseField:
     """Noise of zero mean and unit variance that repeats.
 
-    Parameters
-    ----------
-    coefficients
-        Of a periodic cubic spline.
-    period_mm
-        Width and height after which it repeats.
+    ``coefficients``: Of a periodic cubic spline.
+    ``period_mm``: Width and height after which it repeats.
     """
 
     coefficients: NDArray[np.float32]
@@ -95,21 +87,7 @@ def generate_noise_field(
     peak: float,
     generator: np.random.Generator,
 ) -> NoiseField:
-    """Make the noise of a sheet.
-
-    Parameters
-    ----------
-    wavelength_mm
-        Shortest and longest wavelength.
-    size_mm
-        Size of the sheet; what is larger than 256 shortest wavelengths repeats.
-    exponent
-        Power density in the band is proportional to (spatial frequency) ** exponent.
-    peak
-        It stays within so many standard deviations.
-    generator
-        Source of phases and amplitudes.
-    """
+    """Make the noise of a sheet."""
     noise = make_band_limited_noise(wavelength_mm, size_mm, generator, exponent=exponent, peak=peak)
     return NoiseField(noise.coefficients, noise.period)
 
@@ -284,17 +262,8 @@ def compute_clipped_covariance(correlation: Array, threshold: float) -> Array:
     The derivative by the correlation ρ is the density of two values at the threshold, so that the covariance is the
     integral of exp(-h² / (1 + r)) / (2 π √(1 - r²)) over r from 0 to ρ. At h = 0 it is arcsin(ρ) / 2 π.
 
-    Parameters
-    ----------
-    correlation
-        ρ of two values, any shape.
-    threshold
-        h in standard deviations.
-
-    Returns
-    -------
-    numpy.ndarray
-        Of the same shape; p (1 - p) at ρ = 1.
+    ``correlation``: ρ of two values, any shape.
+    Returns: Of the same shape; p (1 - p) at ρ = 1.
     """
     # With r = sin a the root goes away.
     angle = np.arcsin(correlation)
@@ -417,19 +386,7 @@ def compute_boolean_covariance(distance_mm: Array, dot_mm: float, coverage: floa
     With the share p covered by n discs per area, and A(r) what two discs at a distance r share, two points are both
     bare with the probability exp(-n (π D² / 2 - A)): the covariance is (1 - p)² (exp(n A) - 1).
 
-    Parameters
-    ----------
-    distance_mm
-        Distances of two points, any shape.
-    dot_mm
-        Diameter D of the discs.
-    coverage
-        p = 1 - exp(-n π D² / 4).
-
-    Returns
-    -------
-    numpy.ndarray
-        p (1 - p) at 0, and 0 from D on.
+    ``distance_mm``: Distances of two points, any shape.
     """
     share = np.minimum(np.asarray(distance_mm) / dot_mm, 1.0)
     # As a share of one disc's area.

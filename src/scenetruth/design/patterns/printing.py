@@ -18,17 +18,7 @@ from scenetruth.design.patterns.generation import Pattern
 from scenetruth.design.patterns.page_layout import PageLine, PageText, PrintPage, lay_out_pages
 from scenetruth.design.patterns.pattern_model import Array, GreyPicture, InkAreas, InkDots, Marks
 
-__all__ = [
-    "IMAGE",
-    "PDF",
-    "SCENE_LINES",
-    "SIGN",
-    "export_pattern",
-    "format_scene_lines",
-    "render_svg",
-    "write_pdf",
-    "write_texture_image",
-]
+__all__ = ["export_pattern", "format_scene_lines", "write_texture_image"]
 
 
 # Digits behind the point; outlines, which have many points, are told in whole µm.
@@ -36,15 +26,7 @@ _DIGITS, _OUTLINE_DIGITS = 4, 3
 
 
 def render_svg(pattern: Pattern, page: PrintPage) -> str:
-    """Return a page as an SVG document whose user unit is a mm.
-
-    Parameters
-    ----------
-    pattern
-        The pattern.
-    page
-        One of its pages.
-    """
+    """Return a page as an SVG document whose user unit is a mm."""
     width, height = (_number(side) for side in page.size_mm)
     left, top = page.place_mm[:2]
     shift = f"translate({_number(left - page.tile_mm[0])} {_number(top - page.tile_mm[1])})"
@@ -127,17 +109,7 @@ _POINTS_PER_MM = 72 / _MM_PER_INCH
 
 
 def write_pdf(file: Path, pattern: Pattern, pages: Sequence[PrintPage]) -> None:
-    """Write pages into a PDF file; the same bytes every time.
-
-    Parameters
-    ----------
-    file
-        What to write.
-    pattern
-        The pattern.
-    pages
-        Its pages.
-    """
+    """Write pages into a PDF file; the same bytes every time."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
@@ -289,15 +261,7 @@ def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", ma
 
 
 def format_scene_lines(pattern: Pattern, file: str = IMAGE) -> str:
-    """Return what a scene file needs to show the pattern on a plane.
-
-    Parameters
-    ----------
-    pattern
-        The pattern.
-    file
-        Its image, as `export_pattern` writes it.
-    """
+    """Return what a scene file needs to show the pattern on a plane."""
     width, height = pattern.size_mm
     return (
         f"# {pattern.told}; seed {pattern.seed}\n"
@@ -310,15 +274,7 @@ def format_scene_lines(pattern: Pattern, file: str = IMAGE) -> str:
 
 
 def write_texture_image(file: Path, pattern: Pattern) -> None:
-    """Write a pattern as an image texture: linear reflectance, four texels per px of the rig.
-
-    Parameters
-    ----------
-    file
-        PNG file, of 8 bits, or 16 for shades of grey.
-    pattern
-        The pattern.
-    """
+    """Write a pattern as an image texture: linear reflectance, four texels per px of the rig."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 

@@ -26,7 +26,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.resources import ObjectWorkload
 from scenetruth.scene import Scene
 
-__all__ = ["noise_problems", "predict_analytic"]
+__all__ = ["predict_analytic"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -54,17 +54,8 @@ def predict_analytic(
 ) -> Prediction:
     """Predict the precision of a scene from points and spectra; see `predict`.
 
-    Parameters
-    ----------
-    scene, method, window_sigma_px, motion
-        As of `predict`.
-    parts
-        The objects of the scene.
-    folder
-        Where relative paths in the scene count from.
-    painting
-        Whether textures without an exact formula are painted, which takes seconds once and loads compiled code. If
-        not, what is known of them counts, and objects of whose texture nothing is known are left out.
+    ``painting``: Whether textures without an exact formula are painted, which takes seconds once and loads compiled
+      code. If not, what is known of them counts, and objects of whose texture nothing is known are left out.
     """
     setup = prepare_method(scene, method, window_sigma_px, motion)
     look = sample_surface(setup.scene, parts, folder)

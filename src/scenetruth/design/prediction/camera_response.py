@@ -37,21 +37,9 @@ def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px:
     spread function; the aperture is a disc; motion is a mean over a line. Waves finer than two pixels are lost: images
     show them as other waves, which do not move as the surface does.
 
-    Parameters
-    ----------
-    frequency
-        Frequencies along x and y in periods per px, shape (points, waves, 2).
-    scene
-        Optics and sampling.
-    depth_mm
-        Depth of the points, shape (points,).
-    motion_px
-        How far they move in the image while it is taken, shape (points, 2).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (points, waves).
+    ``frequency``: Frequencies along x and y in periods per px, shape (points, waves, 2).
+    ``depth_mm``: Depth of the points, shape (points,).
+    ``motion_px``: How far they move in the image while it is taken, shape (points, 2).
     """
     found = _pixel(frequency, scene.render.supersampling)
     optics, focal = scene.optics, scene.camera.focal_px
@@ -68,14 +56,8 @@ def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px:
 def compute_blur_px(scene: Scene, depth_mm: Array, flow_px: Array) -> Array:
     """Return how far points move in the image while it is taken: by their own motion, and by that of the stage.
 
-    Parameters
-    ----------
-    scene
-        Shutter, frames and camera.
-    depth_mm
-        Depth of the points, shape (points,).
-    flow_px
-        Optical flow in px per frame, shape (points, 2).
+    ``depth_mm``: Depth of the points, shape (points,).
+    ``flow_px``: Optical flow in px per frame, shape (points, 2).
     """
     shutter = scene.shutter
     found = flow_px * (shutter.exposure_time_s / scene.frames.frame_interval_s)
@@ -87,15 +69,8 @@ def compute_blur_px(scene: Scene, depth_mm: Array, flow_px: Array) -> Array:
 def compute_derivative_response(frequency: Array) -> Array:
     """Return the derivative along one axis of the quintic spline through a wave of amplitude 1, at the pixels.
 
-    Parameters
-    ----------
-    frequency
-        Periods per px.
-
-    Returns
-    -------
-    numpy.ndarray
-        Radian per px: 2π f of long waves, 0 at two pixels per period.
+    ``frequency``: Periods per px.
+    Returns: Radian per px: 2π f of long waves, 0 at two pixels per period.
     """
     turn = 2 * np.pi * frequency
     return np.asarray(5 * (10 * np.sin(turn) + np.sin(2 * turn)) / (33 + 26 * np.cos(turn) + np.cos(2 * turn)))
@@ -127,16 +102,10 @@ _SIDE, _LEVELS, _IMAGES = 48, 9, 8
 class GreyLevelNoise:
     """Grey values of points and their noise, as shares of full scale.
 
-    Parameters
-    ----------
-    level
-        Mean grey value, shape (n,).
-    gain
-        What it changes by per radiance, shape (n,).
-    noise
-        Standard deviation of the noise that is new in every image, rounding included, shape (n,).
-    pattern
-        Standard deviation of what pixels keep over all images, shape (n,).
+    ``level``: Mean grey value, shape (n,).
+    ``gain``: What it changes by per radiance, shape (n,).
+    ``noise``: Standard deviation of the noise that is new in every image, rounding included, shape (n,).
+    ``pattern``: Standard deviation of what pixels keep over all images, shape (n,).
     """
 
     level: Array
@@ -148,18 +117,7 @@ class GreyLevelNoise:
 def compute_grey_levels(sensor: Any, radiance: Array) -> GreyLevelNoise:
     """Return grey values and noise of points.
 
-    Parameters
-    ----------
-    sensor
-        The scene's sensor.
-    radiance
-        Mean radiance of the points, shape (n,).
-
-    Returns
-    -------
-    Grey
-        Of ``gaussian`` and a linear ``emva1288`` by their formulas; of any other sensor as a few flat images of it
-        tell. The ideal sensor has no noise.
+    ``radiance``: Mean radiance of the points, shape (n,).
     """
     radiance = np.asarray(radiance, dtype=np.float64)
     if isinstance(sensor, GaussianSensor):
@@ -182,12 +140,7 @@ def compute_grey_levels(sensor: Any, radiance: Array) -> GreyLevelNoise:
 def compute_irradiance(scene: Scene, points_mm: Array, normals: Array) -> Array:
     """Return by what factor points are brighter than their texture says, at the reference frame; without shadows.
 
-    Parameters
-    ----------
-    scene
-        Its lighting.
-    points_mm, normals
-        The points in the world, and unit normals towards the camera, shape (n, 3).
+    ``points_mm``, ``normals``: The points in the world, and unit normals towards the camera, shape (n, 3).
     """
     lighting = scene.lighting
     factor = np.full(len(points_mm), lighting.brightness(0.0))

@@ -41,16 +41,7 @@ _UNITS = {
 def predict_maps(
     scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | None, envelope: Prediction
 ) -> Prediction:
-    """Predict the precision of a scene from an image without noise; see `predict`.
-
-    Parameters
-    ----------
-    scene, method, window_sigma_px, motion
-        As of `predict`.
-    envelope
-        The prediction from geometry and spectra: it tells what went into this one, and what noise that stays with the
-        pixels costs.
-    """
+    """Predict the precision of a scene from an image without noise; see `predict`."""
     setup = prepare_method(scene, method, window_sigma_px, motion)
     frames = setup.scene.frames.model_copy(update={"count": len(np.unique(setup.views.t))})
     # Rows that are exposed one after the other would have to be rendered one by one.
@@ -76,7 +67,7 @@ def predict_maps(
         envelope,
         model="maps",
         regions=tuple(regions),
-        figures=figures,
+        precisions=figures,
         by_region=causes,
         maps=_maps(std, truth, envelope, made),
     )

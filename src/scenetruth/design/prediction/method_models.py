@@ -50,18 +50,11 @@ Array = NDArray[np.float64]
 class MethodSetup:
     """A method with its settings, and the rig.
 
-    Parameters
-    ----------
-    scene
-        The scene; its lens without distortion.
-    settings
-        Of the method.
-    window_sigma_px
-        Standard deviation of the window.
-    motion
-        What is unknown of the velocity gradient.
-    views
-        Images that are estimated together, those of the window's frames around the reference frame.
+    ``scene``: The scene; its lens without distortion.
+    ``settings``: Of the method.
+    ``window_sigma_px``: Standard deviation of the window.
+    ``motion``: What is unknown of the velocity gradient.
+    ``views``: Images that are estimated together, those of the window's frames around the reference frame.
     """
 
     scene: Scene
@@ -104,35 +97,15 @@ class MethodModel(ABC):
     def from_spectrum(self, setup: MethodSetup, look: SurfaceSamples, seen: ImagedTexture) -> dict[str, Array]:
         """Return standard deviations of what it estimates at points, from the texture's spectrum.
 
-        Parameters
-        ----------
-        setup
-            Its settings and the rig.
-        look, seen
-            The points, and what images show of them.
-
-        Returns
-        -------
-        dict
-            ``disparity``, ``depth``, ``slope.0``, ``flow.0``, ``velocity.0`` ... ``growth_rate``, in the units of data
-            sets, as far as it tells them; each of shape (n,), not finite where nothing is told.
+        Returns: ``disparity``, ``depth``, ``slope.0``, ``flow.0``, ``velocity.0`` ... ``growth_rate``, in the units of
+        data sets, as far as it tells them; each of shape (n,), not finite where nothing is told.
         """
 
     @abstractmethod
     def from_images(self, setup: MethodSetup, scene: ReferenceRender) -> dict[str, Array]:
         """Return maps of standard deviations, from an image of the texture without noise.
 
-        Parameters
-        ----------
-        setup
-            Its settings and the rig.
-        scene
-            The image, the truth and the noise.
-
-        Returns
-        -------
-        dict
-            As of `from_spectrum`, each of shape (y, x); noise that stays with the pixels is not in it.
+        Returns: As of `from_spectrum`, each of shape (y, x); noise that stays with the pixels is not in it.
         """
 
 
@@ -143,22 +116,7 @@ def all_method_models() -> Mapping[str, MethodModel]:
 
 
 def prepare_method(scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | None) -> MethodSetup:
-    """Return a method at work on a scene.
-
-    Parameters
-    ----------
-    scene
-        The scene. If it estimates with this method, it has its settings.
-    method
-        Name of the method.
-    window_sigma_px, motion
-        Instead of what the settings say.
-
-    Raises
-    ------
-    SceneError
-        If the method is not one that theory knows, or the window is impossible; lists all.
-    """
+    """Return a method at work on a scene."""
     problems = []
     if method not in all_method_models():
         message = f"theory knows the precision of {', '.join(all_method_models())} only"
@@ -431,15 +389,7 @@ class StructureTensorModel(MethodModel):
 def _deviations(
     setup: MethodSetup, rig: AcquisitionAxes, at: _At, textured: Callable[[Array], _Texture]
 ) -> dict[str, Array]:
-    """Return what is told of windows: disparity, depth, flow and velocity.
-
-    Parameters
-    ----------
-    setup, rig, at
-        The method at work.
-    textured
-        Gives `_Texture`, called with the disparity that is left after registration.
-    """
+    """Return what is told of windows: disparity, depth, flow and velocity."""
     focal, found = setup.scene.camera.focal_px, dict[str, Array]()
     relative: Array = np.zeros_like(at.x)
     nearest = np.rint(at.disparity) if setup.sees_depth else np.zeros_like(at.x)
@@ -517,17 +467,6 @@ def _shared(
 
     Images that show the surface at places Δ apart share it as far as the texture's gradient, and the window, are like
     themselves Δ further: of waves, filters along s leave |Σ_s f_s exp(i k d s)|².
-
-    Parameters
-    ----------
-    look
-        The points.
-    turn, weight
-        Wave numbers of their texture, and what each wave counts.
-    rig, sigma_px
-        Places of the cameras, and standard deviation of the window.
-    over_s, over_t
-        The filters.
     """
     # The same at every call: a prediction is no draw.
     scattered = turn[..., 0] + np.random.default_rng(0).normal(0.0, 1.0 / (np.sqrt(2.0) * sigma_px), turn.shape[:2])

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.output import claim_folder, write_atomically
+from scenetruth.results import QuantityValue, Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -96,7 +97,7 @@ class PredictedValue:
     >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [sheet]}
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5, "frame_interval_s": 600}}
     >>> prediction = st.predict(plain | {"sensor": {"noise_std": 0.01}}, method="refined")
-    >>> figure = prediction.figure("growth_rate", "object_sheet")
+    >>> figure = prediction.precision("growth_rate", "object_sheet")
     >>> f"{figure.signal_value:.2f} {figure.value_unit}, known to {figure.value:.2f} in a pixel"
     '2.00 %/h, known to 0.20 in a pixel'
     >>> f"{figure.signal:.5f} {figure.unit}, {figure.signal_to_noise:.0f} standard deviations"
@@ -203,7 +204,7 @@ class PredictionInputs:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class Prediction(Result):
     """How precisely depth, motion, slopes and growth of a scene can be known from its images.
 
     Parameters
@@ -217,12 +218,13 @@ class Prediction:
         has none.
     frame_interval_s
         Time between two frames.
-    figures
-        Figures by region and quantity.
+    precisions
+        Predicted standard deviations by region and quantity.
     by_region
         What went into it, by region.
     maps
-        Maps of the standard deviations, ``depth_std`` and so on as in `cramer_rao_bound`; None of an envelope.
+        Maps of the standard deviations, ``depth_std`` and so on as in `cramer_rao_bound`; None with ``analytic``, and
+        after `load`: `save` leaves them out.
     notes
         What is left out, in words.
     pattern_cost
@@ -245,12 +247,12 @@ class Prediction:
     >>> prediction.method, prediction.regions
     ('refined', ('all', 'interior', 'object_wall'))
     >>> for quantity in ("depth", "velocity_x", "velocity_z"):
-    ...     figure = prediction.figure(quantity, "interior")
+    ...     figure = prediction.precision(quantity, "interior")
     ...     print(f"{quantity}: {figure.value:.1g} {figure.value_unit}")
     depth: 0.04 mm
     velocity_x: 0.0007 mm/frame
     velocity_z: 0.03 mm/frame
-    >>> prediction.to_frame().columns[:5].tolist()
+    >>> prediction.to_dataframe().columns[:5].tolist()
     ['region', 'quantity', 'std', 'unit', 'signal']
     """
 
@@ -258,7 +260,7 @@ class Prediction:
     method: str
     regions: tuple[str, ...]
     frame_interval_s: float
-    figures: Mapping[str, Mapping[str, PredictedValue]]
+    precisions: Mapping[str, Mapping[str, PredictedValue]]
     by_region: Mapping[str, PredictionInputs]
     maps: xr.Dataset | None = None
     notes: tuple[str, ...] = field(default=())
@@ -272,10 +274,10 @@ class Prediction:
     @property
     def quantities(self) -> tuple[str, ...]:
         """The quantities that are predicted: keys of `scenetruth.scoring.QUANTITIES`."""
-        return tuple(self.figures["all"])
+        return tuple(self.precisions["all"])
 
-    def figure(self, quantity: str, region: str = "all") -> PredictedValue:
-        """Return the figure of a quantity in a region.
+    def precision(self, quantity: str, region: str = "interior") -> PredictedValue:
+        """Return the predicted standard deviation of a quantity in a region, with all that belongs to it.
 
         Parameters
         ----------
@@ -286,27 +288,69 @@ class Prediction:
 
         Raises
         ------
-        SceneError
-            If one of them is not predicted; says which are.
+        ArgumentError
+            If one of them is not predicted; the message lists those that are.
         """
         problems = []
         if region not in self.regions:
-            problems.append(Problem("region", f"is not predicted; there are {', '.join(self.regions)}", region))
+            problems.append(Problem("region", f"is not predicted; must be one of {', '.join(self.regions)}", region))
         if quantity not in self.quantities:
-            message = f"is not predicted for this scene and method; there are {', '.join(self.quantities) or 'none'}"
-            problems.append(Problem("quantity", message, quantity))
+            listed = ", ".join(self.quantities) or "none"
+            problems.append(
+                Problem("quantity", f"is not predicted for this scene and method; predicted: {listed}", quantity)
+            )
         if problems:
-            raise SceneError(problems)
-        return self.figures[region][quantity]
+            raise ArgumentError(problems)
+        return self.precisions[region][quantity]
 
-    def to_frame(self) -> pd.DataFrame:
+    def value(self, quantity: str, statistic: str = "rmse", *, region: str = "interior") -> QuantityValue:
+        """Return a statistic of the errors that the predicted standard deviations lead to.
+
+        Parameters
+        ----------
+        quantity
+            One of `quantities`.
+        statistic
+            ``rmse``: root mean square of the standard deviations over the region; ``scaled_median_abs_error``: their
+            median; ``p95_abs_error``: 95th percentile of the absolute values of normal errors.
+        region
+            One of `regions`.
+
+        Raises
+        ------
+        ArgumentError
+            If one of them is not predicted; the message lists those that are.
+        """
+        one = self.precision(quantity, region)
+        values = {"rmse": one.rmse, "scaled_median_abs_error": one.value, "p95_abs_error": one.p95_abs_error}
+        if statistic not in values:
+            raise ArgumentError([Problem("statistic", f"must be one of {', '.join(values)}", statistic)])
+        return QuantityValue(values[statistic], one.value_unit, statistic=statistic, region=region)
+
+    def summary(self) -> str:
+        """Return the RMSE of every quantity in the interior, then the notes, one per line."""
+        values = [
+            (name, self.value(name, region=self.regions[min(1, len(self.regions) - 1)])) for name in self.quantities
+        ]
+        lines = [f"{TITLES[name]}: RMSE {one.value:.3g} {one.unit} ({one.region})" for name, one in values]
+        return "\n".join([f"{self.method.replace('_', ' ')}, model {self.model}", *lines, *self.notes])
+
+    _UNSAVED = frozenset({"maps"})
+
+    @classmethod
+    def _names(cls) -> dict[str, Any]:
+        import xarray
+
+        return {"xr": xarray}
+
+    def to_dataframe(self) -> pd.DataFrame:
         """Return a table, a figure each row: region, quantity, all of `PredictedValue`, level, method."""
         import pandas as pd
 
         rows: list[dict[str, Any]] = [
             {"region": region, "quantity": quantity, **vars(figure), "model": self.model, "method": self.method}
             for region in self.regions
-            for quantity, figure in self.figures[region].items()
+            for quantity, figure in self.precisions[region].items()
         ]
         return pd.DataFrame(rows)
 
@@ -318,19 +362,7 @@ def compute_value(
     valid_fraction: float,
     frame_interval_s: float,
 ) -> PredictedValue:
-    """Return a figure with what it is for people.
-
-    Parameters
-    ----------
-    quantity
-        Key of `UNITS`.
-    spread
-        Median and root mean square of the standard deviation, and the 95th percentile of errors.
-    signal, valid_fraction
-        As of `PredictedValue`.
-    frame_interval_s
-        Time between two frames.
-    """
+    """Return a figure with what it is for people."""
     unit = UNITS[quantity]
     factor = 100.0 * _S_PER_H / frame_interval_s if unit in _UNITS_INSIDE else 1.0
     told = None if signal is None else factor * signal
@@ -349,31 +381,11 @@ _SHOWN = ("depth", "slope", "velocity", "growth_rate", "principal_growth_rates",
 
 
 def write_prediction(prediction: Prediction, folder: Path, *, overwrite: bool = False) -> list[str]:
-    """Write a prediction.
-
-    Parameters
-    ----------
-    prediction
-        The prediction.
-    folder
-        Folder to make.
-    overwrite
-        Whether a prediction that is there is replaced.
-
-    Returns
-    -------
-    list of str
-        Names of the files: the table, and of the model ``"maps"`` a picture of the maps.
-
-    Raises
-    ------
-    OutputExistsError
-        If the folder exists.
-    """
+    """Write a prediction."""
     names = [_TABLE]
     with write_atomically(folder, overwrite=overwrite, claim=claim_folder(_TABLE)) as aside:
         aside.mkdir()
-        prediction.to_frame().to_csv(aside / _TABLE, index=False)
+        prediction.to_dataframe().to_csv(aside / _TABLE, index=False)
         if prediction.maps is not None:
             _draw(prediction, aside / _PICTURE)
             names.append(_PICTURE)

@@ -15,7 +15,7 @@ from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_meth
 from scenetruth.resources import Limits, ObjectWorkload, limited_objects
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 
-__all__ = ["SUFFICIENT_RATIO", "make_recommendations", "predict", "predict_quickly", "recommend"]
+__all__ = ["predict", "predict_quickly", "recommend"]
 
 
 SUFFICIENT_RATIO = 2.0
@@ -47,26 +47,7 @@ def make_recommendations(
     enough: float = SUFFICIENT_RATIO,
     growth_alone: bool = False,
 ) -> list[str]:
-    """Return what a prediction warns of, in words.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    prediction
-        What is predicted for it.
-    again
-        Predicts the same of a changed scene: what is advised has been tried.
-    enough
-        How many standard deviations motion and growth should be.
-    growth_alone
-        Whether nothing but growth is asked for.
-
-    Returns
-    -------
-    list of str
-        One line for each warning; none if all is well.
-    """
+    """Return what a prediction warns of, in words."""
     found = list(_check_growth(scene, prediction, again, enough))
     if not growth_alone:
         found += [*_check_motion(scene, prediction, again, enough), *_check_depth(scene, prediction)]
@@ -78,7 +59,7 @@ def _check_growth(scene: Scene, prediction: Prediction, again: Predictor, enough
     region = _most_moving(prediction, "growth_rate")
     if region is None:
         return
-    figure = prediction.figure("growth_rate", region)
+    figure = prediction.precision("growth_rate", region)
     if _is_sufficient(figure, enough):
         return
     signal, std = (100.0 * each for each in (figure.signal or 0.0, figure.std))
@@ -91,7 +72,7 @@ def _check_motion(scene: Scene, prediction: Prediction, again: Predictor, enough
     region = None if quantity is None else _most_moving(prediction, quantity)
     if quantity is None or region is None:
         return
-    figure = prediction.figure(quantity, region)
+    figure = prediction.precision(quantity, region)
     if _is_sufficient(figure, enough):
         return
     text = f"motion{_region_suffix(region)} is {figure.signal:.2g} {figure.unit} at a precision of {figure.std:.2g}"
@@ -101,13 +82,13 @@ def _check_motion(scene: Scene, prediction: Prediction, again: Predictor, enough
 def _check_depth(scene: Scene, prediction: Prediction) -> Iterator[str]:
     if "depth" not in prediction.quantities:
         return
-    std, depth = prediction.figure("depth").std, prediction.causes.depth_mm
+    std, depth = prediction.precision("depth", "all").std, prediction.causes.depth_mm
     if math.isfinite(std) and std > _DEPTH_SHARE * depth:
         # Depth is as precise as the baseline is long.
         enough = _nice(abs(scene.stage.baseline_mm) * std / (_DEPTH_SHARE * depth))
         text = f"depth has a precision of {std:.2g} mm at {depth:.4g} mm, {100 * std / depth:.2g} %"
         yield f"{text}: raise stage.baseline_mm to {enough:g}"
-    share = prediction.figure("depth").valid_fraction
+    share = prediction.precision("depth", "all").valid_fraction
     if share < _LEAST_DENSITY:
         text = f"images tell depth in {100 * share:.0f} % of what is seen only"
         yield f"{text}: give surfaces a texture, or reduce stage.baseline_mm, so that all images show them"
@@ -147,7 +128,7 @@ def _most_moving(prediction: Prediction, quantity: str) -> str | None:
     if quantity not in prediction.quantities:
         return None
     signals = {
-        region: prediction.figure(quantity, region).signal or 0.0
+        region: prediction.precision(quantity, region).signal or 0.0
         for region in prediction.regions
         if region.startswith("object_")
     }
@@ -171,7 +152,7 @@ def _longer(scene: Scene, region: str, quantity: str, figure: PredictedValue, ag
     changed = again(scene.model_copy(update={"frames": frames}))
     if region not in changed.regions:
         return None
-    ratio = changed.figure(quantity, region).signal_to_noise or 0.0
+    ratio = changed.precision(quantity, region).signal_to_noise or 0.0
     # Motion that is given per frame stays as it is.
     if ratio < _NEARLY * SUFFICIENT_RATIO:
         return None
@@ -261,7 +242,7 @@ def predict(
     >>> plain = {"camera": {"width": 160, "height": 120, "focal_length_px": 2000}, "objects": [wall]}
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5}, "sensor": {"noise_std": 0.01}}
     >>> prediction = predict(plain, method="refined")
-    >>> depth = prediction.figure("depth")
+    >>> depth = prediction.precision("depth", "all")
     >>> f"{depth.value:.2f} {depth.value_unit}"
     '0.04 mm'
     """
@@ -284,15 +265,7 @@ def predict(
 
 
 def predict_quickly(scene: Scene, parts: Sequence[ObjectWorkload], method: str) -> Prediction:
-    """Predict the precision of a scene by formulas alone: no compiled code is loaded, and no texture painted.
-
-    Parameters
-    ----------
-    scene, parts
-        The scene and its objects.
-    method
-        The method.
-    """
+    """Predict the precision of a scene by formulas alone: no compiled code is loaded, and no texture painted."""
     return predict_analytic(scene, method, None, None, parts, painting=False)
 
 

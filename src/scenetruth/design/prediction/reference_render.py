@@ -33,19 +33,13 @@ _CACHED_TIMES = 4
 class ReferenceRender:
     """What a bound needs of a scene.
 
-    Parameters
-    ----------
-    truth
-        Maps of the reference camera and frame, and ``visible`` of all images.
-    recording
-        Blank images, but for that of the reference camera and frame in all of them, without noise, as ``image`` in
-        shares of full scale and as ``radiance``.
-    noise
-        Of a grey value, as a share of full scale.
-    noise_map, pattern_map, level_map
-        Noise that is new in every image, noise that pixels keep, and grey level, shares of full scale, shape (y, x).
-    names
-        Names of the objects by their numbers.
+    ``truth``: Maps of the reference camera and frame, and ``visible`` of all images.
+    ``recording``: Blank images, but for that of the reference camera and frame in all of them, without noise, as
+      ``image`` in shares of full scale and as ``radiance``.
+    ``noise``: Of a grey value, as a share of full scale.
+    ``noise_map``, ``pattern_map``, ``level_map``: Noise that is new in every image, noise that pixels keep, and grey
+      level, shares of full scale, shape (y, x).
+    ``names``: Names of the objects by their numbers.
     """
 
     truth: xr.Dataset
@@ -58,20 +52,7 @@ class ReferenceRender:
 
 
 def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender:
-    """Render the reference image of a scene and compute what it shows, at the planned poses.
-
-    Parameters
-    ----------
-    scene
-        The scene, with no more frames than are estimated together; its lens does not distort.
-    complete
-        Whether the truth has the growth of length too.
-
-    Raises
-    ------
-    SceneError
-        If the scene cannot be made.
-    """
+    """Render the reference image of a scene and compute what it shows, at the planned poses."""
     world = build_scene(scene)
     check_scene(scene, world)
     schedule, stage, frames = build_schedule(scene), scene.stage, scene.frames

@@ -40,17 +40,7 @@ NAMES = {key: name for name, key in _COMPONENTS.items()}
 
 
 def select_regions(names: tuple[str, ...], body: NDArray[np.int64], interior: Mask) -> dict[str, Mask]:
-    """Return which points are of which region.
-
-    Parameters
-    ----------
-    names
-        Names of the objects.
-    body
-        Their numbers, by point; negative for none.
-    interior
-        Which points are far from edges.
-    """
+    """Return which points are of which region."""
     seen = body >= 0
     found = {"all": seen, "interior": seen & interior}
     for number, name in enumerate(names):
@@ -63,12 +53,7 @@ def select_regions(names: tuple[str, ...], body: NDArray[np.int64], interior: Ma
 def compute_quantities(std: Mapping[str, Array], slopes: Array | None) -> dict[str, Array]:
     """Return standard deviations by the names that scores have.
 
-    Parameters
-    ----------
-    std
-        As a method's model gives them.
-    slopes
-        dZ/dX and dZ/dY, shape (2, ...), for the angle of the normal; None without.
+    ``slopes``: dZ/dX and dZ/dY, shape (2, ...), for the angle of the normal; None without.
     """
     found = {name: std[name] for name in ("depth", "disparity") if name in std}
     found |= {name: std[key] for name, key in _COMPONENTS.items() if key in std}
@@ -89,21 +74,7 @@ def compute_values(
     share: Array,
     frame_interval_s: float,
 ) -> dict[str, dict[str, PredictedValue]]:
-    """Return figures by region and quantity.
-
-    Parameters
-    ----------
-    std
-        Standard deviations of points by quantity.
-    signals
-        What there is to be measured at them.
-    regions
-        Which points count.
-    share
-        What each point stands for.
-    frame_interval_s
-        Time between two frames.
-    """
+    """Return figures by region and quantity."""
     found: dict[str, dict[str, PredictedValue]] = {}
     for region, mask in regions.items():
         found[region] = {}
@@ -125,15 +96,6 @@ def compute_values(
 def compute_spread(std: Array, weights: Array) -> tuple[float, float, float]:
     """Return the median and the root mean square of standard deviations, and the 95th percentile of normal errors.
 
-    Parameters
-    ----------
-    std
-        Standard deviations of points; all infinite results if there are none.
-    weights
-        What each point stands for.
-
-    Examples
-    --------
     >>> [round(one, 3) for one in compute_spread(np.full(9, 2.0), np.ones(9))]
     [2.0, 2.0, 3.92]
     """

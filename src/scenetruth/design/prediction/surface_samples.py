@@ -36,19 +36,8 @@ _AT_A_TIME = 2_000_000
 def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> Numbers:
     """Return the nearest triangle at points of the image.
 
-    Parameters
-    ----------
-    corners_mm
-        Corners of the triangles before the camera, shape (m, 3, 3).
-    focal_px
-        Focal length.
-    x_px, y_px
-        Columns and rows, evenly spaced, from the principal point.
-
-    Returns
-    -------
-    numpy.ndarray
-        Numbers of triangles, -1 for none, shape (rows, columns).
+    ``corners_mm``: Corners of the triangles before the camera, shape (m, 3, 3).
+    Returns: Numbers of triangles, -1 for none, shape (rows, columns).
     """
     width, height = len(x_px), len(y_px)
     nearest = np.zeros(width * height)
@@ -90,19 +79,8 @@ def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> N
 def label_patches(face: Numbers, normals: Array, body: Numbers, most_turned: Array) -> Numbers:
     """Give numbers to pieces of surface: neighbours in a picture on one body whose normals hardly differ are of one.
 
-    Parameters
-    ----------
-    face
-        As of `rasterise`.
-    normals, body
-        Of the triangles: unit normals towards the camera, and the object, shape (m, 3) and (m,).
-    most_turned
-        Cosine of the angle between neighbours that is an edge, by body.
-
-    Returns
-    -------
-    numpy.ndarray
-        The same shape: any number for each piece, -1 where nothing is seen.
+    ``normals``, ``body``: Of the triangles: unit normals towards the camera, and the object, shape (m, 3) and (m,).
+    Returns: The same shape: any number for each piece, -1 where nothing is seen.
     """
     number = np.arange(face.size).reshape(face.shape)
     seen = face >= 0
@@ -163,31 +141,18 @@ _LOST, _OUTSIDE = -2, -3
 class SurfaceSamples:
     """Points on the surfaces that the reference camera sees at the reference frame.
 
-    Parameters
-    ----------
-    points
-        Where they are, how their surface is turned, and how they move.
-    depth_mm, normals
-        Their depths, shape (n,), and unit normals towards the camera, shape (n, 3).
-    body
-        Their objects, numbers of `names`, shape (n,).
-    names
-        Names of the objects.
-    share
-        Pixels of the image for which each stands, shape (n,).
-    chart
-        How the place on the surface in mm changes per px along x and y, shape (n, 2, 2): chart by pixel.
-    light
-        By what factor each is brighter than its texture.
-    growth
-        Growth rate of the area around each, per frame, shape (n,).
-    principal_growth_rates
-        Largest and least growth rate of length there, per frame, shape (2, n).
-    piece, step_px, first_px
-        A picture of the pieces of surface, shape (rows, columns); the distance of its pixels in those of the camera;
-        and where its first one stands from the principal point (x, y).
-    left_out
-        Names of objects that were not looked at: their files take long to read.
+    ``points``: Where they are, how their surface is turned, and how they move.
+    ``depth_mm``, ``normals``: Their depths, shape (n,), and unit normals towards the camera, shape (n, 3).
+    ``body``: Their objects, numbers of `names`, shape (n,).
+    ``names``: Names of the objects.
+    ``share``: Pixels of the image for which each stands, shape (n,).
+    ``chart``: How the place on the surface in mm changes per px along x and y, shape (n, 2, 2): chart by pixel.
+    ``light``: By what factor each is brighter than its texture.
+    ``growth``: Growth rate of the area around each, per frame, shape (n,).
+    ``principal_growth_rates``: Largest and least growth rate of length there, per frame, shape (2, n).
+    ``piece``, ``step_px``, ``first_px``: A picture of the pieces of surface, shape (rows, columns); the distance of its
+      pixels in those of the camera; and where its first one stands from the principal point (x, y).
+    ``left_out``: Names of objects that were not looked at: their files take long to read.
     """
 
     points: ReferencePoints
@@ -231,15 +196,7 @@ class SurfaceSamples:
     def own_around(self, offsets_px: Array) -> Mask:
         """Tell which places around each point are of its own piece of surface, and inside it.
 
-        Parameters
-        ----------
-        offsets_px
-            Steps along x and y, shape (m, 2).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (n, m).
+        ``offsets_px``: Steps along x and y, shape (m, 2).
         """
         x, y = (each[:, None] + offsets_px[:, k] for k, each in enumerate((self.points.x, self.points.y)))
         own = self.piece_at(self.points.x, self.points.y)[:, None]
@@ -297,22 +254,7 @@ class _Body:
 
 
 def sample_surface(scene: Scene, parts: Sequence[ObjectWorkload], folder: Path = Path()) -> SurfaceSamples:
-    """Look at a scene in passing.
-
-    Parameters
-    ----------
-    scene
-        The scene. A lens that distorts is taken for a pinhole.
-    parts
-        Its objects with their sketches.
-    folder
-        Where relative paths in it count from.
-
-    Returns
-    -------
-    Look
-        The points; none if nothing is seen.
-    """
+    """Look at a scene in passing."""
     known = [part for part in parts if part.sketch is not None]
     with np.errstate(all="ignore"):
         bodies = [_body(scene, part, folder) for part in known]

@@ -32,7 +32,7 @@ from scenetruth.scene import Scene
 from scenetruth.scene.texture import TextureModel
 from scenetruth.schema import Intrinsics
 
-__all__ = ["ImagedTexture", "compute_deviations", "compute_imaged_texture", "compute_moments", "factorise_gradients"]
+__all__ = ["ImagedTexture", "compute_deviations", "compute_imaged_texture", "compute_moments"]
 
 
 Array = NDArray[np.float64]
@@ -42,21 +42,13 @@ Array = NDArray[np.float64]
 class ImagedTexture:
     """The texture of points as images have it, and the noise of the images there; grey values count in full scales.
 
-    Parameters
-    ----------
-    frequency
-        Waves in periods per px along x and y, shape (n, w, 2).
-    variance
-        Variance of the grey value by each of them, shape (n, w).
-    surface_variance
-        The same without lens, pixels and motion.
-    response
-        What a derivative along x and along y makes of each wave, in radian per px, shape (n, w, 2).
-    level, white, noise, pattern
-        Mean grey value, that of a texture of 1 in the same light, and standard deviations of the noise that is new in
-        every image and of the one that stays, shape (n,).
-    blur_px
-        How far points move while an image is taken, shape (n,).
+    ``frequency``: Waves in periods per px along x and y, shape (n, w, 2).
+    ``variance``: Variance of the grey value by each of them, shape (n, w).
+    ``surface_variance``: The same without lens, pixels and motion.
+    ``response``: What a derivative along x and along y makes of each wave, in radian per px, shape (n, w, 2).
+    ``level``, ``white``, ``noise``, ``pattern``: Mean grey value, that of a texture of 1 in the same light, and
+      standard deviations of the noise that is new in every image and of the one that stays, shape (n,).
+    ``blur_px``: How far points move while an image is taken, shape (n,).
     """
 
     frequency: Array
@@ -73,24 +65,7 @@ class ImagedTexture:
 def compute_imaged_texture(
     scene: Scene, look: SurfaceSamples, parts: Sequence[ObjectWorkload], folder: Path = Path(), *, painting: bool = True
 ) -> ImagedTexture:
-    """Return what images show of points.
-
-    Parameters
-    ----------
-    scene, look
-        The scene, and the points.
-    parts
-        Its objects.
-    folder
-        Where relative paths in it count from.
-    painting
-        Whether textures whose waves have no exact formula are painted and measured; else what is known of them counts.
-
-    Raises
-    ------
-    SceneError
-        If a texture that has no formula cannot be painted.
-    """
+    """Return what images show of points."""
     items = {part.item.name: part.item for part in parts}
     present = np.unique(look.body)
     waves: dict[int, SpectralComponents] = {}
@@ -166,19 +141,8 @@ _HIGHEST_POWER = 2
 def compute_moments(look: SurfaceSamples, sigma_px: float, highest: int) -> tuple[Moments, Moments]:
     """Sum up the weights of windows, and their squares, times powers of the distance, over their own surface.
 
-    Parameters
-    ----------
-    look
-        The windows' middles, and the pieces of surface.
-    sigma_px
-        Standard deviation of the Gaussian window, which is cut off at twice that.
-    highest
-        Highest power along x and y together.
-
-    Returns
-    -------
-    tuple of dict
-        The sums by the powers along x and y, each of shape (n,); NaN where most of the window is not on the surface.
+    Returns: The sums by the powers along x and y, each of shape (n,); NaN where most of the window is not on the
+    surface.
     """
     line = window_weights("gaussian", sigma_px)[0]
     reach = len(line) // 2
@@ -203,18 +167,7 @@ def compute_moments(look: SurfaceSamples, sigma_px: float, highest: int) -> tupl
 
 
 def factorise_gradients(variance: Array, response: Array) -> Array:
-    """Return two gradients for each point whose products add up to those of its texture, in the mean.
-
-    Parameters
-    ----------
-    variance, response
-        Of the waves; see `ImagedTexture`.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (2, 2, n): the gradient, its component along x and y.
-    """
+    """Return two gradients for each point whose products add up to those of its texture, in the mean."""
     xx, xy, yy = ((variance * response[..., k] * response[..., m]).sum(axis=1) for k, m in ((0, 0), (0, 1), (1, 1)))
     first = np.sqrt(np.maximum(xx, 1e-300))
     slant = xy / first
@@ -232,25 +185,8 @@ def compute_deviations(
 ) -> dict[str, Array]:
     """Return the least standard deviations of a fit in windows, as `cramer_rao_bound`, of the mean over textures.
 
-    Parameters
-    ----------
-    look, views
-        Surface points, and the images.
-    shown
-        Which images show them, shape (images, n).
-    seen
-        What images show of them.
-    sigma_px
-        Standard deviation of the window.
-    model
-        What is unknown in a window.
-    intrinsics
-        Of the camera.
-
-    Returns
-    -------
-    dict
-        As of `compute_functionals`, each of shape (n,); not finite where the images do not tell it.
+    ``shown``: Which images show them, shape (images, n).
+    Returns: As of `compute_functionals`, each of shape (n,); not finite where the images do not tell it.
     """
     points = look.points
     s, s_y, t = (each[:, None] for each in (views.s, views.s_y, views.t))

@@ -42,14 +42,9 @@ Array = NDArray[np.float64]
 class SpectralComponents:
     """A texture as waves on its surface, whose phases do not matter.
 
-    Parameters
-    ----------
-    frequencies_per_mm
-        Their frequencies along both coordinates of the surface, shape (n, 2).
-    variances
-        Variance of the radiance by each of them, shape (n,).
-    mean
-        Mean radiance.
+    ``frequencies_per_mm``: Their frequencies along both coordinates of the surface, shape (n, 2).
+    ``variances``: Variance of the radiance by each of them, shape (n,).
+    ``mean``: Mean radiance.
     """
 
     frequencies_per_mm: Array
@@ -89,19 +84,7 @@ def compute_ring_spectrum(
     radii: int = 8,
     angles: int = 8,
 ) -> SpectralComponents:
-    """Return isotropic noise that is limited to a band.
-
-    Parameters
-    ----------
-    wavelength_mm
-        Shortest and longest wavelength.
-    exponent
-        Its power density is proportional to (spatial frequency) ** exponent.
-    variance, mean
-        Of the radiance.
-    radii, angles
-        So many waves stand for it: Gauss-Legendre nodes of the frequency's logarithm, and even angles over half a turn.
-    """
+    """Return isotropic noise that is limited to a band."""
     nodes, shares = np.polynomial.legendre.leggauss(radii)
     octaves = np.log(wavelength_mm[1] / wavelength_mm[0])
     share_of_highest = np.exp(0.5 * octaves * (nodes - 1.0))
@@ -184,27 +167,7 @@ _MOST_BENT = 0.1
 
 
 def measure_spectrum(item: SceneObject, seed: int, folder: Path) -> SpectralComponents:
-    """Paint the texture of an object and measure its waves.
-
-    Parameters
-    ----------
-    item
-        The object.
-    seed
-        Of the scene.
-    folder
-        Where relative paths count from.
-
-    Returns
-    -------
-    Waves
-        Its spectrum in bins: each stands at the root mean square of its frequencies.
-
-    Raises
-    ------
-    SceneError
-        If the texture cannot be painted.
-    """
+    """Paint the texture of an object and measure its waves."""
     return _measured(_Key(item, seed, folder))
 
 

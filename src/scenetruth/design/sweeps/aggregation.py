@@ -28,7 +28,6 @@ __all__ = [
     "Interval",
     "collect_result",
     "compute_mean",
-    "compute_point_records",
     "compute_positive_mean",
     "compute_root_mean_square",
     "compute_scatter",
@@ -47,13 +46,6 @@ _FEWEST_LEFT_OUT = 3
 def compute_mean(values: Sequence[float]) -> Interval:
     """Return the mean over seeds, with the interval of Student's t.
 
-    Parameters
-    ----------
-    values
-        A figure of each seed.
-
-    Examples
-    --------
     >>> [round(one, 3) for one in compute_mean([1.0, 2.0, 3.0])]
     [2.0, -0.484, 4.484]
     """
@@ -68,8 +60,6 @@ def compute_mean(values: Sequence[float]) -> Interval:
 def compute_positive_mean(values: Sequence[float]) -> Interval:
     """Return the mean over seeds of what is never negative; the interval is that of its logarithm.
 
-    Examples
-    --------
     >>> [round(one, 3) for one in compute_positive_mean([1.0, 2.0, 3.0])]
     [2.0, 0.578, 6.926]
     """
@@ -88,16 +78,8 @@ def compute_scatter(errors: NDArray[np.floating]) -> Interval | None:
     Its interval is that of the jackknife: each seed is left out once (B. Efron and C. Stein, Annals of Statistics 9,
     1981); on the logarithm of the variance.
 
-    Parameters
-    ----------
-    errors
-        Errors at the same pixels with each seed, shape (seed, n); NaN where nothing is told. Pixels that are not told
-        with every seed do not count.
-
-    Returns
-    -------
-    tuple or None
-        None with a single seed, or without pixels.
+    ``errors``: Errors at the same pixels with each seed, shape (seed, n); NaN where nothing is told. Pixels that are
+      not told with every seed do not count.
     """
     always = np.isfinite(errors).all(axis=0)
     count = len(errors)
@@ -134,15 +116,7 @@ def _student(freedom: int) -> float:
 def compute_point_records(
     values: Mapping[str, Any], scene: str, found: Mapping[int, tuple[SimulationResult, Path | None]]
 ) -> Iterator[SweepRecord]:
-    """Give the figures of a point.
-
-    Parameters
-    ----------
-    values, scene
-        The point.
-    found
-        What its simulations have found by seed, and the file of the errors that are kept.
-    """
+    """Give the figures of a point."""
     where = (values, scene)
     pooled: dict[tuple[str, str, str, str], list[float]] = {}
     for seed, (measured, _) in found.items():
@@ -207,17 +181,7 @@ def _make_record(
 
 
 def collect_result(job: SweepTask, keys: Sequence[str], failed: Mapping[str, str]) -> Sweep:
-    """Return what a sweep has found.
-
-    Parameters
-    ----------
-    job
-        The simulations.
-    keys
-        Their keys, by number.
-    failed
-        Why some could not be made, by key.
-    """
+    """Return what a sweep has found."""
     plan = job.plan
     rows: list[SweepRecord] = []
     failures, notes = list(failed.values()), dict[str, None]()

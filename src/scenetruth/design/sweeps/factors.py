@@ -29,18 +29,11 @@ _DIGITS = 12
 class Factor:
     """A field that varies.
 
-    Parameters
-    ----------
-    path
-        Its path in the scene, with ``*`` for every one.
-    values
-        The values of a grid; empty for a range that points fill.
-    ends
-        Low and high end of a range.
-    count
-        How many values of a range there are in a grid; 0 for one that points fill.
-    logarithmic
-        Whether values, or points, lie evenly on a logarithmic scale.
+    ``path``: Its path in the scene, with ``*`` for every one.
+    ``values``: The values of a grid; empty for a range that points fill.
+    ``ends``: Low and high end of a range.
+    ``count``: How many values of a range there are in a grid; 0 for one that points fill.
+    ``logarithmic``: Whether values, or points, lie evenly on a logarithmic scale.
     """
 
     path: str
@@ -55,13 +48,7 @@ class Factor:
         return self.ends is not None and not self.count
 
     def listed(self, *, whole: bool) -> tuple[Any, ...]:
-        """Return the values of a grid.
-
-        Parameters
-        ----------
-        whole
-            Whether the field takes whole numbers: those of a range are then rounded.
-        """
+        """Return the values of a grid."""
         if self.ends is None:
             return self.values
         numbers = (np.geomspace if self.logarithmic else np.linspace)(*self.ends, self.count).tolist()
@@ -72,8 +59,6 @@ class Factor:
 def format_level(value: Any) -> str:
     """Return what a value is called in tables and plots: a number in short, anything else as in YAML.
 
-    Examples
-    --------
     >>> format_level(0.30000000000000004), format_level("ideal"), format_level({"kind": "box"})
     ('0.3', 'ideal', '{kind: box}')
     """
@@ -88,8 +73,6 @@ def format_level(value: Any) -> str:
 def split_assignments(given: Sequence[str]) -> tuple[dict[str, str], list[Problem]]:
     """Return what texts PATH=VALUES say by path, and what is wrong with their spelling.
 
-    Examples
-    --------
     >>> split_assignments(["stage.baseline_mm=1,2,5", "sensor.noise_std=0.001..0.02:4log"])[0]
     {'stage.baseline_mm': '1,2,5', 'sensor.noise_std': '0.001..0.02:4log'}
     """
@@ -107,15 +90,7 @@ def split_assignments(given: Sequence[str]) -> tuple[dict[str, str], list[Proble
 
 
 def parse_factors(vary: Mapping[str, Any], sobol: int) -> tuple[list[Factor], list[Problem]]:
-    """Return what varies, and what is wrong with it, as far as that shows without the scene.
-
-    Parameters
-    ----------
-    vary
-        Values by path: a list, or a text as on the command line.
-    sobol
-        How many points fill the ranges that have no number of values; 0 for none.
-    """
+    """Return what varies, and what is wrong with it, as far as that shows without the scene."""
     found, problems = [], []
     for path, given in vary.items():
         here: list[Problem] = []

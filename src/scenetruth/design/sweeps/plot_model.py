@@ -44,14 +44,9 @@ Place = float | str
 class PanelAxis:
     """An axis of a panel.
 
-    Parameters
-    ----------
-    title
-        What it is.
-    names
-        What values are called that are no numbers, in their order; empty for numbers.
-    logarithmic
-        Whether it is drawn so.
+    ``title``: What it is.
+    ``names``: What values are called that are no numbers, in their order; empty for numbers.
+    ``logarithmic``: Whether it is drawn so.
     """
 
     title: str
@@ -63,18 +58,11 @@ class PanelAxis:
 class SweepCurve:
     """A line, or points, with error bars.
 
-    Parameters
-    ----------
-    name
-        What it is called.
-    points
-        (place, number, low, high); the interval is NaN where there is none.
-    colour
-        Number of its colour.
-    is_bound
-        Whether it is the bound of noise.
-    joined
-        Whether points are joined by lines.
+    ``name``: What it is called.
+    ``points``: (place, number, low, high); the interval is NaN where there is none.
+    ``colour``: Number of its colour.
+    ``is_bound``: Whether it is the bound of noise.
+    ``joined``: Whether points are joined by lines.
     """
 
     name: str
@@ -90,12 +78,8 @@ class SweepCurve:
 class SweepMap:
     """A figure over two factors.
 
-    Parameters
-    ----------
-    cells
-        (place along x, place along y, number, low, high, bound); NaN where there is none.
-    is_grid
-        Whether they fill a grid.
+    ``cells``: (place along x, place along y, number, low, high, bound); NaN where there is none.
+    ``is_grid``: Whether they fill a grid.
     """
 
     cells: tuple[tuple[Place, Place, float, float, float, float], ...]
@@ -112,20 +96,12 @@ class SweepMap:
 class SweepPanel:
     """One drawing.
 
-    Parameters
-    ----------
-    title
-        What it shows; empty if all is said above.
-    x, y
-        Its axes. Of a map, y is the second factor.
-    curves
-        Lines and points.
-    map
-        A map in place of curves.
-    number
-        Title of what a map's colours show.
-    logarithmic
-        Whether colours are.
+    ``title``: What it shows; empty if all is said above.
+    ``x``, ``y``: Its axes. Of a map, y is the second factor.
+    ``curves``: Lines and points.
+    ``map``: A map in place of curves.
+    ``number``: Title of what a map's colours show.
+    ``logarithmic``: Whether colours are.
     """
 
     title: str
@@ -172,8 +148,6 @@ def format_statistic_title(quantity: str, statistic: str) -> str:
 def format_short(number: float, digits: int = 3) -> str:
     """Return a number with so many digits, large ones without an exponent.
 
-    Examples
-    --------
     >>> format_short(231.6, 2), format_short(0.012345)
     ('230', '0.0123')
     """
@@ -181,15 +155,7 @@ def format_short(number: float, digits: int = 3) -> str:
 
 
 def build_panels(found: Sweep, quantity: str, statistic: str = "rmse", region: str = "interior") -> list[SweepPanel]:
-    """Return what is drawn of a figure.
-
-    Parameters
-    ----------
-    found
-        The sweep.
-    quantity, statistic, region
-        Which figure, over all seeds.
-    """
+    """Return what is drawn of a figure."""
     assert statistic in STATISTICS
     rows = [row for row in found.selected(quantity, statistic, region=region) if math.isfinite(row.value)]
     if not any(not row.is_bound for row in rows):

@@ -37,23 +37,16 @@ from scenetruth.truth import make_truth
 
 __all__ = [
     "BOUND",
-    "SCORED_STATISTICS",
     "BoundWindow",
     "RetainedErrors",
     "SimulationResult",
     "SweepTask",
     "bound_window_from_method",
-    "compute_bound_std",
     "compute_normal_statistics",
-    "compute_retained_errors",
-    "compute_step_px",
     "methods_from_scene",
-    "name_bounds",
     "read_retained_errors",
     "read_simulation_result",
     "run_sweep_task",
-    "simulate_and_score",
-    "write_retained_errors",
 ]
 
 
@@ -74,12 +67,8 @@ def compute_step_px(dataset: xr.Dataset) -> int:
 class RetainedErrors:
     """Errors of a simulation at some pixels.
 
-    Parameters
-    ----------
-    regions
-        Where regions lie at these pixels, by method and region.
-    errors
-        Estimate minus truth by method and quantity, shape (t, y, x); NaN where nothing is told.
+    ``regions``: Where regions lie at these pixels, by method and region.
+    ``errors``: Estimate minus truth by method and quantity, shape (t, y, x); NaN where nothing is told.
     """
 
     regions: Mapping[tuple[str, str], NDArray[np.bool_]]
@@ -111,13 +100,7 @@ def write_retained_errors(kept: RetainedErrors, path: Path) -> None:
 
 
 def read_retained_errors(path: Path) -> RetainedErrors:
-    """Return what a file holds.
-
-    Raises
-    ------
-    StoreError
-        If it is not there, or damaged.
-    """
+    """Return what a file holds."""
     regions: dict[tuple[str, str], Any] = {}
     errors: dict[tuple[str, str], Any] = {}
     with refuse_damaged(path, _REMEDY), np.load(path, allow_pickle=False) as stored:
@@ -139,12 +122,8 @@ StdMap = NDArray[np.float64]
 class BoundWindow:
     """What a bound is of: the window of a method, and what it does not know in it.
 
-    Parameters
-    ----------
-    sigma_px
-        Standard deviation of the Gaussian window, in px.
-    surface, motion, brightness
-        As of `scenetruth.bound.cramer_rao_bound`.
+    ``sigma_px``: Standard deviation of the Gaussian window, in px.
+    ``surface``, ``motion``, ``brightness``: As of `scenetruth.bound.cramer_rao_bound`.
     """
 
     sigma_px: float
@@ -187,20 +166,8 @@ def compute_bound_std(
 ) -> tuple[dict[str, StdMap], str]:
     """Return the least standard deviations that noise allows, at the reference frame.
 
-    Parameters
-    ----------
-    truth, recording
-        Of the point; the recording has ``radiance``.
-    window
-        What the bound is of.
-    step_px
-        It is told in every so many rows and columns.
-
-    Returns
-    -------
-    tuple
-        Maps by quantity, shape (y, x), in its units, NaN where there is no bound; and why there are none, or an empty
-        text.
+    Returns: Maps by quantity, shape (y, x), in its units, NaN where there is no bound; and why there are none, or an
+    empty text.
     """
     from scenetruth.bound import cramer_rao_bound
 
@@ -229,18 +196,8 @@ def compute_bound_std(
 def compute_normal_statistics(std: StdMap) -> dict[str, float]:
     """Return how large errors are that are normal with these standard deviations: ``rmse`` and ``median_abs_error``.
 
-    Parameters
-    ----------
-    std
-        Standard deviations, any shape; those that are not finite and positive do not count.
+    ``std``: Standard deviations, any shape; those that are not finite and positive do not count.
 
-    Returns
-    -------
-    dict
-        Root of the mean square, and median of the absolute value; empty without any standard deviation.
-
-    Examples
-    --------
     >>> {name: round(size, 4) for name, size in compute_normal_statistics(np.array([1.0, 1.0, np.nan])).items()}
     {'rmse': 1.0, 'median_abs_error': 0.6745}
     """
@@ -276,22 +233,13 @@ Figures = dict[str, dict[str, dict[str, float]]]
 class SimulationResult:
     """What came of a simulation.
 
-    Parameters
-    ----------
-    figures
-        By method.
-    bounds
-        By the name of the bound; empty unless it was asked for.
-    failures
-        Why methods have given nothing, by label.
-    notes
-        Why there is no bound.
-    settled
-        Labels of those whose failures need not be tried again: installed methods that refuse the recording.
-    grows
-        Whether anything grows, so that errors of growth can be compared with growth.
-    kept
-        Errors at some pixels; None unless they were asked for.
+    ``figures``: By method.
+    ``bounds``: By the name of the bound; empty unless it was asked for.
+    ``failures``: Why methods have given nothing, by label.
+    ``notes``: Why there is no bound.
+    ``settled``: Labels of those whose failures need not be tried again: installed methods that refuse the recording.
+    ``grows``: Whether anything grows, so that errors of growth can be compared with growth.
+    ``kept``: Errors at some pixels; None unless they were asked for.
     """
 
     figures: dict[str, Figures] = field(default_factory=dict)
@@ -317,21 +265,7 @@ def simulate_and_score(
     keeps: bool,
     limits: Limits | None = None,
 ) -> SimulationResult:
-    """Make the images of a scene, let all methods estimate from them, and score what they find.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    contestants
-        The methods; the scene's own if there are none.
-    bounded
-        Whether the bound is told too.
-    keeps
-        Whether errors at some pixels are kept.
-    limits
-        Bounds of what the scene may ask for.
-    """
+    """Make the images of a scene, let all methods estimate from them, and score what they find."""
     methods = list(contestants) or methods_from_scene(scene)
     measured, seen = SimulationResult(), list[_MethodErrors]()
     with ignore_scene_warnings():
@@ -464,18 +398,11 @@ _FORMAT = 3
 class SweepTask:
     """All that a worker needs to make any simulation of a sweep.
 
-    Parameters
-    ----------
-    folder
-        Where the files of simulations go.
-    plan
-        The simulations.
-    contestants
-        The methods; the scenes' own if there are none.
-    versions
-        What figures depend on besides.
-    limits
-        Bounds of what scenes may ask for.
+    ``folder``: Where the files of simulations go.
+    ``plan``: The simulations.
+    ``contestants``: The methods; the scenes' own if there are none.
+    ``versions``: What figures depend on besides.
+    ``limits``: Bounds of what scenes may ask for.
     """
 
     folder: str
@@ -546,13 +473,7 @@ def _plain(found: SimulationResult) -> dict[str, Any]:
 
 
 def read_simulation_result(job: SweepTask, key: str) -> SimulationResult:
-    """Return what the file of a simulation holds, without the errors that are kept beside it.
-
-    Raises
-    ------
-    StoreError
-        If it is not there, or damaged.
-    """
+    """Return what the file of a simulation holds, without the errors that are kept beside it."""
     with job.store.reading(key) as plain:
         return SimulationResult(
             dict(plain["figures"]),

@@ -26,7 +26,7 @@ from scenetruth.html import COLOURS
 from scenetruth.output import OwnershipResult, write_atomically
 from scenetruth.scoring import QUANTITIES
 
-__all__ = ["plot_panels", "write_static_plots"]
+__all__ = ["write_static_plots"]
 
 _MARKERS = "osDPX^*h"
 _BESIDE = 2
@@ -36,22 +36,7 @@ _WIDTH, _HEIGHT = 5.2, 3.9
 
 
 def write_static_plots(found: Sweep, folder: str | Path, statistic: str = "rmse", region: str = "") -> list[Path]:
-    """Write a picture of each quantity; the folder appears whole, or not at all.
-
-    Parameters
-    ----------
-    found
-        The sweep.
-    folder
-        Where ``QUANTITY_STATISTIC.png`` go.
-    statistic, region
-        Which figures; the main region if none is given.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The pictures.
-    """
+    """Write a picture of each quantity; the folder appears whole, or not at all."""
     made = []
     region = region or choose_main_region(found)
     with write_atomically(folder, overwrite=True, claim=_claim) as aside:

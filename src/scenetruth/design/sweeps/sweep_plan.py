@@ -23,7 +23,7 @@ from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
 
-__all__ = ["MOST_SIMULATIONS", "SweepError", "SweepPlan", "SweepPoint", "build_plan"]
+__all__ = ["SweepError", "SweepPlan", "SweepPoint", "build_plan"]
 
 
 class SweepError(ArgumentError):
@@ -36,12 +36,8 @@ class SweepError(ArgumentError):
 class SweepPoint:
     """A scene, and the values of all that varies.
 
-    Parameters
-    ----------
-    scene
-        Number of the scene.
-    values
-        The values, in the order of the factors.
+    ``scene``: Number of the scene.
+    ``values``: The values, in the order of the factors.
     """
 
     scene: int
@@ -52,24 +48,14 @@ class SweepPoint:
 class SweepPlan:
     """All simulations of a sweep, each made from its number.
 
-    Parameters
-    ----------
-    labels
-        What the scenes are called.
-    plains
-        The scenes, as plain values.
-    factors
-        Paths of what varies.
-    places
-        Paths of the fields, without wildcards, by scene and factor.
-    points
-        The points.
-    seeds
-        The seeds of each scene.
-    is_grid
-        Whether points are all combinations of values, and none fill ranges.
-    logarithmic
-        Factors that are drawn on a logarithmic scale.
+    ``labels``: What the scenes are called.
+    ``plains``: The scenes, as plain values.
+    ``factors``: Paths of what varies.
+    ``places``: Paths of the fields, without wildcards, by scene and factor.
+    ``points``: The points.
+    ``seeds``: The seeds of each scene.
+    ``is_grid``: Whether points are all combinations of values, and none fill ranges.
+    ``logarithmic``: Factors that are drawn on a logarithmic scale.
     """
 
     labels: tuple[str, ...]
@@ -101,13 +87,7 @@ class SweepPlan:
         return number % self.each == 0
 
     def scene(self, number: int) -> Scene:
-        """Return the scene of a simulation.
-
-        Raises
-        ------
-        SceneError
-            If the values make none.
-        """
+        """Return the scene of a simulation."""
         point, seed = self.at(number)
         return Scene.from_dict({**self.plain(point), "seed": seed})
 
@@ -142,22 +122,7 @@ def build_plan(
     overrides: Overrides = (),
     own_methods: bool = True,
 ) -> SweepPlan:
-    """Return all simulations of a sweep.
-
-    Parameters
-    ----------
-    scenes, vary, seeds, sobol, overrides
-        As of `scenetruth.design.sweeps`.
-    own_methods
-        Whether scenes are estimated by their own methods, so that what they say of these counts.
-
-    Raises
-    ------
-    SweepError
-        With every problem of what varies.
-    SceneError
-        If a scene is none.
-    """
+    """Return all simulations of a sweep."""
     labels, bases = _loaded(scenes, overrides)
     plains = tuple(base.to_dict() for base in bases)
     wrong_seeds = list(_seed_problems(seeds))

@@ -26,7 +26,7 @@ from scenetruth.scoring import get_units
 from scenetruth.scoring.quantities import get_title
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
-__all__ = ["PAGE", "build_chart", "write_sweep_report"]
+__all__ = ["build_chart", "write_sweep_report"]
 
 
 _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
@@ -170,22 +170,7 @@ _STATISTIC = "rmse"
 
 
 def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Path:
-    """Write the page of a sweep.
-
-    Parameters
-    ----------
-    found
-        The sweep.
-    folder
-        Where the page goes.
-    again
-        The command that makes it again; empty if there is none.
-
-    Returns
-    -------
-    pathlib.Path
-        The page.
-    """
+    """Write the page of a sweep."""
     quantities = list_plotted_quantities(found)
     regions = list(dict.fromkeys(row.region for row in found.rows))
     charts = {

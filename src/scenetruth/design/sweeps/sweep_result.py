@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.sweeps.factors import format_level
+from scenetruth.errors import ArgumentError, Problem
+from scenetruth.results import QuantityValue, Result
+from scenetruth.scoring.quantities import get_title
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,28 +28,17 @@ error; and the share of the pixels that is told."""
 class SweepRecord:
     """One figure.
 
-    Parameters
-    ----------
-    values
-        What was varied: values by path.
-    scene
-        What the scene is called.
-    method
-        Label of the method; ``bound``, perhaps with the method whose window it has, where it is the Cramér-Rao bound.
-    seed
-        The scene's seed; None for figures of all seeds.
-    region
-        Region of the score: ``all``, ``interior``, ``object_NAME``.
-    quantity
-        What was measured: a key of `scenetruth.scoring.QUANTITIES`.
-    statistic
-        One of `STATISTICS`.
-    value
-        The figure.
-    ci_low, ci_high
-        Its 95 % confidence interval over seeds; NaN if there is none.
-    unit
-        Its unit.
+    ``values``: What was varied: values by path.
+    ``scene``: What the scene is called.
+    ``method``: Label of the method; ``bound``, perhaps with the method whose window it has, where it is the Cramér-Rao
+      bound.
+    ``seed``: The scene's seed; None for figures of all seeds.
+    ``region``: Region of the score: ``all``, ``interior``, ``object_NAME``.
+    ``quantity``: What was measured: a key of `scenetruth.scoring.QUANTITIES`.
+    ``statistic``: One of `STATISTICS`.
+    ``value``: The figure.
+    ``ci_low``, ``ci_high``: Its 95 % confidence interval over seeds; NaN if there is none.
+    ``unit``: Its unit.
     """
 
     values: Mapping[str, Any]
@@ -71,7 +63,7 @@ _COLUMNS = ("scene", "method", "seed", "region", "quantity", "statistic", "value
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Result):
     """Figures of methods over what varies.
 
     Parameters
@@ -110,7 +102,7 @@ class Sweep:
     >>> scene |= {"stage": {"positions": 3, "baseline_mm": 2}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
     >>> scene |= {"sensor": {"noise_std": 0.01}, "score": {"interior_margin_px": 0}}
     >>> found = st.sweep(scene, {"stage.baseline_mm": [2, 4]}, methods="structure_tensor", seeds=1)
-    >>> row = found.figure("depth", "rmse", at={"stage.baseline_mm": 4})
+    >>> row = found.value("depth", at={"stage.baseline_mm": 4})
     >>> f"{row.value:.1f} {row.unit}"
     '0.7 mm'
 
@@ -122,7 +114,7 @@ class Sweep:
     {'stage.baseline_mm': 2} bound 1.4 mm
     {'stage.baseline_mm': 4} structure_tensor 0.7 mm
     {'stage.baseline_mm': 4} bound 0.7 mm
-    >>> found.to_frame().columns[:4].tolist()
+    >>> found.to_dataframe().columns[:4].tolist()
     ['stage.baseline_mm', 'scene', 'method', 'seed']
     """
 
@@ -137,7 +129,7 @@ class Sweep:
     is_grid: bool = True
     logarithmic: frozenset[str] = frozenset()
 
-    def to_frame(self) -> pd.DataFrame:
+    def to_dataframe(self) -> pd.DataFrame:
         """Return all figures, a row each.
 
         Returns
@@ -158,43 +150,63 @@ class Sweep:
         columns["seed"] = pd.array(columns["seed"], dtype="Int64")
         return pd.DataFrame(columns)
 
-    def figure(
+    def value(
         self,
         quantity: str,
         statistic: str = "rmse",
         *,
-        at: Mapping[str, Any] | None = None,
         region: str = "interior",
         method: str | None = None,
+        at: Mapping[str, Any] | None = None,
         scene: str | None = None,
         seed: int | None = None,
-    ) -> SweepRecord:
-        """Return one figure.
+    ) -> QuantityValue:
+        """Return one statistic at one point of the sweep.
 
         Parameters
         ----------
         quantity, statistic
-            What is told: a key of `scenetruth.scoring.QUANTITIES`; ``rmse``, ``bias``, ``precision_std``,
-            ``median_abs_error`` or ``density``.
-        at
-            Values of what varies, by path; the first point that has them is taken.
+            A key of `scenetruth.scoring.QUANTITIES`; ``rmse``, ``bias``, ``precision_std``, ``median_abs_error`` or
+            ``density``.
         region, method, scene
-            What tells it from others; if not given, the interior, the first method, the first scene.
+            By default the interior, the first method, the first scene.
+        at
+            Levels of factors, by path; the first point with these levels is taken.
         seed
-            A single seed; all if not given.
+            A single seed; by default all seeds together.
+
+        Returns
+        -------
+        QuantityValue
+            With the 95 % confidence interval over seeds.
 
         Raises
         ------
-        KeyError
-            If there is none.
+        ArgumentError
+            If there is none; the message names what was asked for.
         """
         labels = self.methods[:1] if method is None else [method]
         for row in self.selected(quantity, statistic, region=region, methods=labels, scene=scene, seed=seed):
             if all(row.values.get(path, math.nan) == value for path, value in (at or {}).items()):
-                return row
-        told = ", ".join(f"{path} = {format_level(value)}" for path, value in (at or {}).items())
-        msg = f"there is no {statistic} of {quantity} in region {region} by {method or 'any method'} {told}".rstrip()
-        raise KeyError(msg)
+                return QuantityValue(
+                    row.value, row.unit, row.ci_low, row.ci_high, statistic=row.statistic, region=row.region
+                )
+        point = ", ".join(f"{path} = {format_level(value)}" for path, value in (at or {}).items())
+        message = f"there is no {statistic} in region {region} by {method or 'any method'} {point}".rstrip()
+        raise ArgumentError([Problem("quantity", message, quantity)])
+
+    def summary(self) -> str:
+        """Return the least RMSE of each quantity in the interior, then notes and failures, one per line."""
+        lines = []
+        for quantity in dict.fromkeys(row.quantity for row in self.rows):
+            rows = [row for row in self.selected(quantity, "rmse", methods=self.methods) if math.isfinite(row.value)]
+            if rows:
+                least = min(rows, key=lambda row: row.value)
+                point = ", ".join(f"{path} = {format_level(value)}" for path, value in least.values.items())
+                lines.append(
+                    f"{get_title(quantity)}: least RMSE {least.value:.3g} {least.unit} by {least.method} at {point}"
+                )
+        return "\n".join([*lines, *self.notes, *self.failures])
 
     def best(
         self,
@@ -210,20 +222,19 @@ class Sweep:
         Parameters
         ----------
         quantity, statistic, region, scene
-            As of `figure`; all scenes if none is given.
+            As of `value`; all scenes if none is given.
         method
             Only this method; all if not given.
 
         Raises
         ------
-        KeyError
+        ArgumentError
             If there is none.
         """
         labels = self.methods if method is None else [method]
         rows = list(self.selected(quantity, statistic, region=region, methods=labels, scene=scene))
         if not rows:
-            msg = f"there is no {statistic} of {quantity} in region {region}"
-            raise KeyError(msg)
+            raise ArgumentError([Problem("quantity", f"there is no {statistic} in region {region}", quantity)])
         if statistic == "density":
             return max(rows, key=lambda row: row.value)
         return min(rows, key=lambda row: abs(row.value))

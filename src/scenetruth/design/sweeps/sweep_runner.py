@@ -27,27 +27,14 @@ from scenetruth.resources import Limits
 from scenetruth.scene import Overrides, Scene, SceneLike
 from scenetruth.scene.field_paths import assign
 
-__all__ = ["INDEX", "assign_backends", "refuse_impossible_points", "refuse_methods", "sweep"]
+__all__ = ["sweep"]
 
 
 _MOST_LISTED = 20
 
 
 def refuse_methods(contestants: Sequence[MethodSpec], workers: int, scheduler: str | None = None) -> None:
-    """Refuse methods that are called as bounds are, and those that other processes cannot be given.
-
-    Parameters
-    ----------
-    contestants
-        The methods.
-    workers, scheduler
-        As of `sweep`.
-
-    Raises
-    ------
-    EstimateError
-        With each of them.
-    """
+    """Refuse methods that are called as bounds are, and those that other processes cannot be given."""
     problems = []
     for one in contestants:
         if one.label.split(" ")[0] == BOUND:
@@ -83,22 +70,7 @@ def assign_backends(plan: SweepPlan) -> SweepPlan:
 
 
 def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: Progress | None) -> None:
-    """Refuse points whose scene passes a bound, shows nothing, or cannot be estimated by a method.
-
-    Parameters
-    ----------
-    job
-        The simulations.
-    numbers
-        Those that are to be made.
-    progress
-        Called with (what, done, total).
-
-    Raises
-    ------
-    SweepError
-        With every reason, at the first point that has it.
-    """
+    """Refuse points whose scene passes a bound, shows nothing, or cannot be estimated by a method."""
     from scenetruth.estimators import find_method, requirements, validate_settings
     from scenetruth.provenance import blank_recording
     from scenetruth.resources import refuse_beyond_limits
@@ -265,7 +237,7 @@ def _write(found: Sweep, job: SweepTask, again: str) -> None:
     from scenetruth.design.sweeps.sweep_report import write_sweep_report
 
     assert found.folder is not None
-    frame = found.to_frame()
+    frame = found.to_dataframe()
     with write_atomically(found.folder / "results.parquet", overwrite=True) as aside:
         frame.to_parquet(aside)
     with write_atomically(found.folder / "results.csv", overwrite=True) as aside:

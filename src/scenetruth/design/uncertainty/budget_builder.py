@@ -53,7 +53,7 @@ from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 
-__all__ = ["INDEX", "budget"]
+__all__ = ["budget"]
 
 INDEX = "budget.json"
 """What a folder of a budget is known by."""
@@ -151,8 +151,8 @@ def budget(
     >>> scene |= {"sensor": {"noise_std": 0.002, "bit_depth": 12}}
     >>> known = {"focal_length_percent": 0.1}
     >>> found = budget(scene, method="structure_tensor", calibration=known, seeds=1, simulated_share=0)
-    >>> for part in found.of("depth")[:3]:
-    ...     print(f"{part.title}, {part.size}: {part.figure:.2f} {part.unit}")
+    >>> for part in found.contributions("depth")[:3]:
+    ...     print(f"{part.title}, {part.size}: {part.value:.2f} {part.unit}")
     yaw of the stage, 20 µrad: 1.61 mm
     focal length, 0.1 %: 0.50 mm
     noise of the sensor, 0.2 % of full scale: 0.12 mm
@@ -239,13 +239,7 @@ class _Work:
         self._kept: dict[SimulationRun, ErrorMaps] = {}
 
     def done(self, confirm: float) -> BudgetTable:
-        """Simulate, predict and gather.
-
-        Parameters
-        ----------
-        confirm
-            Share of the sum of squares that is simulated.
-        """
+        """Simulate, predict and gather."""
         base = [(), *([self.contrast] if self.contrast else []), *([self.everything] if self.everything else [])]
         self._simulate(list(dict.fromkeys(base)))
         if self._read((), self.seeds[0]) is None:
@@ -386,6 +380,6 @@ def _write(found: Budget, folder: Path, region: str) -> None:
     from scenetruth.design.uncertainty.budget_report import write_page, write_waterfall
 
     with write_atomically(folder / "budget.csv", overwrite=True) as aside:
-        found.to_frame().to_csv(aside, index=False)
+        found.to_dataframe().to_csv(aside, index=False)
     write_waterfall(found, folder / "waterfall.png", region)
     write_page(found, folder, region)

@@ -16,16 +16,7 @@ from scenetruth.scoring.quantities import get_title
 if TYPE_CHECKING:
     from scenetruth.design.uncertainty.uncertainty_budget import Budget
 
-__all__ = [
-    "COLOURS",
-    "PAGE_NAME",
-    "SHOWN_QUANTITIES",
-    "WaterfallBar",
-    "compute_bars",
-    "make_waterfalls",
-    "write_page",
-    "write_waterfall",
-]
+__all__ = ["SHOWN_QUANTITIES", "WaterfallBar", "compute_bars", "make_waterfalls", "write_page", "write_waterfall"]
 
 
 SHOWN_QUANTITIES = ("depth", "velocity_x", "velocity_z", GROWTH)
@@ -41,25 +32,18 @@ _LEAST = 1e-3
 class WaterfallBar:
     """A bar of the waterfall.
 
-    Parameters
-    ----------
-    title
-        What it stands for.
-    group
-        The causes that it belongs to; empty for several.
-    start, end
-        Root of the sum of squares before it and with it.
-    figure
-        The part alone.
-    simulated
-        Whether it was simulated.
+    ``title``: What it stands for.
+    ``group``: The causes that it belongs to; empty for several.
+    ``start``, ``end``: Root of the sum of squares before it and with it.
+    ``value``: The part alone.
+    ``simulated``: Whether it was simulated.
     """
 
     title: str
     group: str
     start: float
     end: float
-    figure: float
+    value: float
     simulated: bool
 
 
@@ -67,28 +51,21 @@ def compute_bars(found: Budget, quantity: str, region: str = "interior") -> list
     """Return the bars of a waterfall, the largest part first; what is hardly seen is one bar.
 
     Parts add up by their squares: every bar reaches from the root of the sum before it to that with it.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    quantity, region
-        What and where.
     """
     from scenetruth.design.uncertainty.source import all_sources
 
-    parts = [one for one in found.of(quantity, region) if math.isfinite(one.figure) and one.figure > 0]
-    whole = sum(one.figure**2 for one in parts)
+    parts = [one for one in found.contributions(quantity, region) if math.isfinite(one.value) and one.value > 0]
+    whole = sum(one.value**2 for one in parts)
     steps: list[WaterfallBar] = []
     before, small = 0.0, 0.0
     for one in parts:
-        if one.figure**2 < _LEAST * whole and steps:
-            small += one.figure**2
+        if one.value**2 < _LEAST * whole and steps:
+            small += one.value**2
             continue
-        after = before + one.figure**2
+        after = before + one.value**2
         group = all_sources()[one.cause].group
         sure = math.isfinite(one.simulated) or group == "surface"
-        steps.append(WaterfallBar(one.title, group, math.sqrt(before), math.sqrt(after), one.figure, sure))
+        steps.append(WaterfallBar(one.title, group, math.sqrt(before), math.sqrt(after), one.value, sure))
         before = after
     if small > 0:
         count = len(parts) - len(steps)
@@ -111,17 +88,7 @@ def _heading(quantity: str) -> str:
 
 
 def write_waterfall(found: Budget, path: Path, region: str = "interior") -> None:
-    """Draw the waterfalls of depth, motion and growth into a PNG.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    path
-        The picture.
-    region
-        Where.
-    """
+    """Draw the waterfalls of depth, motion and growth into a PNG."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
@@ -143,8 +110,8 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
     """Draw one waterfall."""
     from matplotlib.ticker import MaxNLocator
 
-    total, last = found.total(quantity, region), len(steps)
-    bars = [(step.start, step.end, COLOURS.get(step.group, "#888888"), step.simulated, step.figure) for step in steps]
+    total, last = found.combined(quantity, region), len(steps)
+    bars = [(step.start, step.end, COLOURS.get(step.group, "#888888"), step.simulated, step.value) for step in steps]
     for place, (start, end, colour, sure, figure) in enumerate(
         [*bars, (0.0, total.root_sum_square, "#444444", True, total.root_sum_square)]
     ):
@@ -181,23 +148,15 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
 
 
 def make_waterfalls(found: Budget, region: str = "interior") -> list[Chart]:
-    """Return the waterfalls of depth, motion and growth as charts of a page.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    region
-        Where.
-    """
+    """Return the waterfalls of depth, motion and growth as charts of a page."""
     return [_make_chart(found, quantity, region) for quantity in _shown_quantities(found, region)]
 
 
 def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
-    total, steps = found.total(quantity, region), compute_bars(found, quantity, region)
+    total, steps = found.combined(quantity, region), compute_bars(found, quantity, region)
     unit = unit_text(total.unit)
     titles = [*(step.title for step in steps), "root of the sum of squares"]
-    figures = [*(step.figure for step in steps), total.root_sum_square]
+    figures = [*(step.value for step in steps), total.root_sum_square]
     bar: dict[str, Any] = {
         "type": "bar",
         "orientation": "h",
@@ -212,7 +171,7 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
         "textposition": "outside",
         "cliponaxis": False,
         "customdata": [
-            f"{number(step.figure)} {unit}, {'simulated' if step.simulated else 'predicted'}" for step in steps
+            f"{number(step.value)} {unit}, {'simulated' if step.simulated else 'predicted'}" for step in steps
         ]
         + [f"{number(total.root_sum_square)} {unit}"],
         "hovertemplate": "%{y}: %{customdata}<extra></extra>",
@@ -253,7 +212,7 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
                 "showarrow": False,
             }
         ]
-    told = "; ".join(f"{step.title} {number(step.figure)}" for step in steps)
+    told = "; ".join(f"{step.title} {number(step.value)}" for step in steps)
     alt = f"{_heading(quantity)}, {unit}: {told}; together {number(total.root_sum_square)}."
     return Chart(f"waterfall-{quantity}", alt, [bar], layout)
 
@@ -298,35 +257,20 @@ _REGION_TITLES = {"interior": "the interior", "all": "all that is seen"}
 
 
 def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
-    """Write the page of a budget.
-
-    Parameters
-    ----------
-    found
-        The budget.
-    folder
-        Where it goes.
-    region
-        Where its figures are from.
-
-    Returns
-    -------
-    pathlib.Path
-        The page.
-    """
+    """Write the page of a budget."""
     environment = template_environment("scenetruth")
     tables = []
     for quantity in SHOWN_QUANTITIES:
-        parts = found.of(quantity, region)
+        parts = found.contributions(quantity, region)
         if not parts:
             continue
-        total = found.total(quantity, region)
+        total = found.combined(quantity, region)
         lines = [
             [
                 HtmlCell(one.title),
                 # Of several units: nothing to sort numbers by.
                 HtmlCell(one.size),
-                *(_cell(value) for value in (one.figure, one.predicted, one.predicted_for_seeds, one.simulated)),
+                *(_cell(value) for value in (one.value, one.predicted, one.predicted_for_seeds, one.simulated)),
                 _share(one.valid_fraction),
             ]
             for one in parts
@@ -345,7 +289,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
     text = environment.from_string(_TEMPLATE).render(
         found=found,
         place=_REGION_TITLES.get(region, f"the interior of {region.removeprefix('object_')}"),
-        words=found.words(region),
+        words=found.summary(region).splitlines(),
         waterfalls=waterfalls,
         tables=tables,
         plotly=plotly_script(),

@@ -42,32 +42,21 @@ __all__ = [
 class Contribution:
     """What one cause adds to the error of one quantity, rms over the pixels of a region.
 
-    Parameters
-    ----------
-    cause
-        Its kind.
-    title
-        What it is, in words.
-    size
-        How large the cause is in this scene, with its unit.
-    quantity
-        A key of `scenetruth.scoring.QUANTITIES`.
-    region
-        Where.
-    unit
-        Of the figures.
-    predicted
-        By propagation, of one standard deviation of the cause; NaN where no model tells.
-    predicted_for_seeds
-        By propagation, for the very errors that were simulated; NaN where the cause is no draw, or was not simulated.
-    simulated
-        Root of the mean square of what the estimate changes by, pixel by pixel, when the cause is switched on; NaN if
-        it was not simulated, as surfaces, which cannot be switched off.
-    valid_fraction
-        Share of the pixels known with ideal images that are known with the cause too; NaN if not simulated.
-    figure
-        What counts: simulated if it was, else predicted; of surfaces, as much of what ideal images leave as goes along
-        with the prediction. NaN if nothing is known.
+    ``cause``: Its kind.
+    ``title``: What it is, in words.
+    ``size``: How large the cause is in this scene, with its unit.
+    ``quantity``: A key of `scenetruth.scoring.QUANTITIES`.
+    ``region``: Where.
+    ``unit``: Of the figures.
+    ``predicted``: By propagation, of one standard deviation of the cause; NaN where no model tells.
+    ``predicted_for_seeds``: By propagation, for the very errors that were simulated; NaN where the cause is no draw, or
+      was not simulated.
+    ``simulated``: Root of the mean square of what the estimate changes by, pixel by pixel, when the cause is switched
+      on; NaN if it was not simulated, as surfaces, which cannot be switched off.
+    ``valid_fraction``: Share of the pixels known with ideal images that are known with the cause too; NaN if not
+      simulated.
+    ``value``: What counts: simulated if it was, else predicted; of surfaces, as much of what ideal images leave as
+      goes along with the prediction. NaN if nothing is known.
     """
 
     cause: str
@@ -80,30 +69,21 @@ class Contribution:
     predicted_for_seeds: float = math.nan
     simulated: float = math.nan
     valid_fraction: float = math.nan
-    figure: float = math.nan
+    value: float = math.nan
 
 
 @dataclass(frozen=True)
 class CombinedUncertainty:
     """The error of one quantity, rms over the pixels of a region.
 
-    Parameters
-    ----------
-    quantity, region, unit
-        What and where.
-    root_sum_square
-        Root of the sum of the squares of all parts, as if they were independent.
-    signed_sum
-        Root of the mean square of all that was simulated, added up pixel by pixel with its sign, and of the squares of
-        what was predicted only. Biases may cancel each other; NaN if nothing was simulated but ideal images.
-    simulated
-        The error with everything on; NaN if nothing was told then.
-    ideal
-        The error with ideal images.
-    signal
-        Root of the mean square of the true value.
-    valid_fraction
-        Share of the region's pixels that are known with everything on.
+    ``quantity``, ``region``, ``unit``: What and where.
+    ``root_sum_square``: Root of the sum of the squares of all parts, as if they were independent.
+    ``signed_sum``: Root of the mean square of all that was simulated, added up pixel by pixel with its sign, and of the
+      squares of what was predicted only. Biases may cancel each other; NaN if nothing was simulated but ideal images.
+    ``simulated``: The error with everything on; NaN if nothing was told then.
+    ``ideal``: The error with ideal images.
+    ``signal``: Root of the mean square of the true value.
+    ``valid_fraction``: Share of the region's pixels that are known with everything on.
     """
 
     quantity: str
@@ -117,7 +97,7 @@ class CombinedUncertainty:
     valid_fraction: float
 
     @property
-    def figure(self) -> float:
+    def value(self) -> float:
         """What counts: simulated, or the sum of the parts if nothing was told."""
         return self.simulated if math.isfinite(self.simulated) else self.root_sum_square
 
@@ -125,7 +105,7 @@ class CombinedUncertainty:
 def sort_contributions(parts: Iterable[Contribution], quantity: str, region: str) -> list[Contribution]:
     """Return the parts of one quantity in one region, the largest first; unknown ones last."""
     found = [one for one in parts if (one.quantity, one.region) == (quantity, region)]
-    return sorted(found, key=lambda one: -one.figure if math.isfinite(one.figure) else math.inf)
+    return sorted(found, key=lambda one: -one.value if math.isfinite(one.value) else math.inf)
 
 
 Figures = dict[tuple[str, str], float]
@@ -142,19 +122,7 @@ def predict_contributions(
     calibration: Calibration,
     regions: Mapping[str, Mask],
 ) -> Figures:
-    """Return what one standard deviation of a cause makes of every quantity.
-
-    Parameters
-    ----------
-    cause
-        The cause.
-    sight, propagation
-        The scene, and the model of the method.
-    calibration
-        How well the calibration is known.
-    regions
-        Where, of the pixels that the method tells.
-    """
+    """Return what one standard deviation of a cause makes of every quantity."""
     found = list(cause.responses(sight, propagation, calibration))
     if not found:
         return {}
@@ -206,20 +174,6 @@ def compute_explained_fraction(
     """Return which share of what ideal images leave goes along with what the surface is said to cause.
 
     Maps are subtracted one after the other, each with the factor that leaves least, at most two.
-
-    Parameters
-    ----------
-    sight, propagation
-        The scene, and the model of the method.
-    left
-        The errors with ideal images.
-    regions
-        Where.
-
-    Returns
-    -------
-    dict
-        Shares of the mean square, by the cause with the quantity, ``"slope depth"``, and the region.
     """
     found: Figures = {}
     maps = {kind: dict(errors) for kind, errors in propagation.own().items()}
@@ -285,24 +239,14 @@ Reader = Callable[[tuple[str, ...], int], ErrorMaps | None]
 class BudgetTable:
     """What is known of a budget.
 
-    Parameters
-    ----------
-    read
-        Gives the errors of a run by its causes and seed; None if it failed.
-    seeds
-        The seeds.
-    scene, calibration
-        With all causes.
-    predicted, drawn
-        Predictions by cause: for one standard deviation, and for the errors that were drawn.
-    places
-        Quantities and regions.
-    sets
-        Which causes are on where one is looked at, by this one.
-    everything
-        The causes that are on where all are.
-    explained
-        Shares of what ideal images leave that surfaces explain.
+    ``read``: Gives the errors of a run by its causes and seed; None if it failed.
+    ``seeds``: The seeds.
+    ``scene``, ``calibration``: With all causes.
+    ``predicted``, ``drawn``: Predictions by cause: for one standard deviation, and for the errors that were drawn.
+    ``places``: Quantities and regions.
+    ``sets``: Which causes are on where one is looked at, by this one.
+    ``everything``: The causes that are on where all are.
+    ``explained``: Shares of what ideal images leave that surfaces explain.
     """
 
     read: Reader
@@ -334,13 +278,7 @@ class BudgetTable:
 def aggregate_runs(
     read: Reader, seeds: Sequence[int], scene: Scene, calibration: Calibration, predicted: Mapping[str, Figures]
 ) -> BudgetTable:
-    """Return what is known before causes are simulated.
-
-    Parameters
-    ----------
-    read, seeds, scene, calibration, predicted
-        As of `BudgetTable`.
-    """
+    """Return what is known before causes are simulated."""
     ideal = read((), seeds[0])
     assert ideal is not None  # whoever calls has seen that it did not fail
     places = []
@@ -352,19 +290,13 @@ def aggregate_runs(
 
 
 def compute_contributions(found: BudgetTable) -> tuple[list[Contribution], list[CombinedUncertainty]]:
-    """Return the parts of all causes, and their sums.
-
-    Parameters
-    ----------
-    found
-        What is known when all is simulated.
-    """
+    """Return the parts of all causes, and their sums."""
     parts: list[Contribution] = []
     totals: list[CombinedUncertainty] = []
     for quantity, region in found.places:
         here = [*_source_contributions(found, quantity, region), *_surface_contributions(found, quantity, region)]
         parts += here
-        squares = [one.figure**2 for one in here if math.isfinite(one.figure)]
+        squares = [one.value**2 for one in here if math.isfinite(one.value)]
         unsure = sum(one.predicted**2 for one in here if one.cause in _not_simulated(found) and one.predicted > 0)
         totals.append(_combine(found, quantity, region, math.sqrt(sum(squares)), unsure))
     return parts, totals
@@ -409,7 +341,7 @@ def _surface_contributions(found: BudgetTable, quantity: str, region: str) -> It
     for kind, square in squares.items():
         expected = found.predicted.get(kind, {}).get((quantity, inside), math.nan)
         told = (all_sources()[kind].title, "", quantity, region, get_units(quantity))
-        yield Contribution(kind, *told, predicted=expected, figure=math.sqrt(square))
+        yield Contribution(kind, *told, predicted=expected, value=math.sqrt(square))
 
 
 def _difference(

@@ -46,12 +46,8 @@ Mask = NDArray[np.bool_]
 class ImageDisturbance(NamedTuple):
     """What a disturbance does to one image, at the points that the reference's pixels show.
 
-    Parameters
-    ----------
-    x, y
-        By how much the image shows them elsewhere, in px.
-    grey
-        By how much it shows them brighter, as a share of full scale.
+    ``x``, ``y``: By how much the image shows them elsewhere, in px.
+    ``grey``: By how much it shows them brighter, as a share of full scale.
     """
 
     x: Map | float = 0.0
@@ -67,22 +63,14 @@ Disturbance = Callable[[int, int], ImageDisturbance | None]
 class ObservationModel:
     """A scene without the errors that are looked for, seen by the reference camera at the reference frame.
 
-    Parameters
-    ----------
-    scene
-        The scene with all its errors.
-    recording
-        Images without them, as shares of full scale or digital numbers, and ``radiance``, what the sensor was given.
-    truth
-        The truth at t = 0, of one camera.
-    points
-        The surface and its motion.
-    texture
-        The reference's image, as a share of full scale.
-    intrinsics
-        Of the camera.
-    known
-        Where the method tells depth and motion of these images.
+    ``scene``: The scene with all its errors.
+    ``recording``: Images without them, as shares of full scale or digital numbers, and ``radiance``, what the sensor
+      was given.
+    ``truth``: The truth at t = 0, of one camera.
+    ``points``: The surface and its motion.
+    ``texture``: The reference's image, as a share of full scale.
+    ``intrinsics``: Of the camera.
+    ``known``: Where the method tells depth and motion of these images.
     """
 
     scene: Scene
@@ -129,12 +117,7 @@ class ObservationModel:
     def fetched(self, image: Map, s: int, t: int) -> Map:
         """Return what a map over the pixels of an image has at the points, from the nearest pixel.
 
-        Parameters
-        ----------
-        image
-            Values at the pixels of the image of camera s at frame t, shape (y, x).
-        s, t
-            Which image.
+        ``image``: Values at the pixels of the image of camera s at frame t, shape (y, x).
         """
         place = self.place(s, t)
         height, width = image.shape
@@ -148,14 +131,7 @@ class ObservationModel:
 def build_observation_model(scene: Scene, recording: xr.Dataset, truth: xr.Dataset, known: Mask) -> ObservationModel:
     """Return what is seen of a scene.
 
-    Parameters
-    ----------
-    scene
-        The scene with all its errors.
-    recording, truth
-        Those of the scene without them; the truth has all frames.
-    known
-        Where the method tells depth and motion, shape (y, x).
+    ``known``: Where the method tells depth and motion, shape (y, x).
     """
     now = truth.drop_vars([name for name in ("visible", "view_count") if name in truth]).sel(t=0)
     intrinsics = read_intrinsics(recording)
@@ -172,17 +148,7 @@ def build_observation_model(scene: Scene, recording: xr.Dataset, truth: xr.Datas
 
 
 def shift_in_time(sight: ObservationModel, s: int, t: float, later: Map | float) -> ImageDisturbance:
-    """Return what it does to an image that its points are shown at a later time than planned.
-
-    Parameters
-    ----------
-    sight
-        The scene.
-    s, t
-        The image, and its planned time in frames.
-    later
-        By how much later, in frames.
-    """
+    """Return what it does to an image that its points are shown at a later time than planned."""
     planned = sight.place(s, t)
     time = np.asarray(t + np.asarray(later, dtype=np.float64))
     # A time of its own for every point.
@@ -193,19 +159,7 @@ def shift_in_time(sight: ObservationModel, s: int, t: float, later: Map | float)
 def displace_camera(
     sight: ObservationModel, s: int, t: float, off_mm: NDArray[np.float64], turn_rad: NDArray[np.float64]
 ) -> ImageDisturbance:
-    """Return what a camera's error of position and angle does to its image, to the first order.
-
-    Parameters
-    ----------
-    sight
-        The scene.
-    s, t
-        The image.
-    off_mm
-        How far the camera is from where it should be, along X, Y and Z.
-    turn_rad
-        Its rotation vector: pitch about X, yaw about Y, roll about Z, by the right hand.
-    """
+    """Return what a camera's error of position and angle does to its image, to the first order."""
     focal = sight.intrinsics.focal_length_px
     place = sight.place(s, t)
     depth = focal * sight.intrinsics.baseline_mm / (sight.points.d * place.scale)
@@ -218,15 +172,7 @@ def displace_camera(
 
 
 def disturb_poses(schedule: Schedule, sight: ObservationModel) -> Disturbance:
-    """Return what all errors of a stage do to the images: those of position and angle, and of time.
-
-    Parameters
-    ----------
-    schedule
-        Where and when images are planned, and where and when they are taken.
-    sight
-        The scene.
-    """
+    """Return what all errors of a stage do to the images: those of position and angle, and of time."""
 
     def change(s: int, t: int) -> ImageDisturbance:
         real, planned = schedule.moment(s, t), schedule.nominal(s, t)
@@ -241,22 +187,7 @@ def disturb_poses(schedule: Schedule, sight: ObservationModel) -> Disturbance:
 def compute_growth_error(
     sight: ObservationModel, errors: Mapping[str, Map], intrinsics: Intrinsics | None = None
 ) -> Map:
-    """Return the error of the growth rate in the windows of scores, per frame.
-
-    Parameters
-    ----------
-    sight
-        The scene.
-    errors
-        Errors of depth and velocity; what is missing is 0.
-    intrinsics
-        What the estimate is told of the camera; the truth if not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (y, x); NaN where windows hold too little.
-    """
+    """Return the error of the growth rate in the windows of scores, per frame."""
     right = _maps(sight, {}, sight.intrinsics)
     wrong = _maps(sight, errors, intrinsics or sight.intrinsics)
     return np.asarray((compute_growth_rate(wrong) - compute_growth_rate(right)).values[0])

@@ -32,15 +32,7 @@ from scenetruth.estimators.method_settings import RefinedSettings, StructureTens
 from scenetruth.estimators.structure_tensor.filters import PAPER, choose_acquisition_axes, gaussian_window
 from scenetruth.validated_model import FrozenModel
 
-__all__ = [
-    "MODELLED",
-    "Errors",
-    "Propagation",
-    "RefinedPropagation",
-    "TensorPropagation",
-    "select_propagation",
-    "sum_over_windows",
-]
+__all__ = ["MODELLED", "Errors", "Propagation", "RefinedPropagation", "TensorPropagation", "select_propagation"]
 
 
 Map = NDArray[np.float64]
@@ -90,14 +82,9 @@ class RefinedPropagation:
     parameters of a window are off by H⁻¹ Σ w Φᵀ Σ_i (a_i - ā) p_i. Where images have gains of their own, what a gain
     and an offset explain of e in a window does nothing.
 
-    Parameters
-    ----------
-    sight
-        The scene; at least two cameras.
-    settings
-        Of the method.
-    step_px
-        Errors are computed in every n-th row and column.
+    ``sight``: The scene; at least two cameras.
+    ``settings``: Of the method.
+    ``step_px``: Errors are computed in every n-th row and column.
     """
 
     name = "refined"
@@ -265,17 +252,11 @@ class _Moments(NamedTuple):
 class _Registered:
     """Images at one registration, smoothed along s.
 
-    Parameters
-    ----------
-    gradients
-        Of the texture as each camera shows it, along x and y, shape (s, 2, y, x).
-    along, down
-        Their means with the weights of S.
-    beside
-        What the divergence term has besides its coordinates in the window: - w Σ S_s s ∂I_s/∂x at the whole disparity
-        w. With some disparity left, motion in depth shows in its change too.
-    inverse
-        Of the normal matrix of shift along x and y, and divergence, shape (3, 3, y, x).
+    ``gradients``: Of the texture as each camera shows it, along x and y, shape (s, 2, y, x).
+    ``along``, ``down``: Their means with the weights of S.
+    ``beside``: What the divergence term has besides its coordinates in the window: - w Σ S_s s ∂I_s/∂x at the whole
+      disparity w. With some disparity left, motion in depth shows in its change too.
+    ``inverse``: Of the normal matrix of shift along x and y, and divergence, shape (3, 3, y, x).
     """
 
     gradients: Single
@@ -295,12 +276,8 @@ class TensorPropagation:
     the nearest one leaves of the disparity itself, at most half a pixel, is left out for disparity and flow. That the
     tensor's are total least squares matters at second order only.
 
-    Parameters
-    ----------
-    sight
-        The scene.
-    settings
-        Of the method.
+    ``sight``: The scene.
+    ``settings``: Of the method.
     """
 
     name = "structure_tensor"

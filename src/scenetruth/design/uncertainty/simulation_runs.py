@@ -37,7 +37,6 @@ __all__ = [
     "BudgetTask",
     "ErrorMaps",
     "SimulationRun",
-    "compute_error_maps",
     "perform_run",
     "read_run",
     "select_optical_sources",
@@ -59,14 +58,9 @@ BUDGET_QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity
 class ErrorMaps:
     """What one estimate of the reference frame is off by.
 
-    Parameters
-    ----------
-    errors
-        Estimate minus truth by quantity, shape (y, x), NaN where nothing is told; growth in % per hour.
-    truths
-        The true values, alike.
-    regions
-        Where regions lie: ``all``, ``interior`` and objects.
+    ``errors``: Estimate minus truth by quantity, shape (y, x), NaN where nothing is told; growth in % per hour.
+    ``truths``: The true values, alike.
+    ``regions``: Where regions lie: ``all``, ``interior`` and objects.
     """
 
     errors: Mapping[str, Map]
@@ -83,17 +77,7 @@ class ErrorMaps:
 
 
 def compute_error_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> ErrorMaps:
-    """Return the errors of an estimate at the reference frame.
-
-    Parameters
-    ----------
-    estimate
-        The estimate.
-    truth
-        The whole truth of the reference camera.
-    settings
-        Of scores: the margin of the interior, the window of growth.
-    """
+    """Return the errors of an estimate at the reference frame."""
     throughout = visible_throughout(truth)
     found, exact = estimate.sel(t=[0]), truth.sel(t=[0])
     masks = main_regions(exact, settings.interior_margin_px)
@@ -117,14 +101,9 @@ def compute_error_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreS
 class SimulationRun:
     """A simulation.
 
-    Parameters
-    ----------
-    kinds
-        The causes that are on, in order.
-    seed
-        Seed of the scene.
-    draw
-        Which draw it is, from 0 on: what the calibration is off by.
+    ``kinds``: The causes that are on, in order.
+    ``seed``: Seed of the scene.
+    ``draw``: Which draw it is, from 0 on: what the calibration is off by.
     """
 
     kinds: tuple[str, ...]
@@ -139,20 +118,12 @@ _REMEDY = "make the budget again"
 class BudgetTask:
     """All that a worker needs for any run of a budget.
 
-    Parameters
-    ----------
-    folder
-        Where files of runs go.
-    plain
-        The scene with all its causes, as JSON.
-    method, settings
-        How depth and motion are estimated; settings as JSON.
-    calibration
-        How well the calibration is known.
-    runs
-        The runs.
-    versions
-        What figures depend on besides.
+    ``folder``: Where files of runs go.
+    ``plain``: The scene with all its causes, as JSON.
+    ``method``, ``settings``: How depth and motion are estimated; settings as JSON.
+    ``calibration``: How well the calibration is known.
+    ``runs``: The runs.
+    ``versions``: What figures depend on besides.
     """
 
     folder: str
@@ -255,13 +226,7 @@ def _rendered(plain: str) -> tuple[xr.Dataset, xr.Dataset]:
 
 
 def read_run(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
-    """Return what the file of a run holds.
-
-    Raises
-    ------
-    StoreError
-        If it is not there, or damaged.
-    """
+    """Return what the file of a run holds."""
     path = job.path(run)
     groups: Mapping[str, dict[str, Any]] = {"error": {}, "truth": {}, "region": {}}
     with refuse_damaged(path, _REMEDY), np.load(path) as file:

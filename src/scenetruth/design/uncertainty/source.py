@@ -21,7 +21,6 @@ from scenetruth.validated_model import FrozenModel, NonNegative
 __all__ = [
     "Calibration",
     "CalibrationLike",
-    "Group",
     "Mitigation",
     "UncertaintySource",
     "active_sources",
@@ -60,7 +59,7 @@ class Calibration(FrozenModel):
     >>> known = Calibration(focal_length_percent=0.1, principal_point_px=0, baseline_percent=0.02)
     >>> found = budget(scene, method="structure_tensor", calibration=known, seeds=1, simulated_share=0)
     >>> for cause in ("focal_length", "baseline"):
-    ...     part = found.part(cause, "depth")
+    ...     part = found.contribution(cause, "depth")
     ...     print(f"{part.title}, {part.size}: {part.predicted:.2f} {part.unit}")
     focal length, 0.1 %: 0.50 mm
     baseline, 0.02 %: 0.10 mm
@@ -81,13 +80,7 @@ _PERFECT = Calibration(focal_length_percent=0, principal_point_px=0, baseline_pe
 
 
 def resolve_calibration(given: Any) -> Calibration:
-    """Return a calibration; of a mapping, what is not given is perfect.
-
-    Raises
-    ------
-    ArgumentError
-        With everything that is wrong with it.
-    """
+    """Return a calibration; of a mapping, what is not given is perfect."""
     if isinstance(given, Calibration):
         return given
     if given in ("typical", "perfect"):
@@ -118,12 +111,8 @@ Group = Literal["images", "stage", "calibration", "surface"]
 class Mitigation:
     """What helps against a cause.
 
-    Parameters
-    ----------
-    words
-        What to do, with the field of the scene and its new value.
-    factors
-        What is left of the parts of causes, by their kinds.
+    ``words``: What to do, with the field of the scene and its new value.
+    ``factors``: What is left of the parts of causes, by their kinds.
     """
 
     words: str
@@ -230,23 +219,7 @@ def contrast_sources(causes: Iterable[UncertaintySource]) -> frozenset[str]:
 
 
 def restrict_sources(scene: Scene, kinds: Collection[str], seed: int | None = None) -> Scene:
-    """Return a scene with no other causes of errors than some.
-
-    Parameters
-    ----------
-    scene
-        The scene with all of them.
-    kinds
-        The causes that stay on.
-    seed
-        Of all its random numbers; the scene's own if not given.
-
-    Returns
-    -------
-    Scene
-        Its sensor is a chain of those effects that stay. Images are ray-cast unless the scene says otherwise: where
-        backends differ, their difference must not be taken for a cause.
-    """
+    """Return a scene with no other causes of errors than some."""
     plain: dict[str, Any] = scene.to_dict()
     if plain["sensor"] != "ideal":
         plain["sensor"] = build_sensor_chain(scene.sensor).model_dump(mode="json")

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 from scenetruth.design.uncertainty.contributions import CombinedUncertainty, Contribution, sort_contributions
 from scenetruth.design.uncertainty.simulation_runs import GROWTH
 from scenetruth.design.uncertainty.source import Mitigation
+from scenetruth.errors import ArgumentError, Problem
+from scenetruth.results import QuantityValue, Result
 from scenetruth.scoring.quantities import get_title
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Budget", "number", "summarise_budget", "unit_text"]
+__all__ = ["Budget", "number", "unit_text"]
 
 
 _UNITS = {"mm/frame": "mm per frame", "px/step": "px per step", "%/h": "% per hour"}
@@ -46,15 +48,7 @@ def summarise_budget(
     remedies: Mapping[str, Mitigation],
     region: str,
 ) -> list[str]:
-    """Return what is to be said of each quantity: the error, the largest part, what helps, and what limits then.
-
-    Parameters
-    ----------
-    parts, totals, remedies
-        Those of a budget.
-    region
-        Where.
-    """
+    """Return what is to be said of each quantity: the error, the largest part, what helps, and what limits then."""
     return [
         _summarise_quantity(sort_contributions(parts, one.quantity, region), one, remedies)
         for one in totals
@@ -75,10 +69,10 @@ def _summarise_quantity(
             f"{title}: with everything on, nothing is told; the parts add up to {number(total.root_sum_square)} {unit}."
         )
     else:
-        head = f"{title}: {number(total.figure)} {unit} in all"
+        head = f"{title}: {number(total.value)} {unit} in all"
         head += (
             f", of a true {number(total.signal)} {unit}."
-            if quantity != "depth" and total.signal > _NO_SIGNAL * total.figure
+            if quantity != "depth" and total.signal > _NO_SIGNAL * total.value
             else "."
         )
     if not parts:
@@ -106,22 +100,22 @@ _NO_SIGNAL = 1e-3
 
 
 def _usable(parts: Sequence[Contribution]) -> list[Contribution]:
-    return [one for one in parts if math.isfinite(one.figure) and one.figure > 0]
+    return [one for one in parts if math.isfinite(one.value) and one.value > 0]
 
 
 def _largest(parts: list[Contribution], total: CombinedUncertainty) -> list[str]:
-    whole = sum(one.figure**2 for one in parts)
+    whole = sum(one.value**2 for one in parts)
     first, *others = parts
     size = f" ({first.size})" if first.size else ""
     sure = "" if math.isfinite(first.simulated) or first.cause in _METHOD_KINDS else ", as predicted"
-    text = f"{_capital(first.title)}{size} makes {number(first.figure)} of it{sure}"
+    text = f"{_capital(first.title)}{size} makes {number(first.value)} of it{sure}"
     if first.cause in _PLURAL:
         text = text.replace(" makes ", " make ", 1)
-    if math.isfinite(first.predicted_for_seeds) and not 1 / _SEED_RATIO < first.predicted / first.figure < _SEED_RATIO:
+    if math.isfinite(first.predicted_for_seeds) and not 1 / _SEED_RATIO < first.predicted / first.value < _SEED_RATIO:
         text += f" in these draws, and {number(first.predicted)} is to be expected of others"
-    named = [one for one in others[:2] if one.figure**2 > _LEAST_NAMED_SHARE * whole]
+    named = [one for one in others[:2] if one.value**2 > _LEAST_NAMED_SHARE * whole]
     if named:
-        text += "; then " + ", ".join(f"{one.title} {number(one.figure)}" for one in named)
+        text += "; then " + ", ".join(f"{one.title} {number(one.value)}" for one in named)
     return [text + "."]
 
 
@@ -139,10 +133,10 @@ def _describe_mitigation(
     remedy = remedies.get(first.cause)
     if remedy is None or not remedy.factors:
         return ""
-    left = {one.cause: one.figure * remedy.factors.get(one.cause, 1.0) for one in parts}
+    left = {one.cause: one.value * remedy.factors.get(one.cause, 1.0) for one in parts}
     after = math.sqrt(sum(value**2 for value in left.values()))
     # Where the parts are no sum, they say by which share it is less.
-    after *= total.figure / math.sqrt(sum(one.figure**2 for one in parts))
+    after *= total.value / math.sqrt(sum(one.value**2 for one in parts))
     limits = max(left, key=lambda cause: left[cause])
     unit = unit_text(total.unit)
     text = f"{_capital(remedy.words)} brings it to {number(after)} {unit}"
@@ -158,7 +152,7 @@ def _capital(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class Budget:
+class Budget(Result):
     """The error budget of a scene and a method.
 
     Parameters
@@ -195,12 +189,12 @@ class Budget:
     >>> found = budget(scene, method="structure_tensor", calibration={"focal_length_percent": 0.05}, seeds=1)
     >>> found.quantities
     ['depth', 'disparity', 'velocity_x', 'velocity_y', 'velocity_z']
-    >>> for sentence in found.words()[0].split(". "):
+    >>> for sentence in found.summary().splitlines()[0].split(". "):
     ...     print(sentence)
     Depth: 0.37 mm in all
     Noise of the sensor (0.4 % of full scale) makes 0.36 of it; then focal length 0.25
     The mean of four images (sensor.noise_std: 0.002) brings it to 0.26 mm; then focal length limits (0.25).
-    >>> part, total = found.part("focal_length", "depth"), found.total("depth")
+    >>> part, total = found.contribution("focal_length", "depth"), found.combined("depth")
     >>> f"predicted {part.predicted:.2f} mm, simulated {part.simulated:.2f} mm of {total.simulated:.2f} mm"
     'predicted 0.25 mm, simulated 0.25 mm of 0.37 mm'
     """
@@ -210,7 +204,7 @@ class Budget:
     parts: Sequence[Contribution] = field(repr=False)
     totals: Sequence[CombinedUncertainty] = field(repr=False)
     draws: int
-    remedies: dict[str, Mitigation] = field(repr=False)
+    remedies: Mapping[str, Mitigation] = field(repr=False)
     failures: Sequence[str] = field(default=(), repr=False)
     folder: Path | None = None
 
@@ -224,39 +218,78 @@ class Budget:
         """Where: ``all``, ``interior``, objects."""
         return list(dict.fromkeys(one.region for one in self.totals))
 
-    def of(self, quantity: str, region: str = "interior") -> list[Contribution]:
-        """Return the parts of one quantity in one region, the largest first; unknown ones last."""
+    def contributions(self, quantity: str, region: str = "interior") -> list[Contribution]:
+        """Return the contributions to one quantity in one region, the largest first; undefined values last."""
         return sort_contributions(self.parts, quantity, region)
 
-    def part(self, cause: str, quantity: str, region: str = "interior") -> Contribution:
-        """Return one part.
+    def contribution(self, source: str, quantity: str, region: str = "interior") -> Contribution:
+        """Return the contribution of one source.
+
+        Parameters
+        ----------
+        source
+            Kind of the source of uncertainty, for example ``focal_length``.
+        quantity, region
+            One of `quantities` and of `regions`.
 
         Raises
         ------
-        KeyError
-            If there is none.
+        ArgumentError
+            If there is none; the message lists those that there are.
         """
         for one in self.parts:
-            if (one.cause, one.quantity, one.region) == (cause, quantity, region):
+            if (one.cause, one.quantity, one.region) == (source, quantity, region):
                 return one
-        msg = f"there is no part of {cause} in {quantity}, {region}"
-        raise KeyError(msg)
+        self.combined(quantity, region)
+        sources = dict.fromkeys(one.cause for one in self.parts)
+        raise ArgumentError([Problem("source", f"must be one of {', '.join(sources)}", source)])
 
-    def total(self, quantity: str, region: str = "interior") -> CombinedUncertainty:
-        """Return the sum of the parts, and what it is compared with.
+    def combined(self, quantity: str, region: str = "interior") -> CombinedUncertainty:
+        """Return the combined uncertainty of one quantity, and the error of the simulation with all sources.
 
         Raises
         ------
-        KeyError
-            If there is none.
+        ArgumentError
+            If there is none; the message lists those that there are.
         """
         for one in self.totals:
             if (one.quantity, one.region) == (quantity, region):
                 return one
-        msg = f"there is no budget of {quantity} in {region}"
-        raise KeyError(msg)
+        choices = {"quantity": (quantity, self.quantities), "region": (region, self.regions)}
+        raise ArgumentError(
+            [
+                Problem(name, f"must be one of {', '.join(listed)}", given)
+                for name, (given, listed) in choices.items()
+                if given not in listed
+            ]
+        )
 
-    def to_frame(self) -> pd.DataFrame:
+    def value(self, quantity: str, statistic: str = "rmse", *, region: str = "interior") -> QuantityValue:
+        """Return the error of a quantity with all sources: simulated, or combined where it was not simulated.
+
+        Parameters
+        ----------
+        quantity, region
+            One of `quantities` and of `regions`.
+        statistic
+            ``rmse``, the only statistic of a budget.
+
+        Returns
+        -------
+        QuantityValue
+            Without an interval; ``n`` is the number of simulated seeds.
+
+        Raises
+        ------
+        ArgumentError
+            If there is none; the message lists those that there are.
+        """
+        if statistic != "rmse":
+            raise ArgumentError([Problem("statistic", "must be rmse, the only statistic of a budget", statistic)])
+        one = self.combined(quantity, region)
+        return QuantityValue(one.value, one.unit, statistic=statistic, region=region, n=self.draws)
+
+    def to_dataframe(self) -> pd.DataFrame:
         """Return all figures, a row for each cause, quantity and region, and those of the whole.
 
         Columns are the fields of `Contribution`. Rows of the whole have the causes ``root_sum_square``, ``signed_sum``,
@@ -272,16 +305,16 @@ class Budget:
                     "cause": "root_sum_square",
                     "title": "root of the sum of squares",
                     **place,
-                    "figure": one.root_sum_square,
+                    "value": one.root_sum_square,
                 }
             )
-            rows.append({"cause": "signed_sum", "title": "added up pixel by pixel", **place, "figure": one.signed_sum})
-            told = {"simulated": one.simulated, "figure": one.simulated, "valid_fraction": one.valid_fraction}
+            rows.append({"cause": "signed_sum", "title": "added up pixel by pixel", **place, "value": one.signed_sum})
+            told = {"simulated": one.simulated, "value": one.simulated, "valid_fraction": one.valid_fraction}
             rows.append({"cause": "everything", "title": "everything on", **place, **told})
-            told = {"simulated": one.ideal, "figure": one.ideal}
+            told = {"simulated": one.ideal, "value": one.ideal}
             rows.append({"cause": "ideal", "title": "ideal images", **place, **told})
         return pd.DataFrame(rows, columns=list(Contribution.__dataclass_fields__))
 
-    def words(self, region: str = "interior") -> list[str]:
-        """Return what limits and what helps most, a sentence or two for each quantity."""
-        return summarise_budget(self.parts, self.totals, self.remedies, region)
+    def summary(self, region: str = "interior") -> str:
+        """Return the limiting sources and their mitigation, one line per quantity."""
+        return "\n".join(summarise_budget(self.parts, self.totals, self.remedies, region))

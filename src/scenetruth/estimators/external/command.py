@@ -26,16 +26,7 @@ from scenetruth.estimators.registry import name_problems, validate_settings
 from scenetruth.progress import Progress
 from scenetruth.validated_model import Positive
 
-__all__ = [
-    "PLACEHOLDERS",
-    "CommandMethod",
-    "CommandSettings",
-    "WorkingDirectory",
-    "fill_placeholders",
-    "find_command_files",
-    "program_problem",
-    "split_command",
-]
+__all__ = ["CommandMethod", "CommandSettings", "WorkingDirectory"]
 
 
 PLACEHOLDERS = ("recording", "output")
@@ -47,13 +38,6 @@ _BRACES = re.compile(r"\{\{|\}\}|\{([^{}]*)\}")
 def split_command(command: str) -> list[str]:
     """Return the words of a command, as a shell would split them; nothing in them is expanded.
 
-    Raises
-    ------
-    ValueError
-        If it has no words, quotes that do not end, places that are unknown, or not all of `PLACEHOLDERS`.
-
-    Examples
-    --------
     >>> split_command("python 'my program.py' {recording} --to={output}")
     ['python', 'my program.py', '{recording}', '--to={output}']
     >>> split_command("mine {recordings} {output}")
@@ -83,15 +67,6 @@ def fill_placeholders(words: list[str], folders: Mapping[str, Path], base: Path)
 
     Programs run in a folder of their own. Words without a place that name a file below ``base`` become absolute, so
     that ``python mine.py`` finds what it found there.
-
-    Parameters
-    ----------
-    words
-        From `split_command`.
-    folders
-        A folder for each of `PLACEHOLDERS`.
-    base
-        The folder that relative names of files count from.
     """
     return [_filled(word, folders, base) for word in words]
 
@@ -111,15 +86,7 @@ def _filled(word: str, folders: Mapping[str, Path], base: Path) -> str:
 
 
 def find_command_files(words: list[str], base: Path) -> list[Path]:
-    """Return the files that words name, also after ``--option=``, and the program, wherever it is found.
-
-    Parameters
-    ----------
-    words
-        From `split_command`.
-    base
-        The folder that relative names of files count from.
-    """
+    """Return the files that words name, also after ``--option=``, and the program, wherever it is found."""
     import shutil
 
     named = [part for word in words for part in (word, word.partition("=")[2]) if part]
@@ -147,12 +114,8 @@ def program_problem(word: str, base: Path) -> str:
 class WorkingDirectory:
     """A fresh folder with folders in it: ``recording``, ``output``, ``work``, where the program runs, and ``log.txt``.
 
-    Parameters
-    ----------
-    name
-        What it is called after.
-    keep_in
-        The folder in which it stays; None for a temporary one that goes.
+    ``name``: What it is called after.
+    ``keep_in``: The folder in which it stays; None for a temporary one that goes.
     """
 
     def __init__(self, name: str, keep_in: Path | None) -> None:

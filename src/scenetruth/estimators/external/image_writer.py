@@ -21,25 +21,16 @@ __all__ = [
     "ArrayFile",
     "ImageForm",
     "IntensityScaling",
-    "choose_intensity_scaling",
     "each_frame",
     "image_problems",
     "image_scale",
     "single_row",
     "write_images",
-    "write_mask_png",
-    "write_png",
 ]
 
 
 def single_row(recording: xr.Dataset) -> xr.Dataset:
-    """Return a recording without the dimension ``s_y``; grids are refused.
-
-    Raises
-    ------
-    EstimateError
-        If the cameras stand in several rows.
-    """
+    """Return a recording without the dimension ``s_y``; grids are refused."""
     if "s_y" not in recording["image"].dims:
         return recording
     if recording.sizes["s_y"] > 1:
@@ -51,19 +42,9 @@ def single_row(recording: xr.Dataset) -> xr.Dataset:
 def each_frame(recording: xr.Dataset) -> Iterator[tuple[NDArray[Any], NDArray[np.bool_]]]:
     """Yield images and masks, frame by frame, so that of an opened recording only one is in memory.
 
-    Parameters
-    ----------
-    recording
-        A checked recording of one row of cameras.
+    Yields: Images of shape (s, y, x[, channel]), and whether a pixel must not be used, shape (s, y, x): masked, or with
+    a value that is not finite.
 
-    Yields
-    ------
-    tuple
-        Images of shape (s, y, x[, channel]), and whether a pixel must not be used, shape (s, y, x): masked, or with a
-        value that is not finite.
-
-    Examples
-    --------
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
     >>> [image.shape for image, bad in each_frame(recording)]
@@ -87,14 +68,9 @@ class ArrayFile:
 
     A mapped file would do too, but its pages count as memory of the process until the system needs them elsewhere.
 
-    Parameters
-    ----------
-    file
-        The file.
-    dtype
-        The type of its numbers, written little endian.
-    shape
-        Its shape.
+    ``file``: The file.
+    ``dtype``: The type of its numbers, written little endian.
+    ``shape``: Its shape.
     """
 
     def __init__(self, file: Path, dtype: DTypeLike, shape: tuple[int, ...]) -> None:
@@ -160,12 +136,8 @@ _EXACT_IN_FLOAT64 = 2**53
 class IntensityScaling:
     """Values of a recording as numbers from 0 to 65535: value = offset + scale number.
 
-    Parameters
-    ----------
-    scale, offset
-        The same for all images.
-    lossless
-        Whether all values follow exactly; else they are off by half of ``scale`` at most.
+    ``scale``, ``offset``: The same for all images.
+    ``lossless``: Whether all values follow exactly; else they are off by half of ``scale`` at most.
     """
 
     scale: float = 1.0
@@ -175,8 +147,6 @@ class IntensityScaling:
     def numbers(self, values: NDArray[Any]) -> NDArray[np.uint16]:
         """Return the numbers for some values; 0 where a value is not finite.
 
-        Examples
-        --------
         >>> IntensityScaling(0.5, -1.0).numbers(np.array([-1.0, 0.0, 3.1, np.nan])).tolist()
         [0, 2, 8, 0]
         """
@@ -192,11 +162,6 @@ def choose_intensity_scaling(recording: xr.Dataset) -> IntensityScaling:
 
     Digital numbers are taken as they are: of 8 and 16 bits at once, of other integers after a look at all images.
     Everything else is spread over all 65536 numbers, from its least to its largest value.
-
-    Parameters
-    ----------
-    recording
-        A checked recording of one row of cameras; it is read frame by frame.
     """
     dtype = recording["image"].dtype
     if dtype.kind == "u" and dtype.itemsize <= 2:
@@ -246,26 +211,7 @@ def image_scale(recording: xr.Dataset, form: ImageForm) -> IntensityScaling:
 def write_images(
     recording: xr.Dataset, folder: Path, form: ImageForm, scale: IntensityScaling, progress: Progress | None = None
 ) -> list[str]:
-    """Write all images, frame by frame.
-
-    Parameters
-    ----------
-    recording
-        A checked recording of one row of cameras, without `image_problems`.
-    folder
-        Where files go; it exists.
-    form
-        Their form.
-    scale
-        From `image_scale`.
-    progress
-        Called with ("images", frames done, frames in all).
-
-    Returns
-    -------
-    list
-        Names of the files of masks; none if all pixels may be used.
-    """
+    """Write all images, frame by frame."""
     write = _write_arrays if form == "npy" else _write_files
     masks = []
     for done, mask in enumerate(write(recording, folder, form, scale), start=1):

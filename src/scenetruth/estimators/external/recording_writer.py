@@ -25,7 +25,7 @@ from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.schema import check_dataset, compute_pixel_grid, read_intrinsics
 
-__all__ = ["CAMERA_FILE", "EXCHANGE_VERSION", "describe_camera", "recording_key", "write_recording"]
+__all__ = ["recording_key", "write_recording"]
 
 
 def recording_key(recording: xr.Dataset) -> str:
@@ -114,17 +114,6 @@ def describe_camera(
 
     Everything counts in columns and rows of the images as they are written. Where a recording is cropped or thinned
     out, these are not the camera's pixels: focal length and principal point are converted.
-
-    Parameters
-    ----------
-    recording
-        A checked recording of one row of cameras.
-    form
-        The form of its images.
-    scale
-        How numbers in files stand for values.
-    masks
-        Names of the files of masks.
     """
     grid, image = compute_pixel_grid(recording), recording["image"]
     intrinsics = grid.in_columns(read_intrinsics(recording))

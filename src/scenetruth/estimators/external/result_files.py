@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
 
-__all__ = ["ENDINGS", "METADATA_FILE", "QUANTITIES", "ResultFile", "find_results", "read_map"]
+__all__ = ["METADATA_FILE", "QUANTITIES", "ResultFile", "find_results", "read_map"]
 
 
 Array = NDArray[Any]
@@ -35,22 +35,7 @@ _FLO_INVALID = 1e9
 def read_map(file: Path, name: str) -> Array:
     """Return the array of a file; what its format calls unknown is NaN.
 
-    Parameters
-    ----------
-    file
-        The file, or the folder of a store, with one of the `ENDINGS`.
-    name
-        The quantity, by which an array is found among several.
-
-    Returns
-    -------
-    numpy.ndarray
-        As it was written, of any type and shape; of .pfm (y, x) or (3, y, x), of .flo (2, y, x).
-
-    Raises
-    ------
-    ValueError
-        If it cannot be read; says why.
+    Returns: As it was written, of any type and shape; of .pfm (y, x) or (3, y, x), of .flo (2, y, x).
     """
     try:
         return ENDINGS[file.suffix](file, name)
@@ -201,14 +186,9 @@ _NEAR = 0.75
 class ResultFile:
     """A file of results.
 
-    Parameters
-    ----------
-    path
-        The file.
-    name
-        The quantity.
-    t
-        The frame; None if the file holds one frame or more, and its name does not say which.
+    ``path``: The file.
+    ``name``: The quantity.
+    ``t``: The frame; None if the file holds one frame or more, and its name does not say which.
     """
 
     path: Path
@@ -221,13 +201,6 @@ def find_results(folder: Path, problems: list[Problem]) -> dict[str, list[Result
 
     Folders in the folder, and files with endings that are not read, are left alone, unless they are named like a
     quantity.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    problems
-        Where to note what is wrong.
     """
     if not folder.is_dir():
         what = "is no folder" if folder.exists() else "is not there: nothing was written"

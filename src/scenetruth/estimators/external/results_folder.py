@@ -23,15 +23,7 @@ from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
 from scenetruth.schema import STATUS_INVALID, check_dataset, compute_pixel_grid, make_estimate, read_intrinsics
 
-__all__ = [
-    "ResultsFolder",
-    "ResultsFolderSettings",
-    "ResultsMetadata",
-    "arranged",
-    "read_metadata",
-    "read_results",
-    "type_problem",
-]
+__all__ = ["ResultsFolder", "ResultsFolderSettings", "ResultsMetadata", "read_results"]
 
 
 _LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3}
@@ -42,14 +34,9 @@ _KEYS = ("t", "method", "units")
 class ResultsMetadata:
     """What results.json says.
 
-    Parameters
-    ----------
-    t
-        The frames of arrays whose names do not say them; None if it does not say.
-    method
-        What to call the method; empty if it does not say.
-    factors
-        What to multiply quantities by, to have them in our units.
+    ``t``: The frames of arrays whose names do not say them; None if it does not say.
+    ``method``: What to call the method; empty if it does not say.
+    ``factors``: What to multiply quantities by, to have them in our units.
     """
 
     t: list[int] | None = None
@@ -58,17 +45,7 @@ class ResultsMetadata:
 
 
 def read_metadata(folder: Path, frame_interval_s: float, problems: list[Problem]) -> ResultsMetadata:
-    """Return what results.json says; nothing if it is not there.
-
-    Parameters
-    ----------
-    folder
-        The folder of results.
-    frame_interval_s
-        Time between two frames, for units per second.
-    problems
-        Where to note what is wrong.
-    """
+    """Return what results.json says; nothing if it is not there."""
     file = folder / METADATA_FILE
     if not file.is_file():
         return ResultsMetadata()
@@ -136,8 +113,6 @@ def _unknown(path: str, word: str, known: tuple[str, ...]) -> Problem:
 def type_problem(values: NDArray[Any], name: str) -> str:
     """Return what is wrong with the type of an array; empty if nothing is.
 
-    Examples
-    --------
     >>> type_problem(np.zeros(3, dtype=np.uint16), "depth")
     'holds integers (uint16): write float32 in the units of the quantity, NaN where nothing is known'
     """
@@ -158,22 +133,8 @@ def type_problem(values: NDArray[Any], name: str) -> str:
 def arranged(values: NDArray[Any], components: int, size: tuple[int, int]) -> NDArray[np.float64]:
     """Return an array as (component, t, y, x).
 
-    Parameters
-    ----------
-    values
-        Of shape (t, y, x) or (y, x); of several components (c, t, y, x) or (c, y, x), or with c last.
-    components
-        How many there are.
-    size
-        Height and width of the images.
+    ``values``: Of shape (t, y, x) or (y, x); of several components (c, t, y, x) or (c, y, x), or with c last.
 
-    Raises
-    ------
-    ValueError
-        If it has another shape; says what may be the reason.
-
-    Examples
-    --------
     >>> arranged(np.zeros((30, 40, 2)), 2, (30, 40)).shape
     (2, 1, 30, 40)
     >>> arranged(np.zeros((40, 30)), 1, (30, 40))

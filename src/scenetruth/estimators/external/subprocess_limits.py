@@ -17,7 +17,7 @@ from typing import IO, Literal
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.progress import Progress
 
-__all__ = ["MARK", "ProcessResult", "ProcessTree", "can_list_processes", "last_lines", "new_mark", "run_program"]
+__all__ = ["ProcessResult", "ProcessTree", "can_list_processes", "last_lines", "run_program"]
 
 
 MARK = "SCENETRUTH_PROGRAM"
@@ -44,12 +44,8 @@ class ProcessTree:
     To it belong the processes of its group and its session, the children of all that have been seen, and, when all are
     ended, those that have inherited its mark.
 
-    Parameters
-    ----------
-    leader
-        Id of the process; it must not be waited for as long as this is in use, so that the id stays its own.
-    mark
-        What its environment says of `MARK`.
+    ``leader``: Id of the process; it must not be waited for as long as this is in use, so that the id stays its own.
+    ``mark``: What its environment says of `MARK`.
     """
 
     def __init__(self, leader: int, mark: str) -> None:
@@ -155,16 +151,10 @@ _LOG_BYTES = 16384
 class ProcessResult:
     """How a program has ended.
 
-    Parameters
-    ----------
-    code
-        Its exit code; of one that a signal has ended, minus the signal's number.
-    reason
-        What it was ended for: ``"time"`` or ``"memory"``; empty if it ended by itself.
-    seconds
-        How long it ran.
-    peak_memory_mb
-        The largest resident memory of all its processes together that was seen, in MB.
+    ``code``: Its exit code; of one that a signal has ended, minus the signal's number.
+    ``reason``: What it was ended for: ``"time"`` or ``"memory"``; empty if it ended by itself.
+    ``seconds``: How long it ran.
+    ``peak_memory_mb``: The largest resident memory of all its processes together that was seen, in MB.
     """
 
     code: int
@@ -188,25 +178,8 @@ def run_program(
     would end programs that reserve more than they use, as compilers and GPU libraries do. A peak between two looks is
     not seen.
 
-    Parameters
-    ----------
-    words
-        The program and its arguments; no shell reads them.
-    folder
-        Where it runs.
-    log
-        The file that takes all that it prints.
-    timeout_s
-        How long it may run.
-    memory_mb
-        How much resident memory it may have, all processes together, in MB; None for any.
-    progress
-        Called with ("command", seconds, seconds at most) about twice a second; it may raise, which ends the program.
-
-    Raises
-    ------
-    EstimateError
-        If the program cannot be started.
+    ``progress``: Called with ("command", seconds, seconds at most) about twice a second; it may raise, which ends the
+      program.
     """
     with log.open("wb") as printed:
         begun = time.monotonic()

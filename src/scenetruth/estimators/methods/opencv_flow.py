@@ -13,7 +13,7 @@ from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, blank_estimate, put_each
 
-__all__ = ["METHOD"]
+__all__ = []
 
 
 class _OpencvFlow(StreamingMethod):

@@ -14,7 +14,7 @@ from scenetruth.progress import Progress
 from scenetruth.schema import REASONS, Put, blank_estimate, make_estimate, put_estimate
 from scenetruth.schema.validity import complete_validity
 
-__all__ = ["METHOD"]
+__all__ = []
 
 
 class _PlaneSweep(StreamingMethod):

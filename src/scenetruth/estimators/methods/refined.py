@@ -15,7 +15,7 @@ from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
 from scenetruth.schema import Put
 
-__all__ = ["METHOD"]
+__all__ = []
 
 
 class _Refined(StreamingMethod):

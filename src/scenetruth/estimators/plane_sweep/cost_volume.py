@@ -25,8 +25,6 @@ from scenetruth.estimators.plane_sweep.matching_kernels import (
 from scenetruth.threads import in_threads
 
 __all__ = [
-    "MARGIN",
-    "ROWS",
     "BestHypothesis",
     "CameraRow",
     "Hypotheses",
@@ -63,15 +61,6 @@ class Hypotheses:
 def spread_hypotheses(ranges: Iterable[tuple[float, float]], step: float) -> Hypotheses:
     """Return hypotheses over ranges of disparity; ranges that meet become one.
 
-    Parameters
-    ----------
-    ranges
-        First and last disparity of each.
-    step
-        Distance of two hypotheses.
-
-    Examples
-    --------
     >>> found = spread_hypotheses([(3.0, 4.0), (0.0, 0.5), (0.4, 1.0)], 0.5)
     >>> found.values.tolist(), found.joined.tolist()
     ([0.0, 0.5, 1.0, 3.0, 3.5, 4.0], [False, True, True, False, True, True, False])
@@ -113,15 +102,6 @@ class CameraRow:
 def make_camera_row(positions: ArrayLike, sign: float) -> CameraRow:
     """Return the views of cameras along a stage.
 
-    Parameters
-    ----------
-    positions
-        In steps, one of them 0: the reference.
-    sign
-        That of disparity. Seen with the opposite positions, disparities are positive.
-
-    Examples
-    --------
     >>> row = make_camera_row([-1, 0, 2], -1.0)
     >>> row.reference, row.others.tolist(), row.positions.tolist(), row.nearest.tolist()
     (1, [0, 2], [1.0, -2.0], [1.0, -2.0])
@@ -135,15 +115,8 @@ def make_camera_row(positions: ArrayLike, sign: float) -> CameraRow:
 def downsample(images: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     """Return means over squares of pixels; what does not fill a square is left out.
 
-    Parameters
-    ----------
-    images
-        Shape (n, y, x).
-    factor
-        Edge of the squares in px.
+    ``factor``: Edge of the squares in px.
 
-    Examples
-    --------
     >>> downsample(np.arange(10, dtype=np.float32).reshape(1, 2, 5), 2).tolist()
     [[[3.0, 5.0]]]
     """
@@ -175,8 +148,6 @@ class RowStrip:
 def split_into_strips(height: int, rows: int = ROWS) -> list[RowStrip]:
     """Return the strips of an image; how many there are does not depend on the machine.
 
-    Examples
-    --------
     >>> split_into_strips(240)[1]
     RowStrip(first=120, last=240, top=96, bottom=240)
     """
@@ -225,14 +196,7 @@ class BestHypothesis:
 def choose_hypotheses(images: Images, row: CameraRow, hypotheses: Hypotheses) -> BestHypothesis:
     """Choose among hypotheses for every pixel of the reference.
 
-    Parameters
-    ----------
-    images
-        Grey values, shape (s, y, x).
-    row
-        Which of them is the reference, and where the others stand.
-    hypotheses
-        Disparities.
+    ``images``: Grey values, shape (s, y, x).
     """
     from scipy import ndimage
 

@@ -22,7 +22,7 @@ from scenetruth.estimators.protocol import FrameReader
 from scenetruth.progress import Progress
 from scenetruth.schema import compute_pixel_grid, read_intrinsics
 
-__all__ = ["DisparityResult", "disparity_ranges", "estimate_disparities", "sweep_disparity"]
+__all__ = ["DisparityResult", "estimate_disparities", "sweep_disparity"]
 
 
 # Any other answer must cost this many times as much.
@@ -44,12 +44,7 @@ _MOST_COSTS = 5e8
 def disparity_ranges(images: NDArray[np.float32], row: CameraRow) -> list[tuple[float, float]]:
     """Return the ranges of disparity in columns per step that images show; none if they show nothing.
 
-    Parameters
-    ----------
-    images
-        Grey values, shape (s, y, x).
-    row
-        Which of them is the reference, and where the others stand.
+    ``images``: Grey values, shape (s, y, x).
     """
     factor = _COARSEST
     while factor > 1 and images.shape[2] // factor < _LEAST_WIDTH:
@@ -114,24 +109,8 @@ def sweep_disparity(
 ) -> DisparityResult:
     """Find the disparity of every pixel of the reference.
 
-    Parameters
-    ----------
-    images
-        Grey values of all cameras at one time, finite, shape (channel, s, y, x). Channels are averaged.
-    positions
-        Where the cameras stand, in steps, one of them at 0: camera s sees at x - d s what the reference sees at x.
-    sign
-        That of all disparities d: that of the baseline.
-    ranges
-        Ranges of disparity to search, in columns per step; they are found if not given.
-    distinctness
-        How many times as much as the chosen disparity any other must cost, lest it is not known.
-
-    Returns
-    -------
-    Swept
-        Pixels are known whose disparity another view would choose too where it sees them, so that they are not hidden
-        from all, and for which any other disparity would fit clearly worse.
+    ``images``: Grey values of all cameras at one time, finite, shape (channel, s, y, x). Channels are averaged.
+    ``ranges``: Ranges of disparity to search, in columns per step; they are found if not given.
     """
     from scipy import ndimage
 
@@ -172,20 +151,6 @@ def estimate_disparities(
     """Give the disparity of the reference camera in every frame, px per step of s, and where the match is ambiguous.
 
     Disparity is NaN where it is not valid.
-
-    Parameters
-    ----------
-    recording
-        A checked recording of several cameras.
-    settings
-        Which disparities are tried.
-    progress
-        Called with (what, done, total).
-
-    Raises
-    ------
-    EstimateError
-        If the images hold values that are not finite.
     """
     reader = FrameReader(recording)
     missing = reader.missing()

@@ -41,14 +41,7 @@ _SIDE = 2 * _REACH + 1
 def shifted(image: Any, phase: int, out: Any) -> None:
     """Shift an image to the left by phase / PHASES px, by cubic convolution (Catmull-Rom); its edges go on.
 
-    Parameters
-    ----------
-    image
-        Shape (y, x), float32.
-    phase
-        From 0 to PHASES - 1.
-    out
-        Output, of the same shape.
+    ``out``: Output, of the same shape.
     """
     height, width = image.shape
     f = np.float32(phase / PHASES)
@@ -71,12 +64,7 @@ def shifted(image: Any, phase: int, out: Any) -> None:
 def census(image: Any, out: Any) -> None:
     """Write which of the 7 x 7 pixels around each are darker than it, as 48 bits; an image's edges go on.
 
-    Parameters
-    ----------
-    image
-        Shape (y, x), float32.
-    out
-        Output, uint64 of the same shape.
+    ``out``: Output, uint64 of the same shape.
     """
     height, width = image.shape
     rows = np.empty((2 * _REACH + 1, width + 2 * _REACH), dtype=np.float32)
@@ -109,19 +97,11 @@ def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, ou
     Of the views to the left of the reference and those to its right, the side that agrees better counts, and little
     the other: what hides a point from some cameras mostly does so on one side.
 
-    Parameters
-    ----------
-    reference
-        Census of the reference, shape (y, x).
-    views
-        Census of the other views, shifted by every phase, shape (view, phase, y, x); those on one side come first.
-    whole, phase
-        Where view v sees the point of column x under hypothesis k: at x + whole[k, v] + phase[k, v] / PHASES.
-    left
-        How many views stand on the first side.
-    out
-        Output: COST_OF_BIT times the mean number of bits that differ; UNSEEN where no view sees the point; uint8 of
-        shape (y, x, k).
+    ``reference``: Census of the reference, shape (y, x).
+    ``views``: Census of the other views, shifted by every phase, shape (view, phase, y, x); those on one side come
+      first.
+    ``out``: Output: COST_OF_BIT times the mean number of bits that differ; UNSEEN where no view sees the point; uint8
+      of shape (y, x, k).
     """
     height, width = reference.shape
     count = whole.shape[0]
@@ -229,18 +209,11 @@ def _pass(costs: Any, edges: Any, step_penalty: Any, jumps: Any, total: Any, tur
 def aggregate(costs: Any, edges: Any, step_penalty: Any, jumps: Any, total: Any) -> None:
     """Add the least costs of ways to every pixel and hypothesis along eight paths.
 
-    Parameters
-    ----------
-    costs
-        Cost of every hypothesis, uint8 of shape (y, x, k).
-    edges
-        Grey values in 0 to 255, uint8 of shape (y, x).
-    step_penalty
-        Penalty of a step from hypothesis k - 1 to k, uint16 of shape (k + 1,).
-    jumps
-        Penalty of larger steps for every difference of grey values, uint16 of shape (256,).
-    total
-        Output: the sums, uint16 of shape (y, x, k).
+    ``costs``: Cost of every hypothesis, uint8 of shape (y, x, k).
+    ``edges``: Grey values in 0 to 255, uint8 of shape (y, x).
+    ``step_penalty``: Penalty of a step from hypothesis k - 1 to k, uint16 of shape (k + 1,).
+    ``jumps``: Penalty of larger steps for every difference of grey values, uint16 of shape (256,).
+    ``total``: Output: the sums, uint16 of shape (y, x, k).
     """
     total[:] = np.uint16(0)
     _pass(costs, edges, step_penalty, jumps, total, False)
@@ -255,21 +228,12 @@ _FLOOR = 8 * 10.0 * COST_OF_BIT  # ten bits on each of eight paths
 def winners(total: Any, costs: Any, wide: int, place: Any, distinct: Any, own: Any) -> None:
     """Find the hypothesis of least cost of every pixel.
 
-    Parameters
-    ----------
-    total
-        Costs of ways, uint16 of shape (y, x, k).
-    costs
-        Costs of the pixels themselves, uint8 of the same shape.
-    wide
-        Hypotheses up to this far from the best are the same answer.
-    place
-        Output: the best hypothesis, between two by a parabola through three costs, shape (y, x).
-    distinct
-        Output: how many times as much the best other answer costs, shape (y, x). Ten bits are added to both costs:
-        where next to nothing differs, noise would decide.
-    own
-        Output: the pixel's own cost under the best hypothesis, shape (y, x).
+    ``total``: Costs of ways, uint16 of shape (y, x, k).
+    ``costs``: Costs of the pixels themselves, uint8 of the same shape.
+    ``place``: Output: the best hypothesis, between two by a parabola through three costs, shape (y, x).
+    ``distinct``: Output: how many times as much the best other answer costs, shape (y, x). Ten bits are added to both
+      costs: where next to nothing differs, noise would decide.
+    ``own``: Output: the pixel's own cost under the best hypothesis, shape (y, x).
     """
     height, width, count = total.shape
     for y in range(height):
@@ -302,18 +266,10 @@ def agreeing(total: Any, shifts: Any, place: Any, tolerance: int, agrees: Any) -
 
     The costs of that view's pixel x' are those of the reference at x' - shifts[k]: a diagonal through the volume.
 
-    Parameters
-    ----------
-    total
-        Costs, uint16 of shape (y, x, k).
-    shifts
-        How far to the right the view sees a point, for every hypothesis, in whole px.
-    place
-        Chosen hypotheses, shape (y, x).
-    tolerance
-        How many hypotheses the two may be apart.
-    agrees
-        Output: set where they are not further apart, left where they are; shape (y, x).
+    ``total``: Costs, uint16 of shape (y, x, k).
+    ``shifts``: How far to the right the view sees a point, for every hypothesis, in whole px.
+    ``place``: Chosen hypotheses, shape (y, x).
+    ``agrees``: Output: set where they are not further apart, left where they are; shape (y, x).
     """
     height, width, count = total.shape
     lows = np.empty(width, dtype=np.uint16)

@@ -110,16 +110,9 @@ def _unlike(later: Any, q: Any, y: int, x: int, motion: Any, same: float, most: 
 def costs_of(later: Any, q: Any, shift_x: float, shift_y: float, out: Any) -> None:
     """Write the cost of given motions, in bits of 48.
 
-    Parameters
-    ----------
-    later
-        The images.
-    q
-        Velocity in baselines per frame, shape (3, y, x).
-    shift_x, shift_y
-        Flow in columns per frame that is added.
-    out
-        Output, shape (y, x).
+    ``q``: Velocity in baselines per frame, shape (3, y, x).
+    ``shift_x``, ``shift_y``: Flow in columns per frame that is added.
+    ``out``: Output, shape (y, x).
     """
     height, width = later.reference.shape
     for y in range(height):
@@ -132,21 +125,9 @@ def costs_of(later: Any, q: Any, shift_x: float, shift_y: float, out: Any) -> No
 def search(later: Any, q: Any, sweeps: int, reach: float, smooth: Any, seed: int) -> None:
     """Better the motion of every pixel by those of its neighbours, and by random changes that become smaller.
 
-    Parameters
-    ----------
-    later
-        The images.
-    q
-        Velocity in baselines per frame, shape (3, y, x); bettered in place.
-    sweeps
-        How often to go through all pixels, forth and back.
-    reach
-        Changes of flow to begin with, in columns; halved with every sweep.
-    smooth
-        Bits that a difference of one px from a neighbour costs; px beyond which more does not cost more; difference of
-        disparity beyond which a neighbour belongs to another surface.
-    seed
-        Where random numbers begin.
+    ``q``: Velocity in baselines per frame, shape (3, y, x); bettered in place.
+    ``smooth``: Bits that a difference of one px from a neighbour costs; px beyond which more does not cost more;
+      difference of disparity beyond which a neighbour belongs to another surface.
     """
     height, width = later.reference.shape
     weight, most, same = smooth

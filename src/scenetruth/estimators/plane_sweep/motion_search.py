@@ -72,27 +72,12 @@ def sweep_motion(
 ) -> MotionResult:
     """Find how the points move that the reference sees.
 
-    Parameters
-    ----------
-    reference
-        Image of the reference camera in the estimated frame, finite, shape (channel, y, x). Channels are averaged.
-    beside
-        Images of all cameras in frames beside it, mostly those before and behind, shape (channel, s, y, x) each.
-    times
-        When these were taken, in frames from the estimated one.
-    positions
-        Where the cameras stand, in steps, one of them at 0.
-    disparity
-        Of the reference's pixels, finite, in columns per step; None for one camera, which shows flow only.
-    focal_length_px
-        Focal length in columns.
-    centre
-        Column and row of the principal point.
-
-    Returns
-    -------
-    Moved
-        Motion over up to 16 columns per frame.
+    ``reference``: Image of the reference camera in the estimated frame, finite, shape (channel, y, x). Channels are
+      averaged.
+    ``beside``: Images of all cameras in frames beside it, mostly those before and behind, shape (channel, s, y, x)
+      each.
+    ``disparity``: Of the reference's pixels, finite, in columns per step; None for one camera, which shows flow only.
+    Returns: Motion over up to 16 columns per frame.
     """
     grey = np.ascontiguousarray(reference.mean(axis=0, dtype=np.float32))
     others = np.stack([frame.mean(axis=0, dtype=np.float32) for frame in beside])

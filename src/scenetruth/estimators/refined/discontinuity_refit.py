@@ -92,13 +92,7 @@ class GainOffset(NamedTuple):
 
 
 def uniform_gain_offset(count: int) -> GainOffset:
-    """Return that all images have the same brightness.
-
-    Parameters
-    ----------
-    count
-        Number of images.
-    """
+    """Return that all images have the same brightness."""
     return GainOffset(np.ones((count, 1, 1), dtype=np.float32), np.zeros((count, 1, 1), dtype=np.float32))
 
 
@@ -111,17 +105,7 @@ def estimate_gain_offset(
 ) -> GainOffset:
     """Find the images' gains and offsets against their mean by regression in blocks.
 
-    Parameters
-    ----------
-    coefficients, view, fields, bad
-        As of `warp_rows`.
-    good
-        Pixels that are asked, shape (y, x).
-
-    Returns
-    -------
-    Brightness
-        Blocks with too few pixels, or without contrast, have the values of the nearest that suffice.
+    ``good``: Pixels that are asked, shape (y, x).
     """
     count, height, width = coefficients.shape
     down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
@@ -188,18 +172,11 @@ _DIFFERENT_PX = 0.5
 class HypothesisSelection:
     """The best model of every pixel so far.
 
-    Parameters
-    ----------
-    images
-        The images that judge.
-    theta
-        Parameters to begin with, shape (15 or 18, y, x).
-    where
-        Pixels to be judged, shape (y, x).
-    noise
-        Standard deviation of what the images leave by noise alone.
-    steady
-        Pixels that tell the images' brightness, shape (y, x); without, it is the same in all.
+    ``images``: The images that judge.
+    ``theta``: Parameters to begin with, shape (15 or 18, y, x).
+    ``where``: Pixels to be judged, shape (y, x).
+    ``noise``: Standard deviation of what the images leave by noise alone.
+    ``steady``: Pixels that tell the images' brightness, shape (y, x); without, it is the same in all.
     """
 
     def __init__(
@@ -229,10 +206,7 @@ class HypothesisSelection:
     def offer(self, theta: Map) -> None:
         """Take models where they explain the images better.
 
-        Parameters
-        ----------
-        theta
-            Parameters, shape (15 or 18, y, x); NaN where there are none.
+        ``theta``: Parameters, shape (15 or 18, y, x); NaN where there are none.
         """
         cost = self._judge(theta)
         with np.errstate(invalid="ignore"):
@@ -246,13 +220,7 @@ class HypothesisSelection:
         self.cost[better] = cost[better]
 
     def spread(self, distance: int) -> None:
-        """Offer every pixel the models of eight others in turn.
-
-        Parameters
-        ----------
-        distance
-            How far away they are, in rows and columns.
-        """
+        """Offer every pixel the models of eight others in turn."""
         for down in (-distance, 0, distance):
             for right in (-distance, 0, distance):
                 if right or down:
@@ -305,13 +273,7 @@ class DiscontinuityContext:
 
 
 def empty_discontinuity_context(shape: tuple[int, int]) -> DiscontinuityContext:
-    """Return that no pixel is beside an outline.
-
-    Parameters
-    ----------
-    shape
-        Rows and columns.
-    """
+    """Return that no pixel is beside an outline."""
     return DiscontinuityContext(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
 
 
@@ -324,18 +286,7 @@ def refit_discontinuities(
 ) -> tuple[RefinedState, DiscontinuityContext]:
     """Fit pixels anew whose windows hold more than one surface.
 
-    Parameters
-    ----------
-    images
-        The images.
-    start
-        Disparity and velocity that whole windows started from, shape (4, y, x), finite.
-    refined
-        What whole windows found.
-    settings
-        Windows, model and brightness.
-    told
-        Called with the number of steps that are done.
+    ``start``: Disparity and velocity that whole windows started from, shape (4, y, x), finite.
     """
     noise = estimate_noise(np.sqrt(refined.fit.residual[0]))
     sigma = settings.window_sigma_px

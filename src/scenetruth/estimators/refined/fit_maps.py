@@ -47,12 +47,7 @@ Map = NDArray[np.float64]
 def initial_parameters(start: Map, *, accelerated: bool) -> Map:
     """Return parameters to start from, shape (15 or 18, y, x).
 
-    Parameters
-    ----------
-    start
-        Disparity and velocity, shape (4, y, x).
-    accelerated
-        Whether there is room for an acceleration.
+    ``start``: Disparity and velocity, shape (4, y, x).
     """
     theta = np.zeros((ALL if accelerated else FULL, *start.shape[1:]))
     theta[STEADY_PLACES] = start
@@ -62,10 +57,7 @@ def initial_parameters(start: Map, *, accelerated: bool) -> Map:
 def accelerated(theta: Map) -> Map:
     """Return parameters with room for an acceleration, which is 0 if there was none, shape (18, y, x).
 
-    Parameters
-    ----------
-    theta
-        Parameters, shape (15 or 18, y, x).
+    ``theta``: Parameters, shape (15 or 18, y, x).
     """
     out = np.zeros((ALL, *theta.shape[1:]))
     out[: len(theta)] = theta
@@ -75,10 +67,7 @@ def accelerated(theta: Map) -> Map:
 def extract_fields(theta: Map) -> Map:
     """Return d and q at the pixels, and their acceleration if there is one, shape (4 or 7, y, x).
 
-    Parameters
-    ----------
-    theta
-        Parameters, shape (15 or 18, y, x).
+    ``theta``: Parameters, shape (15 or 18, y, x).
     """
     return theta[STEADY_PLACES + (_ACCELERATION if len(theta) > FULL else [])]
 
@@ -86,10 +75,7 @@ def extract_fields(theta: Map) -> Map:
 def fill_between(theta: Map) -> None:
     """Give every pixel in odd rows or columns the parameters of the pixel above, or at the left, carried to it.
 
-    Parameters
-    ----------
-    theta
-        Parameters, shape (15 or 18, y, x); read at even rows and columns, written elsewhere.
+    ``theta``: Parameters, shape (15 or 18, y, x); read at even rows and columns, written elsewhere.
     """
     even = theta[:, ::2, ::2]
     for down, right in ((0, 1), (1, 0), (1, 1)):
@@ -100,12 +86,7 @@ def fill_between(theta: Map) -> None:
 def carried(theta: Map, right: int, down: int) -> Map:
     """Return parameters at every pixel as the model of a pixel beside it has them.
 
-    Parameters
-    ----------
-    theta
-        Parameters of the full model, shape (15 or 18, y, x).
-    right, down
-        By how many pixels they are carried, in columns and rows; NaN where they would come from outside.
+    ``theta``: Parameters of the full model, shape (15 or 18, y, x).
     """
     height, width = theta.shape[1:]
     out = np.full_like(theta, np.nan)
@@ -157,12 +138,7 @@ def blank_fit(state: Map, *, variances: bool) -> Fit:
 def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:
     """Return one fit where it is chosen, and another elsewhere; without the acceleration, if one has none.
 
-    Parameters
-    ----------
-    where
-        Pixels where it is, shape (y, x).
-    fit, other
-        The fits.
+    ``where``: Pixels where it is, shape (y, x).
     """
     if len(fit.theta) != len(other.theta):
         fit, other = (each._replace(theta=each.theta[:FULL], variance=each.variance[:_STEADY]) for each in (fit, other))
@@ -172,40 +148,18 @@ def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:
 def explained(
     square: NDArray[np.floating[Any]], gradient: NDArray[np.floating[Any]], noise: float
 ) -> NDArray[np.bool_]:
-    """Tell where what a fit leaves may be noise, or the texture's own.
-
-    Parameters
-    ----------
-    square, gradient
-        Mean squares of what is left, and of the texture's gradient.
-    noise
-        Standard deviation of what may be left by noise.
-    """
+    """Tell where what a fit leaves may be noise, or the texture's own."""
     with np.errstate(invalid="ignore"):
         return np.asarray(square <= np.maximum(noise**2, _EXPLAINED_PX**2 * gradient))
 
 
 def every_other(fit: Fit) -> Fit:
-    """Return a fit at every other row and column.
-
-    Parameters
-    ----------
-    fit
-        The fit, with variances.
-    """
+    """Return a fit at every other row and column."""
     return Fit._make(each[..., ::2, ::2] for each in fit)
 
 
 def between(found: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return what was found at every other row and column for the pixels below and at the right, too.
-
-    Parameters
-    ----------
-    found
-        As of `every_other`.
-    shape
-        Rows and columns of all pixels.
-    """
+    """Return what was found at every other row and column for the pixels below and at the right, too."""
     return np.asarray(np.repeat(np.repeat(found, 2, axis=0), 2, axis=1)[: shape[0], : shape[1]])
 
 
@@ -224,18 +178,7 @@ def differ(
     or a smaller window, noise alone makes them differ by the difference of their variances. Squares of the difference,
     averaged over a window, must be more than four times that.
 
-    Parameters
-    ----------
-    coarse, fine
-        The fits, with variances.
-    sigma_px
-        Standard deviation of the windows that are averaged over.
-    motion
-        Whether velocities are compared, not only disparities.
-    among
-        Pixels that tell, shape (y, x); all do without.
-    most
-        A pixel counts by this many times its noise at most.
+    ``among``: Pixels that tell, shape (y, x); all do without.
     """
     found = np.zeros(coarse.theta.shape[1:], dtype=np.bool_)
     for place, _, square, noise in _changes(coarse, fine, sigma_px, among, most):
@@ -249,13 +192,6 @@ def with_bias(fine: Fit, coarse: Fit, sigma_px: float, coarse_sigma_px: float) -
 
     Where what is fitted changes within a window by more than the model allows, the bias goes with the square of the
     window's width: what another width changes, tells of it.
-
-    Parameters
-    ----------
-    fine, coarse
-        The same model in smaller and larger windows, with variances.
-    sigma_px, coarse_sigma_px
-        Standard deviations of the windows.
     """
     share = sigma_px**2 / (coarse_sigma_px**2 - sigma_px**2)
     variance = fine.variance.copy()

@@ -60,17 +60,7 @@ class ImageAgreement:
 def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even: bool = False) -> ImageAgreement:
     """Compare every image with the mean of all others, block by block.
 
-    Parameters
-    ----------
-    images
-        The images; those that are left out are looked at too.
-    fields
-        d and q of every pixel, shape (4, y, x).
-    sigma_px
-        Standard deviation of the windows; blocks are as wide as they.
-    even
-        Whether each block has one value of each field, the median: where pixels were free to choose, they choose what
-        agrees by chance.
+    ``fields``: d and q of every pixel, shape (4, y, x).
     """
     height, width = images.shape
     edge = min(2 * math.ceil(_CUT * sigma_px) + 1, height, width)
@@ -121,20 +111,6 @@ def find_inconsistent_images(
     them is wrong: a reference that is shifted agrees with all frames of a second camera and one frame of its own, with
     another depth and a motion in depth. So four must remain, of several cameras and frames seven, and more than three
     of four; blank images are not counted.
-
-    Parameters
-    ----------
-    images
-        All images that will be fitted together.
-    fields, sigma_px
-        As of `agreement`.
-    part
-        Those of the frames to be fitted now: they are compared with each other if they suffice, else with all.
-
-    Returns
-    -------
-    frozenset
-        Places in the part.
     """
     cameras = len(images.positions)
     least = _REMAIN if min(cameras, len(images.times)) == 1 else _REMAIN_OF_BOTH
@@ -162,10 +138,7 @@ def find_inconsistent_images(
 def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
     """Return the correlation of every image with the mean of the others, and the median image's contrast.
 
-    Parameters
-    ----------
-    values
-        Grey values of a block, shape (n, pixels), NaN where unknown.
+    ``values``: Grey values of a block, shape (n, pixels), NaN where unknown.
     """
     known = np.isfinite(values)
     counts = known.sum(axis=1)
@@ -201,17 +174,7 @@ def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
     Fits that are right leave no more than that; if they are wrong everywhere, what they leave does not tell. Second
     differences along x of those along y, over 6, leave white noise as it is, and little of texture.
 
-    Parameters
-    ----------
-    images
-        The images; the nearest to the reference counts that is not left out.
-    sigma_px
-        Standard deviation of the windows.
-
-    Returns
-    -------
-    numpy.ndarray
-        In grey values, infinite where too few pixels can be used, shape (y, x).
+    Returns: In grey values, infinite where too few pixels can be used, shape (y, x).
     """
     from scipy.ndimage import convolve1d, gaussian_filter
 
@@ -237,13 +200,7 @@ _MOST_NAMED = 6
 
 
 def describe_missing_contrast(images: ImageStack) -> str:
-    """Return why images that are all the same tell nothing; empty if they differ.
-
-    Parameters
-    ----------
-    images
-        The images that are fitted together.
-    """
+    """Return why images that are all the same tell nothing; empty if they differ."""
     first = images.coefficients[0][:, :1]
     alike = [bool((frame == frame[:, :1]).all()) for frame in images.coefficients]
     if all(alike) and all(np.array_equal(frame[:, :1], first) for frame in images.coefficients):
@@ -256,10 +213,7 @@ def describe_missing_contrast(images: ImageStack) -> str:
 class ExclusionReport:
     """Collects what is left out.
 
-    Parameters
-    ----------
-    recording
-        The recording, whose s and t name images; s_y, too, if cameras stand in rows.
+    ``recording``: The recording, whose s and t name images; s_y, too, if cameras stand in rows.
     """
 
     def __init__(self, recording: xr.Dataset) -> None:
@@ -270,27 +224,11 @@ class ExclusionReport:
         self._reasons: dict[str, str] = {}
 
     def leave_out(self, first: int, images: frozenset[tuple[int, int]]) -> None:
-        """Note images that were left out.
-
-        Parameters
-        ----------
-        first
-            Place along t of the first frame of their window.
-        images
-            Places of their frames in the window and cameras.
-        """
+        """Note images that were left out."""
         self._left_out |= {(*self._cameras[camera], self._t[first + frame]) for frame, camera in images}
 
     def report_invalid_frame(self, frame: int, reason: str) -> None:
-        """Note a frame of which nothing is known.
-
-        Parameters
-        ----------
-        frame
-            Its place along t.
-        reason
-            Why.
-        """
+        """Note a frame of which nothing is known."""
         self._reasons[str(self._t[frame])] = reason
 
     def attributes(self) -> dict[str, Any]:

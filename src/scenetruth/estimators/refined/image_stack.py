@@ -32,22 +32,6 @@ class FramesNeeded:
 def frames_needed(count: int, window: int, *, every: bool) -> list[FramesNeeded]:
     """Tell which frames are estimated, and from which.
 
-    Parameters
-    ----------
-    count
-        Number of frames of the recording.
-    window
-        Number of frames to be fitted together, at most.
-    every
-        Whether frames are estimated whose window does not lie inside the recording; it is cut there.
-
-    Returns
-    -------
-    list of FramesNeeded
-        In the order of time. For an even window, one frame more comes after the estimated one than before.
-
-    Examples
-    --------
     >>> [frames.output for frames in frames_needed(9, 9, every=False)]
     [4]
     >>> frames_needed(3, 9, every=True)[0]
@@ -66,12 +50,8 @@ def frames_needed(count: int, window: int, *, every: bool) -> list[FramesNeeded]
 class Splines:
     """Coefficients of splines through the images of a window of frames; frames are transformed once.
 
-    Parameters
-    ----------
-    images
-        Reads the images.
-    order
-        Order of the splines, 3 or 5.
+    ``images``: Reads the images.
+    ``order``: Order of the splines, 3 or 5.
     """
 
     def __init__(self, images: DefectFilteredFrames, order: int) -> None:
@@ -79,13 +59,7 @@ class Splines:
         self._held: dict[int, NDArray[np.float32]] = {}
 
     def frames(self, first: int, last: int) -> list[NDArray[np.float32]]:
-        """Return the coefficients of successive frames, shape (channel, s, y, x) each.
-
-        Parameters
-        ----------
-        first, last
-            The first frame, and the one behind the last, as places along t.
-        """
+        """Return the coefficients of successive frames, shape (channel, s, y, x) each."""
         for frame in [frame for frame in self._held if not first <= frame < last]:
             del self._held[frame]
         for frame in range(first, last):
@@ -118,26 +92,17 @@ Map = NDArray[np.float64]
 class ImageStack:
     """Images that are fitted together.
 
-    Parameters
-    ----------
-    coefficients
-        Coefficients of their splines by frame, shape (channel, s, y, x) each.
-    positions
-        Positions (s, s_y) of the cameras in steps, shape (cameras, 2).
-    times
-        Times of the frames after the estimated one.
-    focal, centre
-        Focal length, and principal point (x, y), in columns and rows.
-    moved
-        How far every image is from where it should be, in the order of `stack`, as of `warp.corrected`, shape (n, 4).
-    bad
-        Not 0 at pixels around which nothing must be fetched, by frame, shape (s, y, x) each; empty if there are none.
-    left_out
-        Images that are left out as a whole, as places of their frames and cameras.
-    variance
-        How the noise's variance depends on the grey value.
-    spline
-        Order of the splines.
+    ``coefficients``: Coefficients of their splines by frame, shape (channel, s, y, x) each.
+    ``positions``: Positions (s, s_y) of the cameras in steps, shape (cameras, 2).
+    ``times``: Times of the frames after the estimated one.
+    ``focal``, ``centre``: Focal length, and principal point (x, y), in columns and rows.
+    ``moved``: How far every image is from where it should be, in the order of `stack`, as of `warp.corrected`, shape
+      (n, 4).
+    ``bad``: Not 0 at pixels around which nothing must be fetched, by frame, shape (s, y, x) each; empty if there are
+      none.
+    ``left_out``: Images that are left out as a whole, as places of their frames and cameras.
+    ``variance``: How the noise's variance depends on the grey value.
+    ``spline``: Order of the splines.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -202,13 +167,7 @@ class ImageStack:
         )
 
     def without(self, left_out: Iterable[tuple[int, int]]) -> ImageStack:
-        """Return the images with others left out than now.
-
-        Parameters
-        ----------
-        left_out
-            Places of their frames and cameras.
-        """
+        """Return the images with others left out than now."""
         return replace(self, left_out=frozenset(left_out))
 
     @property
@@ -256,10 +215,7 @@ class ImageStack:
     def moved_px(self, before: Map, after: Map) -> Map:
         """Return by how much a change of d, q and acceleration moves points where it moves them most, in px.
 
-        Parameters
-        ----------
-        before, after
-            As of `warp_rows`, shape (4 or 7, ...).
+        ``before``, ``after``: As of `warp_rows`, shape (4 or 7, ...).
         """
         steps = np.abs(after - before)
         moved = steps[0] * self.farthest

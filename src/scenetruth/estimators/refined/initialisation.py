@@ -20,7 +20,6 @@ __all__ = [
     "CameraLayout",
     "InitialEstimate",
     "fill_gaps",
-    "initialise_by_plane_sweep",
     "initialise_by_structure_tensor",
     "initialise_robustly",
     "map_to_reference",
@@ -62,26 +61,8 @@ def initialise_by_plane_sweep(
 ) -> InitialEstimate:
     """Find disparity and velocity of every pixel by trying disparities, then motions.
 
-    Parameters
-    ----------
-    images
-        The estimated frame and those beside it, shape (channel, s, t, y, x).
-    estimated
-        Place along t of the frame to be estimated.
-    times
-        Times of the frames after it.
-    rig
-        The cameras.
-
-    Returns
-    -------
-    Start
-        Disparity in columns per step.
-
-    Raises
-    ------
-    EstimateError
-        If no disparity is found, or almost none that is not zero.
+    ``images``: The estimated frame and those beside it, shape (channel, s, t, y, x).
+    Returns: Disparity in columns per step.
     """
     from scenetruth.estimators.plane_sweep.disparity_sweep import sweep_disparity
     from scenetruth.estimators.plane_sweep.motion_search import sweep_motion
@@ -120,24 +101,7 @@ def initialise_by_plane_sweep(
 def initialise_by_structure_tensor(recording: xr.Dataset, frame: int, baseline_mm: float) -> InitialEstimate:
     """Find disparity and velocity of every pixel as the structure tensor does.
 
-    Parameters
-    ----------
-    recording
-        The frames that are fitted together.
-    frame
-        Place along t of the frame to be estimated.
-    baseline_mm
-        Distance of two positions.
-
-    Returns
-    -------
-    Start
-        Disparity in px per step.
-
-    Raises
-    ------
-    EstimateError
-        If the structure tensor finds nothing in the images.
+    Returns: Disparity in px per step.
     """
     from scenetruth.estimators.estimation import estimate
 
@@ -166,14 +130,8 @@ def initialise_by_structure_tensor(recording: xr.Dataset, frame: int, baseline_m
 def fill_gaps(fields: NDArray[np.float64], known: NDArray[np.bool_], median_px: int = 1) -> NDArray[np.float64]:
     """Fill what is not known with the nearest that is, and take medians over squares.
 
-    Parameters
-    ----------
-    fields
-        Values, shape (n, y, x).
-    known
-        Where they are known, shape (y, x); somewhere they must be.
-    median_px
-        Edge of the squares, 1 for none.
+    ``fields``: Values, shape (n, y, x).
+    ``known``: Where they are known, shape (y, x); somewhere they must be.
     """
     from scipy import ndimage
 
@@ -195,26 +153,7 @@ Map = NDArray[np.float64]
 def initialise_robustly(
     frames: DefectFilteredFrames, needed: FramesNeeded, images: ImageStack, rig: CameraLayout, sigma_px: float
 ) -> InitialEstimate:
-    """Find disparity and velocity of every pixel of the reference, as `initialise_by_plane_sweep`.
-
-    Parameters
-    ----------
-    frames
-        Reads the images.
-    needed
-        The frames that are fitted.
-    images
-        The same images, to ask which start makes them agree.
-    rig
-        The cameras.
-    sigma_px
-        Standard deviation of the windows.
-
-    Raises
-    ------
-    EstimateError
-        If no image shows anything to start from.
-    """
+    """Find disparity and velocity of every pixel of the reference, as `initialise_by_plane_sweep`."""
     near = images.within(1.0)
     reference, middle = int(np.argmin(np.hypot(*rig.positions.T))), needed.output - needed.first
     row = np.flatnonzero(rig.positions[:, 1] == rig.positions[reference, 1]).tolist()
@@ -260,14 +199,7 @@ def map_to_reference(fields: Map, s: float, t: float, rig: CameraLayout) -> Map:
     reference at time 0. Of points that fall on one pixel, the nearest counts; pixels between are filled from those
     beside.
 
-    Parameters
-    ----------
-    fields
-        d and q, shape (4, y, x).
-    s, t
-        Where and when the other image was taken.
-    rig
-        The cameras.
+    ``fields``: d and q, shape (4, y, x).
     """
     _, height, width = fields.shape
     d, q_x, q_y, q_z = fields

@@ -91,16 +91,7 @@ def refine(
 
     The first rounds take the nearest frames only, and a motion without gradient, so that the start need not be good.
 
-    Parameters
-    ----------
-    images
-        The images.
-    start
-        Disparity and velocity to start from, shape (4, y, x), finite.
-    settings
-        Window, model and rounds.
-    told
-        Called with the number of rounds that are done.
+    ``start``: Disparity and velocity to start from, shape (4, y, x), finite.
     """
     models, sigma, gains = (
         select_models(images, settings),
@@ -162,23 +153,8 @@ def fit_surface(
 ) -> tuple[Map, NDArray[np.bool_], NDArray[np.int8]]:
     """Fit the models, and choose one for every pixel.
 
-    Parameters
-    ----------
-    images, state, models
-        As of `fit_round`.
-    settings
-        Window and brightness.
-    where
-        Pixels to be fitted, shape (y, x); without, all are.
-
-    Returns
-    -------
-    theta
-        Parameters of the chosen model.
-    curved
-        Where it has a surface of second order, shape (y, x).
-    chosen
-        Which one it is; where none is fitted, `NO_MODEL`.
+    ``where``: Pixels to be fitted, shape (y, x); without, all are.
+    Returns: Where it has a surface of second order, shape (y, x).
     """
     sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
@@ -207,15 +183,7 @@ class FinalIteration:
 def fit_final(
     images: ImageStack, state: Map, models: list[Model], settings: RefinedSettings, chosen: NDArray[np.int8]
 ) -> FinalIteration:
-    """Warp all images and fit the chosen models, with all that is told of them.
-
-    Parameters
-    ----------
-    images, state, models, chosen
-        As of `fit_round`.
-    settings
-        Window and brightness.
-    """
+    """Warp all images and fit the chosen models, with all that is told of them."""
     seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True)
     small = _FINER * settings.window_sigma_px
     gains = settings.photometric_model == "per_image"
@@ -258,32 +226,7 @@ def fit_round(
 ) -> list[Fit]:
     """Warp all images by what is known of every pixel, and fit each model anew, or the one that is chosen.
 
-    Parameters
-    ----------
-    images
-        The images.
-    state
-        Parameters of all pixels, shape (15 or 18, y, x); pixels where they are NaN are left out.
-    models
-        The models, two at most.
-    sigma_px
-        Standard deviation of the windows.
-    gains
-        Whether every image has a gain and an offset of its own.
-    variances
-        How many variances are wanted, as of `solve_rows`.
-    chosen
-        Which model fits every pixel, or `EVERY_MODEL`, or `NO_MODEL`; without, every model all.
-    finer
-        Windows of another standard deviation, and what the chosen models find in them, with the variance of
-        disparity: is written, if given.
-    seen
-        Is written, if given.
-    shifts
-        Is added to, if given.
-    coarse
-        Whether every other row is left out, and windows are fitted around every other pixel of the others only; between
-        them, parameters are those of the pixel above or at the left.
+    ``state``: Parameters of all pixels, shape (15 or 18, y, x); pixels where they are NaN are left out.
     """
     view, windows = images.view(), window_weights(sigma_px)
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen.copy()
@@ -332,10 +275,7 @@ def fit_round(
 def is_valid_step(state: Map, theta: Map) -> NDArray[np.bool_]:
     """Tell where new parameters are known, and disparity neither changes its sign nor by half.
 
-    Parameters
-    ----------
-    state, theta
-        Parameters before and after, shape (15 or 18, y, x).
+    ``state``, ``theta``: Parameters before and after, shape (15 or 18, y, x).
     """
     with np.errstate(invalid="ignore"):
         sound = np.isfinite(theta).all(axis=0) & (theta[0] * state[0] > 0)
@@ -345,10 +285,7 @@ def is_valid_step(state: Map, theta: Map) -> NDArray[np.bool_]:
 def fill_invalid_parameters(state: Map, theta: Map) -> Map:
     """Return parameters that are known everywhere: a fit's where its step is sound, else those of the nearest pixel.
 
-    Parameters
-    ----------
-    state, theta
-        Parameters before and after, shape (15 or 18, y, x).
+    ``state``, ``theta``: Parameters before and after, shape (15 or 18, y, x).
     """
     sound = is_valid_step(state, theta)
     return fill_gaps(theta, sound) if sound.any() else state

@@ -31,15 +31,7 @@ __all__ = ["blank_estimate", "fill_estimate"]
 
 
 def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Dataset:
-    """Return the estimate of a recording with maps that are still blank.
-
-    Parameters
-    ----------
-    recording
-        A checked recording.
-    settings
-        Which frames are estimated, and which maps follow from the model.
-    """
+    """Return the estimate of a recording with maps that are still blank."""
     sizes = recording["image"].sizes
     places = [frames.output for frames in _needed(sizes["t"], settings)]
     shape = (len(places), sizes["y"], sizes["x"])
@@ -60,31 +52,7 @@ def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Datas
 def fill_estimate(
     recording: xr.Dataset, settings: RefinedSettings, put: Put, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """Estimate surface and motion of every pixel, frame by frame.
-
-    Parameters
-    ----------
-    recording
-        As of `blank_estimate`.
-    settings
-        Window, model and rounds; the window counts in columns of the recording.
-    put
-        Takes the maps of `blank_estimate`.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    dict
-        Attributes: the rounds that each frame took, the share of its pixels with a curved surface, how many pixels of
-        the images were not used for which cause, which images were left out, and of which frames nothing is known and
-        why.
-
-    Raises
-    ------
-    RecordingError
-        If the recording's pixels are no even grid.
-    """
+    """Estimate surface and motion of every pixel, frame by frame."""
     from scenetruth.estimators.refined.discontinuity_refit import empty_discontinuity_context, refit_discontinuities
     from scenetruth.estimators.refined.image_consistency import ExclusionReport, describe_missing_contrast
     from scenetruth.estimators.refined.image_stack import ImageStack

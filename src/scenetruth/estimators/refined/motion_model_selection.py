@@ -85,15 +85,7 @@ class MotionModelCandidate:
 
 
 def list_motion_models(images: ImageStack, settings: RefinedSettings) -> list[MotionModelCandidate]:
-    """Return the motions to choose from if the plain one does not do, the simplest first.
-
-    Parameters
-    ----------
-    images
-        All images.
-    settings
-        Which motions may be chosen.
-    """
+    """Return the motions to choose from if the plain one does not do, the simplest first."""
     found: list[MotionModelCandidate] = []
     if len(images.times) == 1:
         return found
@@ -126,25 +118,8 @@ def choose_motion_model(
 ) -> tuple[Fit, NDArray[np.int8]]:
     """Choose the last fit at every pixel that explains the images better and changes what was chosen before.
 
-    Parameters
-    ----------
-    plain
-        Fit of the plain motion.
-    trials
-        Fits of `list_motion_models`, one after the other.
-    where
-        Pixels where each may be chosen, shape (y, x).
-    sigma_px
-        Standard deviation of their windows.
-    noise
-        Standard deviation of what may be left by noise.
-
-    Returns
-    -------
-    fit
-        The chosen one.
-    which
-        Which one that is: 0 for the plain one, the trials from 1 on, shape (y, x).
+    ``where``: Pixels where each may be chosen, shape (y, x).
+    Returns: Which one that is: 0 for the plain one, the trials from 1 on, shape (y, x).
     """
     which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
     fit = plain
@@ -171,15 +146,7 @@ def _leaves_less(fit: Fit, trial: MotionModelTrial, among: Mask, sigma_px: float
 
 
 def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> RefinedState:
-    """Fit pixels anew whose motion is richer than the plain one.
-
-    Parameters
-    ----------
-    refined
-        What the plain motion finds.
-    settings
-        Window, models and brightness.
-    """
+    """Fit pixels anew whose motion is richer than the plain one."""
     images = refined.images
     sigma, richer = settings.window_sigma_px, list_motion_models(images, settings)
     known = np.asarray(np.isfinite(refined.fit.theta).all(axis=0))
@@ -226,12 +193,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
 def encode_motion_models(which: NDArray[np.int8], richer: list[MotionModelCandidate]) -> NDArray[np.int8]:
     """Return the values of ``motion_model`` of what `choose_motion_model` chose.
 
-    Parameters
-    ----------
-    which
-        The chosen ones, shape (y, x).
-    richer
-        What could be chosen.
+    ``which``: The chosen ones, shape (y, x).
     """
     return np.array([MOTION_PLAIN, *(motion.number for motion in richer)], dtype=np.int8)[which]
 

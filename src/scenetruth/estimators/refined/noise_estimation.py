@@ -29,13 +29,7 @@ _ABOVE_NOISE = 4.0
 
 
 def estimate_noise(left: NDArray[np.float64]) -> float:
-    """Return the standard deviation of the images' noise from what fits leave: that of the windows that fit well.
-
-    Parameters
-    ----------
-    left
-        Standard deviation around the fit in every window, NaN where there is none.
-    """
+    """Return the standard deviation of the images' noise from what fits leave: that of the windows that fit well."""
     known = left[np.isfinite(left)]
     return float(np.quantile(known, _WELL)) if known.size else float("nan")
 
@@ -43,16 +37,7 @@ def estimate_noise(left: NDArray[np.float64]) -> float:
 def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: int, spline: int) -> NDArray[np.bool_]:
     """Tell where the mean of the images has more gradient than their noise would give it.
 
-    Parameters
-    ----------
-    mean_square_gradient
-        Mean over a window of the squared gradient of the images' mean, in grey values per px.
-    noise
-        Standard deviation of the noise of one image.
-    images
-        Number of images.
-    spline
-        Order of the splines through them.
+    ``mean_square_gradient``: Mean over a window of the squared gradient of the images' mean, in grey values per px.
     """
     by_noise = 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
     with np.errstate(invalid="ignore"):
@@ -121,15 +106,7 @@ EVEN = GreyVariance(1.0, 0.0)
 def photon_transfer_variance(
     dark_noise_dn: float, gain_dn_per_e: float, dark_level_dn: float, grey: float
 ) -> GreyVariance:
-    """Return the variance that a sensor's photon transfer says, over that of a mean grey value.
-
-    Parameters
-    ----------
-    dark_noise_dn, gain_dn_per_e, dark_level_dn
-        As of `PhotonTransferNoise`.
-    grey
-        The mean grey value.
-    """
+    """Return the variance that a sensor's photon transfer says, over that of a mean grey value."""
     return GreyVariance(dark_noise_dn**2 - gain_dn_per_e * dark_level_dn, gain_dn_per_e).over(grey)
 
 
@@ -139,17 +116,7 @@ def estimate_variance(grey: Map, square: Map) -> GreyVariance:
     The lower quartile of what is left, in each of 24 parts of the pixels that have grey values alike: windows that do
     not fit leave more. A line is fitted to it by relative errors.
 
-    Parameters
-    ----------
-    grey
-        Grey values of the pixels.
-    square
-        Mean square of what fits leave there, not finite where there is none; of the same shape.
-
-    Returns
-    -------
-    GreyVariance
-        Over that of the mean grey value; `EVEN` where nothing is known, or all is equally bright.
+    ``square``: Mean square of what fits leave there, not finite where there is none; of the same shape.
     """
     known = np.isfinite(square) & (square > 0)
     grey, square = grey[known], square[known]

@@ -99,15 +99,7 @@ def _with_std(name: str, components: tuple[int, ...]) -> dict[str, tuple[tuple[i
 
 
 def make_invalid_maps(cameras: int, frames: int, settings: RefinedSettings, shape: tuple[int, int]) -> dict[str, Any]:
-    """Return the maps of one frame of which nothing is known.
-
-    Parameters
-    ----------
-    cameras, frames, settings
-        As of `list_map_types`.
-    shape
-        Rows and columns.
-    """
+    """Return the maps of one frame of which nothing is known."""
     types = list_map_types(cameras, frames, settings).items()
     nothing = {name: np.zeros((*components, *shape), dtype=dtype) for name, (components, dtype) in types}
     for name, values in nothing.items():
@@ -125,30 +117,7 @@ def compute_maps(
     step_px: float,
     baseline_mm: float,
 ) -> dict[str, Any]:
-    """Return the maps of one frame.
-
-    Parameters
-    ----------
-    images
-        The images that were fitted.
-    refined
-        What was found.
-    beside
-        What is known beside outlines.
-    start
-        Where the fit started: some of its disparities are told where no fit is.
-    settings
-        What counts as an estimate.
-    step_px
-        Distance of two columns in the camera's pixels.
-    baseline_mm
-        Distance of two positions.
-
-    Returns
-    -------
-    dict
-        The maps of `list_map_types`; disparity and flow in the camera's pixels.
-    """
+    """Return the maps of one frame."""
     fit = refined.fit
     height, width = images.shape
     cameras, frames = len(images.positions), len(images.times)
@@ -231,22 +200,7 @@ def compute_maps(
 
 
 def compute_correction_maps(cameras: PoseCorrections, images: ImageStack, step_px: float) -> dict[str, Map]:
-    """Return how far the images of the estimated frame are from where they should be.
-
-    Parameters
-    ----------
-    cameras
-        What was found.
-    images
-        The images that were fitted.
-    step_px
-        Distance of two columns in the camera's pixels.
-
-    Returns
-    -------
-    dict
-        The variables of `CORRECTIONS` with the cameras as last dimension.
-    """
+    """Return how far the images of the estimated frame are from where they should be."""
     frame = np.flatnonzero(images.view().t == 0.0)
     found: dict[str, Map] = {}
     for end, each in (("", cameras.values), ("_std", cameras.std)):

@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from scenetruth.estimators.protocol import FrameReader
 from scenetruth.threads import in_threads
 
-__all__ = [
-    "CAUSES",
-    "DefectFilteredFrames",
-    "fill_defects",
-    "find_dead_pixels",
-    "find_saturated_runs",
-    "spread_defects",
-]
+__all__ = ["DefectFilteredFrames", "fill_defects", "find_dead_pixels", "find_saturated_runs", "spread_defects"]
 
 CAUSES = ("user", "not_finite", "saturated", "dead")
 """Why pixels are left out; of several causes, the first counts."""
@@ -44,10 +37,7 @@ Flags = NDArray[np.bool_]
 class DefectFilteredFrames:
     """Images of a recording in which pixels that must not be used are found, and filled from those around them.
 
-    Parameters
-    ----------
-    recording
-        A checked recording.
+    ``recording``: A checked recording.
     """
 
     def __init__(self, recording: xr.Dataset) -> None:
@@ -73,11 +63,6 @@ class DefectFilteredFrames:
         """Return the filled images of successive frames, as of `FrameReader.frames`: finite.
 
         Where nothing is bad, grey values have the type of the recording's, else float32.
-
-        Parameters
-        ----------
-        first, last
-            As of `FrameReader.frames`.
         """
         images = self._reader.frames(first, last)
         causes = [self._causes(frame, images[:, :, frame - first]) for frame in range(first, last)]
@@ -104,15 +89,7 @@ class DefectFilteredFrames:
     def bad(self, first: int, last: int) -> list[NDArray[np.uint8]]:
         """Tell where samples of successive frames must not be used, as `spread`.
 
-        Parameters
-        ----------
-        first, last
-            As of `frames`, which has been called for these frames.
-
-        Returns
-        -------
-        list of numpy.ndarray
-            1 where bad, for each frame, shape (s, y, x); empty if nothing is bad in any.
+        Returns: 1 where bad, for each frame, shape (s, y, x); empty if nothing is bad in any.
         """
         found = [self._bad[frame] for frame in range(first, last)]
         if all(flags is None for flags in found):
@@ -122,26 +99,12 @@ class DefectFilteredFrames:
         return [nothing if flags is None else flags for flags in found]
 
     def saturated(self, frame: int, camera: int) -> Flags | None:
-        """Return the saturated pixels of one image, shape (y, x), or None if its frame has none.
-
-        Parameters
-        ----------
-        frame
-            Its place along t; `frames` has been called for it.
-        camera
-            Number of its camera.
-        """
+        """Return the saturated pixels of one image, shape (y, x), or None if its frame has none."""
         found = self._saturated.get(frame)
         return None if found is None else found[camera]
 
     def part(self, first: int, last: int) -> xr.Dataset:
-        """Return the recording of successive frames with filled images, and without a mask.
-
-        Parameters
-        ----------
-        first, last
-            As of `frames`.
-        """
+        """Return the recording of successive frames with filled images, and without a mask."""
         part = self._recording.isel(t=slice(first, last)).drop_vars("exclusion_mask", errors="ignore")
         images = self.frames(first, last)
         if not self.bad(first, last):
@@ -216,15 +179,8 @@ def spread_defects(bad: Flags) -> NDArray[np.uint8]:
     Those are the samples whose nearest pixel is bad or two steps from a bad one at most, along rows and columns. To all
     others, splines bring 3 % of what was filled in wrongly, at most (root mean square over the places between pixels).
 
-    Parameters
-    ----------
-    bad
-        Bad pixels of some images, shape (n, y, x).
-
-    Returns
-    -------
-    numpy.ndarray
-        1 at such pixels, 0 elsewhere, of the same shape.
+    ``bad``: Bad pixels of some images, shape (n, y, x).
+    Returns: 1 at such pixels, 0 elsewhere, of the same shape.
     """
     from scipy.ndimage import binary_dilation, generate_binary_structure
 
@@ -241,12 +197,7 @@ def find_saturated_runs(image: NDArray[Any], white: float) -> Flags:
 
     One pixel at full scale alone may just be as bright; noise puts it there, or scaling an image to its brightest.
 
-    Parameters
-    ----------
-    image
-        Grey values, shape (y, x).
-    white
-        Full scale.
+    ``image``: Grey values, shape (y, x).
     """
     from scipy.ndimage import uniform_filter
 
@@ -260,12 +211,8 @@ def find_saturated_runs(image: NDArray[Any], white: float) -> Flags:
 def fill_defects(image: NDArray[np.float32], bad: Flags) -> NDArray[np.float32]:
     """Return an image whose bad pixels continue those around them.
 
-    Parameters
-    ----------
-    image
-        Grey values, finite where not bad, shape (y, x).
-    bad
-        Pixels to be filled, of the same shape; if all are, the image becomes 0.
+    ``image``: Grey values, finite where not bad, shape (y, x).
+    ``bad``: Pixels to be filled, of the same shape; if all are, the image becomes 0.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -284,16 +231,9 @@ def find_dead_pixels(images: Any) -> Flags:
 
     In the mean of images of what moves, texture fades and such a pixel stays.
 
-    Parameters
-    ----------
-    images
-        Called without arguments, gives grey values of all images in turn, shape (y, x), and which of them count for
-        nothing.
-
-    Returns
-    -------
-    numpy.ndarray
-        Dead pixels, shape (y, x).
+    ``images``: Called without arguments, gives grey values of all images in turn, shape (y, x), and which of them count
+      for nothing.
+    Returns: Dead pixels, shape (y, x).
     """
     total: Any = 0.0
     count, low, high = 0, np.inf, -np.inf

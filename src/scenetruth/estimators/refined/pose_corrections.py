@@ -22,7 +22,6 @@ from scenetruth.threads import in_threads
 
 __all__ = [
     "BLOCK_PX",
-    "CORRECTIONS",
     "Blocks",
     "CorrectionUncertainty",
     "Elimination",
@@ -30,7 +29,6 @@ __all__ = [
     "PointDerivatives",
     "PoseCorrections",
     "ShiftObservations",
-    "compute_correction_uncertainty",
     "compute_point_derivatives",
     "select_blocks",
 ]
@@ -58,16 +56,8 @@ def compute_point_derivatives(
 ) -> PointDerivatives:
     """Return how points move in images.
 
-    Parameters
-    ----------
-    view
-        Where and when the images were taken.
-    fields
-        d, q_X, q_Y and q_Z of the points, shape (4, points).
-    at
-        Column and row of the points in the reference image, shape (2, points).
-    accelerated
-        Whether the points' velocity may change.
+    ``fields``: d, q_X, q_Y and q_Z of the points, shape (4, points).
+    ``at``: Column and row of the points in the reference image, shape (2, points).
     """
     d, q_x, q_y, q_z = fields[:, :, None]
     s, s_y, t = view.s[None], view.s_y[None], view.t[None]
@@ -99,32 +89,14 @@ class ShiftObservations:
 
     @classmethod
     def blank(cls, shape: tuple[int, int], count: int) -> ShiftObservations:
-        """Return sums to be added to.
-
-        Parameters
-        ----------
-        shape
-            Rows and columns of the images.
-        count
-            Number of images.
-        """
+        """Return sums to be added to."""
         height, width = shape
         return cls(np.zeros((-(-height // BLOCK_PX), -(-width // BLOCK_PX), count, SUMS)))
 
     def add(
         self, warped: NDArray[np.float32], gradient: NDArray[np.float32], least: int, first: int, rows: tuple[int, int]
     ) -> None:
-        """Add one channel's images for the blocks that begin in some rows.
-
-        Parameters
-        ----------
-        warped, gradient, least
-            As of `add_products`.
-        first
-            Row of the image at which the arrays begin.
-        rows
-            The first row in which blocks begin, and the one behind the last.
-        """
+        """Add one channel's images for the blocks that begin in some rows."""
         top, bottom = (-(-row // BLOCK_PX) for row in rows)
         add = partial(add_shifts, warped, gradient, least, first, BLOCK_PX, self.sums)
         in_threads(add, [(row, row + 1) for row in range(top, bottom)])
@@ -153,14 +125,8 @@ def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array
     A point whose texture is the same in all directions follows the corrections c by K c, with the derivatives A and E
     of where images show it by its own parameters and by corrections, K = (Aᵀ A)⁻¹ Aᵀ E.
 
-    Parameters
-    ----------
-    view
-        Where and when the images were taken.
-    fields
-        d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
-    rooted
-        L of the corrections' covariance L Lᵀ, shape (4 n, any).
+    ``fields``: d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
+    ``rooted``: L of the corrections' covariance L Lᵀ, shape (4 n, any).
     """
     from scipy.ndimage import map_coordinates
 
@@ -229,12 +195,7 @@ class Equations:
 def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
     """Return what blocks tell that show texture.
 
-    Parameters
-    ----------
-    shifts
-        The sums over blocks.
-    fields
-        d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
+    ``fields``: d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
     """
     rows, columns = shifts.centres()
     height, width = fields.shape[1:]
@@ -261,12 +222,8 @@ def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
 class Elimination:
     """The equations of the corrections alone: those of every block's own depth and motion are solved for any of them.
 
-    Parameters
-    ----------
-    blocks
-        What blocks tell.
-    view
-        Where and when the images were taken.
+    ``blocks``: What blocks tell.
+    ``view``: Where and when the images were taken.
     """
 
     def __init__(self, blocks: Blocks, view: ImageView) -> None:
@@ -281,10 +238,7 @@ class Elimination:
     def equations(self, weight: Array) -> Equations:
         """Return the equations of all blocks together.
 
-        Parameters
-        ----------
-        weight
-            Weights of the blocks, shape (blocks,).
+        ``weight``: Weights of the blocks, shape (blocks,).
         """
         matrix, side = np.zeros((self._size, self._size)), np.zeros(self._size)
         own = np.zeros((self._size // CORRECTIONS, CORRECTIONS, CORRECTIONS))
@@ -301,15 +255,8 @@ class Elimination:
     def misfit(self, corrections: Array) -> Array:
         """Return what corrections leave of the blocks' shifts when their depth and motion follow.
 
-        Parameters
-        ----------
-        corrections
-            Of every image, shape (n, 4).
-
-        Returns
-        -------
-        numpy.ndarray
-            In squares of the images' noise per free shift, shape (blocks,).
+        ``corrections``: Of every image, shape (n, 4).
+        Returns: In squares of the images' noise per free shift, shape (blocks,).
         """
         c = corrections.ravel()
         found = []
@@ -403,12 +350,8 @@ class PoseCorrections:
     An image is off by what its position is off at every visit and by what is new at each; the image of the reference
     position in the estimated frame stands where it should by definition, and all others are off against it.
 
-    Parameters
-    ----------
-    priors
-        Standard deviations of what images are off before anything is known of them.
-    images
-        The images.
+    ``priors``: Standard deviations of what images are off before anything is known of them.
+    ``images``: The images.
     """
 
     def __init__(self, priors: CorrectionPriors, images: ImageStack) -> None:
@@ -448,14 +391,7 @@ class PoseCorrections:
 
         What stays within a tenth of its standard deviation does not count.
 
-        Parameters
-        ----------
-        shifts
-            The sums over blocks, of some frames' images at their latest corrections.
-        fields
-            d, q_X, q_Y and q_Z of every pixel by which they were warped, shape (4, y, x).
-        images
-            The images of these frames.
+        ``fields``: d, q_X, q_Y and q_Z of every pixel by which they were warped, shape (4, y, x).
         """
         blocks, view = select_blocks(shifts, fields), images.view()
         if not len(blocks.shift) or not blocks.noise > 0:
@@ -489,12 +425,7 @@ class PoseCorrections:
     def effect(self, images: ImageStack, fields: Array) -> CorrectionUncertainty:
         """Return what the corrections' uncertainty does to disparity and velocity.
 
-        Parameters
-        ----------
-        images
-            The images.
-        fields
-            d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
+        ``fields``: d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
         """
         rooted = self._parts @ np.linalg.cholesky(self._covariance)
         return compute_correction_uncertainty(images.view(), fields, rooted)

@@ -63,18 +63,7 @@ class RowBand:
 
 
 def window_weights(sigma_px: float) -> Map:
-    """Return the window's weights and their squares along one axis, times the powers 0 to 4 of the distance.
-
-    Parameters
-    ----------
-    sigma_px
-        Standard deviation of the Gaussian window.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (2, 5, 2 r + 1).
-    """
+    """Return the window's weights and their squares along one axis, times the powers 0 to 4 of the distance."""
     reach = math.ceil(_CUT * sigma_px)
     at = np.arange(-reach, reach + 1, dtype=np.float64)
     weights = np.exp(-0.5 * (at / sigma_px) ** 2)
@@ -86,12 +75,7 @@ def window_weights(sigma_px: float) -> Map:
 def around(where: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Return the pixels that lie within so many rows and columns of some.
 
-    Parameters
-    ----------
-    where
-        Those pixels, shape (y, x).
-    reach
-        How many rows and columns.
+    ``where``: Those pixels, shape (y, x).
     """
     from scipy.ndimage import maximum_filter
 
@@ -108,25 +92,7 @@ def bands(
     hidden: NDArray[np.uint8] = NO_OCCLUSION,
     shifts: ShiftObservations | None = None,
 ) -> Iterator[RowBand]:
-    """Warp all images by what is known of every pixel, and yield the pixels' normal equations band by band.
-
-    Parameters
-    ----------
-    images
-        The images.
-    fields
-        As of `warp_rows`.
-    sigma_px
-        Standard deviation of the windows that will be put together, and of those in which brightness is found.
-    gains
-        Whether every image has a gain and an offset of its own.
-    least_share
-        Pixels that fewer of the images show are left out.
-    hidden
-        In which images pixels are hidden, as of `visibility.hide`.
-    shifts
-        Is added to, if given.
-    """
+    """Warp all images by what is known of every pixel, and yield the pixels' normal equations band by band."""
     height, width = images.shape
     view = images.view()
     window = window_weights(sigma_px)[0, 0]
@@ -205,10 +171,7 @@ _SQUARES, _FREEDOM, _KNOWN, _GRADIENT = 14, 15, 16, 17
 def local_means(values: NDArray[Any]) -> NDArray[Any]:
     """Return the means over a pixel and its neighbours.
 
-    Parameters
-    ----------
-    values
-        Values, shape (y, x).
+    ``values``: Values, shape (y, x).
     """
     from scipy.ndimage import gaussian_filter
 
@@ -216,13 +179,7 @@ def local_means(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def local_gradient(products: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean square of the texture's gradient over a pixel and its neighbours, 0 where nothing is known.
-
-    Parameters
-    ----------
-    products
-        Normal equations, as of `add_products`.
-    """
+    """Return the mean square of the texture's gradient over a pixel and its neighbours, 0 where nothing is known."""
     known, gradient = local_means(products[_KNOWN]), local_means(products[_GRADIENT])
     return np.asarray(np.where(known > 0, gradient / np.where(known > 0, known, 1.0), 0.0))
 
@@ -238,35 +195,18 @@ class PixelEvidence:
 
     @classmethod
     def blank(cls, shape: tuple[int, int]) -> PixelEvidence:
-        """Return maps to be written.
-
-        Parameters
-        ----------
-        shape
-            Rows and columns.
-        """
+        """Return maps to be written."""
         return cls(np.full(shape, np.inf, dtype=np.float32), np.zeros(shape, dtype=np.float32))
 
     def chosen(self, where: NDArray[np.bool_], seen: PixelEvidence) -> PixelEvidence:
         """Return what another fit's pixels show where that is chosen, and these elsewhere.
 
-        Parameters
-        ----------
-        where
-            Pixels where it is, shape (y, x).
-        seen
-            What they show.
+        ``where``: Pixels where it is, shape (y, x).
         """
         return PixelEvidence(np.where(where, seen.square, self.square), np.where(where, seen.gradient, self.gradient))
 
     def put(self, band: RowBand) -> None:
-        """Write the rows of a band.
-
-        Parameters
-        ----------
-        band
-            Normal equations of its pixels.
-        """
+        """Write the rows of a band."""
         inner = slice(band.top - band.first, band.bottom - band.first)
         squares, freedom, known = (local_means(band.products[n])[inner] for n in (_SQUARES, _FREEDOM, _KNOWN))
         rows = slice(band.top, band.bottom)

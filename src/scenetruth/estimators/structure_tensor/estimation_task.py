@@ -60,19 +60,7 @@ def make_inputs(
 ) -> EstimationInputs:
     """Scale the filters of a rig to grey values and to equal noise.
 
-    Parameters
-    ----------
-    images
-        Images, shape (channel, s, t, y, x).
-    rig, settings, intrinsics
-        What they were taken with, and what to do with them.
-    full_scale
-        Value of the images that stands for the grey value 1.
-
-    Returns
-    -------
-    Task
-        The task.
+    ``images``: Images, shape (channel, s, t, y, x).
     """
     # Grey values in [-1, 1] are 2 image / full scale - 1; derivatives do not depend on the constant.
     grey = 2 / full_scale
@@ -99,36 +87,14 @@ def make_inputs(
 def columns_of_s(rig: AcquisitionAxes, disparity: int) -> NDArray[np.int64]:
     """Return by how many columns the image of each camera is read further to the right at a working point.
 
-    Parameters
-    ----------
-    rig
-        The cameras.
-    disparity
-        Disparity of the working point in px per step of s.
-
-    Returns
-    -------
-    numpy.ndarray
-        Whole columns, negative to the left, shape (s,), int64.
+    ``disparity``: Disparity of the working point in px per step of s.
+    Returns: Whole columns, negative to the left, shape (s,), int64.
     """
     return -np.rint(disparity * rig.positions).astype(np.int64)
 
 
 def common_area(task: EstimationInputs, registration: Registration) -> Rectangle:
-    """Return the pixels whose filters and window lie inside all registered images.
-
-    Parameters
-    ----------
-    task
-        The images, filters and window.
-    registration
-        The working point.
-
-    Returns
-    -------
-    Rectangle
-        The pixels; empty if the registered images do not overlap by filters and window.
-    """
+    """Return the pixels whose filters and window lie inside all registered images."""
     height, width = task.images.shape[-2:]
     reach = REACH + task.settings.window_taps_px // 2
     after = task.rig.frames - 1 - task.rig.before
@@ -147,15 +113,7 @@ def common_area(task: EstimationInputs, registration: Registration) -> Rectangle
 def largest_disparity(task: EstimationInputs) -> int:
     """Return the largest disparity at which the registered images still overlap by filters and window.
 
-    Parameters
-    ----------
-    task
-        The images, filters and window.
-
-    Returns
-    -------
-    int
-        Disparity in px per step of s.
+    Returns: Disparity in px per step of s.
     """
     width = task.images.shape[-1]
     reach = REACH + task.settings.window_taps_px // 2
@@ -164,20 +122,7 @@ def largest_disparity(task: EstimationInputs) -> int:
 
 
 def check_common_view(task: EstimationInputs, registrations: Sequence[Registration]) -> None:
-    """Check that the images of at least one registration overlap by filters and window.
-
-    Parameters
-    ----------
-    task
-        The images, filters and window.
-    registrations
-        The working points.
-
-    Raises
-    ------
-    EstimateError
-        If there is none.
-    """
+    """Check that the images of at least one registration overlap by filters and window."""
     areas = [common_area(task, item) for item in registrations]
     if not all(area.is_empty for area in areas):
         return
@@ -196,17 +141,8 @@ def shift_by_subpixels(task: EstimationInputs, disparity: int) -> NDArray[Any]:
 
     Quintic splines interpolate the images. Cameras at whole steps of s need no shift.
 
-    Parameters
-    ----------
-    task
-        The images and the rig.
-    disparity
-        Disparity of the working point in px per step of s.
-
-    Returns
-    -------
-    numpy.ndarray
-        Images, shape (channel, s, t, y, x): as recorded if no camera needs a shift, else float32.
+    ``disparity``: Disparity of the working point in px per step of s.
+    Returns: Images, shape (channel, s, t, y, x): as recorded if no camera needs a shift, else float32.
     """
     part = -disparity * task.rig.positions - columns_of_s(task.rig, disparity)
     if np.all(np.abs(part) < 1e-9):

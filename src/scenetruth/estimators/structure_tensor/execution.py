@@ -41,20 +41,10 @@ def carry_to_reference(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Resample maps at the pixels of the reference, for rigs whose estimates belong between cameras or frames.
 
-    Parameters
-    ----------
-    moved
-        By how much the reference sees each pixel's point further right and down, in px, shape (2, y, x); NaN where
-        there is no estimate.
-    maps
-        Floating-point maps, shape (n, y, x): interpolated linearly, NaN next to NaN.
-    flags
-        Maps of integers, shape (m, y, x): taken from the nearest pixel.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Both, resampled.
+    ``moved``: By how much the reference sees each pixel's point further right and down, in px, shape (2, y, x); NaN
+      where there is no estimate.
+    ``maps``: Floating-point maps, shape (n, y, x): interpolated linearly, NaN next to NaN.
+    ``flags``: Maps of integers, shape (m, y, x): taken from the nearest pixel.
     """
     rows, columns = np.mgrid[: moved.shape[1], : moved.shape[2]].astype(np.float64)
     filled = np.nan_to_num(moved)
@@ -101,16 +91,7 @@ def run_kernel(
 ) -> None:
     """Estimate the frames of a task in some tiles at one registration.
 
-    Parameters
-    ----------
-    task, registration
-        What to estimate, and at which working point.
-    candidate
-        The registration's number and images.
-    tiles
-        First and last + 1 row, then column, of every tile, shape (n, 4).
-    best, first_row
-        What is known so far of the rows from the first on; tiles must lie in them.
+    ``tiles``: First and last + 1 row, then column, of every tile, shape (n, 4).
     """
     from scenetruth.estimators.structure_tensor.tensor_kernels import Criteria, Registered, estimate_tile
 
@@ -181,28 +162,14 @@ def _filters_at(task: EstimationInputs, disparity: int) -> Filters:
 
 
 def frames_at_a_time(shape: Sequence[int]) -> int:
-    """Return how many frames to estimate at once, so that their maps and scratch memory stay bounded.
-
-    Parameters
-    ----------
-    shape
-        Rows and columns of the images.
-    """
+    """Return how many frames to estimate at once, so that their maps and scratch memory stay bounded."""
     by_maps = _MAP_BYTES / (_BYTES_PER_PIXEL_OF_MAPS * shape[0] * shape[1])
     by_scratch = _SCRATCH_BYTES / (_BYTES_PER_PIXEL * shape[1] * min(_BAND_ROWS, shape[0]))
     return max(1, int(min(by_maps, by_scratch)))
 
 
 def step_count(frames: int, shape: Sequence[int]) -> int:
-    """Return how many bands of rows `run` works on, one after the other.
-
-    Parameters
-    ----------
-    frames
-        Number of frames to estimate.
-    shape
-        Rows and columns of the images.
-    """
+    """Return how many bands of rows `run` works on, one after the other."""
     return len(_bands(frames, shape))
 
 
@@ -215,22 +182,7 @@ def _bands(frames: int, shape: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def run(task: EstimationInputs, registrations: Sequence[Registration], progress: Progress | None) -> EstimateMaps:
-    """Estimate the frames of a task, a band of rows at a time, so that scratch memory stays bounded.
-
-    Parameters
-    ----------
-    task
-        Images, filters and settings, with a threshold τ.
-    registrations
-        The working points; every pixel takes the best of those that are tried in its cell.
-    progress
-        Called with (what, done, total); None for no reports.
-
-    Returns
-    -------
-    Maps
-        The estimate at the reference camera and frame.
-    """
+    """Estimate the frames of a task, a band of rows at a time, so that scratch memory stays bounded."""
     height, width = task.images.shape[-2:]
     frames = len(task.outputs)
     elsewhere = task.rig.centre_s != 0 or task.rig.centre_t != 0

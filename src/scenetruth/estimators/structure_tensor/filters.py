@@ -27,7 +27,6 @@ __all__ = [
     "gaussian_window",
     "least_squares_pair",
     "pair_for",
-    "single",
     "transfer",
 ]
 
@@ -73,15 +72,8 @@ class FilterPair:
     def transfer(self, wave_number: float | Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return the transfer functions of D and S. Filters that match have D̂(w) = i w Ŝ(w).
 
-        Parameters
-        ----------
-        wave_number
-            w in radian per step, any shape.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            D̂ and Ŝ, of the same shape, complex128.
+        ``wave_number``: w in radian per step, any shape.
+        Returns: D̂ and Ŝ, of the same shape, complex128.
         """
         phase = np.exp(1j * np.multiply.outer(np.asarray(wave_number, dtype=np.float64), self.nodes))
         return np.asarray(phase @ self.derivative), np.asarray(phase @ self.smoothing)
@@ -101,16 +93,6 @@ def compact_pair(nodes: ArrayLike) -> FilterPair:
     nodes taken twice vanishes, and gives a_i ~ Π_j (s_i - s_j)⁻² and d_i = 2 a_i Σ_j 1 / (s_i - s_j), j ≠ i. Two nodes
     give the trapezium rule, three Simpson's rule, Collatz's and Lele's compact scheme of fourth order (S. K. Lele,
     J. Comput. Phys. 103, 1992), four the one of sixth order between two samples.
-
-    Parameters
-    ----------
-    nodes
-        At least two different positions in steps of the axis; the estimate belongs to 0.
-
-    Returns
-    -------
-    FilterPair
-        The pair at these nodes.
     """
     s = np.asarray(nodes, dtype=np.float64)
     differences = s[:, None] - s[None, :]
@@ -129,20 +111,6 @@ def least_squares_pair(nodes: ArrayLike, band: float = _BAND, noise_weight: floa
     Minimises the mean of |D̂(w) - i w Ŝ(w)|² over 0 <= w <= ``band`` plus ``noise_weight``² (Σ d² + Σ a²), so that D g =
     S ∂g and noise is averaged over all samples. A constant keeps its value, a ramp has its slope, and the smoothed
     signal stands at 0.
-
-    Parameters
-    ----------
-    nodes
-        At least three different positions with 0 inside, in steps; the estimate belongs to 0.
-    band
-        Largest wave number that has to match, in radian per mean gap between nodes.
-    noise_weight
-        Weight of the noise that passes the filters, against the mismatch of the two.
-
-    Returns
-    -------
-    FilterPair
-        The pair at these nodes.
     """
     s = np.asarray(nodes, dtype=np.float64)
     gap = (s.max() - s.min()) / (len(s) - 1)
@@ -184,13 +152,7 @@ _NAMED = {
 
 
 def single() -> FilterPair:
-    """Return the pair of an axis with one sample, along which there is no derivative.
-
-    Returns
-    -------
-    FilterPair
-        Smoothing 1, derivative 0.
-    """
+    """Return the pair of an axis with one sample, along which there is no derivative."""
     return FilterPair("one sample", np.zeros(1), np.ones(1), np.zeros(1))
 
 
@@ -199,16 +161,6 @@ def pair_for(nodes: ArrayLike) -> FilterPair:
 
     Equidistant samples around 0 take the published pair for their number (2, 3, 4, 5, 7, 9). All others take the
     least-squares pair, two samples the compact one.
-
-    Parameters
-    ----------
-    nodes
-        Positions in ascending order, in steps of the axis; the estimate belongs to 0.
-
-    Returns
-    -------
-    FilterPair
-        The pair at these nodes.
     """
     s = np.asarray(nodes, dtype=np.float64)
     count = len(s)
@@ -227,17 +179,7 @@ def pair_for(nodes: ArrayLike) -> FilterPair:
 def gaussian_window(sigma: float, taps: int) -> Array:
     """Return a Gaussian window.
 
-    Parameters
-    ----------
-    sigma
-        Standard deviation, in samples.
-    taps
-        Number of samples, odd.
-
-    Returns
-    -------
-    numpy.ndarray
-        Weights with the sum 1, shape (taps,).
+    Returns: Weights with the sum 1, shape (taps,).
     """
     offsets = np.arange(taps) - taps // 2
     weights = np.exp(-(offsets**2) / (2 * sigma**2))
@@ -251,15 +193,8 @@ def transfer(wave_number: float | NDArray[Any]) -> tuple[Array, Array]:
     Ŝ(w) = s_0 + 2 Σ s_j cos jw. A pattern cos(k x) that moves by u per step is estimated to move by
     D̂(k u) Ŝ(k) / (D̂(k) Ŝ(k u)).
 
-    Parameters
-    ----------
-    wave_number
-        w in radian per sample, any shape.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        D̂ and Ŝ, of the same shape.
+    ``wave_number``: w in radian per sample, any shape.
+    Returns: D̂ and Ŝ, of the same shape.
     """
     derivative, smoothing = PAPER.transfer(np.asarray(wave_number, dtype=np.float64))
     return np.asarray(derivative.imag), np.asarray(smoothing.real)
@@ -311,18 +246,7 @@ class AcquisitionAxes:
         return self.frames > 1
 
     def outputs(self, count_t: int) -> NDArray[np.int64]:
-        """Return the frames for which there are estimates.
-
-        Parameters
-        ----------
-        count_t
-            Number of frames of the recording.
-
-        Returns
-        -------
-        numpy.ndarray
-            Indices of frames, int64; empty if the recording has fewer than `frames`.
-        """
+        """Return the frames for which there are estimates."""
         return np.arange(count_t - self.frames + 1) + self.before
 
 
@@ -332,20 +256,6 @@ def choose_acquisition_axes(positions: Array, count_t: int, settings: StructureT
     Along s, all cameras enter one derivative. It belongs to the reference if the others surround it evenly, else to the
     middle of all. Along t, the longest of 2, 3 and 5 taps that fits is taken, then a window up to the one in the
     settings.
-
-    Parameters
-    ----------
-    positions
-        Positions of the cameras in steps, X_s / V_X, ascending.
-    count_t
-        Number of frames.
-    settings
-        Window along t.
-
-    Returns
-    -------
-    Rig
-        The rig.
     """
     middle = float(positions.mean())
     gap = (positions.max() - positions.min()) / max(len(positions) - 1, 1)
@@ -367,19 +277,7 @@ def axis_problems(
 ) -> list[Problem]:
     """Return why a recording is too small for the filters and the window.
 
-    Parameters
-    ----------
-    settings
-        The window.
-    cameras, frames
-        Number of camera positions and of frames.
-    width, height
-        Size of the images in px.
-
-    Returns
-    -------
-    list of Problem
-        All problems; empty if the recording is large enough.
+    ``width``, ``height``: Size of the images in px.
     """
     border = 2 * REACH + settings.window_taps_px
     problems = []

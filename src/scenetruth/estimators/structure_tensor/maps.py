@@ -40,13 +40,7 @@ class Texture(NamedTuple):
     """Distance of the places in px."""
 
     def cropped(self, rows: slice, columns: slice = slice(None)) -> Texture:
-        """Return a part of the places.
-
-        Parameters
-        ----------
-        rows, columns
-            Which rows and columns of places.
-        """
+        """Return a part of the places."""
         arrays = {name: getattr(self, name)[rows, columns] for name in self._fields if name != "stride"}
         return Texture(**arrays, stride=self.stride)
 
@@ -101,13 +95,7 @@ class BestRegistration(NamedTuple):
 
     @classmethod
     def empty(cls, frames: int, rows: int, columns: int) -> BestRegistration:
-        """Return arrays for a band of rows, before any registration has been tried.
-
-        Parameters
-        ----------
-        frames, rows, columns
-            Size of the arrays.
-        """
+        """Return arrays for a band of rows, before any registration has been tried."""
         shape = (frames, rows, columns)
         exact = ("v_x", "flow_x", "flow_y", "u_z", "certain_u_z")
         flags = ("kind_disparity", "kind_motion", "model_violation")
@@ -151,15 +139,7 @@ class EstimateMaps(NamedTuple):
 
     @classmethod
     def empty(cls, frames: int, height: int, width: int, *, shifted: bool) -> EstimateMaps:
-        """Return maps whose values are still to be written.
-
-        Parameters
-        ----------
-        frames, height, width
-            Size of the maps.
-        shifted
-            Whether the estimates belong between cameras or frames, so that ``shift`` is needed.
-        """
+        """Return maps whose values are still to be written."""
         shape = (frames, height, width)
         components = {"velocity": 3, "velocity_std": 3, "flow": 2, "eigenvalues": 5, "shift": 2}
         flags = ("kind", "kind_disparity", "kind_motion", "model_violation")

@@ -62,7 +62,7 @@ from scenetruth.schema import (
 )
 from scenetruth.schema.validity import compute_validity
 
-__all__ = ["LowTextureCount", "blank_estimate", "choose_registrations", "fill_estimate", "with_threshold"]
+__all__ = ["LowTextureCount", "blank_estimate", "fill_estimate"]
 
 
 # Eigenvalues of pure noise scatter around their mean; those of texture must be clearly larger.
@@ -82,21 +82,7 @@ _CALLER = 7
 
 
 def with_threshold(task: EstimationInputs, registrations: Sequence[Registration]) -> tuple[EstimationInputs, float]:
-    """Set the threshold τ of the eigenvalues; ``"auto"`` takes it from the noise of the images.
-
-    Parameters
-    ----------
-    task
-        Images and settings.
-    registrations
-        The working points.
-
-    Returns
-    -------
-    tuple
-        The task with a number for τ; and the standard deviation of the noise, of grey values in [-1, 1], NaN if it was
-        not needed.
-    """
+    """Set the threshold τ of the eigenvalues; ``"auto"`` takes it from the noise of the images."""
     settings = task.settings
     if settings.tau != "auto":
         return task, float(settings.noise_std) if settings.noise_std != "auto" else float("nan")
@@ -117,10 +103,7 @@ class LowTextureCount:
     tensor hold texture, two hold noise. A lower τ would make its depth and motion known. Dim images are full of such
     pixels. Without texture, or with texture in one direction only, the third eigenvalue is noise, like the fourth.
 
-    Parameters
-    ----------
-    task
-        Images and settings, with a number for τ.
+    ``task``: Images and settings, with a number for τ.
     """
 
     def __init__(self, task: EstimationInputs) -> None:
@@ -182,18 +165,7 @@ def _sample(task: EstimationInputs, registrations: Sequence[Registration]) -> tu
 
 
 def choose_registrations(task: EstimationInputs) -> list[Registration]:
-    """Choose the working points: as given, from the images, or from an estimate at half the resolution.
-
-    Parameters
-    ----------
-    task
-        Images and settings.
-
-    Returns
-    -------
-    list of Registration
-        The working points that are tried; at least one.
-    """
+    """Choose the working points: as given, from the images, or from an estimate at half the resolution."""
     settings, rig, images = task.settings, task.rig, task.images
     frame = int(task.outputs[len(task.outputs) // 2])
     camera = int(np.argmin(np.abs(rig.positions)))
@@ -310,27 +282,7 @@ _FIELDS = {
 
 
 def blank_estimate(recording: xr.Dataset, settings: StructureTensorSettings) -> xr.Dataset:
-    """Return the estimate of a recording with maps that are still blank.
-
-    Parameters
-    ----------
-    recording
-        A checked recording, of all pixels of the camera, of a part of them, or of every n-th (`compute_pixel_grid`).
-    settings
-        Window along t, which decides the frames.
-
-    Returns
-    -------
-    xarray.Dataset
-        An estimate for every frame whose window lies inside the recording, at the recording's pixels.
-
-    Raises
-    ------
-    RecordingError
-        If the recording's pixels are no even grid.
-    EstimateError
-        If the recording is too small for the filters, or the positions of its cameras are impossible.
-    """
+    """Return the estimate of a recording with maps that are still blank."""
     rig = _acquisition_axes(recording, settings)
     outputs = rig.outputs(recording.sizes["t"])
     shape = (len(outputs), recording.sizes["y"], recording.sizes["x"])
@@ -358,37 +310,6 @@ def fill_estimate(
     """Estimate depth, disparity, flow and velocity with the 4D structure tensor (paper, sections 2 to 4).
 
     Frames are read and estimated in groups, so that memory does not grow with their number.
-
-    Parameters
-    ----------
-    recording
-        As of `blank_estimate`.
-    settings
-        Window, threshold and working points; windows count in columns of the recording, working points in the
-        camera's pixels.
-    put
-        Takes the maps of `blank_estimate`. Pixels whose filters and window do not lie inside the registered images are
-        NaN with status 0. One camera gives no depth and no velocity, one frame neither flow nor velocity.
-        Disparity and flow are in the camera's pixels.
-    progress
-        Called with (what, done, total).
-
-    Returns
-    -------
-    dict
-        Attributes: the working points, the threshold, the noise.
-
-    Raises
-    ------
-    RecordingError
-        If the recording's pixels are no even grid.
-    EstimateError
-        If the recording is too small for the filters, or the working point leaves no common view.
-
-    Warns
-    -----
-    EstimateWarning
-        If the threshold τ is too high for many pixels.
     """
     rig = _acquisition_axes(recording, settings)
     images = FrameReader(recording)

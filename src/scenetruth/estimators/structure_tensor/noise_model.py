@@ -58,24 +58,7 @@ class NoiseModel:
 def propagate_noise(
     rig: AcquisitionAxes, over_s: FilterPair, over_t: FilterPair, channels: int, settings: StructureTensorSettings
 ) -> NoiseModel:
-    """Propagate white noise of unit power through the filters and the window of an estimate.
-
-    Parameters
-    ----------
-    rig
-        The cameras and frames, with the window along t.
-    over_s, over_t
-        Filters along s and t, as they are applied.
-    channels
-        Number of channels of the images.
-    settings
-        Window over x and y.
-
-    Returns
-    -------
-    NoiseModel
-        The powers of noise, for grey values in [-1, 1].
-    """
+    """Propagate white noise of unit power through the filters and the window of an estimate."""
     s_xy, d_xy = _power(PAPER.smoothing), _power(PAPER.derivative)
     (s_s, d_s), (s_t, d_t) = ((_power(pair.smoothing), _power(pair.derivative)) for pair in (over_s, over_t))
     window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
@@ -127,17 +110,8 @@ def _smoothing_noise(pair: FilterPair, window: Array) -> Array:
 def texture_transfer(image: NDArray[np.float32], settings: StructureTensorSettings) -> Texture:
     """Measure the wave numbers of the texture of an image, place by place.
 
-    Parameters
-    ----------
-    image
-        One image, or several channels of one, shape (channel, y, x), any scale.
-    settings
-        The window over which energies are summed up.
-
-    Returns
-    -------
-    Texture
-        Arrays of the shape (y / 4, x / 4), rounded up.
+    ``image``: One image, or several channels of one, shape (channel, y, x), any scale.
+    Returns: Arrays of the shape (y / 4, x / 4), rounded up.
     """
     from scenetruth.estimators.structure_tensor.registration_kernels import ENERGIES, gradient_energies
 

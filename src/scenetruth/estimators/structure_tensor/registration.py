@@ -65,17 +65,8 @@ def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None
     The horizontal differences of every two neighbouring cameras are correlated along x over all rows; the sums
     over all pairs add up, as do those of cameras two steps apart. The surface with most texture wins.
 
-    Parameters
-    ----------
-    grey
-        Images of one frame, shape (s, y, x), in order of s; any scale. Channels stand as more rows.
-    positions
-        Where the cameras stand, in steps; 0, 1, 2, ... if not given.
-
-    Returns
-    -------
-    int
-        Disparity in px per step of s (positive: x_s = x_0 - disparity s); 0 for images without texture.
+    ``grey``: Images of one frame, shape (s, y, x), in order of s; any scale. Channels stand as more rows.
+    Returns: Disparity in px per step of s (positive: x_s = x_0 - disparity s); 0 for images without texture.
     """
     count, _, width = grey.shape
     if count < 2:
@@ -100,15 +91,8 @@ def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None
 def find_working_point_of_flow(grey: NDArray[Any]) -> tuple[int, int]:
     """Find the integer flow at which successive frames of one camera agree best.
 
-    Parameters
-    ----------
-    grey
-        Images of one camera, shape (t, y, x), or (channel, t, y, x); any scale.
-
-    Returns
-    -------
-    tuple of int
-        Flow (x, y) in px per frame; (0, 0) for images without texture, or at rest.
+    ``grey``: Images of one camera, shape (t, y, x), or (channel, t, y, x); any scale.
+    Returns: Flow (x, y) in px per frame; (0, 0) for images without texture, or at rest.
     """
     count, height, width = grey.shape[-3:]
     if count < 2:
@@ -141,19 +125,7 @@ def registrations_along_surfaces(
 ) -> list[Registration]:
     """Find the integer disparities at which the images of one frame agree, and the cells where they do.
 
-    Parameters
-    ----------
-    images
-        Images of one frame, shape (channel, s, y, x).
-    positions
-        Where the cameras stand, in steps.
-    largest
-        Largest disparity to look at.
-
-    Returns
-    -------
-    list of Registration
-        For every cell the disparities that fit there or in a neighbouring cell.
+    ``images``: Images of one frame, shape (channel, s, y, x).
     """
     channels = np.ascontiguousarray(images, dtype=np.float32)
     middle = find_working_point(np.concatenate(channels, axis=1), positions)
@@ -195,21 +167,8 @@ def registrations_from_coarse(
 ) -> list[Registration]:
     """Return the registrations for the disparity and flow of an estimate at half the resolution.
 
-    Parameters
-    ----------
-    disparity, flow
-        Coarse estimates in px of the coarse image, shapes (y, x) and (2, y, x).
-    known
-        Where they are known, shape (y, x).
-    shape
-        Rows and columns of the fine image.
-    largest
-        Largest disparity that the fine image allows.
-
-    Returns
-    -------
-    list of Registration
-        For every cell the working points that fit there or in a neighbouring cell, and their nearest disparities.
+    ``disparity``, ``flow``: Coarse estimates in px of the coarse image, shapes (y, x) and (2, y, x).
+    ``known``: Where they are known, shape (y, x).
     """
     if not known.any():
         return [Registration(0)]
@@ -275,19 +234,8 @@ _LOW_ROWS, _JOIN = 4 * CELL, 32
 def split_into_tiles(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> NDArray[np.int64]:
     """Return tiles that cover the wanted cells inside an area, several for each thread.
 
-    Parameters
-    ----------
-    area
-        Where estimates can be made.
-    cells
-        Which cells of `CELL` px are wanted; None for all.
-    threads
-        Number of threads.
-
-    Returns
-    -------
-    numpy.ndarray
-        First row and the one behind the last, then columns, of every tile, shape (n, 4), int64.
+    ``cells``: Which cells of `CELL` px are wanted; None for all.
+    Returns: First row and the one behind the last, then columns, of every tile, shape (n, 4), int64.
     """
     top, bottom, left, right = area
     if area.is_empty:

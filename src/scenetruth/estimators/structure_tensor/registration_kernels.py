@@ -81,18 +81,10 @@ def matching_costs(
 ) -> None:
     """Sum up the squared differences of neighbouring cameras' images around every grid point.
 
-    Parameters
-    ----------
-    images
-        Images of one frame, shape (channel, s, y, x).
-    offsets
-        By how many columns each image is read to the right, for every registration; shape (n, s).
-    weights
-        What each pair of neighbouring cameras counts, shape (s - 1,).
-    costs
-        Output, shape (n, y / STEP, x / STEP), rounded up; `UNSEEN` or more where no two neighbours see a place.
-    some
-        First and last + 1 of the registrations to do.
+    ``images``: Images of one frame, shape (channel, s, y, x).
+    ``offsets``: By how many columns each image is read to the right, for every registration; shape (n, s).
+    ``weights``: What each pair of neighbouring cameras counts, shape (s - 1,).
+    ``costs``: Output, shape (n, y / STEP, x / STEP), rounded up; `UNSEEN` or more where no two neighbours see a place.
     """
     for n in range(some[0], some[1]):
         for y in range(costs.shape[1]):
@@ -150,18 +142,10 @@ def gradient_energies(
 ) -> None:
     """Add up g_x², g_y², (S g_x)², (S g_y)², (D_x S_y g_x)² and (D_y S_x g_y)² in blocks.
 
-    Parameters
-    ----------
-    image
-        The image with twice the filters' reach of border, shape (y, x).
-    smoothing, derivative
-        S and D as correlation kernels, of odd length.
-    stride
-        Edge of the blocks in px.
-    energies
-        Output in the order of `ENERGIES`, added to, shape (6, Y, X): Y x X blocks of the image without its border.
-    blocks
-        First and last + 1 of the rows of blocks to do.
+    ``image``: The image with twice the filters' reach of border, shape (y, x).
+    ``stride``: Edge of the blocks in px.
+    ``energies``: Output in the order of `ENERGIES`, added to, shape (6, Y, X): Y x X blocks of the image without its
+      border.
     """
     taps = smoothing.shape[0]
     reach = taps // 2

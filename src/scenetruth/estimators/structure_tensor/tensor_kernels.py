@@ -203,18 +203,10 @@ def _derive(
 ) -> None:
     """Make g_x, g_y, g_s, g_t and the divergence correction e of one frame from the frames of the filter along t.
 
-    Parameters
-    ----------
-    ring
-        What `_reduce_cameras` made of the frames, shape (frame, 3, y, x), the ``oldest`` of them at that place.
-    times
-        When each of them was taken, in frames from where the first estimate stands.
-    step
-        Flow of the registration along x and y.
-    rows_t, rows_x
-        Scratch: one row filtered along t, shape (5, x), and all rows then filtered along x, shape (6, y, x).
-    out
-        Output, shape (5, y, x).
+    ``ring``: What `_reduce_cameras` made of the frames, shape (frame, 3, y, x), the ``oldest`` of them at that place.
+    ``rows_t``, ``rows_x``: Scratch: one row filtered along t, shape (5, x), and all rows then filtered along x, shape
+      (6, y, x).
+    ``out``: Output, shape (5, y, x).
     """
     frames, rows = ring.shape[0], ring.shape[2]
     smoothing, derivative, moment = filters.smoothing, filters.derivative, filters.moment
@@ -572,14 +564,8 @@ def _solve_part(j: Any, m: Any, n: int, r: Any) -> None:
 def _solve_row(entries: Any, criteria: Criteria, found: Any) -> None:
     """Solve all pixels of a row.
 
-    Parameters
-    ----------
-    entries
-        The entries of the tensor, shape (15, x), from `_J_XX` to `_J_TT`.
-    criteria
-        What decides between registrations.
-    found
-        Output, shape (23, x), from `_TO_MOVE` to `_COVARIANCE_Y_Z`.
+    ``entries``: The entries of the tensor, shape (15, x), from `_J_XX` to `_J_TT`.
+    ``found``: Output, shape (23, x), from `_TO_MOVE` to `_COVARIANCE_Y_Z`.
     """
     j, m, r = np.zeros(_ENTRIES * _LANES), np.empty(_PLACES * _LANES), np.empty(_FOUND_AND_NEEDED * _LANES)
     count = entries.shape[1]
@@ -650,20 +636,7 @@ def estimate_tile(
 ) -> None:
     """Estimate frames at one registration in one tile; it takes one thread, and scratch for the tile alone.
 
-    Parameters
-    ----------
-    view
-        The images at this registration.
-    filters
-        Filters and windows.
-    criteria
-        What decides between registrations, and how much is known of a pixel.
-    best
-        Output: the best of all registrations so far.
-    first_frame, first_row
-        The frame of ``best`` that the first window gives, and the row of the image at which ``best`` begins.
-    tile
-        First and last + 1 row, then column, of the tile's output; shape (4,).
+    ``tile``: First and last + 1 row, then column, of the tile's output; shape (4,).
     """
     taps_t, taps = filters.smoothing_t.shape[0], filters.smoothing.shape[0]
     frames_in_window, window = filters.window_t.shape[0], filters.window.shape[0]

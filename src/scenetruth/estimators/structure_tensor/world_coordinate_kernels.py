@@ -106,29 +106,7 @@ def to_world(
     first_row: int,
     rows: tuple[int, int],
 ) -> None:
-    """Go back to the world (paper, end of section 3), pixel by pixel.
-
-    Parameters
-    ----------
-    axes
-        Camera, stage and frames.
-    points
-        The working points of all registrations.
-    noise
-        What becomes of the images' noise.
-    texture
-        The texture's place in the spectrum, from ``first_row`` on.
-    best
-        What `estimate_tile` left, from ``first_row`` on.
-    maps
-        Output.
-    frame
-        The frame of ``best`` and ``maps``.
-    first_row
-        Row of the image at which ``best`` begins.
-    rows
-        First and last + 1 of the rows of ``best`` to do.
-    """
+    """Go back to the world (paper, end of section 3), pixel by pixel."""
     elsewhere = axes.centre_s != 0.0 or axes.centre_t != 0.0
     for y in range(rows[0], rows[1]):
         row = first_row + y

@@ -96,18 +96,9 @@ def net(
 ) -> NDArray[np.float32]:
     """Return lines with a Gaussian profile along the borders of Voronoi cells, shape (h, w) float32.
 
-    Parameters
-    ----------
-    x, y
-        Where every texel is, shape (h, w); any real number, the net repeats.
-    seeds
-        Place (x, y) of the one seed in every cell of a grid, in cells, 0 to 1, shape (n, m, 2).
-    strengths
-        One number for every seed, shape (n, m); a border is as strong as the mean of its two.
-    cell
-        Width and height of the grid's cells, in the unit of x and y; the height is not below the width.
-    sigma
-        Standard deviation of the profile in that unit.
+    ``x``, ``y``: Where every texel is, shape (h, w); any real number, the net repeats.
+    ``seeds``: Place (x, y) of the one seed in every cell of a grid, in cells, 0 to 1, shape (n, m, 2).
+    ``strengths``: One number for every seed, shape (n, m); a border is as strong as the mean of its two.
     """
     out = np.empty(x.shape, dtype=np.float32)
     in_bands(_net, x.shape[0], x, y, seeds, strengths, cell, sigma, out, least=_LEAST_ROWS)

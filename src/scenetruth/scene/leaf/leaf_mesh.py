@@ -14,7 +14,7 @@ from scenetruth.scene.leaf.leaf_model import LeafForm
 from scenetruth.scene.leaf.margin import Margin, compute_entire_margin, compute_margin
 from scenetruth.scene.mesh import MeshSize, TriangleMesh
 
-__all__ = ["LeafMesh", "LeafShape", "make_leaf_shape", "triangulate_leaf"]
+__all__ = ["LeafMesh", "LeafShape"]
 
 
 Points = tuple[Any, Any, Any]
@@ -26,18 +26,11 @@ class LeafShape:
 
     Points are fields (x, y, z): arrays of any floating type, or anything else that obeys NumPy's arithmetic.
 
-    Parameters
-    ----------
-    wave_per_mm
-        Height of the waves over the square of the distance from the midrib, 1/mm.
-    wave_number_per_mm
-        Angular wave number along the midrib, rad/mm.
-    fold_rad
-        Angle between each half and the flat; positive towards the upper side (-Z).
-    fold_width_mm
-        Width of the rounding.
-    across_per_mm, along_per_mm
-        Curvatures; positive towards the upper side.
+    ``wave_per_mm``: Height of the waves over the square of the distance from the midrib, 1/mm.
+    ``wave_number_per_mm``: Angular wave number along the midrib, rad/mm.
+    ``fold_rad``: Angle between each half and the flat; positive towards the upper side (-Z).
+    ``fold_width_mm``: Width of the rounding.
+    ``across_per_mm``, ``along_per_mm``: Curvatures; positive towards the upper side.
     """
 
     wave_per_mm: float = 0.0
@@ -127,21 +120,8 @@ class _Half:
 def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
     """Triangulate a leaf in the flat.
 
-    Parameters
-    ----------
-    leaf
-        The leaf.
-
-    Returns
-    -------
-    tuple
-        Coordinates (a, b) of the vertices in mm, shape (n, 2), and faces, shape (m, 3), that wind so that their upper
-        side looks to -Z. The mesh is its own mirror image in the midrib, which is a line of edges.
-
-    Raises
-    ------
-    SceneError
-        If the margin meets itself; the path counts from the mesh.
+    Returns: Coordinates (a, b) of the vertices in mm, shape (n, 2), and faces, shape (m, 3), that wind so that their
+    upper side looks to -Z. The mesh is its own mirror image in the midrib, which is a line of edges.
     """
     edge = leaf.length_mm / max(round(leaf.length_mm / leaf.resolution_mm), 2)
     margin = compute_margin(leaf)
@@ -327,13 +307,7 @@ class LeafMesh(LeafForm):
         return self._mesh(material, np.concatenate(halves).astype(np.int32))
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the leaf; its chart is the flat sheet itself, petiole included, and an image covers the blade.
-
-        Raises
-        ------
-        SceneError
-            If its margin meets itself; paths count from the mesh.
-        """
+        """Return the leaf; its chart is the flat sheet itself, petiole included, and an image covers the blade."""
         return self._mesh(*triangulate_leaf(self))
 
     def _mesh(self, material: NDArray[np.float64], faces: NDArray[np.int32]) -> TriangleMesh:

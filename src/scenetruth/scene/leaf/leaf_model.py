@@ -15,16 +15,7 @@ from scenetruth.scene.mesh import MeshModel
 from scenetruth.scene.texture import TextureModel
 from scenetruth.validated_model import Finite, FrozenModel, Positive
 
-__all__ = [
-    "LeafAppearance",
-    "LeafForm",
-    "LobeSide",
-    "Petiole",
-    "Serration",
-    "Undulation",
-    "make_lobe_sides",
-    "narrowest_lobe_mm",
-]
+__all__ = ["LeafAppearance", "LeafForm", "LobeSide", "Petiole", "Serration", "Undulation"]
 
 
 Floats = NDArray[np.float64]
@@ -41,17 +32,11 @@ _STEPS = 1200
 class LobeSide:
     """One side of a lobe whose tip has b >= 0.
 
-    Parameters
-    ----------
-    azimuth_rad
-        Direction of the lobe, from a towards b.
-    length_mm
-        Its length from the insertion of the petiole to its tip.
-    hand
-        1: the side that looks backwards, -1: the one that looks forwards. The middle lobe has only the first.
-    points_mm
-        Margin in the lobe's own frame (x along its axis, y >= 0 away from it) from the sinus, or from the insertion, to
-        the tip; shape (n, 2).
+    ``azimuth_rad``: Direction of the lobe, from a towards b.
+    ``length_mm``: Its length from the insertion of the petiole to its tip.
+    ``hand``: 1: the side that looks backwards, -1: the one that looks forwards. The middle lobe has only the first.
+    ``points_mm``: Margin in the lobe's own frame (x along its axis, y >= 0 away from it) from the sinus, or from the
+      insertion, to the tip; shape (n, 2).
     """
 
     azimuth_rad: float
@@ -73,19 +58,7 @@ class LobeSide:
 
 @functools.lru_cache(maxsize=64)
 def make_lobe_sides(lobes: int, cut: float, tip: str, length_mm: float, width_mm: float) -> tuple[LobeSide, ...]:
-    """Return the sides of the lobes of the half with b >= 0, from the rear of the leaf to its tip.
-
-    Parameters
-    ----------
-    lobes
-        Number of lobes of the whole leaf, odd.
-    cut
-        How far the sinuses reach from the line between two tips, 0, to the insertion, 1.
-    tip
-        ``acuminate`` or ``acute``.
-    length_mm, width_mm
-        Length of the middle lobe from the insertion, and largest width of the leaf.
-    """
+    """Return the sides of the lobes of the half with b >= 0, from the rear of the leaf to its tip."""
     turn = np.linspace(0, np.radians(_HINDMOST_DEG), (lobes + 1) // 2)
     reach = length_mm * (1 - _SHORTER * (turn / turn[-1]) ** 1.6)
     tips = reach[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])

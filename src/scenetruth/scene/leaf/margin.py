@@ -32,12 +32,8 @@ _WEDGE = 15  # and how quickly it fades: with this power of the place along the 
 class Margin:
     """One side of the outline, as a polygon from its end on the axis behind to the tip.
 
-    Parameters
-    ----------
-    points_mm
-        Points (a, b) with b >= 0, shape (n, 2); the first and the last lie on the axis b = 0.
-    corners
-        Indices of points that a coarser polygon must keep: ends, corners, and tips and notches of teeth.
+    ``points_mm``: Points (a, b) with b >= 0, shape (n, 2); the first and the last lie on the axis b = 0.
+    ``corners``: Indices of points that a coarser polygon must keep: ends, corners, and tips and notches of teeth.
     """
 
     points_mm: Floats
@@ -92,20 +88,7 @@ def _largest(leaf: LeafForm) -> float:
 
 
 def compute_half_width_mm(leaf: LeafForm, a_mm: Floats) -> Floats:
-    """Return the distance of the entire margin (no teeth, lobes or petiole) from the midrib.
-
-    Parameters
-    ----------
-    leaf
-        The leaf.
-    a_mm
-        Places along the midrib, from 0 at the base to the length at the tip; beyond them the width is zero.
-
-    Raises
-    ------
-    ValueError
-        If the leaf is palmate: its margin is no function of the place along the midrib.
-    """
+    """Return the distance of the entire margin (no teeth, lobes or petiole) from the midrib."""
     if leaf.outline == "palmate":
         msg = "the margin of a palmate leaf is no function of the place along the midrib"
         raise ValueError(msg)

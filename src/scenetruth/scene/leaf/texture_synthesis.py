@@ -19,7 +19,7 @@ from scenetruth.scene.texture import Painted
 from scenetruth.scene.texture import band_limited_noise as band_limited
 from scenetruth.scene.texture.band_limited_noise import make_band_limited_noise
 
-__all__ = ["LeafPainting", "LeafTexture", "compute_painting_key", "compute_painting_shape", "paint_leaf"]
+__all__ = ["LeafPainting", "LeafTexture"]
 
 
 Floats = NDArray[np.float64]
@@ -44,12 +44,8 @@ _HALO = (0.10, 0.014)  # the same of the light around the large veins
 class LeafPainting:
     """Both sides of a leaf as one periodic spline: the upper side left, the underside, turned over, right of it.
 
-    Parameters
-    ----------
-    coefficients
-        Coefficients of the periodic cubic B-spline, shape (h, w), float32.
-    tiled, cubic
-        As a texture has them.
+    ``coefficients``: Coefficients of the periodic cubic B-spline, shape (h, w), float32.
+    ``tiled``, ``cubic``: As a texture has them.
     """
 
     coefficients: Image
@@ -103,25 +99,8 @@ def paint_leaf(
 ) -> tuple[LeafPainting, Floats, Floats]:
     """Paint a leaf.
 
-    Parameters
-    ----------
-    entry
-        The texture of the scene.
-    mesh
-        The leaf.
-    generator
-        Source of everything irregular.
-
-    Returns
-    -------
-    tuple
-        The texture, and the texture coordinates of the upper side and of the underside at every corner of every face,
-        each of shape (m, 3, 2).
-
-    Raises
-    ------
-    SceneError
-        If the mesh is no leaf, or the raster would be too large or too coarse; paths count from the texture.
+    Returns: The texture, and the texture coordinates of the upper side and of the underside at every corner of every
+    face, each of shape (m, 3, 2).
     """
     leaf = _leaf_of(entry, mesh)
     canvas = _canvas(entry, leaf)
@@ -133,45 +112,13 @@ def paint_leaf(
 
 
 def compute_painting_shape(entry: LeafAppearance, mesh: TriangleMesh) -> tuple[int, int]:
-    """Return the rows and columns of the raster of both sides of a leaf.
-
-    Parameters
-    ----------
-    entry, mesh
-        As of `paint_leaf`.
-
-    Returns
-    -------
-    tuple of int
-        Rows and columns.
-
-    Raises
-    ------
-    SceneError
-        As `paint_leaf`.
-    """
+    """Return the rows and columns of the raster of both sides of a leaf."""
     rows, columns = _canvas(entry, _leaf_of(entry, mesh)).shape
     return rows, 2 * columns
 
 
 def compute_painting_key(entry: LeafAppearance, mesh: TriangleMesh, generator: np.random.Generator) -> str:
-    """Return the key under which the raster is kept between runs.
-
-    Parameters
-    ----------
-    entry, mesh, generator
-        As of `paint_leaf`.
-
-    Returns
-    -------
-    str
-        As of `entry_key`.
-
-    Raises
-    ------
-    SceneError
-        If the mesh is no leaf.
-    """
+    """Return the key under which the raster is kept between runs."""
     leaf, state = _leaf_of(entry, mesh), generator.bit_generator.state
     sources = source_hash(Path(__file__).parent, Path(band_limited.__file__).parent)
     return entry_key("leaf", sources, entry.model_dump(mode="json"), leaf.model_dump(mode="json"), state)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.scene.leaf.leaf_model import LeafAppearance, LeafForm, LobeSide
 from scenetruth.scene.leaf.margin import compute_entire_margin
 
-__all__ = ["Vein", "make_main_veins", "make_midrib", "make_side_veins"]
+__all__ = ["Vein", "make_main_veins", "make_side_veins"]
 
 Floats = NDArray[np.float64]
 
@@ -29,14 +29,9 @@ _GRID = 240  # points of the grid of distances along the leaf
 class Vein:
     """One vein as a polyline.
 
-    Parameters
-    ----------
-    points_mm
-        Points (a, b) of the flat sheet, shape (n, 2).
-    width_mm
-        Full width at half height there, shape (n,).
-    strength
-        Contrast there relative to that of the midrib at the base, shape (n,).
+    ``points_mm``: Points (a, b) of the flat sheet, shape (n, 2).
+    ``width_mm``: Full width at half height there, shape (n,).
+    ``strength``: Contrast there relative to that of the midrib at the base, shape (n,).
     """
 
     points_mm: Floats
@@ -71,15 +66,7 @@ def make_main_veins(leaf: LeafForm) -> list[Vein]:
 
 
 def make_side_veins(leaf: LeafForm, texture: LeafAppearance, generator: np.random.Generator) -> list[Vein]:
-    """Return the side veins of both sides, each a little different.
-
-    Parameters
-    ----------
-    leaf, texture
-        The leaf and how its veins are.
-    generator
-        Source of their irregularity.
-    """
+    """Return the side veins of both sides, each a little different."""
     if leaf.lobe_sides:
         return _veins_of_lobes(leaf.lobe_sides, texture, generator)
     blade = _Blade(leaf.length_mm, leaf.full_width_mm, compute_entire_margin(leaf, 800))

@@ -11,7 +11,6 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import regular_file_size
 
 __all__ = [
-    "FORMATS",
     "MAX_ELEMENTS",
     "MAX_FILE_BYTES",
     "MAX_TEXELS",
@@ -36,13 +35,7 @@ _PIECE = 1 << 22
 
 
 def refuse_mesh_file(file: Path) -> None:
-    """Refuse what is no mesh file, is too large, or claims more vertices and faces than it can hold.
-
-    Raises
-    ------
-    SceneError
-        With what is wrong; the path is ``file``.
-    """
+    """Refuse what is no mesh file, is too large, or claims more vertices and faces than it can hold."""
     size = check_file_size(file, MAX_FILE_BYTES, "no such mesh file")
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
@@ -66,18 +59,7 @@ def refuse_mesh_file(file: Path) -> None:
 
 
 def count_elements(file: Path) -> tuple[int, int]:
-    """Return about how many vertices and triangles a mesh file holds; of a text its lines are counted.
-
-    Parameters
-    ----------
-    file
-        A file that `refuse_mesh_file` has let pass.
-
-    Returns
-    -------
-    tuple of int
-        Vertices and triangles.
-    """
+    """Return about how many vertices and triangles a mesh file holds; of a text its lines are counted."""
     suffix = file.suffix.lower()
     if suffix == ".ply":
         with file.open("rb") as stream:
@@ -120,13 +102,7 @@ def _lines_with(file: Path, words: tuple[bytes, ...]) -> list[int]:
 
 
 def check_file_size(file: Path, most: int, missing: str) -> int:
-    """Return the size of a file in bytes.
-
-    Raises
-    ------
-    SceneError
-        If it is missing, no regular file, or has more bytes than may be.
-    """
+    """Return the size of a file in bytes."""
     try:
         size = regular_file_size(file)
     except ValueError as error:
@@ -140,15 +116,7 @@ def check_file_size(file: Path, most: int, missing: str) -> int:
 
 
 def read_checked_bytes(file: Path) -> bytes:
-    """Return the content of a file that another file refers to.
-
-    Raises
-    ------
-    ValueError
-        If it is no regular file, or too large.
-    OSError
-        If it cannot be read.
-    """
+    """Return the content of a file that another file refers to."""
     if regular_file_size(file) > MAX_FILE_BYTES:
         msg = f"{file.name} has more than {MAX_FILE_BYTES:,} bytes"
         raise ValueError(msg)

@@ -28,7 +28,7 @@ from scenetruth.scene.mesh.mesh_model import (
 )
 from scenetruth.validated_model import Positive
 
-__all__ = ["FileMesh", "compute_crease_angles", "load_mesh_file"]
+__all__ = ["FileMesh", "load_mesh_file"]
 
 
 # Normals that differ by less are the same one, written down with few digits.
@@ -44,19 +44,10 @@ def compute_crease_angles(
     differ by more than any facets of a smooth surface; with others, the edge is sharp. Where a normal is missing, the
     angle between the triangles decides.
 
-    Parameters
-    ----------
-    vertices
-        Positions, shape (n, 3).
-    faces
-        Vertex indices, shape (m, 3).
-    corner_normals
-        Unit normals at the corners, of either sense, shape (m, 3, 3); NaN where there is none.
-
-    Returns
-    -------
-    numpy.ndarray
-        Angles in degrees, shape (m, 3): `CREASE_DEG`, or 0 for sharp edges.
+    ``vertices``: Positions, shape (n, 3).
+    ``faces``: Vertex indices, shape (m, 3).
+    ``corner_normals``: Unit normals at the corners, of either sense, shape (m, 3, 3); NaN where there is none.
+    Returns: Angles in degrees, shape (m, 3): `CREASE_DEG`, or 0 for sharp edges.
     """
     one, two, flipped = find_shared_sides(index_positions(vertices)[faces])
     next_one, next_two = (side - side % 3 + (side + 1) % 3 for side in (one, two))
@@ -107,19 +98,7 @@ class FileMesh(MeshModel):
 def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
     """Load a mesh file with trimesh.
 
-    Parameters
-    ----------
-    file
-        OBJ, PLY, GLB or STL. Its coordinates are taken as X right, Y down, Z forward.
-    unit_mm
-        Length of the file's unit in mm.
-    crease_deg
-        Angle between faces above which their edge is one of the object; None: by the file's normals, as of `FileMesh`.
-
-    Raises
-    ------
-    SceneError
-        If the file is missing, unreadable, without faces, or holds numbers that are not finite.
+    ``unit_mm``: Length of the file's unit in mm.
     """
     import trimesh
 

@@ -47,48 +47,32 @@ class MeshSize(NamedTuple):
 class TriangleMesh:
     """A triangle mesh.
 
-    Parameters
-    ----------
-    vertices_mm
-        Positions in the object's own frame (X right, Y down, Z forward), shape (n, 3), float64.
-    faces
-        Vertex indices, shape (m, 3), int32.
-    chart_mm
-        Coordinates on the surface in mm at every corner of every face, shape (m, 3, 2). Faces that must not show the
-        same piece of a pattern lie in different places of the chart.
-    uv
-        Coordinates in a texture image, shape (m, 3, 2): (0, 0) is its upper left, (1, 1) its lower right corner.
-        None if the mesh has none.
-    tiled
-        Whether ``uv`` outside [0, 1] repeats the image (files) or keeps its border (generated meshes).
-    image
-        Texture image that came with the mesh, uint8 or float, shape (h, w) or (h, w, c), or None.
-    vertex_colours
-        Colours that came with the mesh, uint8, shape (n, 3), or None.
-    crease_deg
-        Edges between faces that differ by more are edges of the object; others are parts of a smooth surface. One angle
-        for all, or one for each side of every face, shape (m, 3), where side k runs from corner k to the next and the
-        smaller angle of the two faces counts. 0: an edge whatever the angle.
-    material_mm
-        Coordinates (a, b) of the vertices on the flat sheet that the mesh is made from, shape (n, 2), or None.
-    shape
-        The map of that sheet, at (a, b, 0), to ``vertices_mm``; None if it is flat, or no sheet.
-    source
-        The model that it was made from, or None.
-    uv_back
-        As ``uv``, for whoever sees a face from behind, so that its corners run the other way round; None if both sides
-        show the same.
-    along
-        Derivatives (a, b, aa, ab, bb) of the vertices' positions by two coordinates along the smooth surface that the
-        mesh stands for, shape (5, n, 3), with a x b to the outside; None if it has no formula, or is a sheet.
-    smooth
-        Whether light falls on the smooth surface that the mesh stands for between its edges, not on flat triangles.
-    corner_normals
-        Unit normals that came with the mesh, at every corner of every face, of either sense, shape (m, 3, 3), NaN where
-        there is none; None if it brought none.
-    nodes_mm, vertex_nodes
-        Positions of all vertices of a file some of which no face uses, shape (k, 3), and which of them ``vertices_mm``
-        are, shape (n,); None where faces use all.
+    ``vertices_mm``: Positions in the object's own frame (X right, Y down, Z forward), shape (n, 3), float64.
+    ``faces``: Vertex indices, shape (m, 3), int32.
+    ``chart_mm``: Coordinates on the surface in mm at every corner of every face, shape (m, 3, 2). Faces that must not
+      show the same piece of a pattern lie in different places of the chart.
+    ``uv``: Coordinates in a texture image, shape (m, 3, 2): (0, 0) is its upper left, (1, 1) its lower right corner.
+      None if the mesh has none.
+    ``tiled``: Whether ``uv`` outside [0, 1] repeats the image (files) or keeps its border (generated meshes).
+    ``image``: Texture image that came with the mesh, uint8 or float, shape (h, w) or (h, w, c), or None.
+    ``vertex_colours``: Colours that came with the mesh, uint8, shape (n, 3), or None.
+    ``crease_deg``: Edges between faces that differ by more are edges of the object; others are parts of a smooth
+      surface. One angle for all, or one for each side of every face, shape (m, 3), where side k runs from corner k to
+      the next and the smaller angle of the two faces counts. 0: an edge whatever the angle.
+    ``material_mm``: Coordinates (a, b) of the vertices on the flat sheet that the mesh is made from, shape (n, 2), or
+      None.
+    ``shape``: The map of that sheet, at (a, b, 0), to ``vertices_mm``; None if it is flat, or no sheet.
+    ``source``: The model that it was made from, or None.
+    ``uv_back``: As ``uv``, for whoever sees a face from behind, so that its corners run the other way round; None if
+      both sides show the same.
+    ``along``: Derivatives (a, b, aa, ab, bb) of the vertices' positions by two coordinates along the smooth surface
+      that the mesh stands for, shape (5, n, 3), with a x b to the outside; None if it has no formula, or is a sheet.
+    ``smooth``: Whether light falls on the smooth surface that the mesh stands for between its edges, not on flat
+      triangles.
+    ``corner_normals``: Unit normals that came with the mesh, at every corner of every face, of either sense, shape (m,
+      3, 3), NaN where there is none; None if it brought none.
+    ``nodes_mm``, ``vertex_nodes``: Positions of all vertices of a file some of which no face uses, shape (k, 3), and
+      which of them ``vertices_mm`` are, shape (n,); None where faces use all.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -128,51 +112,16 @@ class MeshModel(FrozenModel):
 
     @final
     def make(self, folder: Path = Path()) -> TriangleMesh:
-        """Make the mesh.
-
-        Parameters
-        ----------
-        folder
-            Where relative paths count from.
-
-        Raises
-        ------
-        SceneError
-            If it cannot be made; paths count from the mesh.
-        """
+        """Make the mesh."""
         return replace(self.triangles(folder), source=self)
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how many vertices and faces the mesh will have; what may be large counts without being made.
-
-        Parameters
-        ----------
-        folder
-            Where relative paths count from.
-
-        Raises
-        ------
-        SceneError
-            If a file cannot be read; paths count from the mesh.
-        """
+        """Return how many vertices and faces the mesh will have; what may be large counts without being made."""
         made = self.triangles(folder)
         return MeshSize(len(made.vertices_mm), len(made.faces))
 
     def sketch(self, folder: Path, most_faces: int) -> TriangleMesh | None:
-        """Return a coarse mesh of about the same form, cheap to make.
-
-        Parameters
-        ----------
-        folder
-            Where relative paths count from.
-        most_faces
-            About how many triangles it may have.
-
-        Returns
-        -------
-        TriangleMesh or None
-            None if nothing is known of the form without much work.
-        """
+        """Return a coarse mesh of about the same form, cheap to make."""
         model, faces = self, self.size(folder).faces
         for _ in range(_ROUNDS):
             resolution_mm = getattr(model, "resolution_mm", None)
@@ -260,16 +209,9 @@ def index_positions(vertices: NDArray[np.float64]) -> Indices:
 def find_shared_sides(corners: NDArray[np.integer]) -> tuple[Indices, Indices, NDArray[np.bool_]]:
     """Find the edges at which exactly two triangles meet.
 
-    Parameters
-    ----------
-    corners
-        Places of the corners of every triangle (`index_positions`), shape (m, 3).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        The two sides at every such edge, shape (k,) each: side 3 i + c runs from corner c of triangle i to the next;
-        and whether both run the same way, so that one of the triangles is turned inside out.
+    ``corners``: Places of the corners of every triangle (`index_positions`), shape (m, 3).
+    Returns: The two sides at every such edge, shape (k,) each: side 3 i + c runs from corner c of triangle i to the
+    next; and whether both run the same way, so that one of the triangles is turned inside out.
     """
     half = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
     turned = half[:, 0] > half[:, 1]

@@ -28,23 +28,9 @@ def read_morph_states(file: Path, vertices: Floats) -> tuple[Floats, Floats]:
 
     The weights are taken at the keyframes (tangents of CUBICSPLINE are left out).
 
-    Parameters
-    ----------
-    file
-        A .glb or .gltf file with one mesh.
-    vertices
-        The vertices as `scenetruth.scene.mesh.mesh_file.load_mesh_file` read them, in the file's unit, shape (n, 3).
-
-    Returns
-    -------
-    tuple
-        Times of the keyframes in s, shape (k,), and the positions at each, in the file's unit, shape (k, n, 3).
-
-    Raises
-    ------
-    SceneError
-        If it is no glTF file, has not exactly one mesh with morph targets, animates other things than weights, or the
-        targets do not fit the mesh.
+    ``vertices``: The vertices as `scenetruth.scene.mesh.mesh_file.load_mesh_file` read them, in the file's unit, shape
+      (n, 3).
+    Returns: Times of the keyframes in s, shape (k,), and the positions at each, in the file's unit, shape (k, n, 3).
     """
     if file.suffix.lower() not in (".glb", ".gltf"):
         raise _problem("needs a mesh file that holds morph targets: .glb or .gltf", file)

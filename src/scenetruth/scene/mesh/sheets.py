@@ -21,16 +21,7 @@ from scenetruth.scene.motion import PointMap, Points
 from scenetruth.scene.taylor import JetField
 from scenetruth.validated_model import Finite, Positive
 
-__all__ = [
-    "PlaneMesh",
-    "ReliefMesh",
-    "SaddleMesh",
-    "compute_sheet_size",
-    "make_plane",
-    "make_relief",
-    "make_saddle",
-    "make_sheet",
-]
+__all__ = ["PlaneMesh", "ReliefMesh", "SaddleMesh", "make_plane", "make_relief", "make_saddle", "make_sheet"]
 
 
 def compute_sheet_size(size_mm: tuple[float, float], resolution_mm: float) -> MeshSize:
@@ -44,14 +35,8 @@ def make_sheet(size_mm: tuple[float, float], resolution_mm: float, shape: PointM
 
     Texture coordinates are those of the flat sheet: a shape that stretches it stretches its texture.
 
-    Parameters
-    ----------
-    size_mm
-        Edge lengths along X and Y, mm.
-    resolution_mm
-        Longest edge of the triangles along X and Y in the flat, mm.
-    shape
-        The map from the flat into the form, or None.
+    ``size_mm``: Edge lengths along X and Y, mm.
+    ``resolution_mm``: Longest edge of the triangles along X and Y in the flat, mm.
     """
     columns, rows = (count_pieces(length, resolution_mm) for length in size_mm)
     across, down = (np.linspace(-0.5, 0.5, count + 1) for count in (columns, rows))

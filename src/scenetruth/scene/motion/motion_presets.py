@@ -11,7 +11,6 @@ from scenetruth.validated_model import Preset, preset
 __all__ = [
     "FRAME_INTERVAL_S",
     "MOTION_PRESETS",
-    "TYPICAL",
     "GrowthPreset",
     "ShiftPreset",
     "TurnPreset",

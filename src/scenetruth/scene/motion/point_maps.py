@@ -37,17 +37,8 @@ class PointMap(Protocol):
     def __call__(self, points: Points, t: JetField) -> Points:
         """Move points.
 
-        Parameters
-        ----------
-        points
-            Coordinates before the motion, mm: arrays of any precision, or jets if derivatives are wanted.
-        t
-            Time in frames, of the same kind, shape (1,).
-
-        Returns
-        -------
-        tuple
-            Coordinates after it.
+        ``points``: Coordinates before the motion, mm: arrays of any precision, or jets if derivatives are wanted.
+        ``t``: Time in frames, of the same kind, shape (1,).
         """
         ...
 
@@ -56,14 +47,9 @@ class PointMap(Protocol):
 class MovedPoints:
     """Points at one time.
 
-    Parameters
-    ----------
-    positions_mm
-        Positions, shape (n, 3), mm.
-    velocities
-        Velocities, shape (n, 3), mm per frame.
-    accelerations
-        Accelerations, shape (n, 3), mm per frame squared.
+    ``positions_mm``: Positions, shape (n, 3), mm.
+    ``velocities``: Velocities, shape (n, 3), mm per frame.
+    ``accelerations``: Accelerations, shape (n, 3), mm per frame squared.
     """
 
     positions_mm: NDArray[np.float64]
@@ -81,10 +67,7 @@ class MotionModel(FrozenModel):
     def point_map(self, position_mm: Vector3) -> PointMap:
         """Return the map of the motion in the world.
 
-        Parameters
-        ----------
-        position_mm
-            Position of what moves at t = 0, mm: the point that stays in place if a rotation names none.
+        ``position_mm``: Position of what moves at t = 0, mm: the point that stays in place if a rotation names none.
         """
 
 
@@ -95,14 +78,7 @@ _BLOCK = 4096
 def compose(maps: Sequence[PointMap], points_mm: NDArray[np.float64], t: float) -> MovedPoints:
     """Apply maps one after the other to points that rest.
 
-    Parameters
-    ----------
-    maps
-        The maps, first applied first.
-    points_mm
-        Positions before all of them, shape (n, 3), mm.
-    t
-        Time in frames, any real number.
+    ``points_mm``: Positions before all of them, shape (n, 3), mm.
     """
     points: Points = tuple(Jet.constant(column, 1) for column in np.ascontiguousarray(points_mm.T))  # type: ignore[assignment]
     time = Jet.variable(np.array([float(t)]), 0, 1)
@@ -110,17 +86,7 @@ def compose(maps: Sequence[PointMap], points_mm: NDArray[np.float64], t: float) 
 
 
 def apply(maps: Sequence[PointMap], points: Points, t: JetField) -> Points:
-    """Apply maps one after the other to jets of n points, in blocks that stay in the processor's cache.
-
-    Parameters
-    ----------
-    maps
-        The maps, first applied first.
-    points
-        Coordinates, three jets of n values, or of one that stands for all.
-    t
-        Time, a jet of one value.
-    """
+    """Apply maps one after the other to jets of n points, in blocks that stay in the processor's cache."""
     count = max(len(field) for field in points)
     if not maps or count <= _BLOCK:
         for item in maps:
@@ -163,16 +129,9 @@ def rotate_points(
 ) -> Points:
     """Turn points about an axis through a centre (right-hand rule, Rodrigues' formula).
 
-    Parameters
-    ----------
-    points
-        Coordinates, mm.
-    axis
-        Direction of the axis, of any length.
-    angle
-        Angle in rad: a number or a field.
-    centre
-        Point on the axis, mm.
+    ``points``: Coordinates, mm.
+    ``angle``: Angle in rad: a number or a field.
+    ``centre``: Point on the axis, mm.
     """
     nx, ny, nz = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
     x, y, z = (field - at for field, at in zip(points, centre, strict=True))
@@ -188,14 +147,9 @@ def rotate_points(
 def rotate_points_by_vector(points: Points, vector_rad: Points, centre: tuple[float, float, float]) -> Points:
     """Turn points by a rotation vector, which may vanish, about a centre.
 
-    Parameters
-    ----------
-    points
-        Coordinates, mm.
-    vector_rad
-        The axis, its length the angle in rad (right-hand rule): three fields.
-    centre
-        Point that stays in place, mm.
+    ``points``: Coordinates, mm.
+    ``vector_rad``: The axis, its length the angle in rad (right-hand rule): three fields.
+    ``centre``: Point that stays in place, mm.
     """
     x, y, z = (field - at for field, at in zip(points, centre, strict=True))
     u, v, w = vector_rad

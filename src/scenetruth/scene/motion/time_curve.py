@@ -103,32 +103,15 @@ def check_increasing(times: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def evaluate_curve(curve: TimeCurve, t: JetField) -> Any:
-    """Return a curve at times t.
-
-    Parameters
-    ----------
-    curve
-        The curve, or a number.
-    t
-        Times in frames: an array or a jet.
-
-    Returns
-    -------
-    Field or float
-        Value and, of a jet, its derivatives; a number for a curve that does not change.
-    """
+    """Return a curve at times t."""
     return curve if isinstance(curve, float | int) else curve.at(t)
 
 
 class SplineThrough:
     """The natural choice of curves through keyframes: cubic, twice continuously differentiable, not-a-knot at the ends.
 
-    Parameters
-    ----------
-    times
-        Increasing times, shape (n,), n >= 2.
-    values
-        A value at each, shape (n,).
+    ``times``: Increasing times, shape (n,), n >= 2.
+    ``values``: A value at each, shape (n,).
     """
 
     def __init__(self, times: Any, values: Any) -> None:

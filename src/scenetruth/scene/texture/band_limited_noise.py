@@ -9,13 +9,7 @@ from numpy.typing import NDArray
 
 from scenetruth.compilation import thread_count
 
-__all__ = [
-    "SAMPLES_PER_WAVELENGTH",
-    "BandLimitedNoise",
-    "compute_noise_shape",
-    "contains_wavelength",
-    "make_band_limited_noise",
-]
+__all__ = ["BandLimitedNoise", "compute_noise_shape", "contains_wavelength", "make_band_limited_noise"]
 
 SAMPLES_PER_WAVELENGTH = 16
 """Raster points per shortest wavelength."""
@@ -29,14 +23,9 @@ _COARSER = 2  # peaks are limited on a raster this much coarser: still 8 points 
 class BandLimitedNoise:
     """Noise of zero mean and unit variance on a periodic raster.
 
-    Parameters
-    ----------
-    values
-        Noise at the raster points, shape (h, w), float32.
-    coefficients
-        Coefficients of the periodic cubic B-spline through ``values``, same shape, float32.
-    period
-        Size (width, height) of the raster, in the unit of the wavelengths.
+    ``values``: Noise at the raster points, shape (h, w), float32.
+    ``coefficients``: Coefficients of the periodic cubic B-spline through ``values``, same shape, float32.
+    ``period``: Size (width, height) of the raster, in the unit of the wavelengths.
     """
 
     values: NDArray[np.float32]
@@ -52,27 +41,7 @@ def make_band_limited_noise(
     exponent: float = 0.0,
     peak: float = 4.0,
 ) -> BandLimitedNoise:
-    """Make isotropic Gaussian noise whose spectrum is exactly zero outside a band of wavelengths.
-
-    Parameters
-    ----------
-    wavelength
-        Shortest and longest wavelength.
-    size
-        (width, height) that should not repeat, in the same unit. What is larger than 256 shortest wavelengths repeats.
-    generator
-        Source of the random phases and amplitudes.
-    exponent
-        Power density inside the band is proportional to (spatial frequency) ** exponent.
-    peak
-        Values beyond this many standard deviations are taken away by alternating projections (clip, limit to
-        the band); the larger it is, the nearer the noise is to Gaussian.
-
-    Returns
-    -------
-    BandLimitedNoise
-        Periodic; mean 0 and variance 1 to rounding, extremes within ± ``peak`` to about 1 %.
-    """
+    """Make isotropic Gaussian noise whose spectrum is exactly zero outside a band of wavelengths."""
     from scipy import fft
 
     pitch = wavelength[0] / SAMPLES_PER_WAVELENGTH
@@ -96,18 +65,7 @@ def make_band_limited_noise(
 
 
 def compute_noise_shape(wavelength: tuple[float, float], size: tuple[float, float]) -> tuple[int, int]:
-    """Return the rows and columns of the raster of noise.
-
-    Parameters
-    ----------
-    wavelength, size
-        As of `make_band_limited_noise`.
-
-    Returns
-    -------
-    tuple of int
-        Rows and columns.
-    """
+    """Return the rows and columns of the raster of noise."""
     shortest, longest = wavelength
     pitch = shortest / SAMPLES_PER_WAVELENGTH
     columns, rows = (_raster_points(max(extent, 4 * longest), pitch) for extent in size)
@@ -115,18 +73,7 @@ def compute_noise_shape(wavelength: tuple[float, float], size: tuple[float, floa
 
 
 def contains_wavelength(wavelength: tuple[float, float], size: tuple[float, float]) -> bool:
-    """Tell whether any wave of a band fits on the raster of noise; without one there is no noise.
-
-    Parameters
-    ----------
-    wavelength, size
-        As of `make_band_limited_noise`.
-
-    Returns
-    -------
-    bool
-        True if a whole number of waves along x and along y gives a wavelength of the band.
-    """
+    """Tell whether any wave of a band fits on the raster of noise; without one there is no noise."""
     pitch = wavelength[0] / SAMPLES_PER_WAVELENGTH * _COARSER
     # Waves of the band have at most so many periods along either side.
     down, across = (

@@ -83,13 +83,7 @@ class Picture:
 
 
 def read_image_header(file: Path) -> tuple[int, int, int]:
-    """Return width, height and number of pages of an image file; nothing of it is decoded.
-
-    Raises
-    ------
-    SceneError
-        If it is missing, no image of one page, or larger than any that is read; the path is ``file``.
-    """
+    """Return width, height and number of pages of an image file; nothing of it is decoded."""
     check_file_size(file, MAX_FILE_BYTES, "no such image file")
     try:
         with warnings.catch_warnings():

@@ -35,15 +35,10 @@ class SurfaceTexture(Protocol):
     def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
         """Return the weighted mean of the radiance over the samples of footprints.
 
-        Parameters
-        ----------
-        forms
-            Texture coordinates (u, v) = (U / W, V / W) of n footprints, shape (n, 3, 3): one row for each of U, V and
-            W, with its value in the middle and its steps per px to the right and down.
-        offsets
-            Where the samples are, in px from the middle, shape (m, 2).
-        weights
-            What each of them counts, shape (m,); they sum to 1.
+        ``forms``: Texture coordinates (u, v) = (U / W, V / W) of n footprints, shape (n, 3, 3): one row for each of U,
+          V and W, with its value in the middle and its steps per px to the right and down.
+        ``offsets``: Where the samples are, in px from the middle, shape (m, 2).
+        ``weights``: What each of them counts, shape (m,); they sum to 1.
         """
         ...
 
@@ -79,48 +74,14 @@ class TextureModel(FrozenModel):
 
     @abstractmethod
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture, and the texture coordinates of a mesh.
-
-        Parameters
-        ----------
-        mesh
-            The mesh that wears it.
-        folder
-            Where relative paths count from.
-        generator
-            Source of everything irregular.
-
-        Raises
-        ------
-        SceneError
-            If the texture does not fit the mesh, or its file is missing or unreadable; paths count from the texture.
-        """
+        """Make the texture, and the texture coordinates of a mesh."""
 
     @abstractmethod
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return the rows and columns of the raster that the texture will have; nothing is painted or decoded.
-
-        Parameters
-        ----------
-        mesh
-            The mesh that wears it, or a sketch of it.
-        folder
-            Where relative paths count from.
-
-        Raises
-        ------
-        SceneError
-            As `paint`, as far as can be told before anything is painted or decoded; paths count from the texture.
-        """
+        """Return the rows and columns of the raster that the texture will have; nothing is painted or decoded."""
 
     def cache_key(self, mesh: TriangleMesh, generator: np.random.Generator) -> str | None:
-        """Return under which key the finished raster is kept between runs (`scenetruth.cache`); None if it is not.
-
-        Parameters
-        ----------
-        mesh, generator
-            As of `paint`.
-        """
+        """Return under which key the finished raster is kept between runs (`scenetruth.cache`); None if it is not."""
         return None
 
     @property

@@ -33,12 +33,8 @@ Mask = NDArray[np.bool_]
 class _ReadWhenNeeded(Mapping[str, Map]):
     """Maps by name, which are read each time that they are looked up: those of large images do not fit beside others.
 
-    Parameters
-    ----------
-    names
-        Their names.
-    read
-        Reads one.
+    ``names``: Their names.
+    ``read``: Reads one.
     """
 
     def __init__(self, names: Iterable[str], read: Callable[[str], Map]) -> None:
@@ -63,29 +59,19 @@ class _ReadWhenNeeded(Mapping[str, Map]):
 class FigureArrays:
     """What the figures of one frame draw; every map has the shape (y, x).
 
-    Parameters
-    ----------
-    frame
-        The estimate's frame t.
-    image, image_frame, image_is_digital
-        The reference camera's image, of colours the mean; its frame, and whether it holds digital numbers (else
-        linear radiance).
-    grid
-        The pixels of all maps.
-    intrinsics
-        Of the estimate.
-    estimate, truth
-        Maps by the names of `QUANTITIES`: the scalars that the estimate has, and those of them that the truth tells.
-        The estimate is NaN wherever its status is not valid (see `find_valid_pixels`). Without truth, that is empty.
-    mixed
-        The truth's mixed pixels; none without truth.
-    stds
-        Standard deviations that the estimate states, by the names of `QUANTITIES`, in the units of the quantity, NaN
-        where its status is not valid.
-    coherence, reasons
-        Coherence and reason for invalidity of the estimate, or None.
-    statuses
-        Those of ``status``, ``status_disparity`` and ``status_motion`` that the estimate has, by their names.
+    ``frame``: The estimate's frame t.
+    ``image``, ``image_frame``, ``image_is_digital``: The reference camera's image, of colours the mean; its frame, and
+      whether it holds digital numbers (else linear radiance).
+    ``grid``: The pixels of all maps.
+    ``intrinsics``: Of the estimate.
+    ``estimate``, ``truth``: Maps by the names of `QUANTITIES`: the scalars that the estimate has, and those of them
+      that the truth tells. The estimate is NaN wherever its status is not valid (see `find_valid_pixels`). Without
+      truth, that is empty.
+    ``mixed``: The truth's mixed pixels; none without truth.
+    ``stds``: Standard deviations that the estimate states, by the names of `QUANTITIES`, in the units of the quantity,
+      NaN where its status is not valid.
+    ``coherence``, ``reasons``: Coherence and reason for invalidity of the estimate, or None.
+    ``statuses``: Those of ``status``, ``status_disparity`` and ``status_motion`` that the estimate has, by their names.
     """
 
     frame: int
@@ -125,20 +111,7 @@ class FigureArrays:
 
 
 def collect_figure_arrays(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None = None) -> FigureArrays:
-    """Pick the frame t = 0 of an estimate, or its middle one, and what belongs to it.
-
-    Parameters
-    ----------
-    recording, estimate
-        What was estimated from, and the estimate.
-    truth
-        What the estimate is compared with, if there is a truth.
-
-    Raises
-    ------
-    ScoreError
-        If estimate and truth cannot be compared, or the recording does not belong to them.
-    """
+    """Pick the frame t = 0 of an estimate, or its middle one, and what belongs to it."""
     check_estimate(estimate)
     check_recording(recording, estimate)
     if truth is not None:

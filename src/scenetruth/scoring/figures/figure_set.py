@@ -64,42 +64,6 @@ def plot_all(
 
     All but the histograms show one frame, t = 0 or, where the estimate lacks it, its middle one; and of the estimate
     only what is full (see `find_valid_pixels`).
-
-    Parameters
-    ----------
-    recording
-        The recording, for its image at s = 0.
-    estimate
-        The estimate.
-    truth, score
-        What the estimate was compared with, and its score; both or neither. Without them, the figures show the estimate
-        alone: no errors, no histograms of them.
-    folder
-        Where the PNG files go; made if missing.
-    progress
-        Called as ``progress("report", done, total)``, in figures.
-    names
-        Figures to draw, of `FIGURES`; all if not given.
-    elsewhere
-        Has a figure drawn by another process into the same folder, while this one draws the next.
-    also
-        Formats in which every figure is written too, beside its PNG file: ``"pdf"``, whose lines and letters are
-        vectors. All are then drawn by this process.
-
-    Returns
-    -------
-    list of FigureInfo
-        File names inside the folder, titles and captions, in reading order. Figures of what the estimate does not know
-        are left out: those of depth and of velocity, as by one camera or one frame; ``disparity.png`` and ``flow.png``
-        are there where disparity is known but depth is not, and flow but velocity is not. Further ``error_bars.png``
-        for an estimate without standard deviations, ``growth_rate.png`` where the truth says that nothing grows, and
-        ``coherence.png`` for an estimate that has neither ``coherence`` nor a status nor ``invalid_reason``.
-
-    Raises
-    ------
-    ScoreError
-        If recording, estimate and truth do not belong together, or there is a truth without a score or a score without
-        a truth, or there is no such figure; lists what is wrong.
     """
     check_truth_and_score(truth, score)
     target = Path(folder)
@@ -152,15 +116,7 @@ def plot_one(
     score: Score | None,
     folder: str | Path,
 ) -> FigureInfo | None:
-    """Draw one figure into a folder that exists; None if the estimate does not know what it would show.
-
-    Parameters
-    ----------
-    name
-        The figure, one of `FIGURES`.
-    recording, estimate, truth, score, folder
-        As of `plot_all`.
-    """
+    """Draw one figure into a folder that exists; None if the estimate does not know what it would show."""
     plan = _plan(recording, estimate, truth, score, Path(folder))
     if name not in plan:
         return None
@@ -200,13 +156,7 @@ def _plan(
 
 
 def check_truth_and_score(truth: xr.Dataset | None, score: Score | None) -> None:
-    """Check that there are both a truth and its score, or neither.
-
-    Raises
-    ------
-    ScoreError
-        If one of them is missing.
-    """
+    """Check that there are both a truth and its score, or neither."""
     if truth is not None and score is None:
         raise ScoreError([Problem("score", "is missing; make it with scenetruth.score(estimate, truth, recording)")])
     if truth is None and score is not None:

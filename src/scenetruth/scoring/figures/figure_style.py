@@ -55,14 +55,9 @@ _also: ContextVar[tuple[str, ...]] = ContextVar("formats beside PNG", default=()
 class FigureInfo:
     """A figure on disk.
 
-    Parameters
-    ----------
-    file
-        Its file name inside the folder of figures.
-    title
-        What it shows.
-    caption
-        What to see in it, with definitions of what is drawn.
+    ``file``: Its file name inside the folder of figures.
+    ``title``: What it shows.
+    ``caption``: What to see in it, with definitions of what is drawn.
     """
 
     file: str
@@ -185,24 +180,12 @@ def swatch(colour: str, label: str) -> Any:
 
 
 def symmetric_limit(*maps: Map, percent: float = 2.0) -> float:
-    """Return the limit of a scale about zero that leaves out the given percentage of the finite values.
-
-    Returns
-    -------
-    float
-        Positive; 1 where there is no finite value.
-    """
+    """Return the limit of a scale about zero that leaves out the given percentage of the finite values."""
     return robust_limits(*(np.abs(values) for values in maps), percent=percent)[1]
 
 
 def robust_limits(*maps: Map, percent: float = 1.0) -> tuple[float, float]:
-    """Return limits that leave out the given percentage of the finite values at either end.
-
-    Returns
-    -------
-    tuple of float
-        Low and high, never equal; (0, 1) where there is no finite value.
-    """
+    """Return limits that leave out the given percentage of the finite values at either end."""
     values = np.concatenate([values[np.isfinite(values)] for values in maps])
     if values.size == 0:
         return 0.0, 1.0

@@ -64,24 +64,7 @@ __all__ = [
 
 
 def draw_comparison(views: FigureArrays, names: tuple[str, ...], file: Path, *, signed: bool = False) -> str:
-    """Draw some quantities, each in a row of its own with its truth and its error, if there is a truth.
-
-    Parameters
-    ----------
-    views
-        The maps.
-    names
-        Keys of `QUANTITIES` that the estimate has.
-    file
-        Where the picture goes.
-    signed
-        Draw values about zero, with a colour map that shows their sign.
-
-    Returns
-    -------
-    str
-        What to see in the picture.
-    """
+    """Draw some quantities, each in a row of its own with its truth and its error, if there is a truth."""
     columns = 3 if views.truth else 1
     # Without truth, rows of one panel would waste the width.
     rows = len(names) if views.truth else 1
@@ -386,18 +369,7 @@ def draw_estimated_growth(views: FigureArrays, estimate: xr.Dataset, folder: Pat
 
 
 def growth_limits(found: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float, float]:
-    """Return limits that let the truth be seen, however noisy the estimate is.
-
-    Parameters
-    ----------
-    found, exact
-        Estimated and true growth rates, NaN where there is none.
-
-    Returns
-    -------
-    tuple of float
-        Low and high: what `robust_limits` says, and no more than twice the largest true rate, if anything grows.
-    """
+    """Return limits that let the truth be seen, however noisy the estimate is."""
     low, high = robust_limits(found, exact)
     grows = float(np.nanmax(np.abs(exact), initial=0.0))
     if grows > 1e-9 * max(abs(low), abs(high)):

@@ -14,19 +14,7 @@ from scipy import ndimage
 from scenetruth.scoring.figures.figure_arrays import FigureArrays
 from scenetruth.scoring.figures.figure_style import BLUE, GREY, ORANGE, FigureInfo, new_figure, robust_limits, save
 
-__all__ = [
-    "QuadSurface",
-    "SurfaceView",
-    "add_polygons",
-    "add_surface",
-    "arrow_factor",
-    "build_surface",
-    "draw_surface",
-    "draw_velocity_arrows",
-    "shade",
-    "surface_axes",
-    "texture",
-]
+__all__ = ["QuadSurface", "SurfaceView", "arrow_factor", "build_surface", "draw_surface", "draw_velocity_arrows"]
 
 
 Points = NDArray[np.float64]
@@ -45,12 +33,8 @@ _PLOT_ORDER = [0, 2, 1]
 class SurfaceView:
     """From where a surface is seen.
 
-    Parameters
-    ----------
-    elevation_deg
-        Angle above the X-Z plane.
-    azimuth_deg
-        Angle around the Y axis; at -90 the viewer stands where the camera stands.
+    ``elevation_deg``: Angle above the X-Z plane.
+    ``azimuth_deg``: Angle around the Y axis; at -90 the viewer stands where the camera stands.
     """
 
     elevation_deg: float
@@ -69,16 +53,10 @@ class SurfaceView:
 class QuadSurface:
     """A surface without a skin across depth jumps.
 
-    Parameters
-    ----------
-    corners
-        Of every quadrilateral, in order around it, shape (n, 4, 3), mm.
-    rows, columns
-        The pixel at the centre of each, shape (n,).
-    step_px
-        The pixels between neighbouring corners.
-    limits
-        Low and high in X, Y and Z, mm, shape (3, 2).
+    ``corners``: Of every quadrilateral, in order around it, shape (n, 4, 3), mm.
+    ``rows``, ``columns``: The pixel at the centre of each, shape (n,).
+    ``step_px``: The pixels between neighbouring corners.
+    ``limits``: Low and high in X, Y and Z, mm, shape (3, 2).
     """
 
     corners: Points
@@ -94,19 +72,7 @@ def build_surface(points: Points, focal_length_px: float, max_quads: int = 40_00
     A quadrilateral is left out where a corner is missing, where the depth across it changes as on a surface that is
     more than 80 degrees oblique, and where it lies far outside the depths of nearly all others.
 
-    Parameters
-    ----------
-    points
-        X, Y and Z of every pixel in mm, shape (y, x, 3); NaN where there is none.
-    focal_length_px
-        f, in pixels.
-    max_quads
-        About the most quadrilaterals to make; points between their corners are then skipped, never averaged.
-
-    Returns
-    -------
-    Surface
-        The quadrilaterals.
+    ``points``: X, Y and Z of every pixel in mm, shape (y, x, 3); NaN where there is none.
     """
     step = max(1, math.ceil(math.sqrt(points.shape[0] * points.shape[1] / max_quads)))
     grid = points[::step, ::step]
@@ -264,18 +230,8 @@ def draw_velocity_arrows(views: FigureArrays, folder: Path) -> FigureInfo:
 def arrow_factor(vectors: Points, extent: float) -> float:
     """Return the arrows' length for 1 mm per frame: the paper's 5, or a round number if those would not be legible.
 
-    Parameters
-    ----------
-    vectors
-        Velocities, mm per frame, shape (n, 3).
-    extent
-        The largest side of the box around the surface, mm.
-
-    Returns
-    -------
-    float
-        5, or the number 1, 2 or 5 times a power of ten with which nine tenths of the arrows are shorter than about
-        a tenth of the extent.
+    ``vectors``: Velocities, mm per frame, shape (n, 3).
+    ``extent``: The largest side of the box around the surface, mm.
     """
     # Most of the picture may be at rest.
     length = float(np.percentile(np.linalg.norm(vectors, axis=1), 90)) if len(vectors) else 0.0

@@ -56,18 +56,12 @@ class PackedMap:
     below zero as odd numbers (zigzag); first the upper bytes of all, then the lower ones, then the exact values (8
     bytes each, little-endian); all of it as zlib has it.
 
-    Parameters
-    ----------
-    shape
-        Rows and columns.
-    low, step
-        The value of code 2, and that of a step, in the units of the map.
-    predictor
-        What neighbours let expect: nothing (0), the left one again (1), or their plane, left + upper - upper left (2).
-    exact
-        How many values are told exactly.
-    data
-        The bytes.
+    ``shape``: Rows and columns.
+    ``low``, ``step``: The value of code 2, and that of a step, in the units of the map.
+    ``predictor``: What neighbours let expect: nothing (0), the left one again (1), or their plane, left + upper - upper
+      left (2).
+    ``exact``: How many values are told exactly.
+    ``data``: The bytes.
     """
 
     shape: tuple[int, int]
@@ -103,21 +97,6 @@ class PackedMap:
 def pack_map(values: NDArray[Any], limits: tuple[float, float] | None = None) -> PackedMap:
     """Pack a map.
 
-    Parameters
-    ----------
-    values
-        Shape (y, x); NaN where there is none. Integers and flags are kept as they are.
-    limits
-        Low and high of what is shown at first; all finite values if not given. A step is their distance over `LEVELS`.
-        Values more than three and a half times as far outside are told exactly.
-
-    Returns
-    -------
-    PackedMap
-        The map, rounded to a multiple of its step.
-
-    Examples
-    --------
     >>> packed = pack_map(np.array([[1.0, 1.5, np.nan], [2.0, 1e9, 1.25]]), limits=(1.0, 2.0))
     >>> unpack_map(packed).round(3).tolist(), packed.exact, round(packed.rounding, 6)
     ([[1.0, 1.5, nan], [2.0, 1000000000.0, 1.25]], 1, 6.1e-05)
@@ -207,14 +186,9 @@ _COARSEST_IMAGE = 4
 class PackedImage:
     """One image.
 
-    Parameters
-    ----------
-    row, camera, frame
-        Its s_y, s and t.
-    step
-        Every how manieth row and column of the reference image it has.
-    packed
-        Its grey values.
+    ``row``, ``camera``, ``frame``: Its s_y, s and t.
+    ``step``: Every how manieth row and column of the reference image it has.
+    ``packed``: Its grey values.
     """
 
     row: int
@@ -228,18 +202,11 @@ class PackedImage:
 class ViewerImages:
     """The images of a page.
 
-    Parameters
-    ----------
-    shown
-        Those that it has, the reference camera's at the reference frame first.
-    cameras, frames
-        The cameras (s_y, s) and the frames t of the recording.
-    left_out
-        How many of those wanted it has not.
-    units
-        What the grey values are.
-    limits
-        Low and high of the range that is shown at first.
+    ``shown``: Those that it has, the reference camera's at the reference frame first.
+    ``cameras``, ``frames``: The cameras (s_y, s) and the frames t of the recording.
+    ``left_out``: How many of those wanted it has not.
+    ``units``: What the grey values are.
+    ``limits``: Low and high of the range that is shown at first.
     """
 
     shown: Sequence[PackedImage]
@@ -251,21 +218,7 @@ class ViewerImages:
 
 
 def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, step: int, budget: int) -> ViewerImages:
-    """Pick and pack images.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    estimate
-        The estimate, whose pixels are taken.
-    frame
-        The reference frame t.
-    step
-        Every how manieth row and column of the reference image is kept.
-    budget
-        How many characters all but the reference image may take; thinned more, or left out, where they would take more.
-    """
+    """Pick and pack images."""
     every = select_pixels(recording, estimate)["image"]
     frames = [int(t) for t in every["t"].values]
     at = frame if frame in frames else 0 if 0 in frames else frames[len(frames) // 2]
@@ -315,10 +268,7 @@ _BAND_ROWS, _BANDS = 16, 4
 class MapPacker:
     """Packs maps one after the other, as long as there is room.
 
-    Parameters
-    ----------
-    step
-        Every how manieth row and column of the images the maps have.
+    ``step``: Every how manieth row and column of the images the maps have.
     """
 
     def __init__(self, step: int) -> None:

@@ -167,18 +167,13 @@ Map = NDArray[np.float64]
 class MapSummary:
     """The values of one quantity over all frames.
 
-    Parameters
-    ----------
-    title, units
-        What it is, and its units.
-    median, low, high
-        The median, and the 5th and 95th percentile of the known values, in ``units``; None where nothing is known.
-    median_std
-        The median of the standard deviations that the estimate states at these pixels, in ``units``, or None.
-    density
-        The share of all pixels where the quantity is known, 0 to 1.
-    count
-        How many pixels that is.
+    ``title``, ``units``: What it is, and its units.
+    ``median``, ``low``, ``high``: The median, and the 5th and 95th percentile of the known values, in ``units``; None
+      where nothing is known.
+    ``median_std``: The median of the standard deviations that the estimate states at these pixels, in ``units``, or
+      None.
+    ``density``: The share of all pixels where the quantity is known, 0 to 1.
+    ``count``: How many pixels that is.
     """
 
     title: str
@@ -197,11 +192,6 @@ def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
     A pixel counts where the estimate is finite and claims to know the quantity (see `find_valid_pixels`). Where the
     estimate has no ``growth_rate`` of its own, it follows from depth and velocity (see `compute_growth_rate`), if any
     window holds enough.
-
-    Raises
-    ------
-    ScoreError
-        If the estimate does not have the agreed form; lists what is wrong.
     """
     check_estimate(estimate)
     single = count_blocks(estimate) == 1
@@ -259,18 +249,11 @@ Values = Mapping[str, float | int | None]
 class SummarySentence:
     """One part of the answer.
 
-    Parameters
-    ----------
-    title
-        What it is about.
-    figure, units
-        The number that matters most, spelled, and its units.
-    rest
-        What follows it.
-    place
-        Where errors are largest, if that is known.
-    layer
-        The viewer's name of the map that shows it there.
+    ``title``: What it is about.
+    ``figure``, ``units``: The number that matters most, spelled, and its units.
+    ``rest``: What follows it.
+    ``place``: Where errors are largest, if that is known.
+    ``layer``: The viewer's name of the map that shows it there.
     """
 
     title: str
@@ -418,8 +401,6 @@ def _worst_region(errors: Mapping[str, float | None], units: str) -> str:
 def _spell_length(region: str) -> str:
     """Return where a region is, in words.
 
-    Examples
-    --------
     >>> tuple(_spell_length(name) for name in ("boundary_0_5", "boundary_20_inf", "slope_45_70", "object_leaf 3"))
     ('within 0 to 5 px of an edge', 'from 20 px from an edge on', 'on slopes of 45 to 70°', 'on the object “leaf 3”')
     """

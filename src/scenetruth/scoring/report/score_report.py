@@ -142,17 +142,7 @@ def write_report_with(
     made_of: str = "",
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
 ) -> Path:
-    """Write a report as `write_report` does; for the pipeline, which draws in two processes.
-
-    Parameters
-    ----------
-    estimate, truth, recording, score, output, figures, figure_formats, allow_mismatch, progress
-        As of `write_report`.
-    made_of
-        A hash of everything that the page shows, to be found again by `matches_fingerprint`.
-    elsewhere
-        As of `scenetruth.scoring.plot_all`.
-    """
+    """Write a report as `write_report` does; for the pipeline, which draws in two processes."""
     given = {"recording": recording, "estimate": estimate, **({} if truth is None else {"truth": truth})}
     wrong = [
         Problem(name, "must be an xarray.Dataset", type(part).__name__)

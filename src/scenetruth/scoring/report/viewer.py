@@ -24,15 +24,7 @@ from scenetruth.scoring.report.viewer_layers import ErrorHotspot, build_layers, 
 from scenetruth.scoring.score_result import Score
 from scenetruth.settings import ScoreSettings
 
-__all__ = [
-    "COLOUR_MAPS",
-    "Viewer",
-    "build_viewer",
-    "colour_tables",
-    "json_for_script",
-    "packed_plotly",
-    "viewer_script",
-]
+__all__ = ["Viewer", "build_viewer", "json_for_script", "packed_plotly", "viewer_script"]
 
 
 COLOUR_MAPS: Mapping[str, str] = {
@@ -94,18 +86,11 @@ _IMAGES = 1_100_000
 class Viewer:
     """What the viewer shows, and what was seen on the way.
 
-    Parameters
-    ----------
-    plain
-        What the page's script reads, as plain values for JSON.
-    frame
-        The reference frame t.
-    worst
-        By the keys of `QUANTITIES`, where the errors of the reference frame are largest.
-    spread
-        By the same keys, the standard deviation of the truth over the interior of the reference frame.
-    notes
-        What the page does not show in full, in words.
+    ``plain``: What the page's script reads, as plain values for JSON.
+    ``frame``: The reference frame t.
+    ``worst``: By the keys of `QUANTITIES`, where the errors of the reference frame are largest.
+    ``spread``: By the same keys, the standard deviation of the truth over the interior of the reference frame.
+    ``notes``: What the page does not show in full, in words.
     """
 
     plain: Mapping[str, Any]
@@ -116,13 +101,7 @@ class Viewer:
 
 
 def build_viewer(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None) -> Viewer:
-    """Read, thin and pack what the viewer shows.
-
-    Parameters
-    ----------
-    recording, estimate, truth, score
-        As of `scenetruth.scoring.write_report`; they belong together.
-    """
+    """Read, thin and pack what the viewer shows."""
     told = {} if score is None else score.metadata.get("score_settings") or {}
     settings = ScoreSettings(**told)
     margin_px = float((score.metadata if score else {}).get("margin_px", settings.interior_margin_px))

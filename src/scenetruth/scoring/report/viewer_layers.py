@@ -30,10 +30,7 @@ __all__ = [
     "build_layers",
     "choose_scale",
     "compute_display_ranges",
-    "error_limits",
     "find_error_hotspots",
-    "size_limits",
-    "thinned",
     "value_limits",
 ]
 
@@ -57,17 +54,11 @@ _INVALID = ("face_id", "mixed", "depth", "disparity", "growth_rate", "boundary_d
 class ViewerLayers:
     """The maps of one quantity in one frame.
 
-    Parameters
-    ----------
-    name, title, symbol, units
-        What it is.
-    main
-        Whether it comes before others where there is not room for all.
-    maps
-        ``estimate``, ``truth``, ``error`` and ``std`` of a quantity, or ``value`` of what is not compared; float64, or
-        integers for codes, shape (y, x), NaN where there is none.
-    codes
-        What the values mean, of a map of codes.
+    ``name``, ``title``, ``symbol``, ``units``: What it is.
+    ``main``: Whether it comes before others where there is not room for all.
+    ``maps``: ``estimate``, ``truth``, ``error`` and ``std`` of a quantity, or ``value`` of what is not compared;
+      float64, or integers for codes, shape (y, x), NaN where there is none.
+    ``codes``: What the values mean, of a map of codes.
     """
 
     name: str
@@ -85,17 +76,6 @@ def build_layers(
     """Give the maps of one frame, those that tell most first.
 
     An estimate is NaN wherever its status is not valid, as in the score.
-
-    Parameters
-    ----------
-    estimate, truth
-        One frame of an estimate, and the truth that is aligned with it, if there is one.
-    settings
-        Of the windows in which growth is measured.
-    grows
-        Whether growth is worth showing.
-    step
-        Every how manieth row and column is kept, so that large images fit into a page.
     """
     names = _list_shown(estimate, truth, grows=grows)
     # Which pixels are known is read once for each variable, and not for each of its components.
@@ -283,14 +263,9 @@ _BLOCK_PX = 32
 class ErrorHotspot:
     """Where the errors of a quantity are largest, in squares of 32 pixels of the map.
 
-    Parameters
-    ----------
-    x, y
-        The pixel of the square with the largest error, in px of the whole image.
-    rmse
-        The RMSE there, in the quantity's units.
-    side_px
-        The side of the square, in px of the whole image.
+    ``x``, ``y``: The pixel of the square with the largest error, in px of the whole image.
+    ``rmse``: The RMSE there, in the quantity's units.
+    ``side_px``: The side of the square, in px of the whole image.
     """
 
     x: float
@@ -302,18 +277,7 @@ class ErrorHotspot:
 def find_error_hotspots(layers: Mapping[str, ViewerLayers], x: Map, y: Map) -> dict[str, ErrorHotspot]:
     """Return where the errors of each quantity are largest.
 
-    Parameters
-    ----------
-    layers
-        The maps of one frame, by their names.
-    x, y
-        The columns and rows of the maps, in px of the whole image.
-
-    Returns
-    -------
-    dict
-        By the keys of `QUANTITIES`, and ``flow`` for the length of the errors of the optical flow; those quantities
-        that are known in a quarter of any square.
+    ``x``, ``y``: The columns and rows of the maps, in px of the whole image.
     """
     found = {name: _worst(errors, x, y) for name, errors in _errors(layers)}
     return {name: place for name, place in found.items() if place is not None}

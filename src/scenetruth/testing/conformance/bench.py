@@ -40,16 +40,11 @@ other make 1.4, errors that change their sign with the image 2."""
 class ConformanceBench:
     """A method with its settings, and the recordings on which it is tried.
 
-    Parameters
-    ----------
-    method
-        What `scenetruth.estimate` takes.
-    settings
-        Its settings: a mapping, or its model.
-    size
-        Height and width of the images in px.
-    cameras, frames
-        Number of camera positions and of frames; three, or the next odd number that the method needs, if None.
+    ``method``: What `scenetruth.estimate` takes.
+    ``settings``: Its settings: a mapping, or its model.
+    ``size``: Height and width of the images in px.
+    ``cameras``, ``frames``: Number of camera positions and of frames; three, or the next odd number that the method
+      needs, if None.
     """
 
     def __init__(
@@ -98,22 +93,7 @@ class ConformanceBench:
         return self.plane.recording()
 
     def estimate(self, recording: xr.Dataset, progress: Progress | None = None) -> xr.Dataset:
-        """Let the method estimate, past `scenetruth.estimate`, which would hide what it does wrong.
-
-        Parameters
-        ----------
-        recording
-            The recording, handed over as it is.
-        progress
-            Handed over.
-
-        Raises
-        ------
-        RecordingError, EstimateError
-            If the recording is none, or does not suit the method.
-        Deviation
-            If it does not return a data set.
-        """
+        """Let the method estimate, past `scenetruth.estimate`, which would hide what it does wrong."""
         check_dataset(recording, "recording")
         problems = requirements(recording, self.method, self.settings)
         if problems:
@@ -129,13 +109,7 @@ class ConformanceBench:
         return found
 
     def estimate_if_it_suits(self, recording: xr.Dataset) -> xr.Dataset:
-        """Let the method estimate a recording that it may refuse.
-
-        Raises
-        ------
-        NotApplicable
-            If it does refuse it, as methods do: by an error of `scenetruth.errors`.
-        """
+        """Let the method estimate a recording that it may refuse."""
         try:
             return self.estimate(recording)
         except ScenetruthError as error:
@@ -154,13 +128,7 @@ class ConformanceBench:
 
     @property
     def plain(self) -> xr.Dataset:
-        """The estimate of the plain recording.
-
-        Raises
-        ------
-        NotApplicable
-            If there is none of the agreed form: then that is the first thing to mend.
-        """
+        """The estimate of the plain recording."""
         if isinstance(self._plain, Exception):
             msg = "the plain recording has no estimate yet to compare with: see 'declared_outputs' and 'output_schema'"
             raise NotApplicable(msg)
@@ -178,13 +146,7 @@ class ConformanceBench:
         return {name: compute_rms((item - truth[name]).values) for name, item in self.maps.items()}
 
     def tolerances(self, factor: float = _FACTOR) -> dict[str, float]:
-        """Return by how much estimates may differ, rms.
-
-        Parameters
-        ----------
-        factor
-            How many times the method's own error, beside a floor of 0.2 % of the quantity.
-        """
+        """Return by how much estimates may differ, rms."""
         truth = self.plane.truth()
         return {name: factor * error + FLOOR * compute_magnitude(truth, name) for name, error in self.own_error.items()}
 
@@ -219,17 +181,12 @@ class ConformanceBench:
 class CheckRequirement:
     """What a method must give, and its recordings must have, for a check to say anything.
 
-    Parameters
-    ----------
-    any_of
-        Quantities of which the estimate of the plain recording must know at least one somewhere, as of
-        `comparing.scalar_maps`; none if empty.
-    plain
-        Whether the plain recording must have an estimate.
-    odd_cameras, odd_frames
-        Whether the recording must have an odd number of cameras or frames, so that the reference is in the middle.
-    cameras, frames
-        Least number of cameras and frames of the plain recording.
+    ``any_of``: Quantities of which the estimate of the plain recording must know at least one somewhere, as of
+      `comparing.scalar_maps`; none if empty.
+    ``plain``: Whether the plain recording must have an estimate.
+    ``odd_cameras``, ``odd_frames``: Whether the recording must have an odd number of cameras or frames, so that the
+      reference is in the middle.
+    ``cameras``, ``frames``: Least number of cameras and frames of the plain recording.
     """
 
     any_of: tuple[str, ...] = ()
@@ -248,13 +205,7 @@ class CheckRequirement:
         return ", ".join(parts) or "nothing"
 
     def demand(self, bench: ConformanceBench) -> None:
-        """Leave if the check says nothing of a method.
-
-        Raises
-        ------
-        NotApplicable
-            With the reason.
-        """
+        """Leave if the check says nothing of a method."""
         plane = bench.plane
         for name, least, odd, count in (
             ("cameras", self.cameras, self.odd_cameras, plane.cameras),
@@ -278,16 +229,10 @@ CheckFunction = Callable[[ConformanceBench], None]
 class ConformanceCheck:
     """One demand on a method.
 
-    Parameters
-    ----------
-    name
-        Its name: that of its function, without ``check_``.
-    says
-        What it demands, one sentence: the first line of the function's docstring.
-    needs
-        When it applies.
-    function
-        The function.
+    ``name``: Its name: that of its function, without ``check_``.
+    ``says``: What it demands, one sentence: the first line of the function's docstring.
+    ``needs``: When it applies.
+    ``function``: The function.
     """
 
     name: str
@@ -302,13 +247,7 @@ class ConformanceCheck:
 
 
 def conformance_check(**needs: Any) -> Callable[[CheckFunction], CheckFunction]:
-    """Return a decorator that makes a function ``check_NAME(bench)`` a conformance check.
-
-    Parameters
-    ----------
-    **needs
-        Fields of `CheckRequirement`: when the check applies.
-    """
+    """Return a decorator that makes a function ``check_NAME(bench)`` a conformance check."""
 
     def attach(function: CheckFunction) -> CheckFunction:
         says = (function.__doc__ or "").strip().splitlines()[0]

@@ -32,16 +32,10 @@ __all__ = [
 class CheckOutcome:
     """How one check ended.
 
-    Parameters
-    ----------
-    name, says
-        The check, and what it demands.
-    status
-        ``"passed"``, ``"failed"`` or ``"skipped"``.
-    told
-        What is wrong, or why it was skipped.
-    seconds
-        How long it took.
+    ``name``, ``says``: The check, and what it demands.
+    ``status``: ``"passed"``, ``"failed"`` or ``"skipped"``.
+    ``told``: What is wrong, or why it was skipped.
+    ``seconds``: How long it took.
     """
 
     name: str
@@ -149,8 +143,6 @@ def all_checks() -> tuple[ConformanceCheck, ...]:
 
     A check is a function with the decorator `conformance_check`: the first line of its docstring is the demand.
 
-    Examples
-    --------
     >>> [check.says for check in all_checks() if check.name == "deterministic"]
     ['Two calls with the same recording give the same bytes.']
     """

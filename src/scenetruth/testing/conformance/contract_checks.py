@@ -30,20 +30,7 @@ from scenetruth.testing.conformance.map_comparison import (
     scalar_maps,
 )
 
-__all__ = [
-    "check_declared_outputs",
-    "check_deterministic",
-    "check_input_unchanged",
-    "check_invalid_is_nan",
-    "check_no_shared_memory",
-    "check_output_schema",
-    "check_progress",
-    "check_round_trip",
-    "check_standard_deviations",
-    "check_streaming",
-    "check_thread_safe",
-    "check_unknown_settings",
-]
+__all__ = []
 
 
 @conformance_check()

@@ -19,17 +19,7 @@ from scenetruth.testing.conformance.map_comparison import (
     scalar_maps,
 )
 
-__all__ = [
-    "check_camera_subset",
-    "check_exclusion_mask",
-    "check_frame_subset",
-    "check_image_types",
-    "check_memory_layout",
-    "check_non_finite",
-    "check_read_only_input",
-    "check_single_camera",
-    "check_single_frame",
-]
+__all__ = []
 
 
 _IMAGE_TYPE_FACTOR = 1.0

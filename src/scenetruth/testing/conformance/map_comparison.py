@@ -18,12 +18,10 @@ __all__ = [
     "CheckFailure",
     "Maps",
     "NotApplicable",
-    "build_maps",
     "change_sign",
     "compute_magnitude",
     "compute_rms",
     "flip_maps",
-    "get_unit",
     "list_differing_variables",
     "require_agreement",
     "require_equal_to_rounding",
@@ -35,16 +33,10 @@ __all__ = [
 class CheckFailure(AssertionError):
     """What a method does otherwise than it should.
 
-    Parameters
-    ----------
-    done
-        What was done to the recording or asked of the method.
-    expected
-        What should have followed.
-    found
-        What followed, with numbers and units.
-    remedy
-        What to mend.
+    ``done``: What was done to the recording or asked of the method.
+    ``expected``: What should have followed.
+    ``found``: What followed, with numbers and units.
+    ``remedy``: What to mend.
     """
 
     def __init__(self, done: str, expected: str, found: str, remedy: str) -> None:
@@ -101,15 +93,7 @@ _MOST_ROUNDED = 0.01
 def scalar_maps(estimate: xr.Dataset) -> dict[str, xr.DataArray]:
     """Return what an estimate claims to know fully, component by component.
 
-    Parameters
-    ----------
-    estimate
-        An estimate of the agreed form.
-
-    Returns
-    -------
-    dict
-        ``depth`` (mm), ``disparity`` (px/step), ``flow_x`` and so on, of what the estimate holds.
+    Returns: ``depth`` (mm), ``disparity`` (px/step), ``flow_x`` and so on, of what the estimate holds.
     """
     found: dict[str, tuple[tuple[Hashable, ...], Array]] = {}
     for name, (variable, component) in _SCALARS.items():
@@ -174,26 +158,7 @@ def require_agreement(
     remedy: str,
     least_kept: float = MIN_RETAINED_FRACTION,
 ) -> None:
-    """Demand that maps agree within tolerances, and that most of what was known still is.
-
-    Parameters
-    ----------
-    found, expected
-        The maps; frames and pixels are matched by their coordinates.
-    tolerances
-        The largest rms difference of each quantity, in its unit; those without are not compared.
-    done, expectation, remedy
-        As of `CheckFailure`.
-    least_kept
-        Share of the pixels that are known in ``expected`` that must be known in ``found``.
-
-    Raises
-    ------
-    Deviation
-        If any quantity differs by more, or is missing; tells all.
-    NotApplicable
-        If the two have no frame in common.
-    """
+    """Demand that maps agree within tolerances, and that most of what was known still is."""
     wrong, compared = [], False
     for name, limit in tolerances.items():
         if name not in found:
@@ -219,18 +184,7 @@ def require_agreement(
 
 
 def require_equal_to_rounding(found: Maps, expected: Maps, *, done: str, expectation: str, remedy: str) -> None:
-    """Demand that maps are the same but for rounding.
-
-    Parameters
-    ----------
-    found, expected, done, expectation, remedy
-        As of `agree`.
-
-    Raises
-    ------
-    Deviation
-        If more than one pixel in a hundred differs by more than rounding can make, or is known in one only.
-    """
+    """Demand that maps are the same but for rounding."""
     wrong = []
     for name, values in expected.items():
         if name not in found:
@@ -255,20 +209,6 @@ def require_median_near(found: Maps, truth: Maps, names: Iterable[str], *, done:
 
     Velocity, which is made of differences of depths, may be less certain: what methods find in sixteenths of a pixel is
     rounded to nothing or to everything. It must then scatter around the true value.
-
-    Parameters
-    ----------
-    found, truth
-        An estimate, and the truth of its frames and pixels among others.
-    names
-        The quantities to look at; those that are known nowhere are passed over.
-    done, remedy
-        As of `CheckFailure`.
-
-    Raises
-    ------
-    Deviation
-        If any is further off.
     """
     wrong = []
     for name in names:

@@ -16,21 +16,7 @@ from scenetruth.testing.conformance.map_comparison import (
     scalar_maps,
 )
 
-__all__ = [
-    "check_baseline_scaling",
-    "check_consistency",
-    "check_crop",
-    "check_frame_interval",
-    "check_frame_numbers",
-    "check_intensity_invariance",
-    "check_median_accuracy",
-    "check_mirror_x",
-    "check_mirror_y",
-    "check_principal_point",
-    "check_reversed_baseline",
-    "check_static_scene",
-    "check_time_reversal",
-]
+__all__ = []
 
 
 @conformance_check(any_of=("flow_x", "velocity_x", "velocity_z"), frames=2)

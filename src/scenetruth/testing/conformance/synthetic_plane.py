@@ -29,27 +29,15 @@ _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 class SyntheticPlane:
     """A tilted plane that carries plane waves and moves along X, Y and Z; a pixel has the value at its centre.
 
-    Parameters
-    ----------
-    size
-        Height and width of the images in px.
-    cameras, frames
-        Number of camera positions s and of frames t; the middle ones are the references.
-    channels
-        Number of colour channels, each with waves of its own phases; grey images without if None.
-    velocity_mm
-        (U_X, U_Y, U_Z) in mm per frame.
-    principal_point_px
-        (c_x, c_y); the image's centre if None.
-    depth_mm
-        Z of the plane on the optical axis of the reference camera at t = 0.
-    slopes
-        dZ/dX and dZ/dY.
-    focal_length_px, baseline_mm
-        f, and V_X in mm per step of s.
+    ``size``: Height and width of the images in px.
+    ``cameras``, ``frames``: Number of camera positions s and of frames t; the middle ones are the references.
+    ``channels``: Number of colour channels, each with waves of its own phases; grey images without if None.
+    ``velocity_mm``: (U_X, U_Y, U_Z) in mm per frame.
+    ``principal_point_px``: (c_x, c_y); the image's centre if None.
+    ``depth_mm``: Z of the plane on the optical axis of the reference camera at t = 0.
+    ``slopes``: dZ/dX and dZ/dY.
+    ``focal_length_px``, ``baseline_mm``: f, and V_X in mm per step of s.
 
-    Examples
-    --------
     >>> plane = SyntheticPlane()
     >>> plane.recording()["image"].shape
     (3, 3, 56, 72)
@@ -81,19 +69,7 @@ class SyntheticPlane:
     def recording(
         self, images: ArrayLike | None = None, dtype: DTypeLike = np.float32, full_scale: float = 1.0, **changes: Any
     ) -> xr.Dataset:
-        """Return a recording of these images, or of others with the same intrinsics.
-
-        Parameters
-        ----------
-        images
-            Other images; their own if None.
-        dtype
-            Type of the images.
-        full_scale
-            The value that stands for 1.
-        **changes
-            Other arguments of `scenetruth.make_recording`.
-        """
+        """Return a recording of these images, or of others with the same intrinsics."""
         values = np.asarray(self.images() if images is None else images)
         if np.issubdtype(dtype, np.integer):
             values = np.rint(values * full_scale)

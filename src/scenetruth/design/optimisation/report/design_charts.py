@@ -23,19 +23,7 @@ from scenetruth.html import COLOURS, Chart
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "AxisSpec",
-    "build_axis",
-    "build_front_charts",
-    "build_sensitivity_charts",
-    "build_target_line",
-    "finite_or_none",
-    "trace_discrepancies",
-    "trace_predictions",
-    "trace_recommended",
-    "trace_screening",
-    "trace_simulations",
-]
+__all__ = ["AxisSpec", "build_axis", "build_front_charts", "build_sensitivity_charts"]
 
 
 _WIDE = 8.0
@@ -53,12 +41,8 @@ _ROUNDING = 1e-12
 class AxisSpec:
     """What an axis shows.
 
-    Parameters
-    ----------
-    name
-        The objective's title, or the parameter's path; its column among the predictions.
-    objective
-        The objective; None of a parameter.
+    ``name``: The objective's title, or the parameter's path; its column among the predictions.
+    ``objective``: The objective; None of a parameter.
     """
 
     name: str
@@ -87,17 +71,7 @@ class AxisSpec:
 
 
 def build_axis(way: AxisSpec, points: Sequence[float | None], ends: Sequence[float | None]) -> dict[str, Any]:
-    """Return an axis that holds all points, and the ends of bars as far as they do not push the points together.
-
-    Parameters
-    ----------
-    way
-        What it shows.
-    points
-        All points on it.
-    ends
-        Ends of bars.
-    """
+    """Return an axis that holds all points, and the ends of bars as far as they do not push the points together."""
     axis: dict[str, Any] = {"title": {"text": way.title}, "automargin": True}
     known = [value for value in points if value is not None]
     if way.objective is not None and way.objective.wanted is not None:
@@ -126,17 +100,7 @@ def build_axis(way: AxisSpec, points: Sequence[float | None], ends: Sequence[flo
 def build_target_line(
     way: AxisSpec, axis: str, drawn: Mapping[str, Any]
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return a line at what is wanted, and its words; nothing if nothing is.
-
-    Parameters
-    ----------
-    way
-        What the axis shows.
-    axis
-        ``"x"`` or ``"y"``.
-    drawn
-        The axis, as plotly has it.
-    """
+    """Return a line at what is wanted, and its words; nothing if nothing is."""
     wanted = None if way.objective is None else way.objective.wanted
     if way.objective is None or wanted is None:
         return [], []
@@ -280,13 +244,7 @@ _MOST_PAIRS, _MOST_SCREENED = 6, 1000
 
 
 def build_front_charts(design: DesignResult) -> list[Chart]:
-    """Return the charts of the front.
-
-    Parameters
-    ----------
-    design
-        The design.
-    """
+    """Return the charts of the front."""
     ways = [AxisSpec(objective.title, objective) for objective in design.objectives]
     if len(ways) == 1:
         parameter = _most_influential(design)
@@ -369,13 +327,7 @@ _BAR_PX, _AROUND_PX = 52, 150
 
 
 def build_sensitivity_charts(design: DesignResult) -> list[Chart]:
-    """Return what each parameter does to each objective: 10 % more and less of it, and shares of the variance.
-
-    Parameters
-    ----------
-    design
-        The design.
-    """
+    """Return what each parameter does to each objective: 10 % more and less of it, and shares of the variance."""
     charts = []
     for place, objective in enumerate(design.objectives):
         own = [one for one in design.sensitivities if one.objective == objective.title]

@@ -18,7 +18,6 @@ from scenetruth.design.optimisation.design_result import (
     SUFFICIENT_DENSITY,
     DesignResult,
     describe_rank_consistency,
-    to_plain_data,
     write_screening_table,
 )
 from scenetruth.design.optimisation.report.design_charts import build_front_charts, build_sensitivity_charts
@@ -50,15 +49,12 @@ from scenetruth.design.optimisation.report.side_view import assign_colours, desc
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
 from scenetruth.html import render_page
 from scenetruth.output import write_atomically
+from scenetruth.results import to_plain_data
 
 __all__ = [
-    "FRONT_FILE",
-    "PAGE",
-    "RIG_FILE",
     "ObjectiveResult",
     "derive_blur_limit",
     "describe_sensitivities",
-    "find_links",
     "list_warnings",
     "summarise_objectives",
     "write_design_files",
@@ -76,13 +72,7 @@ _LINKED_FILES = (
 
 
 def find_links(folder: str | Path) -> list[tuple[str, str]]:
-    """Return addresses and words of what there is beside the page.
-
-    Parameters
-    ----------
-    folder
-        Where the page lies.
-    """
+    """Return addresses and words of what there is beside the page."""
     return [(name, words) for name, words in _LINKED_FILES if (Path(folder) / name).is_file()]
 
 
@@ -93,16 +83,10 @@ _MOST_LISTED = 3
 class ObjectiveResult:
     """What the recommended rig reaches of an objective.
 
-    Parameters
-    ----------
-    title
-        The objective.
-    figure, unit
-        The number that counts: of simulations if there are any, else predicted.
-    source
-        Where it is from, with its interval.
-    verdict
-        Whether it is what was wanted; empty if nothing was.
+    ``title``: The objective.
+    ``figure``, ``unit``: The number that counts: of simulations if there are any, else predicted.
+    ``source``: Where it is from, with its interval.
+    ``verdict``: Whether it is what was wanted; empty if nothing was.
     """
 
     title: str
@@ -318,13 +302,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
 
 
 def derive_blur_limit(spec: Mapping[str, Any]) -> float:
-    """Return the diameter in px of the blur disc that a specification lets pass as sharp; 1 px if it says nothing.
-
-    Parameters
-    ----------
-    spec
-        The design specification as plain values.
-    """
+    """Return the diameter in px of the blur disc that a specification lets pass as sharp; 1 px if it says nothing."""
     limits = []
     for one in spec.get("constraints") or ():
         if one.get("kind") == "depth_of_field":
@@ -338,15 +316,7 @@ FRONT_FILE, RIG_FILE = "pareto_front.csv", "recommended.yaml"
 
 
 def write_design_files(design: DesignResult, folder: Path) -> None:
-    """Write a design: ``recommended.yaml`` and its preview, tables, ``design.json``, ``index.html``.
-
-    Parameters
-    ----------
-    design
-        The design.
-    folder
-        Its folder, which exists.
-    """
+    """Write a design: ``recommended.yaml`` and its preview, tables, ``design.json``, ``index.html``."""
     head = f"# {design.title}: the recommended rig, ready to run: scenetruth run {RIG_FILE} -o results\n"
     text = head + yaml.safe_dump(to_plain_data(design.recommended.scene), sort_keys=False, allow_unicode=True)
     _write_text(folder / RIG_FILE, text)
@@ -357,7 +327,7 @@ def write_design_files(design: DesignResult, folder: Path) -> None:
         folder / PREVIEW_FILE, head + yaml.safe_dump(to_plain_data(light.plain), sort_keys=False, allow_unicode=True)
     )
     with write_atomically(folder / FRONT_FILE, overwrite=True) as aside:
-        design.to_frame().to_csv(aside, index=False)
+        design.to_dataframe().to_csv(aside, index=False)
     with write_atomically(folder / SCREENING_FILE, overwrite=True) as aside:
         write_screening_table(design.screened, aside)
     _write_text(

@@ -24,8 +24,6 @@ _MINUS = "−"
 def format_number(value: float | None, digits: int = 3) -> str:
     """Spell a number with so many significant digits.
 
-    Examples
-    --------
     >>> tuple(format_number(value) for value in (0.012345, -1234.5, math.inf, None, 0.0, 2.5e-7))
     ('0.0123', '−1230', '∞', '–', '0', '2.50e−7')
     """
@@ -47,8 +45,6 @@ def format_number(value: float | None, digits: int = 3) -> str:
 def format_length(value: float, digits: int = 3) -> str:
     """Spell a number that is set and not measured: without zeros at its end.
 
-    Examples
-    --------
     >>> format_length(32.0), format_length(0.8), format_length(-1250.4), format_length(100.0), format_length(math.inf)
     ('32', '0.8', '−1250', '100', '∞')
     """
@@ -59,8 +55,6 @@ def format_length(value: float, digits: int = 3) -> str:
 def format_interval(low: float, high: float) -> str:
     """Spell an interval; empty where there is none.
 
-    Examples
-    --------
     >>> format_interval(0.19, 0.254), format_interval(math.nan, 1.0)
     ('0.190 to 0.254', '')
     """
@@ -70,15 +64,6 @@ def format_interval(low: float, high: float) -> str:
 def format_estimate(value: float, half: float, samples: int) -> str:
     """Spell an estimate with the half width of its interval; say so where it is not known, or only that it is small.
 
-    Parameters
-    ----------
-    value, half
-        The estimate, and the half width of its interval.
-    samples
-        From how many samples it is.
-
-    Examples
-    --------
     >>> pairs = (0.532, 0.21), (-0.03, 0.09), (0.001, 0.004), (0.3, math.nan)
     >>> tuple(format_estimate(value, uncertainty, 64) for value, uncertainty in pairs)
     ('0.53 ± 0.21', 'cannot be told from 64 samples', 'under 0.05', '0.30')
@@ -99,8 +84,6 @@ _LITTLE = 0.05
 def format_percent(share: float) -> str:
     r"""Spell a share as a number of per cent.
 
-    Examples
-    --------
     >>> [format_percent(share).replace("\N{NO-BREAK SPACE}", " ") for share in (0.125, -0.004, math.nan, 12.0)]
     ['12 %', '−0.4 %', '–', '1200 %']
     """
@@ -112,8 +95,6 @@ def format_percent(share: float) -> str:
 def format_signed_percent(share: float) -> str:
     r"""Spell a change as a number of per cent, with its sign.
 
-    Examples
-    --------
     >>> [format_signed_percent(share).replace("\N{NO-BREAK SPACE}", " ") for share in (0.21, -0.091, 0.0, math.nan)]
     ['+21 %', '−9.1 %', '0 %', '–']
     """
@@ -123,8 +104,6 @@ def format_signed_percent(share: float) -> str:
 def format_value(value: Any) -> str:
     """Spell the value of a parameter.
 
-    Examples
-    --------
     >>> format_value(0.123456), format_value("35 mm f/4"), format_value(5), format_value(True), format_value([1, 2.50])
     ('0.1235', '35 mm f/4', '5', 'yes', '1, 2.5')
     >>> format_value({"kind": "airy", "f_number": None})

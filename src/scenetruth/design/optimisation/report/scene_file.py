@@ -22,18 +22,7 @@ PREVIEW_FILE = "recommended_preview.yaml"
 
 
 def build_preview(design: DesignResult) -> ReducedScene:
-    """Return what is rendered quickly of the recommended rig: that of which simulations are made.
-
-    Parameters
-    ----------
-    design
-        The design. Images are cut as its design specification says, to the usual size where that leaves them whole.
-
-    Raises
-    ------
-    SceneError
-        If the scene of the recommended rig cannot be made.
-    """
+    """Return what is rendered quickly of the recommended rig: that of which simulations are made."""
     max_size_px = (design.specification.get("confirmation") or {}).get("max_size_px") or ConfirmationSpec().max_size_px
     return reduce_scene(Scene.from_dict(design.recommended.scene), design.objectives[0].region, max_size_px)
 
@@ -42,12 +31,8 @@ def build_preview(design: DesignResult) -> ReducedScene:
 class SceneFile:
     """A scene file that is part of a page.
 
-    Parameters
-    ----------
-    name
-        What it is called when it is saved.
-    text
-        What it holds, in YAML.
+    ``name``: What it is called when it is saved.
+    ``text``: What it holds, in YAML.
     """
 
     name: str
@@ -69,26 +54,12 @@ class SceneFile:
 
 
 def build_scene_file(rig: RigDesign, name: str) -> SceneFile:
-    """Return the scene file of a rig.
-
-    Parameters
-    ----------
-    rig
-        The rig.
-    name
-        What the file is called.
-    """
+    """Return the scene file of a rig."""
     return SceneFile(name, format_yaml(rig.scene))
 
 
 def build_preview_file(design: DesignResult) -> SceneFile:
-    """Return the file of a scene that shows a part of what the recommended rig sees.
-
-    Parameters
-    ----------
-    design
-        The design.
-    """
+    """Return the file of a scene that shows a part of what the recommended rig sees."""
     return SceneFile(PREVIEW_FILE, format_yaml(build_preview(design).plain))
 
 

@@ -12,22 +12,12 @@ from scenetruth.design.optimisation.report.side_view_geometry import SideView
 from scenetruth.html import COLOURS
 
 __all__ = [
-    "CAMERA_LENGTH",
-    "PaperPoint",
     "SideViewDrawing",
     "Viewport",
     "assign_colours",
     "choose_round_length_mm",
     "describe_side_view",
-    "draw_cameras",
-    "draw_scene",
     "draw_side_views",
-    "svg_area",
-    "svg_horizontal_dimension",
-    "svg_line",
-    "svg_scale_bar",
-    "svg_text",
-    "svg_vertical_dimension",
 ]
 
 
@@ -39,19 +29,12 @@ PaperPoint = tuple[float, float]
 class Viewport:
     """A window into the side view, at the same scale both ways.
 
-    Parameters
-    ----------
-    name
-        Its name within the page.
-    z_mm, x_mm
-        What it shows.
-    scale
-        Units of the drawing per mm.
-    left, right, top, bottom
-        Space around it for dimensions, in units of the drawing.
-    upright
-        Whether Z goes up and X to the right; else Z goes to the right and X down. Both are what one sees looking along
-        Y.
+    ``name``: Its name within the page.
+    ``z_mm``, ``x_mm``: What it shows.
+    ``scale``: Units of the drawing per mm.
+    ``left``, ``right``, ``top``, ``bottom``: Space around it for dimensions, in units of the drawing.
+    ``upright``: Whether Z goes up and X to the right; else Z goes to the right and X down. Both are what one sees
+      looking along Y.
     """
 
     name: str
@@ -78,15 +61,7 @@ class Viewport:
         return right + self.right, bottom + self.bottom
 
     def at(self, z_mm: float, x_mm: float, *, ahead: float = 0.0, aside: float = 0.0) -> PaperPoint:
-        """Return where a point is drawn.
-
-        Parameters
-        ----------
-        z_mm, x_mm
-            The point.
-        ahead, aside
-            Units of the drawing to go on from there along Z and along X.
-        """
+        """Return where a point is drawn."""
         z = (z_mm - self.z_mm[0]) * self.scale + ahead
         x = (x_mm - self.x_mm[0]) * self.scale + aside
         return (self.left + x, self.sides[3] - z) if self.upright else (self.left + z, self.top + x)
@@ -111,8 +86,6 @@ class Viewport:
 def choose_round_length_mm(most_mm: float) -> float:
     """Return the largest of 1, 2, 5, 10, 20, 50 ... mm (also 0.5, 0.2, 0.1 ...) that is not longer than a length.
 
-    Examples
-    --------
     >>> choose_round_length_mm(137.0), choose_round_length_mm(0.3), choose_round_length_mm(5.0)
     (100.0, 0.2, 5.0)
     """
@@ -145,19 +118,7 @@ def svg_text(place: PaperPoint, text: str, anchor: str = "middle") -> str:
 def svg_horizontal_dimension(
     u0: float, u1: float, v: float, text: str, within: tuple[float, float], *, above: bool = True
 ) -> str:
-    """Return a dimension from left to right, with its words above or below.
-
-    Parameters
-    ----------
-    u0, u1, v
-        Where it is.
-    text
-        What it says.
-    within
-        Between what its words must stay.
-    above
-        Whether they stand above the line.
-    """
+    """Return a dimension from left to right, with its words above or below."""
     half = _LETTER * len(text) / 2
     middle = max(min((u0 + u1) / 2, within[1] - half), within[0] + half)
     return _arrows((u0, v), (u1, v)) + svg_text((middle, v - 9 if above else v + 18), text)
@@ -166,19 +127,7 @@ def svg_horizontal_dimension(
 def svg_vertical_dimension(
     u: float, v0: float, v1: float, lines: Sequence[str], within: tuple[float, float], *, right: bool
 ) -> str:
-    """Return a dimension from top to bottom, with words beside it.
-
-    Parameters
-    ----------
-    u, v0, v1
-        Where it is.
-    lines
-        What it says, line by line.
-    within
-        Between what its words must stay.
-    right
-        Whether they stand on its right.
-    """
+    """Return a dimension from top to bottom, with words beside it."""
     high = _LINE * (len(lines) - 1)
     first = max(min((v0 + v1 - high) / 2 + 4.5, within[1] - high - 4), within[0] + 12)
     beside, anchor = (u + 9, "start") if right else (u - 9, "end")
@@ -290,18 +239,11 @@ _BAR = 110.0
 class SideViewDrawing:
     """A drawing.
 
-    Parameters
-    ----------
-    name
-        Its name within the page.
-    title
-        What it shows.
-    svg
-        The drawing, as an element of HTML.
-    width
-        Its width in CSS pixels at which words have the size of a page's.
-    shown
-        On which screens: ``"wide"``, ``"narrow"`` or ``"all"``.
+    ``name``: Its name within the page.
+    ``title``: What it shows.
+    ``svg``: The drawing, as an element of HTML.
+    ``width``: Its width in CSS pixels at which words have the size of a page's.
+    ``shown``: On which screens: ``"wide"``, ``"narrow"`` or ``"all"``.
     """
 
     name: str
@@ -312,13 +254,7 @@ class SideViewDrawing:
 
 
 def draw_side_views(view: SideView) -> list[SideViewDrawing]:
-    """Return the drawings of a rig: all of it, lying and upright, and details where they are much larger.
-
-    Parameters
-    ----------
-    view
-        The rig.
-    """
+    """Return the drawings of a rig: all of it, lying and upright, and details where they are much larger."""
     whole, upright = _draw_overview(view), _draw_overview(view, upright=True)
     title = "Seen along Y, to scale"
     drawings = [

@@ -30,17 +30,9 @@ _FEW = 200
 def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array, Array, Array]:
     """Return the depths between which a mesh lies, over X.
 
-    Parameters
-    ----------
-    vertices_mm
-        Where its vertices are, shape (n, 3).
-    faces
-        Its triangles, shape (m, 3).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        X, least and largest Z there, all in mm, X rising; where there is nothing at an X it is left out.
+    ``vertices_mm``: Where its vertices are, shape (n, 3).
+    ``faces``: Its triangles, shape (m, 3).
+    Returns: X, least and largest Z there, all in mm, X rising; where there is nothing at an X it is left out.
     """
     corners = vertices_mm[:, ::2]
     first, second = (faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel())
@@ -72,14 +64,9 @@ def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array
 class Outline:
     """An object seen along Y.
 
-    Parameters
-    ----------
-    name
-        Its name in the scene.
-    x_mm, near_mm, far_mm
-        X, and the least and largest Z there.
-    seen_mm
-        Least and largest depth at which the reference camera sees it; None if it does not.
+    ``name``: Its name in the scene.
+    ``x_mm``, ``near_mm``, ``far_mm``: X, and the least and largest Z there.
+    ``seen_mm``: Least and largest depth at which the reference camera sees it; None if it does not.
     """
 
     name: str
@@ -93,14 +80,9 @@ class Outline:
 class DepthOfFieldRange:
     """The depth of field of a thin lens: where a point's blur disc is no wider than a limit.
 
-    Parameters
-    ----------
-    focus_mm
-        The depth that is in focus.
-    near_mm, far_mm
-        Where the disc reaches the limit; infinite if it nowhere does.
-    limit_px
-        The limit.
+    ``focus_mm``: The depth that is in focus.
+    ``near_mm``, ``far_mm``: Where the disc reaches the limit; infinite if it nowhere does.
+    ``limit_px``: The limit.
     """
 
     focus_mm: float
@@ -113,22 +95,13 @@ class DepthOfFieldRange:
 class SideView:
     """A rig seen along Y at the reference frame.
 
-    Parameters
-    ----------
-    cameras_mm
-        X of every camera position, in order along the stage; all stand at Z = 0.
-    reference
-        Index of the reference position.
-    left, right, top, bottom
-        Where the borders of its image look: X and Y in mm per mm of depth.
-    outlines
-        The objects.
-    seen_mm
-        Least depth that the reference camera sees, the median of what is measured, and the largest.
-    sharp
-        The depth of field; None of a lens that is sharp everywhere.
-    rows
-        Rows of camera positions, in Y.
+    ``cameras_mm``: X of every camera position, in order along the stage; all stand at Z = 0.
+    ``reference``: Index of the reference position.
+    ``left``, ``right``, ``top``, ``bottom``: Where the borders of its image look: X and Y in mm per mm of depth.
+    ``outlines``: The objects.
+    ``seen_mm``: Least depth that the reference camera sees, the median of what is measured, and the largest.
+    ``sharp``: The depth of field; None of a lens that is sharp everywhere.
+    ``rows``: Rows of camera positions, in Y.
     """
 
     cameras_mm: tuple[float, ...]
@@ -162,22 +135,7 @@ class SideView:
 
 
 def compute_side_view(plain: Mapping[str, Any], limit_px: float = 1.0, region: str = "all") -> SideView:
-    """Return what is to be seen of a rig from its side.
-
-    Parameters
-    ----------
-    plain
-        The scene with the rig, as plain values.
-    limit_px
-        Blur that still counts as sharp: diameter of the disc.
-    region
-        What is measured: its median depth is where the field of view is told. ``object_NAME``, or all that is seen.
-
-    Raises
-    ------
-    SceneError
-        If the scene cannot be made; says all that is wrong.
-    """
+    """Return what is to be seen of a rig from its side."""
     scene = Scene.from_dict(plain)
     # Overflows of broken motions are told by checks of their own.
     with np.errstate(all="ignore"):
@@ -206,19 +164,7 @@ def compute_depth_of_field(optics: Optics, focal_px: float, limit_px: float) -> 
 
     The disc at depth Z has the diameter f A |1/Z - 1/Z_f| px (`scenetruth.camera.Defocus`).
 
-    Parameters
-    ----------
-    optics
-        The lens.
-    focal_px
-        Focal length f in px.
-    limit_px
-        Diameter of the disc that is allowed.
-
-    Returns
-    -------
-    Sharp or None
-        None of a lens that is sharp everywhere.
+    ``focal_px``: Focal length f in px.
     """
     lens = optics.defocus
     if lens is None:

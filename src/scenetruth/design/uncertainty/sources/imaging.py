@@ -16,7 +16,7 @@ from scenetruth.design.uncertainty.source import Calibration, Mitigation, Uncert
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 
-__all__ = ["SensorSource", "compute_blur_change"]
+__all__ = ["SensorSource"]
 
 
 class SensorSource(UncertaintySource):
@@ -76,16 +76,10 @@ class SensorSource(UncertaintySource):
 def compute_blur_change(sight: ObservationModel, variance: Callable[[Map, Map], Map]) -> Disturbance:
     """Return what it does that the blur of the texture changes over time.
 
-    Parameters
-    ----------
-    sight
-        The scene.
-    variance
-        By how much the blur's variance changes along x and along y, in px², referred to the texture as the reference
-        shows it: a function of the share by which a point is seen larger, and of its depth in mm there and then.
+    ``variance``: By how much the blur's variance changes along x and along y, in px², referred to the texture as the
+      reference shows it: a function of the share by which a point is seen larger, and of its depth in mm there and
+      then.
 
-    Notes
-    -----
     A Gaussian blur whose variance grows by δ changes an image by δ/2 ∇²T.
     """
     curvature = 0.5 * laplace(sight.texture)

@@ -22,7 +22,7 @@ from scenetruth.design.uncertainty.source import Calibration, Mitigation, Uncert
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 
-__all__ = ["StageGuideSource", "make_stage_schedule", "propose_air_bearing"]
+__all__ = ["StageGuideSource", "make_stage_schedule"]
 
 
 _BETTER = "air_bearing"
@@ -79,17 +79,7 @@ def make_stage_schedule(scene: Scene) -> Schedule:
 
 
 def propose_air_bearing(scene: Scene, field: str, kind: str) -> Mitigation:
-    """Return what an air bearing makes of the stage's errors, or half of them where that is no better.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    field
-        The field of the stage's errors that is to be mended.
-    kind
-        The cause that it belongs to.
-    """
+    """Return what an air bearing makes of the stage's errors, or half of them where that is no better."""
     errors: dict[str, Any] = scene.stage.errors.model_dump() if scene.stage.errors else {}
     better = STAGE_PRESETS[_BETTER]
     if errors.get(field, 0.0) <= better[field]:

@@ -50,19 +50,9 @@ def add_shifts(
     An image that shows g where the mean shows T is to be moved by the δ that minimises Σ (g + ∇T · δ - T)²: the
     solution of Σ ∇T ∇Tᵀ δ = Σ ∇T (T - g).
 
-    Parameters
-    ----------
-    warped, gradient, least
-        As of `products.add_products`.
-    first_row
-        Row of the image at which the arrays begin.
-    block
-        Edge of a block in px; blocks begin at row and column 0 of the image.
-    sums
-        Is added to: for every row of blocks, block and image the sums of T_x², T_x T_y, T_y², T_x (T - g), T_y (T - g),
-        (T - g)² and 1, shape (rows of blocks, columns of blocks, n, 7).
-    rows
-        First and last + 1 of the rows of blocks to be summed up; they lie inside the arrays, as far as the image goes.
+    ``block``: Edge of a block in px; blocks begin at row and column 0 of the image.
+    ``sums``: Is added to: for every row of blocks, block and image the sums of T_x², T_x T_y, T_y², T_x (T - g), T_y (T
+      - g), (T - g)² and 1, shape (rows of blocks, columns of blocks, n, 7).
     """
     count, height, width = warped.shape
     mean = np.empty(width)
@@ -188,17 +178,10 @@ def judge_rows(
 ) -> None:
     """Compute the variances of the grey values that the images show of every pixel's point.
 
-    Parameters
-    ----------
-    coefficients, view, fields, bad, rows
-        As of `warp.warp_rows`.
-    gain, offset
-        What takes the images to one brightness, (value - offset) / gain, in blocks of pixels, shape (n, rows of blocks,
-        columns of blocks); linear in between.
-    block
-        Edge of a block in px.
-    out
-        Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (7, height, width).
+    ``gain``, ``offset``: What takes the images to one brightness, (value - offset) / gain, in blocks of pixels, shape
+      (n, rows of blocks, columns of blocks); linear in between.
+    ``block``: Edge of a block in px.
+    ``out``: Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (7, height, width).
     """
     _JUDGES[len(fields), view.spline](coefficients, view, fields, bad, gain, offset, block, out, rows)
 
@@ -266,17 +249,6 @@ def hide(
 
     A point is hidden where another point of larger disparity is seen in its place or beside it.
 
-    Parameters
-    ----------
-    view
-        Where and when the images were taken.
-    fields
-        As of `warp_rows`, finite.
-    tolerance_px
-        Disparities that differ by less are those of one surface.
-    hidden
-        Output: bit i % 8 of the byte i // 8 for image i, shape (n / 8, height, width).
-    group
-        Which byte.
+    ``hidden``: Output: bit i % 8 of the byte i // 8 for image i, shape (n / 8, height, width).
     """
     _HIDES[len(fields)](view, fields, tolerance_px, hidden, group)

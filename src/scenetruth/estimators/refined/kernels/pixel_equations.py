@@ -154,20 +154,11 @@ def add_products(
     M = Σ_i (a_i - ā)(a_i - ā)ᵀ and b = Σ_i (a_i - ā)(T - g_i). All squares and products of grey values are divided by
     the variance of their noise, relative to that of a mean grey value.
 
-    Parameters
-    ----------
-    view, fields, warped, gradient, first_row, rows
-        As of `warp_rows`.
-    least
-        Pixels that fewer images show are left out.
-    variance
-        Relative variance at a grey value of zero, and what it grows by per grey value.
-    products
-        Sums to be added to, shape (22, rows, width): the 10 products of M, row by row above the diagonal, then the 4 of
-        M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 4 squares of b. If the
-        acceleration is a field, shape (46, rows, width): behind these, the columns of M of a_X, a_Y and a_Z down to the
-        diagonal, then the other 3 of M (d, q, a) + b, and the other 3 squares of b. Nothing is added where a pixel is
-        left out.
+    ``products``: Sums to be added to, shape (22, rows, width): the 10 products of M, row by row above the diagonal,
+      then the 4 of M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 4 squares of b.
+      If the acceleration is a field, shape (46, rows, width): behind these, the columns of M of a_X, a_Y and a_Z down
+      to the diagonal, then the other 3 of M (d, q, a) + b, and the other 3 squares of b. Nothing is added where a pixel
+      is left out.
     """
     _ADD_PRODUCTS[len(fields)](view, fields, warped, gradient, first_row, least, variance, products, rows)
 
@@ -228,20 +219,9 @@ def correct_brightness(
 
     Between these pixels, gain and offset are linear: they change over the width of a window.
 
-    Parameters
-    ----------
-    image
-        Warped grey values, NaN where unknown, shape (rows, width).
-    texture
-        The texture, NaN where unknown, of the same shape.
-    window
-        Weights along either axis, shape (2 r + 1,).
-    step
-        n: every n-th row and column of the whole image, and the last ones.
-    first_row
-        Row of the whole image at which the arrays begin.
-    out
-        The grey values with the texture's own brightness; NaN where that is not found.
+    ``image``: Warped grey values, NaN where unknown, shape (rows, width).
+    ``texture``: The texture, NaN where unknown, of the same shape.
+    ``window``: Weights along either axis, shape (2 r + 1,).
     """
     height, width = image.shape
     sums = np.empty((5, width + window.shape[0] - 1), dtype=np.float32)

@@ -229,29 +229,16 @@ def warp_rows(
     with the disparity d in px per step and the velocity q in steps per frame (paper, eq. 2 and 3), and shows it where
     `corrected` says. With an acceleration a in steps per frame², t q + ½ t² a stand for t q.
 
-    Parameters
-    ----------
-    coefficients
-        Coefficients of the splines, shape (n, height, width).
-    view
-        Where and when the images were taken.
-    fields
-        d, q_X, q_Y, q_Z of every pixel, and a_X, a_Y, a_Z behind them if motion is not steady, shape (4, height, width)
-        or (7, height, width); NaN where none is wanted.
-    hidden
-        In which images other surfaces hide the points, as of `visibility.hide`; of shape (0, 0, 0), none is hidden.
-    bad
-        Not 0 at pixels of the images around which nothing must be fetched, shape (n, height, width); of shape
-        (0, 0, 0), there are none.
-    first_row
-        Row of the images at which the output begins.
-    warped
-        Output: grey values, NaN where a point lies outside the image, is hidden, or falls on bad pixels, shape
-        (n, rows, width).
-    gradient
-        Output: mean over the images of the grey values' derivatives along x and y, shape (2, rows, width).
-    rows
-        First and last + 1 of the output's rows to be filled.
+    ``coefficients``: Coefficients of the splines, shape (n, height, width).
+    ``fields``: d, q_X, q_Y, q_Z of every pixel, and a_X, a_Y, a_Z behind them if motion is not steady, shape (4,
+      height, width) or (7, height, width); NaN where none is wanted.
+    ``hidden``: In which images other surfaces hide the points, as of `visibility.hide`; of shape (0, 0, 0), none is
+      hidden.
+    ``bad``: Not 0 at pixels of the images around which nothing must be fetched, shape (n, height, width); of shape (0,
+      0, 0), there are none.
+    ``warped``: Output: grey values, NaN where a point lies outside the image, is hidden, or falls on bad pixels, shape
+      (n, rows, width).
+    ``gradient``: Output: mean over the images of the grey values' derivatives along x and y, shape (2, rows, width).
     """
     _WARPS[len(fields), view.spline](coefficients, view, fields, hidden, bad, first_row, warped, gradient, rows)
 
@@ -276,12 +263,7 @@ def mean_of_row(warped: Any, row: int, least: int, mean: Any) -> None:
 def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.float32], rows: tuple[int, int]) -> None:
     """Compute the mean of the images that show a pixel, NaN where fewer than ``least`` do.
 
-    Parameters
-    ----------
-    warped, least, rows
-        As of `add_products`.
-    texture
-        Output, shape (rows, width).
+    ``texture``: Output, shape (rows, width).
     """
     mean = np.empty(warped.shape[2])
     for row in range(rows[0], rows[1]):
@@ -306,14 +288,8 @@ def smooth_over(image: NDArray[np.float64], pixels: NDArray[np.int64], sweeps: i
     One pixel alone gets, after one sweep, what continues any polynomial of third degree: (8 a - 2 b - c) / 20 with the
     sums a over the four next to it, b over the four across the corners, c over the four two pixels away.
 
-    Parameters
-    ----------
-    image
-        Finite grey values, shape (y, x); these pixels are changed.
-    pixels
-        Rows and columns of the pixels, shape (n, 2).
-    sweeps
-        How often each is brought there in turn.
+    ``image``: Finite grey values, shape (y, x); these pixels are changed.
+    ``pixels``: Rows and columns of the pixels, shape (n, 2).
     """
     height, width = image.shape
     for _ in range(sweeps):

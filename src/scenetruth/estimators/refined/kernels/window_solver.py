@@ -29,8 +29,6 @@ __all__ = [
     "Model",
     "describe_element",
     "fit_window",
-    "metric",
-    "tangents_of",
     "work_space",
 ]
 
@@ -136,14 +134,7 @@ def _shape(theta: Any, x: float, y: float, focal: float, curved: bool, values: A
 def _rates(theta: Any, x: float, y: float, focal: float, rows: Any, values: Any, second: Any) -> Any:
     """Write what the velocity's slopes make of the element; return both growths' difference, and the direction.
 
-    Parameters
-    ----------
-    rows
-        Output: what each rate takes of the slopes q_x and q_y, shape (7, 6).
-    values
-        Output: rotation, growth of area, both growths of length, and the direction of the larger.
-    second
-        Output: the direction across that one, in the surface.
+    ``rows``: Output: what each rate takes of the slopes q_x and q_y, shape (7, 6).
     """
     tangents = np.empty((2, 3))
     tangents_of(theta, x, y, focal, tangents)
@@ -238,19 +229,9 @@ def describe_element(
 ) -> None:
     """Write what a surface element is and does, and how that depends on the fit's parameters.
 
-    Parameters
-    ----------
-    surface, gradient
-        Of the model, see `windows.Model`. What it does not tell is NaN.
-    theta
-        The parameters.
-    x, y, focal
-        The pixel, from the principal point, and the focal length.
-    values
-        Output, shape (13,), lengths in baselines: what `VALUES` says. Curvatures are positive where the surface bulges
-        towards the camera, rotations turn by the right hand; of the direction either sign is meant.
-    gradients
-        Output, shape (11, 15): derivatives of what `FUNCTIONALS` says by the parameters.
+    ``values``: Output, shape (13,), lengths in baselines: what `VALUES` says. Curvatures are positive where the surface
+      bulges towards the camera, rotations turn by the right hand; of the direction either sign is meant.
+    ``gradients``: Output, shape (11, 15): derivatives of what `FUNCTIONALS` says by the parameters.
     """
     values[:] = np.nan
     gradients[:] = 0.0

@@ -110,32 +110,9 @@ def solve_rows(
 ) -> None:
     """Fit surface and motion in the window around every pixel of some rows.
 
-    Parameters
-    ----------
-    products
-        The pixels' normal equations, as of `add_products`.
-    weights
-        Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
-        (2, 5, 2 r + 1).
-    models, count
-        What is fitted; only the first ``count`` are.
-    view
-        Focal length and principal point, as of `warp.View`.
-    channels
-        Number of colour channels that were added up.
-    first_row
-        Row of the image at which the products begin.
-    least
-        Least share of the window that must be known.
-    fits
-        Output for the whole image, of each model; ``theta`` is read too: tangents of the surface come from it.
-    chosen
-        The model of every pixel of the image, shape (height, width); or `EVERY_MODEL`, or `NO_MODEL`.
-    told
-        How many variances are wanted, in the order of `Fit`; `EVERY_VARIANCE` for all, those of the surface
-        element too.
-    rows
-        First and last + 1 row of the products to solve for.
+    ``weights``: Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
+      (2, 5, 2 r + 1).
+    ``chosen``: The model of every pixel of the image, shape (height, width); or `EVERY_MODEL`, or `NO_MODEL`.
     """
     width = products.shape[2]
     window, squared = weights[0], weights[1]
@@ -318,33 +295,15 @@ def solve_members(
 ) -> None:
     """Fit surface and motion around some pixels to those of their windows' pixels that belong to the same surface.
 
-    Parameters
-    ----------
-    products
-        The pixels' normal equations, as of `products.add_products`, side by side: shape (rows, width, 22 or 46).
-    limit
-        Largest mean square that is left where a pixel is explained, shape (rows, width).
-    fields
-        The own d and q of the image's pixels, and their acceleration if the fit has one, shape (4 or 7, height, width).
-    reach
-        The farthest camera in steps, the longest time in frames, half an image over the focal length, and by how much a
-        pixel may be moved against its own parameters, in px.
-    weights
-        As of `windows.solve_rows`.
-    model
-        What is fitted.
-    view
-        Focal length and principal point.
-    first_row
-        Row of the image at which the products begin.
-    fit
-        Read, and written at the pixels, of the whole image; with variances if there is room for them.
-    pixels
-        Rows and columns in the image, shape (n, 2).
-    shares
-        Output: share of the window that belongs to the surface, and distance of the middle of its texture (weighted by
-        the squared gradient) from the window's, in px, shape (n, 2).
-    part
-        First and last + 1 of the pixels.
+    ``products``: The pixels' normal equations, as of `products.add_products`, side by side: shape (rows, width, 22 or
+      46).
+    ``limit``: Largest mean square that is left where a pixel is explained, shape (rows, width).
+    ``fields``: The own d and q of the image's pixels, and their acceleration if the fit has one, shape (4 or 7, height,
+      width).
+    ``reach``: The farthest camera in steps, the longest time in frames, half an image over the focal length, and by how
+      much a pixel may be moved against its own parameters, in px.
+    ``pixels``: Rows and columns in the image, shape (n, 2).
+    ``shares``: Output: share of the window that belongs to the surface, and distance of the middle of its texture
+      (weighted by the squared gradient) from the window's, in px, shape (n, 2).
     """
     _SOLVES[len(fields)](products, limit, fields, reach, weights, model, view, first_row, fit, pixels, shares, part)
