@@ -71,6 +71,7 @@ MAY_IMPORT = {
     "benchmark": {
         *LEAVES,
         "results",
+        "resources",
         *("scene", "provenance", "schema", "output", "simulation", "estimators", "scoring", "bound", "jobs"),
     },
     "design": {

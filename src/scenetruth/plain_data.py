@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
 
 from scenetruth.errors import Problem
 
-__all__ = ["MAX_DEPTH", "MAX_VALUES", "argument_problems", "parse_json", "plain_problems", "scalar_problem"]
+__all__ = [
+    "LARGEST_INTEGER",
+    "MAX_DEPTH",
+    "MAX_VALUES",
+    "argument_problems",
+    "parse_json",
+    "plain_problems",
+    "scalar_problem",
+    "seed_problems",
+]
 
 MAX_DEPTH = 40
 """Mappings and lists inside each other; scenes need about ten, and recursive code bears some hundreds."""
@@ -126,3 +135,24 @@ def argument_problems(progress: Any = None, **choices: tuple[Any, Any]) -> list[
             message = f"must be {' or '.join(map(repr, words))}"
             problems.append(Problem(name, message, "None" if value is None else value))
     return problems
+
+
+def seed_problems(seeds: int | Sequence[int], most: int) -> list[Problem]:
+    r"""Return what is wrong with an argument ``seeds``: a number of seeds, at most ``most``, or the seeds themselves.
+
+    >>> print(*seed_problems([3, 3], 10), *seed_problems(0, 10), sep="\n")
+    seeds: must be unique: equal seeds give equal images (got [3, 3])
+    seeds: must be a number of seeds from 1 to 10, or a list of seeds (got 0)
+    """
+    if isinstance(seeds, int) and not isinstance(seeds, bool):
+        wrong = not 1 <= seeds <= most
+    else:
+        wrong = not isinstance(seeds, Sequence) or isinstance(seeds, str) or not 1 <= len(seeds) <= most
+    if wrong:
+        return [Problem("seeds", f"must be a number of seeds from 1 to {most:,}, or a list of seeds", seeds)]
+    listed = [] if isinstance(seeds, int) else list(seeds)
+    if not all(isinstance(seed, int) and 0 <= seed <= LARGEST_INTEGER for seed in listed):
+        return [Problem("seeds", "must be integers from 0 to 2**63 - 1", listed)]
+    if len(set(listed)) < len(listed):
+        return [Problem("seeds", "must be unique: equal seeds give equal images", listed)]
+    return []

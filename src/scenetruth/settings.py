@@ -34,7 +34,7 @@ class ScoreSettings(FrozenModel):
     """Least distance of the region ``interior`` from silhouettes and from sharp edges, in px."""
     slope_classes_deg: Bounds = (0.0, 20.0, 45.0, 70.0, 90.0)
     """Bounds of the regions ``slope_LOW_HIGH``: angles between surface normal and optical axis, in degrees."""
-    edge_classes_px: Bounds = (0.0, 5.0, 10.0, 20.0)
+    boundary_classes_px: Bounds = (0.0, 5.0, 10.0, 20.0)
     """Bounds of the regions ``boundary_LOW_HIGH``: distances to the nearest mixed pixel, in px. One more class,
     ``boundary_LOW_inf``, begins at the last."""
     contrast_window_px: Window = 6.0
@@ -49,7 +49,7 @@ class ScoreSettings(FrozenModel):
     growth_max_slope_deg: Annotated[float, Field(gt=0, lt=90)] = 80.0
     """Neighbouring pixels whose depths differ as on a surface steeper than this are on two surfaces, in degrees."""
 
-    @field_validator("slope_classes_deg", "edge_classes_px")
+    @field_validator("slope_classes_deg", "boundary_classes_px")
     @classmethod
     def _rising(cls, value: Bounds) -> Bounds:
         if any(high <= low for low, high in pairwise(value)):

@@ -291,9 +291,9 @@ def test_all_that_is_wrong_is_listed() -> None:
         cramer_rao_bound(truth.drop_vars("normal"), recording.sel(s=[0]), noise_std=1.0)
     visible = np.ones((1, 1, *plane.size), dtype=bool)
     told = truth.assign_coords(s=[0]).assign(visible=(("s", "t", "y", "x"), visible))
-    with pytest.raises(RecordingError, match=r"truth\.visible\.s: does not tell of all images .*-1, 1"):
+    with pytest.raises(RecordingError, match=r"truth\.visible\.s: does not contain all images .*-1, 1"):
         cramer_rao_bound(told, recording.sel(t=[0]), noise_std=1.0)
-    with pytest.raises(RecordingError, match=r"noise_std: is not known"):
+    with pytest.raises(RecordingError, match=r"noise_std: is missing"):
         cramer_rao_bound(truth, recording)
     with pytest.raises(RecordingError, match=r"must have the pixels of the truth"):
         cramer_rao_bound(truth, recording.isel(x=slice(3, None)), noise_std=1.0)

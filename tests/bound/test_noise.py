@@ -57,7 +57,7 @@ def test_a_given_noise_goes_before_the_sensor() -> None:
     [
         ("ideal", "is zero"),
         ({"noise_std": 0.0, "bit_depth": None}, "is zero"),
-        ({**EMVA, "gamma": 0.45}, "is not known of such a sensor"),
+        ({**EMVA, "gamma": 0.45}, "not from this one"),
     ],
     ids=str,
 )

@@ -47,7 +47,7 @@ def test_tables_sort(page: Any) -> None:
 
 
 def test_who_is_ahead_is_read_without_scrolling(page: Any) -> None:
-    assert page.locator("h2").first.text_content() == "Who is ahead"
+    assert page.locator("h2").first.text_content() == "Ranking"
     # OpenCV's flow resolves finer motion than the structure tensor with its usual window.
     first = page.locator("#ahead li").filter(has_text="Star")
     assert "opencv_scene_flow" in first.text_content()

@@ -10,7 +10,7 @@ import pytest
 
 from scenetruth.dataset.generation import run_dataset
 from scenetruth.dataset.pages.card import write_card
-from scenetruth.dataset.pages.preview_page import write_preview
+from scenetruth.dataset.pages.preview_page import preview_dataset
 from scenetruth.dataset.recipe_loader import Recipe
 from tests.browser.pages import opened, reads_well
 from tests.dataset.conftest import RECIPE
@@ -27,7 +27,7 @@ def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
     }
     recipe = Recipe.from_dict(plain).sampler()
     run_dataset(recipe.recipe, output=folder / "tiles", workers=1)
-    return {"preview": write_preview(recipe, folder / "preview"), "card": write_card(folder / "tiles")}
+    return {"preview": preview_dataset(recipe.recipe, output=folder / "preview"), "card": write_card(folder / "tiles")}
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -201,7 +201,9 @@ def test_sliders_choose_images_and_estimates(page: Any, case: Case) -> None:
     assert page.locator("#camera-told").text_content() == "s = 1"
     assert numbers(page)[0] == image.sel(s=1, t=0).values[50, 90]
     # There are images of one camera at other frames: the other slider goes back, and the page says why.
-    assert page.locator("#images-told").text_content() == "Images of cameras but s = 0 are here at t = 0 only."
+    assert (
+        page.locator("#images-told").text_content() == "Images of cameras other than s = 0 are available at t = 0 only."
+    )
     assert page.locator("#images-told").is_visible()
     page.locator("#frame").press("ArrowRight")
     settle(page)
@@ -226,17 +228,17 @@ def colour(page: Any, panel: int, x: int, y: int) -> list[int]:
 def test_limits_and_colours_can_be_chosen(page: Any) -> None:
     show(page, 2, "depth:truth")
     before = colour(page, 1, 100, 60)
-    low = page.locator("input[aria-label='Lowest colour of panel 2']")
-    high = page.locator("input[aria-label='Highest colour of panel 2']")
+    low = page.locator("input[aria-label='Lower limit of panel 2']")
+    high = page.locator("input[aria-label='Upper limit of panel 2']")
     low.fill("600")
     high.fill("2000")
     high.press("Enter")
     settle(page)
     assert colour(page, 1, 100, 60) != before
-    page.locator("button[aria-label='Limits of panel 2 as at first']").click()
+    page.locator("button[aria-label='Reset the limits of panel 2']").click()
     settle(page)
     assert colour(page, 1, 100, 60) == before
-    page.select_option("select[aria-label='Colours of panel 2']", "grey")
+    page.select_option("select[aria-label='Colour map of panel 2']", "grey")
     settle(page)
     red, green, blue, alpha = colour(page, 1, 100, 60)
     assert red == green == blue

@@ -103,9 +103,9 @@ NO_NUMBER = ["stage.positions=null", "stage.baseline_mm=null"]
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["stage.positions_mm=[-5, 0, 0, 5]"], r"stage\.positions_mm: positions coincide: give each of them once"),
+        (["stage.positions_mm=[-5, 0, 0, 5]"], r"stage\.positions_mm: positions coincide: list each position once"),
         (["stage.positions_mm=[-5, 0, -5]"], r"stage\.positions_mm: positions coincide"),
-        (["stage.positions_mm=[-5, 0, 7, 5, 9]"], r"stage\.positions_mm: must rise, or fall"),
+        (["stage.positions_mm=[-5, 0, 7, 5, 9]"], r"stage\.positions_mm: must increase or decrease"),
         (
             ["stage.positions_mm=[-4, 1, 6]"],
             r"stage\.positions_mm: the reference is the middle position, index 1, .* subtract 1 from all",
@@ -116,14 +116,14 @@ NO_NUMBER = ["stage.positions=null", "stage.baseline_mm=null"]
         (["stage.positions_mm=[-.inf, 0, 5]"], r"stage\.positions_mm\.0: .*finite"),
         (
             ["stage.positions=5", "stage.positions_mm=[-5, 0, 5]"],
-            r"stage\.positions_mm: holds 3 positions, but 'positions' says 5: leave 'positions' out",
+            r"stage\.positions_mm: has 3 positions, but 'positions' is 5: omit 'positions'",
         ),
         (
             ["stage.baseline_mm=5", "stage.positions_mm=[5, 0, -5]"],
-            r"stage\.positions_mm: runs against the sign of baseline_mm",
+            r"stage\.positions_mm: contradicts the sign of baseline_mm",
         ),
         (["stage.positions_mm=[0]"], r"stage\.baseline_mm: is missing"),
-        (["stage.rows=3"], r"stage\.row_spacing_mm: must be given with more than one row"),
+        (["stage.rows=3"], r"stage\.row_spacing_mm: is required with more than one row"),
         (["stage.rows=3", "stage.row_spacing_mm=0"], r"stage\.row_spacing_mm: must not be zero"),
         (["stage.scan=random"], r"stage\.scan: .*'unidirectional' or 'bidirectional'"),
         (["stage.time_per_position_s=-1"], r"stage\.time_per_position_s: .*greater than or equal to 0"),

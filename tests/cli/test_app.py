@@ -212,7 +212,7 @@ def test_a_grid_is_rendered_and_estimated_row_by_row(scene_file: Path, tmp_path:
     grid = ("--set", "stage.rows=2", "--set", "stage.row_spacing_mm=3", "--set", "frames.count=1")
     refused = scenetruth("run", scene_file, "-o", tmp_path / "run", *grid)
     assert refused.returncode == 2
-    assert "stage.rows: a grid cannot be estimated as a whole" in refused.stderr
+    assert "stage.rows: a grid is not supported" in refused.stderr
     done = scenetruth("render", scene_file, "-o", tmp_path / "grid", *grid)
     assert done.returncode == 0, done.stderr
     assert st.load_store(tmp_path / "grid" / "recording.zarr")["image"].shape == (2, 5, 1, 120, 160)
@@ -227,7 +227,7 @@ def test_what_shows_nothing_is_found_before_work_starts(scene_file: Path, tmp_pa
         "run", scene_file, "-o", tmp_path / "x", "--set", "frames.count=1", "--set", "stage.positions=1", *size
     )
     assert done.returncode == 2
-    assert "stage.positions: one image shows neither depth nor motion" in done.stderr
+    assert "stage.positions: one image determines neither depth nor motion" in done.stderr
     assert "camera.width: too small" in done.stderr
     assert names(tmp_path) == set()
 

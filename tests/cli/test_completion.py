@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from scenetruth.cli.bundled_files import SCENES, file_completer, method_names
-from scenetruth.estimators import method_entries
+from scenetruth.estimators import list_methods
 
 
 def test_methods_are_those_that_are_installed() -> None:
-    assert method_names("") == sorted(entry.name for entry in method_entries())
+    assert method_names("") == sorted(entry.name for entry in list_methods())
     assert method_names("opencv_s") == ["opencv_scene_flow", "opencv_stereo"]
     assert method_names("nothing") == []
 

@@ -170,4 +170,4 @@ def test_code_is_named_by_the_call_alone(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("scenetruth.pipeline.runner.read_scene", lambda _: {"estimate": {"method": "far:away"}})
     done = scenetruth("estimate", "x")
     assert done.returncode != 0
-    assert "estimate.method: is code, which no file may name" in done.stderr
+    assert "estimate.method: is code, which files must not specify" in done.stderr

@@ -79,13 +79,6 @@ ONLY_OPTIONS = {
 }
 """Options without an argument: of stages of a run directory, of parts of an argument, of `**kwargs`."""
 
-ONLY_ARGUMENTS = {
-    "compare": {"seeds", "limits"},
-    "design budget": {"limits"},
-    "design optimise": {"seeds", "limits"},
-}
-"""Arguments of the signatures that the functions do not have yet; each is to become an option."""
-
 
 def commands() -> Iterator[tuple[str, Any]]:
     def visit(words: tuple[str, ...], command: Any) -> Iterator[tuple[str, Any]]:
@@ -124,7 +117,7 @@ def test_options_have_the_names_of_arguments(name: str) -> None:
         "command" if one == "commands" and "commands" not in options else one for one in ONLY_OPTIONS.get(name, ())
     }
     assert options - arguments == only_options
-    assert arguments - options == ONLY_ARGUMENTS.get(name, set())
+    assert not arguments - options
 
 
 def test_the_commands_are_those_of_the_reference() -> None:

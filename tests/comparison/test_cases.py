@@ -70,7 +70,7 @@ def test_steps_lie_where_the_truth_has_them() -> None:
 
 
 def test_unknown_cases_are_named() -> None:
-    with pytest.raises(ArgumentError, match="no such case; known: blur, brightness"):
+    with pytest.raises(ArgumentError, match="no such case; available: blur, brightness"):
         select_cases(["noize", "blurr"])
 
 
@@ -99,13 +99,13 @@ def test_what_cannot_be_measured_here_is_left_out_in_words(
     monkeypatch: pytest.MonkeyPatch, messages: list[str]
 ) -> None:
     assert [case.kind for case in select_available_cases("full", None, None)] == [case.kind for case in CASES]
-    with pytest.raises(ArgumentError, match="no values in the suite core"):
+    with pytest.raises(ArgumentError, match="no levels in the suite core"):
         select_available_cases("core", ["gallery"], None)
     monkeypatch.setattr(scenes, "scene_files", tuple)
     kinds = {case.kind for case in select_available_cases("full", None, None)}
     assert kinds == {case.kind for case in CASES} - {"gallery"}
     assert messages == [
-        "case gallery is left out: it needs the folder scenes/, which only a checkout of the project has:"
+        "case gallery is skipped: it needs the folder scenes/, which only a checkout of the project has:"
         " run it from one"
     ]
     with pytest.raises(ArgumentError, match="needs the folder scenes/"):

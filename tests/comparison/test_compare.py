@@ -73,7 +73,7 @@ def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_pat
     again = compare(nearest, output=tmp_path / "c", **QUICK)
     assert kept.stat().st_mtime_ns == before
     assert again.rows == found.rows
-    assert messages == ["kept from earlier: 1 of 1 scenes; 0 to be measured"]
+    assert messages == ["reused: 1 of 1 scenes; 0 remaining"]
 
 
 def test_what_an_installed_method_refuses_is_not_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,11 +117,11 @@ def test_a_method_that_is_mended_is_measured_again(tmp_path: Path) -> None:
     beside.write_text("def number():\n    return 730.0\n")
     done, told = bias()
     assert told == [10.0]
-    assert "kept from earlier" not in done.stderr
+    assert "reused:" not in done.stderr
     (tmp_path / "other.py").write_text("")
     done, told = bias()
     assert told == [10.0]
-    assert "kept from earlier: 1 of 1 scenes" in done.stderr
+    assert "reused: 1 of 1 scenes" in done.stderr
 
 
 def test_values_that_have_names_are_told_by_them(tmp_path: Path) -> None:
@@ -224,7 +224,7 @@ def test_likely_slips_are_told(tmp_path: Path) -> None:
         (told,) = [line for line in done.stderr.splitlines() if "convention error:" in line]
         assert told.startswith(f"possible convention error: {slipping}: depth is in metres: ")
         assert told.endswith(" (at 2 of 2 scenes)")
-    assert "<h3>Likely slips</h3>" in (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
+    assert "<h3>Possible convention errors</h3>" in (tmp_path / "c" / "index.html").read_text(encoding="utf-8")
 
 
 def test_results_made_elsewhere_are_compared_as_if_made_here(tmp_path: Path) -> None:

@@ -14,12 +14,12 @@ from scenetruth.benchmark import BenchmarkResult, compare
 from scenetruth.benchmark.cases.case import BOUND, all_cases
 from scenetruth.benchmark.design_point import ignore_scene_warnings
 from scenetruth.bound import cramer_rao_bound
-from scenetruth.estimators import method_entries
+from scenetruth.estimators import list_methods
 from scenetruth.scene import Scene
 from scenetruth.scoring.regions import visible_throughout
 from tests.nightly import whole_core
 
-METHODS = [entry.name for entry in method_entries() if entry.origin == "scenetruth"]
+METHODS = [entry.name for entry in list_methods() if entry.origin == "scenetruth"]
 REFINED, TENSOR, SWEEP = "refined", "structure_tensor", "plane_sweep"
 BOTH = (REFINED, TENSOR)
 QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x")

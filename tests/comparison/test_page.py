@@ -124,9 +124,9 @@ def test_methods_of_others_that_are_ahead_are_told_with_numbers(tmp_path: Path) 
     assert one.own == ["mine", "0.02 px"]
     text = write_benchmark_report(found, [[one] for one in found.methods], tmp_path, "core").read_text(encoding="utf-8")
     head = text.index('id="who-leads"')
-    places = [text.index(words) for words in ("1 of the 1</b> case that", "<b>quick</b> 0.0125 px", 'id="methods"')]
+    places = [text.index(words) for words in ("1 of the 1</b> case with", "<b>quick</b> 0.0125 px", 'id="methods"')]
     assert [head, *places] == sorted([head, *places])
-    assert "the best of scenetruth's own, mine, 0.02 px" in text
+    assert "best built-in method: mine, 0.02 px" in text
 
 
 def test_nobody_is_ahead_by_nothing(tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_nobody_is_ahead_by_nothing(tmp_path: Path) -> None:
     assert leads.cases == 1
     assert not leads.ahead
     assert not leads.best
-    assert "In none of the 1 case that" in write_benchmark_report(
+    assert "In none of the 1 case with" in write_benchmark_report(
         found, [["mine"], ["theirs"]], tmp_path, "core"
     ).read_text("utf-8")
     # A method alone, or methods of one kind, are not compared with others.

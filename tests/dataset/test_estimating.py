@@ -39,7 +39,7 @@ def test_scores_land_in_the_catalogue_and_are_those_of_the_method(made: Path) ->
         if made.name == "folder":
             assert sample.estimate().attrs["estimate_hash"] == estimate.attrs["estimate_hash"]
     # What lay there before is as it was.
-    assert verify_dataset(made, again=0) == []
+    assert verify_dataset(made, regenerate=0) == []
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -19,7 +19,7 @@ def test_models_within_settings_are_told_in_the_schema() -> None:
     model = next(each for each in corrections["anyOf"] if each["type"] == "object")
     assert {"x_px", "roll_urad"} < set(model["properties"])
     assert "yaw" in model["properties"]["x_px"]["description"]
-    assert corrections["description"].startswith("How far images may be")
+    assert corrections["description"].startswith("Prior standard deviations of camera-pose errors")
 
 
 def test_a_file_imports_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,13 +64,13 @@ HERE = r"[\w/]*test_estimation\.py"
         (lambda r: np.linalg.inv(np.zeros((2, 2))), rf"Singular matrix \({HERE}:[0-9]+ in <lambda>\)"),
         (lambda r: st.make_estimate(recording=r), rf"method 'doing' \({HERE}:[0-9]+ in <lambda>\)"),
         (raise_zero_division, "method 'doing': failed: ZeroDivisionError"),
-        (write_to, "method 'doing': changes the recording that it was given"),
-        (lambda _: None, "the method 'doing' returned.*is not an xarray.Dataset.*'NoneType'"),
-        (lambda r: good(r).drop_vars("flow"), "flow: is promised by the method, but missing"),
-        (lambda r: good(r).astype(np.int32), "depth: must hold floats"),
+        (write_to, "method 'doing': modifies the recording passed to it"),
+        (lambda _: None, "output of method 'doing'.*is not an xarray.Dataset.*'NoneType'"),
+        (lambda r: good(r).drop_vars("flow"), "flow: is declared by the method, but missing"),
+        (lambda r: good(r).astype(np.int32), "depth: must contain floats"),
         (lambda r: good(r).isel(x=slice(5, 30)), "x: must have the recording's 40 pixels"),
-        (lambda r: good(r).assign_coords(x=np.arange(40) + 100), "x: has 40 values that the recording has not"),
-        (lambda r: good(r).assign_coords(t=[9]), "t: has 1 values that the recording has not"),
+        (lambda r: good(r).assign_coords(x=np.arange(40) + 100), "x: has 40 values that are missing in the recording"),
+        (lambda r: good(r).assign_coords(t=[9]), "t: has 1 values that are missing in the recording"),
         (lambda r: good(r).transpose("x", "y", "t", ...), "depth: must have the dimensions"),
         (lambda r: good(r).assign(depth=good(r)["depth"].assign_attrs(units="m")), "depth.units: must be 'mm'"),
         (
@@ -110,9 +110,9 @@ def test_maps_of_unknown_names_are_told_with_the_known_ones(recording: xr.Datase
     with pytest.raises(st.EstimateError) as caught:
         st.estimate(recording, lambda recording: {"dpeth": np.zeros((30, 40)), "like": 1, "quux": 2})
     told = str(caught.value)
-    assert "dpeth: is nothing that an estimate holds; did you mean 'depth'? Known: depth, disparity, flow," in told
-    assert "quux: is nothing that an estimate holds. Known: depth" in told
-    assert "like: is nothing" in told
+    assert "dpeth: is not a quantity of an estimate; did you mean 'depth'? Valid: depth, disparity, flow," in told
+    assert "quux: is not a quantity of an estimate. Valid: depth" in told
+    assert "like: is not a quantity" in told
     assert ", like" not in told
 
 

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators import find_method, method_entries
+from scenetruth.estimators import find_method, list_methods
 from scenetruth.scene import Scene
 from scenetruth.testing import check_estimator
 from tests.cli.calling import scenetruth
@@ -85,7 +85,7 @@ def test_a_broken_plug_in_hurts_nobody_else(
     data: tuple[xr.Dataset, xr.Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     offer(tmp_path, monkeypatch, "crooked", {"crooked": "crooked:Method"}, "raise RuntimeError('no luck today')")
-    assert "crooked" in {entry.name for entry in method_entries()}
+    assert "crooked" in {entry.name for entry in list_methods()}
     assert find_method("structure_tensor").name == "structure_tensor"
     Scene.model_json_schema()
     with pytest.raises(st.EstimateError, match=r"loaded from crooked 1: RuntimeError: no luck today.*'crooked'"):
@@ -95,16 +95,16 @@ def test_a_broken_plug_in_hurts_nobody_else(
 @pytest.mark.parametrize(
     ("code", "message"),
     [
-        ("Flat = 3", r"is not a method: it lacks name, settings, gives"),
-        ("class Flat:\n    name = 'a'\n", "it lacks settings, gives, needs, requirements, estimate"),
-        ("class Flat:\n    def __init__(self, x):\n        pass\n", "cannot be made: TypeError"),
+        ("Flat = 3", r"is not a method: missing name, settings, gives"),
+        ("class Flat:\n    name = 'a'\n", "missing settings, gives, needs, requirements, estimate"),
+        ("class Flat:\n    def __init__(self, x):\n        pass\n", "cannot be instantiated: TypeError"),
         (
             WORKS.format(name="plug")
             + "    settings = type('S', (MethodSettings,), {'__annotations__': {'method': str, 'progress': int}, "
             "'method': 'x', 'progress': 1})\n",
-            "names that are reserved: method, progress; rename them",
+            "reserved names: method, progress; rename them",
         ),
-        (WORKS.format(name="plug") + "    settings = dict\n", "not a model derived from"),
+        (WORKS.format(name="plug") + "    settings = dict\n", "must be a model derived from"),
     ],
 )
 def test_what_is_not_a_method_is_refused(
@@ -119,13 +119,13 @@ def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     points = {"structure_tensor": "takes_ours:Flat", "No-Name": "takes_ours:Flat", "twin": "takes_ours:Flat"}
     offer(tmp_path / "one", monkeypatch, "takes_ours", points, WORKS.format(name="twin"))
     offer(tmp_path / "two", monkeypatch, "other", {"twin": "other:Flat"}, WORKS.format(name="twin"))
-    problems = {(entry.name, entry.origin): entry.problem for entry in method_entries() if entry.problem}
-    assert "its name is that of a method of scenetruth" in problems["structure_tensor", "takes_ours 1"]
-    assert "its name is not possible" in problems["No-Name", "takes_ours 1"]
-    assert "several installed plug-ins have this name" in problems["twin", "other 1"]
+    problems = {(entry.name, entry.origin): entry.problem for entry in list_methods() if entry.problem}
+    assert "its name is that of a built-in method" in problems["structure_tensor", "takes_ours 1"]
+    assert "its name must be lower-case letters" in problems["No-Name", "takes_ours 1"]
+    assert "several installed plugins have this name" in problems["twin", "other 1"]
     assert type(find_method("structure_tensor")).__module__.startswith("scenetruth.")
     for name in ("No-Name", "twin"):
-        with pytest.raises(st.EstimateError, match=r"its name is not possible|several installed plug-ins"):
+        with pytest.raises(st.EstimateError, match=r"its name must be lower-case letters|several installed plugins"):
             find_method(name)
 
 
@@ -157,11 +157,11 @@ def test_a_plain_function_is_a_method(
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("slips_of_names.py:wall", "leave out .py: slips_of_names:wall "),
-        ("part/slips_of_names.py:wall", "leave out .py: part.slips_of_names:wall "),
-        ("slips_of_names", "named with its module: slips_of_names:FUNCTION "),
-        ("part.slips_of_names", "named with its module: part.slips_of_names:FUNCTION "),
-        ("slips_of_names.py", "named with its module: slips_of_names:FUNCTION "),
+        ("slips_of_names.py:wall", "omit .py: slips_of_names:wall "),
+        ("part/slips_of_names.py:wall", "omit .py: part.slips_of_names:wall "),
+        ("slips_of_names", "specify a function with its module: slips_of_names:FUNCTION "),
+        ("part.slips_of_names", "specify a function with its module: part.slips_of_names:FUNCTION "),
+        ("slips_of_names.py", "specify a function with its module: slips_of_names:FUNCTION "),
         ("slips_of_nams", "no such method. Installed: "),
         ("a" * 10_000, "no such method. Installed: "),
         ("leaves_at_once:f", "module:function: it called sys.exit\\(3\\)"),

@@ -107,6 +107,6 @@ def test_the_command_writes_tables_and_pictures(tmp_path: Path, monkeypatch: pyt
 
 
 def test_unknown_presets_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(st.SceneError, match=r"--preset: there is no such preset; there are scientific_cmos, .*'nikon'"):
+    with pytest.raises(st.SceneError, match=r"--preset: no such preset; available: scientific_cmos, .*'nikon'"):
         run_emva(tmp_path / "out", ["nikon"])
     assert not (tmp_path / "out").exists()

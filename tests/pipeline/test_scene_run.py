@@ -83,11 +83,11 @@ class Endless(Method):
 
 @pytest.fixture
 def with_methods(monkeypatch: pytest.MonkeyPatch) -> None:
-    entries = registry.method_entries()
+    entries = registry.list_methods()
     entries.append(registry.MethodEntry("broken", "test", "", Broken))
     entries.append(registry.MethodEntry("flat", "test", "", Flat))
     entries.append(registry.MethodEntry("endless", "test", "", Endless))
-    monkeypatch.setattr(registry, "method_entries", lambda: entries)
+    monkeypatch.setattr(registry, "list_methods", lambda: entries)
 
 
 @pytest.mark.usefixtures("with_methods")

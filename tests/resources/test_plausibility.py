@@ -15,9 +15,13 @@ GROWTH = "objects.0.deformation=[{kind: growth, "
 @pytest.mark.parametrize(
     ("scene", "override", "told"),
     [
-        ("cube", "sensor={noise_std: 2}", "sensor.noise_std: is 2 times the full scale"),
+        ("cube", "sensor={noise_std: 2}", "sensor.noise_std: is 2 times full scale"),
         ("leaf", GROWTH + "rate_per_hour: 3}]", "objects.0.deformation.0.rate_per_hour: is 300 % per hour"),
-        ("leaf", GROWTH + "rate_per_hour: -3, along_share: 0.5}]", "is -300 % per hour; it is a fraction of the area"),
+        (
+            "leaf",
+            GROWTH + "rate_per_hour: -3, along_share: 0.5}]",
+            "is -300 % per hour; specify a fraction of the area",
+        ),
         ("rosette", "plants.0.growth.rate_per_hour=3", "plants.0.growth.rate_per_hour: is 300 % per hour"),
         ("cube", "camera.focal_length_px=50", "camera.focal_length_px: is 50 px for an image of 640 px"),
     ],
@@ -50,5 +54,5 @@ def test_no_scene_of_the_library_is_warned_of() -> None:
 def test_check_warns_and_goes_on() -> None:
     done = scenetruth("check", "plaid", "--set", "sensor={noise_std: 2}")
     assert done.returncode == 0
-    assert "warning: sensor.noise_std: is 2 times the full scale" in done.stderr
+    assert "warning: sensor.noise_std: is 2 times full scale" in done.stderr
     assert "the scene is valid, with " in done.stdout

@@ -28,11 +28,11 @@ def test_what_fits_is_let_through_and_what_is_not_known_is_not_refused() -> None
 
 def test_all_that_is_too_much_is_told_at_once() -> None:
     small = Machine(5 * 10**9, 8 * 10**9, 2)
-    assert paths(small, Limits(hours=2)) == ["memory of estimate", "disk, with room for maps that pack badly", "time"]
+    assert paths(small, Limits(hours=2)) == ["memory of estimate", "disk space, with a margin for compression", "time"]
     with pytest.raises(st.MachineError) as caught:
         refuse_resources(FORECAST, small, Limits(hours=2))
     text = str(caught.value)
-    for words in ("about 6 GB are foreseen, and there are 5:", "--limit memory_gb=6.3", "2.5 hours", "hours=2.6"):
+    for words in ("about 6 GB, limit 5:", "--limit memory_gb=6.3", "2.5 hours", "hours=2.6"):
         assert words in text
 
 

@@ -218,5 +218,5 @@ def test_masked_pixels_of_maps_are_unknown() -> None:
 
 
 def test_reserved_attributes_are_refused() -> None:
-    with pytest.raises(st.RecordingError, match="attrs: must not hold baseline_mm, scenetruth"):
+    with pytest.raises(st.RecordingError, match="attrs: must not contain baseline_mm, scenetruth"):
         st.make_recording(**GOOD, attrs={"baseline_mm": 3, "scenetruth": "x"})

@@ -74,9 +74,9 @@ def test_cameras_in_a_grid(channels: tuple[int, ...]) -> None:
     row = grid.sel(s_y=1)
     check_dataset(row, "recording")
     np.testing.assert_array_equal(row["image"], images[2])
-    with pytest.raises(st.RecordingError, match="s_y: must be consecutive integers with 0 the reference"):
+    with pytest.raises(st.RecordingError, match="s_y: must be consecutive integers with 0 as the reference"):
         check_dataset(grid.isel(s_y=[0, 2]), "recording")
-    with pytest.raises(st.RecordingError, match="stage_y_mm: is missing; the images need this coordinate"):
+    with pytest.raises(st.RecordingError, match="stage_y_mm: is missing; coordinate required for the images"):
         check_dataset(grid.drop_vars("stage_y_mm"), "recording")
 
 
@@ -105,7 +105,7 @@ def test_estimate_holds_what_its_method_gives(held: tuple[str, ...]) -> None:
     assert "hold neither depth, velocity, disparity nor flow" in str(caught.value)
     assert "['coherence']" in str(caught.value)
     # A truth must have all.
-    with pytest.raises(st.RecordingError, match="mixed: is missing; a truth must have it"):
+    with pytest.raises(st.RecordingError, match="mixed: is missing; required in a truth"):
         check_dataset(estimate, "truth")
 
 
@@ -113,7 +113,7 @@ def test_estimate_holds_what_its_method_gives(held: tuple[str, ...]) -> None:
 def test_floats_of_unknown_full_scale_are_refused(largest: float, dtype: type) -> None:
     images: np.ndarray = np.full((2, 1, 4, 4), 0.5, dtype=dtype)
     images[0, 0, 0, 0] = largest
-    with pytest.raises(st.RecordingError, match=r"beyond \[-1, 1\]: say by full_scale= which value is full scale"):
+    with pytest.raises(st.RecordingError, match=r"outside \[-1, 1\]: specify full_scale="):
         st.make_recording(images, 100.0, 5.0)
     assert st.make_recording(images, 100.0, 5.0, full_scale=255.0).attrs["full_scale"] == 255
     images[0, 0, 0, 0] = np.nan

@@ -46,11 +46,11 @@ def test_reference_camera_is_taken_from_a_truth_of_all(case: Case) -> None:
         ),
         (
             lambda c: (c.estimate.isel(x=slice(50)), c.truth.drop_vars("x")),
-            "truth.x: has the size 160, the estimate 50; to compare a part of the image, both must keep the coordinate",
+            "truth.x: has the size 160, the estimate 50; to compare a part of the image, both must have the coordinate",
         ),
         (
             lambda c: (c.estimate, c.truth.isel(y=slice(9))),
-            r"truth\.y: lacks pixel rows of the estimate; both must count them .* \(got \[9, 10,",
+            r"truth\.y: lacks pixel rows of the estimate; both must be counted .* \(got \[9, 10,",
         ),
         (
             lambda c: (c.estimate.assign_coords(x=c.estimate.x + 1), c.truth),
@@ -58,7 +58,7 @@ def test_reference_camera_is_taken_from_a_truth_of_all(case: Case) -> None:
         ),
         (
             lambda c: (c.estimate, c.truth.assign_coords(x=c.truth.x // 2)),
-            r"truth\.x: must tell the columns apart; some are there twice",
+            r"truth\.x: must be unique; pixel columns are duplicated",
         ),
         (
             lambda c: (with_attrs(c.estimate, focal_length_px=1251.0), c.truth),
@@ -72,11 +72,14 @@ def test_reference_camera_is_taken_from_a_truth_of_all(case: Case) -> None:
         (lambda c: (with_attrs(c.estimate, frame_interval_s=2.0), c.truth), "attrs.frame_interval_s"),
         (
             lambda c: (c.estimate[["status", "coherence"]], c.truth),
-            "estimate.variables: hold neither depth, velocity, disparity nor flow; at least one of them must be there",
+            "estimate.variables: hold neither depth, velocity, disparity nor flow; at least one is required",
         ),
         (lambda c: (c.estimate, c.truth.drop_vars("mixed")), "truth.mixed: is missing"),
         (lambda c: (c.estimate.drop_vars("t"), c.truth), "estimate.t: must be a coordinate"),
-        (lambda c: (c.estimate, with_cameras(c.truth, 1, 2)), "truth.s: must hold the reference camera s = 0 once"),
+        (
+            lambda c: (c.estimate, with_cameras(c.truth, 1, 2)),
+            "truth.s: must hold the reference camera s = 0 exactly once",
+        ),
         (lambda c: (with_cameras(c.estimate, 0, 1), c.truth), "estimate.s: must not be a dimension"),
     ],
 )
@@ -110,7 +113,7 @@ def test_recording_must_have_the_form_and_the_pixels_of_the_estimate(case: Case)
         check_recording(case.recording.isel(x=slice(9)).drop_vars("x"), case.estimate)
     with pytest.raises(ScoreError, match=r"recording\.image: is missing"):
         check_recording(case.truth, case.estimate)
-    with pytest.raises(ScoreError, match=r"recording\.s: must hold the reference camera s = 0 once"):
+    with pytest.raises(ScoreError, match=r"recording\.s: must hold the reference camera s = 0 exactly once"):
         check_recording(case.recording.drop_vars("s"), case.estimate)
 
 

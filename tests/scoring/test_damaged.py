@@ -30,7 +30,10 @@ TREE = json.loads(GOOD)
         (GOOD[: len(GOOD) // 2].encode(), "is not JSON"),
         (b"[" * 100_000, "is not JSON: is nested too deeply"),
         (b"[]", "must be a JSON object"),
-        (GOOD.replace('"count": ', '"count": 9e400, "x": ', 1).encode(), r"all\.\w+\.count: must be an integer"),
+        (
+            GOOD.replace('"count": ', '"count": 9e400, "x": ', 1).encode(),
+            r"all\.\w+\.count: must be a non-negative integer",
+        ),
         (GOOD.replace('"bias": ', '"bias": NaN, "x": ', 1).encode(), r"all\.\w+\.bias: must be a finite number"),
         (GOOD.replace('"bias": ', '"bias": "3", "x": ', 1).encode(), r"all\.\w+\.bias: must be a finite number"),
         (GOOD.replace('"bias": ', f'"bias": {10**400}, "x": ', 1).encode(), "does not fit into 64 bits"),
@@ -41,7 +44,7 @@ TREE = json.loads(GOOD)
         (GOOD.replace('"margin_px": ', '"margin_px": "a", "x": ').encode(), "metadata.margin_px: must be a finite"),
         (
             GOOD.replace('"score_settings": ', '"score_settings": 3, "x": ').encode(),
-            "metadata.score_settings: are none",
+            "metadata.score_settings: invalid",
         ),
     ],
 )

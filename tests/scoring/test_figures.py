@@ -187,7 +187,7 @@ def test_without_truth_the_estimate_is_drawn_alone(small_case: Case, tmp_path: P
     assert_legible(tmp_path)
     for figure in figures:
         # What the estimator says about itself is told without any look at the truth.
-        assert "truth" not in f"{figure.title} {figure.caption}".replace("without any look at the truth", "")
+        assert "truth" not in f"{figure.title} {figure.caption}".replace("computed without the truth", "")
         assert not re.search(r"\berrors?\b(?! bars)", f"{figure.title} {figure.caption}".lower())
         assert not [word for word in OF_ERRORS if word in f"{figure.title} {figure.caption}"]
 
@@ -203,7 +203,7 @@ def test_growth_is_drawn_without_truth(tmp_path: Path) -> None:
 
 
 def test_truth_and_score_belong_together(small_case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ScoreError, match="score: is missing; make it with"):
+    with pytest.raises(ScoreError, match="score: is missing; compute it with"):
         plot_all(small_case.recording, small_case.estimate, small_case.truth, None, tmp_path)
     result = score(small_case.estimate, small_case.truth)
     with pytest.raises(ScoreError, match="truth: is missing"):
@@ -277,11 +277,11 @@ def test_fractions_of_both_statuses_are_reported(full_case: Case, drawn: Drawn) 
 @pytest.mark.parametrize(
     ("missing", "title"),
     [
-        ((), "Error bars of depth and velocity"),
-        (("depth_std",), "Error bars of disparity and velocity"),
-        (("depth_std", "disparity_std"), "Error bars of velocity"),
-        (("velocity_std",), "Error bars of depth"),
-        (("depth_std", "velocity_std"), "Error bars of disparity"),
+        ((), "Stated standard deviations of depth and velocity"),
+        (("depth_std",), "Stated standard deviations of disparity and velocity"),
+        (("depth_std", "disparity_std"), "Stated standard deviations of velocity"),
+        (("velocity_std",), "Stated standard deviations of depth"),
+        (("depth_std", "velocity_std"), "Stated standard deviations of disparity"),
         (("depth_std", "disparity_std", "velocity_std"), None),
     ],
 )
@@ -295,7 +295,9 @@ def test_error_bars_are_shown_where_there_are_any(
 def test_odd_error_bars_are_drawn(full_case: Case, value: float, tmp_path: Path) -> None:
     estimate = full_case.estimate.drop_vars(["velocity_std", "disparity_std"])
     estimate = estimate.assign(depth_std=xr.full_like(estimate["depth_std"], value))
-    assert error_bars_title(full_case, estimate, tmp_path) == ("Error bars of depth" if value > 0 else None)
+    assert error_bars_title(full_case, estimate, tmp_path) == (
+        "Stated standard deviations of depth" if value > 0 else None
+    )
 
 
 def error_bars_title(case: Case, estimate: xr.Dataset, folder: Path) -> str | None:
@@ -412,7 +414,7 @@ def test_a_single_wild_velocity_does_not_make_all_else_small(case: Case, tmp_pat
     calm = draw_velocity_arrows(collect_figure_arrays(case.recording, case.estimate, case.truth), tmp_path)
     views = collect_figure_arrays(case.recording, case.estimate.assign(velocity=wild), case.truth)
     cut = draw_velocity_arrows(views, tmp_path)
-    assert "Orange arrows are longer than drawn" in cut.caption
+    assert "Orange arrows are truncated" in cut.caption
     assert "Orange" not in calm.caption
     assert cut.title == calm.title
 

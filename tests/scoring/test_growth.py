@@ -339,6 +339,6 @@ def test_growth_of_a_part_is_that_of_the_whole() -> None:
 
 def test_growth_needs_depth_and_velocity() -> None:
     case = make_growing_case(16, 12, 150.0)
-    with pytest.raises(ScoreError, match=r"velocity: is missing; growth follows from depth and velocity"):
+    with pytest.raises(ScoreError, match=r"velocity: is missing; growth is computed from depth and velocity"):
         compute_growth_rate(case.estimate[["depth", "status"]])
     assert compute_growth_maps(case.estimate[["depth", "status"]], case.truth, ScoreSettings()) is None

@@ -74,7 +74,7 @@ def test_regions_are_those_that_the_truth_can_tell() -> None:
     assert tuple(everything.regions) == ("all", "interior", *hidden, *SLOPES, *EDGES, *CONTRASTS)
     truth = case.truth.drop_vars(["occluded_across_cameras", "normal"])
     assert tuple(score(case.estimate, truth).regions) == ("all", "interior", *EDGES)
-    bounds: dict[str, Any] = {"slope_classes_deg": (0, 22.5, 90), "edge_classes_px": (3,)}
+    bounds: dict[str, Any] = {"slope_classes_deg": (0, 22.5, 90), "boundary_classes_px": (3,)}
     named = score(case.estimate, case.truth, settings=bounds).regions
     assert tuple(named) == ("all", "interior", *hidden, "slope_0_22.5", "slope_22.5_90", "boundary_3_inf")
     for regions in (everything, score(case.estimate, case.truth, settings=bounds)):
@@ -111,8 +111,8 @@ def test_recording_that_does_not_belong_is_refused(case: Case) -> None:
         ({"slope_classes_deg": (0, 40, 30)}, "slope_classes_deg: must rise"),
         ({"slope_classes_deg": (0, 100)}, "slope_classes_deg: must be two bounds or more between 0 and 90"),
         ({"slope_classes_deg": (10,)}, "slope_classes_deg: must be two bounds"),
-        ({"edge_classes_px": ()}, "edge_classes_px"),
-        ({"edge_classes_px": (-1, 2)}, "edge_classes_px.0"),
+        ({"boundary_classes_px": ()}, "boundary_classes_px"),
+        ({"boundary_classes_px": (-1, 2)}, "boundary_classes_px.0"),
         ({"contrast_classes": (0.2, 0.1)}, "contrast_classes: must rise"),
         ({"contrast_window_px": math.inf}, "contrast_window_px"),
         ({"unknown": 1}, "unknown"),

@@ -172,12 +172,12 @@ def test_the_figure_shows_the_estimates_own_growth(full: Case, stated: bool, tmp
     result = score(estimate, full.truth)
     figure = plot_one("growth_rate", full.recording, estimate, full.truth, result, tmp_path)
     assert figure is not None
-    assert "what the estimate itself tells" in figure.caption
+    assert "estimated by the method at every pixel" in figure.caption
     views = collect_figure_arrays(full.recording, estimate, full.truth)
     assert draw_growth(views, estimate, full.truth, result, tmp_path) == figure
     alone = draw_estimated_growth(views, estimate, tmp_path)
     assert alone is not None
-    assert "as the estimate itself tells it" in alone.caption
+    assert "as estimated by the method at every pixel" in alone.caption
 
 
 def test_variables_of_an_estimate_are_those_of_the_truth() -> None:

@@ -128,13 +128,13 @@ def test_other_versions_of_the_format(stores: Path, tmp_path: Path) -> None:
     shutil.copytree(stores / "recording.zarr", tmp_path / "x.zarr")
     attrs = zarr.open_group(tmp_path / "x.zarr", mode="r+").attrs
     attrs["format"] = 99
-    with pytest.raises(st.StoreError, match=r"format 99; .* update it"):
+    with pytest.raises(st.StoreError, match=r"format 99; .* update scenetruth"):
         st.load_store(tmp_path / "x.zarr")
     attrs["format"] = 1
-    with pytest.raises(st.StoreError, match=r"format 1, with other names of variables; .* make it again"):
+    with pytest.raises(st.StoreError, match=r"format 1 with obsolete variable names; .* create the store again"):
         st.load_store(tmp_path / "x.zarr")
     del attrs["format"]
-    with pytest.raises(st.StoreError, match=r"format 1, with other names of variables; .* make it again"):
+    with pytest.raises(st.StoreError, match=r"format 1 with obsolete variable names; .* create the store again"):
         st.load_store(tmp_path / "x.zarr")
 
 
@@ -147,5 +147,5 @@ def test_what_is_no_store_of_ours(stores: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("hello")
     zarr.open_group(tmp_path / "other.zarr", mode="w", zarr_format=3)
     for name in ("folder", "file", "other.zarr"):
-        with pytest.raises(st.StoreError, match="is not a store of scenetruth"):
+        with pytest.raises(st.StoreError, match="was not written by scenetruth"):
             st.load_store(tmp_path / name)

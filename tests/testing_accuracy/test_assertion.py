@@ -118,9 +118,9 @@ def test_the_pixels_of_the_region_are_counted(case: Case, check: Callable[..., s
 def test_what_is_not_estimated_is_never_accurate(case: Case) -> None:
     nothing = case.estimate.assign({name: np.nan * case.estimate[name] for name in ("depth", "velocity")})
     for estimate, options, why in (
-        (nothing, {}, "nothing is scored"),
-        (case.estimate.drop_vars(["depth", "depth_std"]), {}, "the estimate has none"),
-        (case.estimate, {"margin_px": 1e3}, "no true value there"),
+        (nothing, {}, "no scored pixels"),
+        (case.estimate.drop_vars(["depth", "depth_std"]), {}, "not in the estimate"),
+        (case.estimate, {"margin_px": 1e3}, "no truth in the region"),
     ):
         with pytest.raises(AssertionError, match=why):
             alone(estimate, case.truth, slips=False, depth_mm=1e9, **{"margin_px": MARGIN_PX, **options})
@@ -148,7 +148,7 @@ def test_what_cannot_be_checked_is_told_all_at_once(case: Case, check: Callable[
     # Limits are told even where the data sets do not belong together.
     with pytest.raises(LimitError):
         alone(case.estimate, case.truth.isel(x=slice(0, 5)), depht_mm=1)
-    with pytest.raises(LimitError, match="is known with recording= only"):
+    with pytest.raises(LimitError, match="requires recording="):
         alone(case.estimate, case.truth, region="contrast_low", depth_mm=1)
     with pytest.raises(LimitError, match="must be the name of a region"):
         check(region=None, depth_mm=1)
@@ -214,17 +214,17 @@ def test_multiples_of_a_bound_are_taken_where_the_estimate_is_scored(
 def test_a_bound_that_is_not_there_is_told(case: Case, bound: xr.Dataset, check: Callable[..., st.Score]) -> None:
     with pytest.raises(LimitError, match=r"bound.disparity_std: is missing; the bound has depth_std, velocity_std"):
         check(bound=bound, disparity_px="2 x bound")
-    with pytest.raises(LimitError, match="recording: is needed for the bound"):
+    with pytest.raises(LimitError, match="recording: is required for the bound"):
         alone(case.estimate, case.truth, depth_mm="bound")
     with pytest.raises(LimitError, match="must have the dimensions"):
         check(bound=bound.rename(t="u"), depth_mm="2 x bound")
-    assert "no bound there" in broken(check, bound=bound * np.nan, depth_mm="2 x bound")
+    assert "no bound in the region" in broken(check, bound=bound * np.nan, depth_mm="2 x bound")
 
 
 def test_what_follows_from_other_quantities_has_no_bound() -> None:
     case = make_growing_case(80, 60, 600.0)
     std = xr.Dataset({"growth_rate_std": (("t", "y", "x"), np.full(case.truth.depth.shape, 1e9))})
-    with pytest.raises(AssertionError, match="no bound there"):
+    with pytest.raises(AssertionError, match="no bound in the region"):
         alone(case.estimate, case.truth, bound=std, margin_px=MARGIN_PX, slips=False, growth_per_hour="bound")
     # What the estimate itself holds has one: here its errors are just the bound, 0.001 per frame of a minute.
     own = case.estimate.assign(growth_rate=case.truth.growth_rate + 0.001)
@@ -273,7 +273,7 @@ def test_a_failure_without_pictures_is_still_the_failure(check: Callable[..., st
     file.write_text("")
     text = broken(check, pictures=file, depth_mm=1e-9)
     assert text.startswith("1 of 1 limit broken")
-    assert "no pictures could be drawn: " in text
+    assert "figures could not be drawn: " in text
 
 
 def test_slips_are_looked_for_where_something_is_broken(
@@ -292,7 +292,7 @@ def test_slips_are_looked_for_where_something_is_broken(
     broken(check, slips=False, depth_mm=1e-9)
     assert asked == []
     text = broken(check, slips=True, depth_mm=1e-9)
-    assert text.splitlines()[-3:-1] == ["likely slips:", "  - disparity has the other sign"]
+    assert text.splitlines()[-3:-1] == ["possible convention errors:", "  - disparity has the other sign"]
 
     def fail(estimate: xr.Dataset, truth: xr.Dataset) -> None:
         raise RuntimeError("deeper trouble")

@@ -60,10 +60,10 @@ def test_multiples_of_the_bound(text: str, multiple: float) -> None:
         ({"depth_um": 1.0}, "depth_um", "did you mean 'depth_mm'?"),
         ({"depth": 1.0}, "depth", "did you mean 'depth_mm'?"),
         ({"velocity_q_mm": 1.0}, "velocity_q_mm", "did you mean 'velocity_"),
-        ({"colour": 1.0}, "colour", "there are depth_mm, "),
+        ({"colour": 1.0}, "colour", "available: depth_mm, "),
         ({"depth_mm": {"rmes": 1.0}}, "depth_mm.rmes", "did you mean 'rmse'?"),
-        ({"depth_mm": {7: 1.0}}, "depth_mm.7", "there are bias"),
-        ({"depth_mm": {}}, "depth_mm", "limits nothing"),
+        ({"depth_mm": {7: 1.0}}, "depth_mm.7", "available: bias"),
+        ({"depth_mm": {}}, "depth_mm", "has no limit"),
         ({"depth_mm": -1.0}, "depth_mm.rmse", "must not be negative"),
         ({"depth_mm": math.nan}, "depth_mm.rmse", "must be a number"),
         ({"depth_mm": True}, "depth_mm.rmse", "must be a number"),
@@ -72,9 +72,9 @@ def test_multiples_of_the_bound(text: str, multiple: float) -> None:
         ({"depth_mm": "2 x bund"}, "depth_mm.rmse", "a multiple of the bound"),
         ({"depth_mm": "0 x bound"}, "depth_mm.rmse", "a multiple of the bound"),
         ({"depth_mm": "1..5 x bound"}, "depth_mm.rmse", "a multiple of the bound"),
-        ({"depth_mm": {"median_abs_error": "2 x bound"}}, "depth_mm.median_abs_error", "limits rmse"),
+        ({"depth_mm": {"median_abs_error": "2 x bound"}}, "depth_mm.median_abs_error", "only rmse"),
         ({"normal_deg": "2 x bound"}, "normal_deg.rmse", "has no bound"),
-        ({}, "limits", "give one at least"),
+        ({}, "limits", "specify at least one"),
     ],
 )
 def test_what_is_no_limit_is_told(given_limits: dict[str, Any], path: str, said: str) -> None:
@@ -110,9 +110,9 @@ def test_times_is_above_one_just_where_a_limit_is_broken(
 @pytest.mark.parametrize(
     ("values", "note"),
     [
-        (None, "the estimate has none"),
-        ({"rmse": None, "density": 0.0, "count": 0}, "nothing is scored"),
-        ({"rmse": None, "density": None, "count": 0}, "no true value there"),
+        (None, "not in the estimate"),
+        ({"rmse": None, "density": 0.0, "count": 0}, "no scored pixels"),
+        ({"rmse": None, "density": None, "count": 0}, "no truth in the region"),
         ({"rmse": None, "density": 1.0, "count": 5}, "undefined"),
         ({"rmse": math.nan, "density": 1.0, "count": 5}, "undefined"),
     ],

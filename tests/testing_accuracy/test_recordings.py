@@ -190,7 +190,7 @@ def test_scenes_are_found_by_path_and_by_name(kitchen: Kitchen, monkeypatch: pyt
     with pytest.raises(st.SceneError, match="did you mean 'tiny'"):
         kitchen.open()("tinny")
     monkeypatch.setattr(recording_cache, "_checkout", list)
-    with pytest.raises(st.SceneError, match="in a checkout of it only"):
+    with pytest.raises(st.SceneError, match="in a checkout only"):
         kitchen.open()("cube")
     with pytest.raises(st.SceneError, match=r"nowhere\.yaml"):
         kitchen.open()("nowhere.yaml")

@@ -37,7 +37,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "MethodSpec",
             "Needs",
             "MethodEntry",
-            "method_entries",
+            "list_methods",
             "find_method",
             "validate_settings",
         ),
@@ -51,13 +51,17 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "scoring": {
-        "scenetruth": ("score", "Score", "compute_growth_rate", "write_report", "detect_convention_mismatches")
+        "scenetruth.results": ("QuantityValue",),
+        "scenetruth": ("score", "Score", "compute_growth_rate", "write_report", "detect_convention_mismatches"),
     },
     "comparison": {
         "scenetruth": ("compare", "BenchmarkResult", "cramer_rao_bound"),
         "scenetruth.bound": ("closed_form_bound", "ClosedFormBound", "texture_gradient"),
     },
-    "datasets": {"scenetruth": ("load_recipe", "Recipe", "run_dataset", "open_dataset")},
+    "datasets": {
+        "scenetruth": ("load_recipe", "Recipe", "run_dataset", "open_dataset"),
+        "scenetruth.dataset": ("check_recipe", "RecipeReport", "preview_dataset"),
+    },
     "design": {
         "scenetruth": (
             "predict",

@@ -1,4 +1,4 @@
-"""The benchmark suite: accuracy of estimation methods, case by case, beside the Cramér-Rao bound."""
+"""The benchmark suite: accuracy of estimation methods by case, compared with the Cramér-Rao bound."""
 
 from scenetruth.benchmark.benchmark_result import BenchmarkResult
 from scenetruth.benchmark.suite import compare

@@ -1,4 +1,4 @@
-"""The HTML report of a benchmark, with images of the regions of the largest errors."""
+"""The HTML report of a benchmark, with images of the regions with the largest errors."""
 
 from __future__ import annotations
 
@@ -26,18 +26,12 @@ __all__ = ["WorstRegion", "write_benchmark_report"]
 
 _MOST = 3
 _SCALE_PX = 0.5
-"""Errors that are drawn in full colour."""
+"""Error in px at which the colour scale saturates."""
 
 
 @dataclass(frozen=True)
 class WorstRegion:
-    """A picture of where a method is at its worst.
-
-    ``method``: Its label.
-    ``title``: Which case and value.
-    ``alt``: What the picture shows, in words.
-    ``picture``: A PNG, in base64.
-    """
+    """An image of the largest errors of a method: label, title, alternative text, and a PNG in base64."""
 
     method: str
     title: str
@@ -46,7 +40,7 @@ class WorstRegion:
 
 
 def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float], CaseErrorMaps]) -> list[WorstRegion]:
-    """Return pictures of the values at which each method has the fewest good pixels, at most one of each case."""
+    """Return images of the levels at which each method has the lowest inlier rate, at most one per case."""
     titles = {case.kind: case for case in found.cases}
     pictures = []
     for label in found.methods:
@@ -71,17 +65,17 @@ def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float]
             seen.add(kind)
             good = f"{100 * share:.0f} % of {quantity} within {INLIER_PX:g} px"
             title = f"{case.title}, {case.varied} = {case.label_of(value)}: {good}"
-            words = f"Image of the reference camera beside the errors of {one.quantity} by {label}; {title}."
+            words = f"Image of the reference camera and the errors of {one.quantity} by {label}; {title}."
             pictures.append(WorstRegion(label, title, words, _drawn(one, label)))
     return pictures
 
 
 _FINE = 0.95
-"""Where more pixels are good, nothing is worth a picture."""
+"""Inlier rate above which no image is shown."""
 
 
 def _drawn(maps: CaseErrorMaps, label: str) -> str:
-    """Draw image and errors side by side; grey is what is not told."""
+    """Return a PNG of image and errors side by side; invalid pixels are grey."""
     from matplotlib import colormaps
     from PIL import Image
 
@@ -100,12 +94,12 @@ def _drawn(maps: CaseErrorMaps, label: str) -> str:
 
 
 def describe_colour_scale() -> Sequence[str]:
-    """Return what the colours mean, in words."""
+    """Return the meanings of the colours."""
     return (
         f"blue is {-_SCALE_PX:g} px and less",
-        "white is right",
+        "white is zero",
         f"red is {_SCALE_PX:g} px and more",
-        "grey is not told",
+        "grey is invalid",
     )
 
 
@@ -119,7 +113,7 @@ def write_benchmark_report(
     suite: str,
     maps: Mapping[tuple[str, float], CaseErrorMaps] | None = None,
 ) -> Path:
-    """Write the page of a comparison."""
+    """Write the HTML report of a benchmark."""
     sections = [_section(found, case, words, suite) for case in found.cases]
     charts = {chart.name: {"data": chart.data, "layout": chart.layout} for one in sections for chart in one["charts"]}
     text = render_page(

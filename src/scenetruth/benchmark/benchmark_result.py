@@ -21,14 +21,10 @@ __all__ = ["BenchmarkResult", "RankedMethod", "Ranking"]
 
 @dataclass(frozen=True)
 class RankedMethod:
-    """Figures of methods that can be set side by side. Less is better: errors, or a period that is lost.
+    """Values of one statistic for several methods; lower is better (errors, or a cut-off period).
 
-    ``case``: The case.
-    ``quantity``, ``statistic``: What was measured.
-    ``label``: Of which value, if it is of one; empty if it is the median over all.
-    ``unit``: Unit of the figures.
-    ``numbers``: A figure for each method, by label, that told anything; NaN if there is none at some value. Also the
-      bound.
+    ``label``: The level, or empty for the median over all levels.
+    ``numbers``: Value of each method with a result, by label, and of the bound; NaN if undefined.
     """
 
     case: Case
@@ -40,17 +36,13 @@ class RankedMethod:
 
     @property
     def of_methods(self) -> dict[str, float]:
-        """The figures of those methods that told something, the best first."""
+        """The values of the methods with a result, the best first."""
         told = {label: one for label, one in self.numbers.items() if label != BOUND and not math.isnan(one)}
         return dict(sorted(told.items(), key=lambda pair: pair[1]))
 
 
 class Ranking:
-    """Figures of a comparison by what they are of.
-
-    ``rows``: All of its rows.
-    ``methods``: Labels, in their order.
-    """
+    """Records of a benchmark grouped by case, quantity and statistic."""
 
     def __init__(self, rows: Sequence[BenchmarkRecord], methods: Sequence[str]) -> None:
         self._methods = [*methods, BOUND]
@@ -59,7 +51,7 @@ class Ranking:
             self._rows.setdefault((row.case, row.quantity, row.statistic), []).append(row)
 
     def standing(self, case: Case, quantity: str, statistic: str, value: float | None = None) -> RankedMethod | None:
-        """Return what methods stand at; None if nobody told anything."""
+        """Return the values of the methods; None if no method has a result."""
         rows = self._rows.get((case.kind, quantity, statistic), ())
         rows = [row for row in rows if value is None or row.level == value]
         numbers = {}
@@ -69,7 +61,7 @@ class Ranking:
                 abs(row.value) for row in mine if row.pixels == METHOD_VALID
             ]
             if figures:
-                # What there is not at some value is not counted.
+                # Undefined values are excluded from the median.
                 there = [one for one in figures if not math.isnan(one)]
                 numbers[label] = statistics.median(there) if there else math.nan
         label = "" if value is None else case.label_of(value)
@@ -78,33 +70,33 @@ class Ranking:
 
 @dataclass(frozen=True)
 class BenchmarkResult(Result):
-    """Figures of methods over the cases of a suite.
+    """Results of methods on the cases of a suite.
 
     Parameters
     ----------
     methods
-        Their labels, in the order in which they were given.
+        Labels of the methods, in the order of the call.
     cases
         The cases.
     rows
-        All figures.
+        All records.
     failures
-        Why a method has given nothing, by case, value and label: lines to read.
+        Reasons for missing results, one line each with case, level and label.
     folder
-        Where it lies; None if it was not kept.
+        Output directory, or None.
     own
-        Labels of the methods whose algorithms are scenetruth's own.
+        Labels of the built-in methods.
     slips
-        Likely slips of convention in what all other methods gave, as of
-        `scenetruth.scoring.detect_convention_mismatches`: lines to read.
+        Likely convention mismatches of all other methods, one line each; see
+        `scenetruth.scoring.detect_convention_mismatches`.
 
     See Also
     --------
-    scenetruth.compare : Measures the methods, and returns one.
+    scenetruth.compare : Run methods on the benchmark suite.
 
     Examples
     --------
-    Two guesses at a wall, which stands 720 mm away:
+    Two constant depth maps of a wall at a distance of 720 mm:
 
     >>> import numpy as np
     >>> import scenetruth as st
@@ -134,10 +126,10 @@ class BenchmarkResult(Result):
     slips: Sequence[str] = field(default=(), repr=False)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return all figures, a row each.
+        """Return all records as a table.
 
-        Columns are the fields of `scenetruth.benchmark.cases.case.BenchmarkRecord`, and after ``level`` its ``label``:
-        what the value is called, as the name of a scene; empty for figures of all values.
+        The columns are the fields of `scenetruth.benchmark.cases.case.BenchmarkRecord` and, after ``level``, its
+        ``label``, for example the name of a scene; empty for records of all levels.
         """
         import pandas as pd
 
@@ -176,7 +168,7 @@ class BenchmarkResult(Result):
         Raises
         ------
         ArgumentError
-            If there is none; the message names what was asked for.
+            If there is no such record; the message names what was asked for.
         """
         place = level
         if isinstance(level, str):
@@ -230,16 +222,16 @@ class BenchmarkResult(Result):
         return replace(super().from_dict({**plain, "cases": []}), cases=[installed[kind] for kind in plain["cases"]])
 
     def headlines(self) -> list[RankedMethod]:
-        """Return what stands for each case, in the median over its values; cases that nobody tells are left out."""
+        """Return the headline of each case, median over its levels, without cases that no method estimates."""
         standings = Ranking(self.rows, self.methods)
         found = (standings.standing(case, *case.headline) for case in self.cases)
         return [one for one in found if one is not None]
 
     def efficiency(self) -> pd.DataFrame:
-        """Return noise and its Cramér-Rao bound: case, level, method, quantity, noise_std, bound, efficiency_percent.
+        """Return noise, bound and efficiency: case, level, method, quantity, noise_std, bound, efficiency_percent.
 
-        Efficiency is (bound / noise)², in %: the share of the images' information that a method uses. Above 100 %, its
-        window is larger than that of the bound, or it is biased.
+        The efficiency is (bound / noise)², in %: the Cramér-Rao variance over the observed variance. It exceeds 100 %
+        for a method with a larger window than that of the bound, or with bias.
         """
         import pandas as pd
 

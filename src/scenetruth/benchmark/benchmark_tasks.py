@@ -1,4 +1,4 @@
-"""Tasks of a benchmark for workers, and their results on disk."""
+"""Benchmark tasks for workers, and their results on disk."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.input_files import collect_input_files
 from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task
 from scenetruth.provenance import content_hash
+from scenetruth.resources import Limits
 from scenetruth.scene import Scene
 
 __all__ = [
@@ -30,53 +31,52 @@ _REMEDY = "run the comparison again"
 
 @dataclass(frozen=True)
 class BenchmarkTask:
-    """All that a worker needs to measure any point of a comparison.
-
-    ``folder``: Where the files of points go.
-    ``points``: The points.
-    ``contestants``: The methods.
-    ``versions``: What figures depend on besides.
-    """
+    """What a worker needs: result directory, design points, methods, versions that results depend on, resource limits."""
 
     folder: str
     points: tuple[DesignPoint, ...]
     contestants: tuple[MethodSpec, ...]
     versions: tuple[tuple[str, str], ...]
+    limits: Limits | None = None
 
     @property
     def store(self) -> ResultStore:
-        """The results of points."""
+        """The store of the results."""
         return ResultStore(Path(self.folder), _REMEDY)
 
     def name(self, number: int) -> str:
-        """Return the name of the result of a point."""
+        """Return the name of a result."""
         point = self.points[number]
         return f"{point.case}/{point.name}"
 
     def path(self, number: int) -> Path:
-        """Return the file of a point."""
+        """Return the file of a result."""
         return self.store.path(self.name(number))
 
     def is_done(self, number: int) -> bool:
-        """Return whether the file of a point is there, is of this very point, and tells of no failure to try again."""
+        """Return whether a matching result exists and contains no failure that should be retried."""
         name = self.name(number)
         return self.store.path(name).exists() and self.store.is_done(name, compute_point_key(self, number))
 
 
 def list_design_points(
-    cases: Sequence[Case], suite: str, values: Sequence[float | str] | None = None
+    cases: Sequence[Case],
+    suite: str,
+    values: Sequence[float | str] | None = None,
+    seeds: Sequence[int] | None = None,
 ) -> list[DesignPoint]:
-    """Return the scenes of cases."""
+    """Return the design points of cases."""
     found = []
     for case in cases:
         chosen = tuple(case.value_of(value) for value in (case.values(suite) if values is None else values))
         groups = [chosen] if case.one_scene else [(value,) for value in chosen]
-        found += [DesignPoint(case.kind, group, case.seeds[suite]) for group in groups]
+        chosen_seeds = tuple(range(case.seeds[suite]) if seeds is None else seeds)
+        found += [DesignPoint(case.kind, group, chosen_seeds) for group in groups]
     return found
 
 
 def compute_point_key(job: BenchmarkTask, number: int) -> str:
-    """Return a hash of all that the figures of a point depend on."""
+    """Return a hash of all inputs of a result."""
     point = job.points[number]
     case = all_cases()[point.case]
     scene = case.scene(point.values[0])
@@ -95,20 +95,20 @@ def compute_point_key(job: BenchmarkTask, number: int) -> str:
 
 
 def _hash_files(scene: Mapping[str, Any]) -> list[str]:
-    """Return hashes of what the files hold that a scene names: their paths stay when they change."""
+    """Return the hashes of the files that a scene refers to; their contents may change under the same path."""
     try:
         return [content_hash(file) for _, file in collect_input_files(Scene.from_dict(scene))]
     except SceneError:
-        # Whoever makes the scene says what is wrong with it.
+        # The error is reported when the scene is simulated.
         return []
 
 
 def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
-    """Measure a point, for whoever works through many: what goes wrong is returned."""
+    """Process a design point in a worker; errors are returned."""
     point = job.points[number]
 
     def work() -> dict[str, Any]:
-        found = measure(all_cases()[point.case], point, job.contestants)
+        found = measure(all_cases()[point.case], point, job.contestants, job.limits)
         plain = {
             "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,
@@ -125,7 +125,7 @@ def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
 
 
 def read_point_result(path: Path) -> PointResult:
-    """Return what the file of a point holds."""
+    """Return the result in a file."""
     with ResultStore(path.parent, _REMEDY).reading(path.stem) as plain:
         rows = [BenchmarkRecord.from_plain(row) for row in plain["rows"]]
         return PointResult(rows, dict(plain["failures"]), slips=dict(plain.get("slips", {})))

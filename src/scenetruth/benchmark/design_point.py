@@ -1,4 +1,4 @@
-"""One design point: its scene is simulated, all methods estimate, and errors, time and memory are measured."""
+"""One design point: simulation of its scene, estimation by all methods, and errors, time and memory."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from scenetruth.estimators import prepare
 from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.jobs.results import refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
+from scenetruth.resources import Limits
 from scenetruth.scene import Scene
 from scenetruth.scoring import detect_convention_mismatches, get_units
 from scenetruth.scoring.error_pairs import EstimateTruthPairs
@@ -50,10 +51,9 @@ _POLL_S = 0.01
 
 
 class PeakMemory:
-    """Context that finds how much more memory this process has at most than when it began.
+    """Context that measures the peak increase of the memory of this process.
 
-    Where the system does not tell (`/proc`), ``megabytes`` is NaN. What is allocated and freed within 10 ms is not
-    seen.
+    ``megabytes`` is NaN on systems without `/proc`. Allocations shorter than 10 ms may be missed.
     """
 
     def __init__(self) -> None:
@@ -91,17 +91,12 @@ def _resident_bytes() -> int | None:
 
 
 PICTURED_QUANTITIES = ("disparity", "flow_x", "flow_y")
-"""Quantities whose errors are pictured, the first that a case measures."""
+"""Quantities for error images; the first that a case evaluates is shown."""
 
 
 @dataclass(frozen=True)
 class CaseErrorMaps:
-    """What is pictured of a point.
-
-    ``image``: The reference camera's image at t = 0, shape (y, x).
-    ``quantity``: Whose errors they are.
-    ``errors``: Estimate minus truth in px by method, shape (y, x); NaN where nothing is told.
-    """
+    """Image (y, x) of the reference camera at t = 0, and errors of a quantity in px by method, NaN where invalid."""
 
     image: NDArray[np.float32]
     quantity: str
@@ -109,7 +104,7 @@ class CaseErrorMaps:
 
 
 def build_error_maps(case: Case, found: CaseEstimates) -> CaseErrorMaps | None:
-    """Return the maps of what was found with the first noise; None if a case measures nothing in pixels."""
+    """Return the error maps of the first noise realisation; None if a case evaluates no quantity in px."""
     quantity = next((name for name in PICTURED_QUANTITIES if name in case.quantities), None)
     if quantity is None:
         return None
@@ -139,7 +134,7 @@ def write_error_maps(maps: CaseErrorMaps, path: Path) -> None:
 
 
 def read_error_maps(path: Path) -> CaseErrorMaps | None:
-    """Return the maps in a file; None if there is none."""
+    """Return the maps in a file; None if there is no file."""
     if not path.exists():
         return None
     with refuse_damaged(path, "run the comparison again"), np.load(path, allow_pickle=False) as stored:
@@ -148,37 +143,35 @@ def read_error_maps(path: Path) -> CaseErrorMaps | None:
 
 
 BOUND_SIGMA_PX = 6.0
-"""Window of the Cramér-Rao bound that is told: that of the methods by default."""
+"""Window of the Cramér-Rao bound, the default of the methods."""
 
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """A scene of a case, and what is measured of it.
-
-    ``case``: Kind of the case.
-    ``values``: What was varied: one value, or all of a case whose values are of one scene.
-    ``seeds``: How many noises.
-    """
+    """A scene of a case, with its levels (several if they share the scene) and the seeds of the noise."""
 
     case: str
     values: tuple[float, ...]
-    seeds: int
+    seeds: tuple[int, ...]
+
+    def scene(self) -> Scene:
+        """Return the scene, without noise."""
+        return Scene.from_dict(all_cases()[self.case].scene(self.values[0]))
 
     @property
     def name(self) -> str:
-        """What its file is called."""
+        """The name of its file."""
         return "all" if len(self.values) > 1 else all_cases()[self.case].label_of(self.values[0])
 
 
 @dataclass
 class PointResult:
-    """What came of a point.
+    """The result of a design point.
 
-    ``rows``: The figures.
-    ``failures``: Why methods have given nothing, by label.
-    ``settled``: Labels of those whose failures need not be tried again: installed methods that refuse the recording.
-    ``slips``: Likely slips of convention in what methods of others and of one's own gave, by label.
-    ``maps``: What is pictured; None where nothing is measured in pixels, or figures were read from a file.
+    ``failures``: Reasons for missing results, by label.
+    ``settled``: Labels whose failures are final: installed methods that reject the recording.
+    ``slips``: Likely convention mismatches of methods that are not built in, by label.
+    ``maps``: Error maps; None if no quantity is in px, or if the result was read from a file.
     """
 
     rows: list[BenchmarkRecord] = field(default_factory=list)
@@ -188,17 +181,19 @@ class PointResult:
     maps: CaseErrorMaps | None = None
 
 
-def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -> PointResult:
-    """Make a scene, let all methods estimate from the same images, and measure what they find."""
+def measure(
+    case: Case, point: DesignPoint, contestants: Sequence[MethodSpec], limits: Limits | None = None
+) -> PointResult:
+    """Simulate a scene, run all methods on the same images, and evaluate the estimates."""
     measured = PointResult()
     first = point.values[0]
     noise_std = case.noise_std(first)
     with ignore_scene_warnings():
-        ideal, whole = simulate(Scene.from_dict(case.scene(first)))
+        ideal, whole = simulate(point.scene(), limits=limits)
         truth = whole.sel(t=[0])
         truth = truth.assign(seen_throughout=(("y", "x"), visible_throughout(whole)))
         found = []
-        for seed in range(point.seeds if noise_std else 1):
+        for realisation, seed in enumerate(point.seeds if noise_std else (0,)):
             recording = add_noise(ideal, noise_std, case.kind, seed)
             estimates = {}
             for one in contestants:
@@ -214,7 +209,7 @@ def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -
                     continue
                 took = time.perf_counter() - took
                 estimates[one.label] = maps
-                if seed == 0 and not one.is_own:
+                if realisation == 0 and not one.is_own:
                     with suppress(ScoreError):
                         measured.slips[one.label] = [slip.message for slip in detect_convention_mismatches(maps, truth)]
                 for name, number, unit in (("seconds", took, "s"), ("peak_memory", held.megabytes, "MB")):
@@ -235,13 +230,13 @@ def measure(case: Case, point: DesignPoint, contestants: Sequence[MethodSpec]) -
 
 
 def add_noise(ideal: xr.Dataset, noise_std: float, *keys: Any) -> xr.Dataset:
-    """Return a recording with white Gaussian noise in its images."""
+    """Return a recording with additive white Gaussian noise."""
     if not noise_std:
         return ideal
     image = ideal["image"]
     noise = generator_for(0, "noise", *keys).normal(0.0, noise_std, image.shape)
     found = ideal.assign(image=(image.dims, (image.values + noise).astype(np.float32), image.attrs))
-    # It is another recording now.
+    # The changed images are a different recording.
     found.attrs.pop("recording_hash", None)
     return found
 
@@ -251,7 +246,7 @@ def _bound_rows(
 ) -> Iterator[BenchmarkRecord]:
     from scenetruth.bound import cramer_rao_bound
 
-    # No method is told that sheets do not grow, or that the light is steady.
+    # The methods do not assume constant area or constant illumination.
     bound = cramer_rao_bound(
         truth,
         ideal,
@@ -276,7 +271,7 @@ def _bound_rows(
 
 @contextmanager
 def ignore_scene_warnings() -> Iterator[None]:
-    """Leave out what the suite's scenes are warned of: they are meant to be difficult."""
+    """Suppress warnings about the scenes of the suite, which are difficult by design."""
     with warnings.catch_warnings():
         for category in (EstimateWarning, SceneWarning, RuntimeWarning):
             warnings.simplefilter("ignore", category)

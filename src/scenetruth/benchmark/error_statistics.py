@@ -1,4 +1,4 @@
-"""Statistics of errors: intervals from block bootstrap, stated uncertainty, growth, metrological efficiency."""
+"""Error statistics: bootstrap confidence intervals, stated uncertainty, growth, metrological efficiency."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ __all__ = [
 
 
 BLOCK_PX = 18
-"""Side of a block: three standard deviations of the usual window, over which errors have become independent."""
+"""Side of a block: three standard deviations of the default window, beyond which errors are independent."""
 _DRAWS = 400
 _FEWEST_BLOCKS = 6
-"""With fewer blocks an interval says nothing."""
+"""Minimum number of blocks for a confidence interval."""
 
 Map = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class IntervalStatistic:
-    """A figure with its 95 % confidence interval, NaN where there are too few blocks for one."""
+    """A statistic with its 95 % confidence interval, NaN with too few blocks."""
 
     value: float
     ci_low: float = float("nan")
@@ -58,11 +58,7 @@ class IntervalStatistic:
 
 
 def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[str, IntervalStatistic]:
-    """Return bias, root of the mean square, standard deviation and median of the absolute errors.
-
-    ``errors``: Estimate minus truth, shape (seed, y, x).
-    ``kept``: Which of them count, same shape; all of these are finite.
-    """
+    """Return bias, RMSE, standard deviation and median absolute error of the ``kept`` errors (seed, y, x)."""
     values = errors[kept]
     if not values.size:
         return {}
@@ -86,7 +82,7 @@ def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[st
 
 
 def _blocks_of(kept: NDArray[np.bool_]) -> tuple[NDArray[np.intp], int]:
-    """Return the number of its block for each pixel that counts, and how many blocks have any."""
+    """Return the block index of every evaluated pixel, and the number of non-empty blocks."""
     seed, y, x = np.nonzero(kept)
     wide = kept.shape[2] // BLOCK_PX + 1
     high = kept.shape[1] // BLOCK_PX + 1
@@ -110,15 +106,15 @@ _FIGURES: Mapping[str, Callable[[Map, Map, Map], Map]] = {
 
 
 SPARSIFICATION_FRACTIONS: Sequence[float] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-"""Shares of the pixels that are kept, the surest first."""
+"""Fractions of the most certain pixels in sparsification curves."""
 COVERAGE_FACTORS: Sequence[float] = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0)
-"""Numbers of standard deviations at which errors are counted."""
+"""Numbers of stated standard deviations in coverage curves."""
 
 
 def compute_sparsification(errors: Map, std: Map, kept: Sequence[float] = SPARSIFICATION_FRACTIONS) -> list[float]:
-    """Return the root of the mean square error of the surest pixels, for each share that is kept.
+    """Return the RMSE of the most certain pixels, for each fraction.
 
-    ``errors``, ``std``: Errors and stated standard deviations of the pixels, shape (n,).
+    ``errors``, ``std``: Errors and stated standard deviations, shape (n,).
 
     >>> compute_sparsification(np.array([1.0, 3.0]), np.array([0.1, 0.2]), [0.5, 1.0])
     [1.0, 2.23606797749979]
@@ -130,25 +126,25 @@ def compute_sparsification(errors: Map, std: Map, kept: Sequence[float] = SPARSI
 
 
 def compute_coverage(errors: Map, std: Map, within: Sequence[float] = COVERAGE_FACTORS) -> list[float]:
-    """Return the share of errors within so many stated standard deviations, for each number of them."""
+    """Return the fraction of errors within each number of stated standard deviations."""
     scaled = np.abs(errors) / std
     return [float(np.mean(scaled <= number)) for number in within]
 
 
 def compute_rms_z(errors: Map, std: Map) -> float:
-    """Return the root of the mean square of error over stated standard deviation: 1 is honest, above is too sure."""
+    """Return the RMS of error over stated standard deviation; above 1 the method is overconfident."""
     return float(np.sqrt(np.mean(np.square(errors / std))))
 
 
 INLIER_PX = 0.1
-"""An estimate is good that is off by so much at most, in px per step or per frame."""
+"""Largest error of an inlier, in px/step or px/frame."""
 _IN_PX = ("disparity", "flow_x", "flow_y")
 
 Mask = NDArray[np.bool_]
 
 
 def compute_statistic_records(case: Case, value: float, found: Sequence[CaseEstimates]) -> Iterator[BenchmarkRecord]:
-    """Give the figures of all methods at one value."""
+    """Yield the records of all methods at one level."""
     region = case.region_at(found[0].truth.isel(t=0), value)
     for quantity in case.quantities:
         errors, told, std = _stacks(found, quantity, region)
@@ -179,7 +175,7 @@ _SHARES = ("density", "inlier_rate", "coverage", "rms_z")
 def _stacks(
     found: Sequence[CaseEstimates], quantity: str, region: Mask
 ) -> tuple[dict[str, Map], dict[str, Mask], dict[str, Map]]:
-    """Return errors, where they are known, and stated standard deviations by method, shape (seed, y, x)."""
+    """Return errors, validity masks and stated standard deviations by method, shape (seed, y, x)."""
     errors: dict[str, list[Map]] = {}
     told: dict[str, list[Mask]] = {}
     stated: dict[str, list[Map]] = {}
@@ -206,7 +202,7 @@ def _stacks(
 def _rows_of(
     errors: Map, known: Mask, common: Mask, region: Mask, std: Map | None, *, alone: bool
 ) -> Iterator[tuple[str, str, IntervalStatistic, float]]:
-    """Give (pixels, statistic, figure, at) of one method and quantity."""
+    """Yield (pixels, statistic, value, threshold) of one method and quantity."""
     there = len(errors) * np.count_nonzero(region)
     if not there:
         return
@@ -235,20 +231,20 @@ def _rows_of(
 
 
 def _noise(errors: Map, known: Mask) -> IntervalStatistic | None:
-    """Return the root of the mean variance over noises, of pixels that are known with all; None of a single noise."""
+    """Return the root mean variance over noise realisations, of always valid pixels; None for one realisation."""
     count = len(errors)
     always: Mask = np.asarray(known.all(axis=0))
     if count < 2 or not always.any():
         return None
     variance = errors[:, always].var(axis=0, ddof=1)
-    # Blocks are drawn again as for other errors; squares and not errors are averaged.
+    # The same bootstrap as for errors, averaging squares.
     deviations = np.zeros(always.shape)
     deviations[always] = np.sqrt(variance)
     return compute_interval_statistics(deviations[None], always[None])["rmse"]
 
 
 def group_by_case(rows: Sequence[BenchmarkRecord]) -> Mapping[str, list[BenchmarkRecord]]:
-    """Return rows by their case."""
+    """Return records by case."""
     found: dict[str, list[BenchmarkRecord]] = {}
     for row in rows:
         found.setdefault(row.case, []).append(row)
@@ -256,7 +252,7 @@ def group_by_case(rows: Sequence[BenchmarkRecord]) -> Mapping[str, list[Benchmar
 
 
 def compute_growth_records(case: Case, found: CaseEstimates) -> Iterator[BenchmarkRecord]:
-    """Give sizes of the errors of growth over windows, for methods that give depth and velocity."""
+    """Yield the error statistics of windowed growth, for methods that estimate depth and velocity."""
     region = case.region_at(found.truth.isel(t=0), found.value)
     for label, estimate in found.estimates.items():
         if not has_growth_rate(estimate, found.truth):
@@ -281,12 +277,12 @@ def compute_growth_records(case: Case, found: CaseEstimates) -> Iterator[Benchma
 
 
 _PAIRS: Mapping[str, str] = {"star": "flow_y", "waves_of_motion": "flow_y", "waves_of_depth": "disparity"}
-"""Which noise goes with which resolution; of both, px times px."""
+"""Quantity whose noise is combined with the resolution of each case, px times px."""
 _PERIOD = "cutoff_period_"
 
 
 def compute_efficiency_records(rows: Sequence[BenchmarkRecord]) -> Iterator[BenchmarkRecord]:
-    """Give the product of noise and period, for both readings of the period."""
+    """Yield the metrological efficiency indicators: noise times cut-off period, for both cut-off definitions."""
     noise = {
         (row.method, row.quantity): row.value
         for row in rows

@@ -1,4 +1,4 @@
-"""Charts of a benchmark, and the methods that rank first."""
+"""Charts of a benchmark, and the best methods of each case."""
 
 from __future__ import annotations
 
@@ -18,13 +18,7 @@ __all__ = ["RankDifference", "RankLeaders", "build_charts", "compute_rank_leader
 
 @dataclass(frozen=True)
 class RankDifference:
-    """A figure by which methods of others are ahead of scenetruth's own.
-
-    ``kind``, ``title``: The case, and which value of it if it is of one.
-    ``what``: Which figure, in words.
-    ``others``: Methods of others that are ahead, each with its figure, the best first.
-    ``own``: The best of scenetruth's own with its figure; empty if none of them told anything.
-    """
+    """A statistic for which external methods are better than the best built-in method, with their values."""
 
     kind: str
     title: str
@@ -35,14 +29,13 @@ class RankDifference:
 
 @dataclass(frozen=True)
 class RankLeaders:
-    """Who is ahead.
+    """Comparison of external and built-in methods.
 
-    ``own``, ``others``: Labels of scenetruth's own methods and of those of others.
-    ``cases``: How many cases methods of others tell; none if there are none of either.
-    ``ahead``: The cases in which others are ahead, by what stands for the case.
-    ``figures``: How many figures methods of others tell: of each quantity of a case, and of each value that has a name.
-    ``ahead_by_figures``: Those of them by which others are ahead.
-    ``best``: For each method, the titles of the cases of which it is the best; a method that is alone leads nothing.
+    ``cases``: Number of cases with results of external methods; 0 if either group is empty.
+    ``ahead``: Cases in which external methods are better, by the headline of the case.
+    ``figures``: Number of values of external methods, for each quantity and each named level of a case.
+    ``ahead_by_figures``: Those of them that are better than the built-in methods.
+    ``best``: For each method, the titles of the cases in which it is the best of several.
     """
 
     own: Sequence[str]
@@ -55,7 +48,7 @@ class RankLeaders:
 
     @property
     def lines(self) -> list[list[str]]:
-        """The figures by which others are ahead as lines of a table: case, figure, others, the best of our own."""
+        """Table lines of the values by which external methods are better: case, statistic, external, built-in."""
         return [
             [one.title, one.what, ", ".join(map(" ".join, one.others)), " ".join(one.own) or "–"]
             for one in self.ahead_by_figures
@@ -63,7 +56,7 @@ class RankLeaders:
 
 
 def compute_rank_leaders(found: BenchmarkResult) -> RankLeaders:
-    """Return who is ahead; equal figures put nobody ahead."""
+    """Return the comparison of external and built-in methods; equal values do not count as better."""
     others = [label for label in found.methods if label not in found.own]
     best = {label: list[str]() for label in found.methods}
     headlines, figures = found.headlines(), list(_figures(found))
@@ -84,7 +77,7 @@ def compute_rank_leaders(found: BenchmarkResult) -> RankLeaders:
 
 
 def _figures(found: BenchmarkResult) -> Iterator[RankedMethod]:
-    """Give all that can be set side by side, quantity by quantity, and name by name where values have some."""
+    """Yield all comparable values for each quantity, and for each level if levels have names."""
     standings = Ranking(found.rows, found.methods)
     for case in found.cases:
         kinds = [case.headline, *((name, "rmse") for name in (*case.quantities, "growth_rate_windowed"))]
@@ -116,7 +109,7 @@ def _words(one: RankedMethod, found: BenchmarkResult, number: float) -> str:
     unit = "" if one.unit in ("", "1") else f" {one.unit}"
     if one.statistic.startswith("cutoff_period"):
         values = [row.level for row in found.rows if row.case == one.case.kind and math.isfinite(row.level)]
-        # Outside of what was measured there is no figure.
+        # The cut-off period is outside the tested range.
         if number == 0:
             return f"under {min(values, default=math.nan):g}{unit}"
         if number == math.inf:
@@ -129,14 +122,14 @@ _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", 
 
 
 def build_charts(found: BenchmarkResult, case: Case) -> list[Chart]:
-    """Return the charts of a case: errors of its quantities, how much is told, what confidence is worth."""
+    """Return the charts of a case: errors of its quantities, density, and stated uncertainty."""
     rows = [row for row in found.rows if row.case == case.kind]
     charts = []
     told = dict.fromkeys([case.headline[0], *case.quantities, *_GROWTH])
     waves = {row.quantity for row in rows if row.statistic == "amplitude_ratio"}
     for quantity in told:
         statistic = case.headline[1] if quantity == case.headline[0] else "rmse"
-        # Periods at which a tenth is lost follow from this curve.
+        # The cut-off periods are derived from this curve.
         chart = _curves(found, case, rows, quantity, "amplitude_ratio" if quantity in waves else statistic)
         if chart is not None:
             charts.append(chart)
@@ -150,12 +143,12 @@ def build_charts(found: BenchmarkResult, case: Case) -> list[Chart]:
 def _curves(
     found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkRecord], quantity: str, statistic: str
 ) -> Chart | None:
-    """Return a figure over what is varied, a line for each method, with its confidence interval."""
+    """Return a chart over the levels, with a line and confidence intervals for each method."""
     own, common = (
         {(row.method, row.level) for row in rows if _is(row, quantity, statistic, pixels)}
         for pixels in (METHOD_VALID, COMMON_VALID)
     )
-    # Where one method tells nothing, there are no pixels that all tell; the others are shown all the same.
+    # If one method has no result, there are no pixels valid for all methods; each method then uses its valid pixels.
     pixels = COMMON_VALID if common and common == {one for one in own if one[0] != BOUND} else METHOD_VALID
     data = []
     for place, label in enumerate(found.methods):
@@ -170,7 +163,7 @@ def _curves(
     if bounds and statistic in ("rmse", "noise_std"):
         data.append(
             {
-                "name": "bound of noise",
+                "name": "Cramér-Rao bound",
                 "x": [_place(case, row.level) for row in bounds],
                 "y": [_finite(row.value) for row in bounds],
                 "mode": "lines",
@@ -194,15 +187,15 @@ def _curves(
 
 
 _GROWTH = ("growth_rate_windowed",)
-"""What further figures of cases tell, and is drawn as their quantities are."""
-_PIXEL_SETS = {COMMON_VALID: "pixels that all methods tell", METHOD_VALID: "pixels that each method tells"}
+"""Quantities of additional records, charted like the quantities of a case."""
+_PIXEL_SETS = {COMMON_VALID: "pixels valid for all methods", METHOD_VALID: "valid pixels of each method"}
 _CONFIDENCE: Mapping[str, tuple[str, str, str]] = {
     "coverage": (
-        "Errors within the stated bars",
-        "stated standard deviations",
-        "share of errors within so many",
+        "Coverage of the stated uncertainty",
+        "number of stated standard deviations",
+        "fraction of errors within",
     ),
-    "sparsification_rmse": ("Errors of the surest pixels", "share of the pixels that is kept", "RMSE"),
+    "sparsification_rmse": ("Sparsification curve", "fraction of the most certain pixels", "RMSE"),
 }
 
 
@@ -251,7 +244,7 @@ def _line(case: Case, label: str, place: int, points: Sequence[BenchmarkRecord])
         "name": label,
         "x": [_place(case, row.level) for row in points],
         "y": numbers,
-        # Between things that have names there is nothing.
+        # Named levels have no order.
         "mode": "markers" if case.labels() else "lines+markers",
         "line": {"color": COLOURS[place % len(COLOURS)], "dash": _DASHES[place // len(COLOURS) % len(_DASHES)]},
         "marker": {"symbol": _SYMBOLS[place % len(_SYMBOLS)], "size": 8},
@@ -268,7 +261,7 @@ def _line(case: Case, label: str, place: int, points: Sequence[BenchmarkRecord])
 
 
 def _describe_lines(data: Iterable[Mapping[str, Any]]) -> str:
-    """Say a chart in words: each line from its first point to its last, or from the least to the largest of names."""
+    """Describe a chart: the first and last point of each line, or the smallest and largest of named levels."""
     told = []
     for line in data:
         points = [(x, y) for x, y in zip(line["x"], line["y"], strict=True) if y is not None]
@@ -285,7 +278,7 @@ def _format_place(place: float | str) -> str:
 
 
 def _place(case: Case, value: float) -> float | str:
-    """Return where a value is drawn: by its name, if it has one."""
+    """Return the axis position of a level: its name, if it has one."""
     return case.label_of(value) if case.labels() else value
 
 

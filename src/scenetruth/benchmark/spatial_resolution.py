@@ -15,16 +15,16 @@ __all__ = ["compute_amplitude_ratio", "compute_amplitude_records", "compute_cuto
 
 
 MIN_AMPLITUDE_RATIO = 0.9
-"""A period is resolved where at least so much of an amplitude is left."""
+"""Minimum amplitude ratio of a resolved period."""
 
 _LEAST_LOG = 0.05
-"""Less than this is as good as nothing, and may be negative."""
+"""Lower bound of ratios in logarithms; smaller and negative ratios are set to it."""
 
 Map = NDArray[np.float64]
 
 
 def compute_amplitude_ratio(found: Map, true: Map) -> float:
-    """Return the share of a wave that is found: the slope of found over true, both without their mean.
+    """Return the amplitude ratio of a sinusoid: the slope of ``found`` over ``true``, both without their mean.
 
     ``found``, ``true``: Values at the same pixels, shape (n,).
 
@@ -37,7 +37,7 @@ def compute_amplitude_ratio(found: Map, true: Map) -> float:
 
 
 def compute_peak_ratio(found: Map, true: Map) -> float:
-    """Return the share of a crest that is found: the slope of found over true, through the origin.
+    """Return the amplitude ratio at a crest: the slope of ``found`` over ``true``, through the origin.
 
     ``found``, ``true``: Values at the same pixels, shape (n,).
 
@@ -51,10 +51,10 @@ def compute_peak_ratio(found: Map, true: Map) -> float:
 def compute_cutoff_periods(
     periods: Sequence[float], left: Sequence[float], least: float = MIN_AMPLITUDE_RATIO
 ) -> tuple[float, float]:
-    """Return the first and the last period at which a curve of shares crosses the least one, from long to short.
+    """Return the first and the last period at which the amplitude ratios cross ``least``, from long to short.
 
-    Between two periods p, the logarithm of the share is a straight line over 1/p², as it is of a Gaussian window. NaN
-    is nothing found: too little is left.
+    Between two tested periods p, the logarithm of the ratio is interpolated linearly over 1/p², as for a Gaussian
+    window. NaN counts as unresolved.
 
     >>> first, last = compute_cutoff_periods([80, 40, 20], [0.98, 0.95, 0.85])
     >>> round(first, 3), first == last
@@ -80,13 +80,13 @@ def compute_cutoff_periods(
 
 
 MIN_VALID_FRACTION = 0.5
-"""If less than this share of the pixels is told, a period counts as not resolved."""
+"""Minimum fraction of valid pixels of a resolved period."""
 
 
 def compute_amplitude_records(
     case: Case, found: CaseEstimates, quantity: str, *, of_mean: bool = False
 ) -> Iterator[BenchmarkRecord]:
-    """Give the share of a wave that each method leaves; NaN where it tells too little."""
+    """Yield the amplitude ratio of each method; NaN with too few valid pixels."""
     share = compute_peak_ratio if of_mean else compute_amplitude_ratio
     region = case.region_at(found.truth.isel(t=0), found.value)
     for label, estimate in found.estimates.items():
@@ -102,7 +102,7 @@ def compute_amplitude_records(
 
 
 def compute_cutoff_records(case: Case, rows: Sequence[BenchmarkRecord], quantity: str) -> Iterator[BenchmarkRecord]:
-    """Give the first and the last period, from long to short, at which the share crosses 90 %."""
+    """Yield the first and the last period, from long to short, at which the amplitude ratio crosses 0.9."""
     curves: dict[str, dict[float, float]] = {}
     for row in rows:
         if (row.case, row.statistic, row.quantity) == (case.kind, "amplitude_ratio", quantity):

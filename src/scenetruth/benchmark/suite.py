@@ -1,4 +1,4 @@
-"""The suite: run over all its cases, or written as recordings for other programs."""
+"""The suite: evaluation of methods on all cases, or export of its recordings for external programs."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
+from scenetruth.plain_data import seed_problems
 from scenetruth.progress import Progress, say
-from scenetruth.scene import Scene
+from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.simulation import simulate
 
 __all__ = ["compare", "select_available_cases", "write_recordings"]
 
 
 INDEX = "comparison.json"
-"""What a folder of a comparison is known by."""
+"""File that identifies the directory of a comparison."""
 _FOLDER = JobFolder(INDEX, "a comparison", "points")
+_MAX_SEEDS = 1000
 
 
 def compare(
@@ -39,16 +41,18 @@ def compare(
     suite: str = "core",
     cases: Sequence[str] | None = None,
     levels: Sequence[float | str] | None = None,
+    seeds: int | Sequence[int] | None = None,
+    limits: Limits | None = None,
     output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> BenchmarkResult:
-    """Find out how accurate methods are, over the cases of the metrology suite.
+    """Run methods on the benchmark suite and return their error statistics.
 
-    Every case varies one thing: noise, contrast, wavelength, slope, disparity, motion, the distance from an outline,
-    and more. All methods get the same images. What is done stays in the folder, and is not done again;
-    what failed is, and what a method of your own gave before its code changed.
+    Every case varies one factor: noise, contrast, wavelength, slope, disparity, motion, the distance from a
+    discontinuity, and more. All methods use the same images. Existing results in the output directory are reused;
+    failed results are repeated, and those of user-defined methods if their code has changed.
 
     Parameters
     ----------
@@ -56,41 +60,48 @@ def compare(
         One or several: names, ``"module:function"``, methods or functions, or `scenetruth.estimators.MethodSpec` with
         settings and a label.
     suite
-        ``"core"``, for every day, or ``"full"``, with more values and more noises.
+        ``"core"`` for routine use, or ``"full"`` for all levels and more noise realisations.
     cases
-        Only these cases, by their kinds.
+        Keys of the cases to run; default: all.
     levels
-        Only these values of what is varied, for a single case; labels where values have some, as names of scenes.
+        Levels to run, for a single case: numbers, or names such as those of scenes; default: all of the suite.
+    seeds
+        Number of realisations of the noise at each level, or their seeds; by default those of the case and the suite.
+    limits
+        Resource limits of each scene (`scenetruth.Limits`); the default limits if not given.
     output
-        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a
-        file for each scene. If not given, nothing is kept.
+        Output directory: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a file
+        for each scene. Default: no output.
     workers
-        Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
-        processors.
+        Number of single-threaded local processes; 1 runs in this process (default), -1 uses all processors.
     scheduler
-        Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
+        Address of a Dask scheduler, whose workers are used instead. They require access to the output directory under
+        the same path.
     progress
         Called with (what, done, total).
 
     Returns
     -------
-    Comparison
-        All figures.
+    BenchmarkResult
+        All results.
 
     Raises
     ------
     ArgumentError
-        If the number of workers is impossible, or a scheduler has no folder.
+        If the suite, a case, a level or the number of workers is invalid, a case lacks a requirement, or a scheduler
+        is given without an output directory.
     EstimateError
-        If there is no such method, a setting is impossible, or a function cannot be sent to another process.
+        If a method is unknown, a setting is invalid, or a function cannot be sent to another process.
     ArgumentError
-        If there is no such suite, case or value, or a case needs what is not there.
+        If the suite, a case or a level is unknown, a case lacks an optional dependency, or seeds are invalid.
+    SceneError
+        If a scene exceeds a limit.
     OutputExistsError
-        If the folder holds a comparison of other methods, or something else.
+        If the directory holds a comparison of other methods, or other files.
 
     See Also
     --------
-    score : One estimate against one truth.
+    score : Score one estimate against one truth.
 
     Examples
     --------
@@ -102,21 +113,27 @@ def compare(
     """
     contestants = read_methods(methods)
     chosen = select_available_cases(suite, cases, levels)
+    if seeds is not None and (wrong := seed_problems(seeds, _MAX_SEEDS)):
+        raise ArgumentError(wrong)
+    numbers = range(seeds) if isinstance(seeds, int) else seeds
     resolve_workers(workers)
     _refuse_what_cannot_travel(contestants, workers, scheduler)
     identity = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
     with _FOLDER.open(output, identity, other=_describe_other, scheduler=scheduler) as place:
-        points = list_design_points(chosen, suite, levels)
+        points = list_design_points(chosen, suite, levels, numbers)
+        for point in points:
+            refuse_beyond_limits(point.scene(), limits)
         job = BenchmarkTask(
             str((place / "points").resolve()),
             tuple(points),
             tuple(contestants),
             tuple(sorted(collect_versions().items())),
+            limits,
         )
         missing = [number for number in range(len(points)) if not job.is_done(number)]
         if len(missing) < len(points):
             kept = len(points) - len(missing)
-            say(f"kept from earlier: {kept} of {len(points)} scenes; {len(missing)} to be measured")
+            say(f"reused: {kept} of {len(points)} scenes; {len(missing)} remaining")
         done = for_each(
             missing,
             measure_point,
@@ -167,12 +184,12 @@ def select_available_cases(
     cases: Sequence[str] | None,
     values: Sequence[float | str] | None,
 ) -> list[Case]:
-    """Return the cases that are asked for; of all, those that a suite has and that can be measured here."""
+    """Return the specified cases, or all cases of a suite that can be run here."""
     problems = []
     if suite not in SUITES:
         problems.append(Problem("suite", f"must be one of {', '.join(SUITES)}", suite))
     if values is not None and (cases is None or len(cases) != 1):
-        problems.append(Problem("levels", "are those of one case: name it", list(values)))
+        problems.append(Problem("levels", "require a single case: specify it", list(values)))
     chosen: list[Case] = []
     try:
         chosen = select_cases(cases)
@@ -186,18 +203,18 @@ def select_available_cases(
     if not named:
         for case in chosen:
             if case.lacks() and suite == "full":
-                say(f"case {case.kind} is left out: it {case.lacks()}")
+                say(f"case {case.kind} is skipped: it {case.lacks()}")
     return chosen if named else [case for case in chosen if case.values(suite) and not case.lacks()]
 
 
 def _unfit(case: Case, suite: str, values: Sequence[float | str] | None) -> Iterable[Problem]:
-    """Give what is wrong with a case that is named, and with its values."""
+    """Yield the problems of a specified case and its levels."""
     if case.lacks():
         yield Problem("cases", case.lacks(), case.kind)
     elif values is None:
         if not case.values(suite):
             yield Problem(
-                "cases", f"has no values in the suite {suite}: choose the suite full, or name values", case.kind
+                "cases", f"has no levels in the suite {suite}; select the suite full, or specify levels", case.kind
             )
     else:
         for value in values:
@@ -211,15 +228,15 @@ def _refuse_what_cannot_travel(contestants: Sequence[MethodSpec], workers: int, 
     problems = []
     for one in contestants:
         if why := describe_pickling_error(one, workers, scheduler):
-            message = f"cannot be sent to another process ({why}); give 'module:function', or workers=1"
+            message = f"cannot be sent to another process ({why}); specify 'module:function', or workers=1"
             problems.append(Problem("methods", message, one.label))
     if problems:
         raise EstimateError(problems)
 
 
 def _describe_other(there: Any) -> str:
-    held = f"suite {there.get('suite')} of {there.get('methods')}" if isinstance(there, dict) else "something else"
-    return f"holds another comparison: {held}; choose another folder"
+    held = f"suite {there.get('suite')} of {there.get('methods')}" if isinstance(there, dict) else "other content"
+    return f"holds another comparison: {held}; choose another directory"
 
 
 def _write_tables(found: BenchmarkResult, folder: Path) -> None:
@@ -241,13 +258,13 @@ def write_recordings(
     images: Literal["png", "tiff", "npy"] = "png",
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Write all recordings of a suite, each into a folder that is named by its key.
+    """Write all recordings of a suite, each into a directory named by its key.
 
-    What a program finds of them goes into folders of the same names, which
-    `scenetruth.estimators.external.ResultsFolder` reads. Recordings that are there are not written again.
+    Existing recordings are not written again. The results of a program are expected in directories of the same names
+    (see `scenetruth.estimators.external.ResultsFolder`).
     """
     if Path(folder).is_file():
-        raise EstimateError([Problem("recordings", "must be a folder", folder)])
+        raise EstimateError([Problem("recordings", "must be a directory", folder)])
     points = list_design_points(select_available_cases(suite, cases, levels), suite, levels)
     written = []
     for done, point in enumerate(points):
@@ -256,8 +273,8 @@ def write_recordings(
         case = all_cases()[point.case]
         noise_std = case.noise_std(point.values[0])
         with ignore_scene_warnings():
-            ideal = simulate(Scene.from_dict(case.scene(point.values[0])))[0]
-        for seed in range(point.seeds if noise_std else 1):
+            ideal = simulate(point.scene()).recording
+        for seed in point.seeds if noise_std else (0,):
             recording = add_noise(ideal, noise_std, case.kind, seed)
             place = Path(folder) / recording_key(recording)
             if not place.exists():

@@ -1,4 +1,4 @@
-"""The precision that the images of a scene allow: the Cramér-Rao bound of every pixel, and its closed form."""
+"""Cramér-Rao bound of depth and motion, at every pixel of a scene and in closed form."""
 
 from scenetruth.bound.closed_form import ClosedFormBound, closed_form_bound, texture_gradient
 from scenetruth.bound.cramer_rao import cramer_rao_bound

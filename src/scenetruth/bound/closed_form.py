@@ -1,4 +1,4 @@
-"""The Cramér-Rao bound in closed form: a flat, fronto-parallel surface with a uniform texture, from a few numbers."""
+"""Closed-form Cramér-Rao bound for a flat, fronto-parallel surface with a uniform texture."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ __all__ = ["ClosedFormBound", "closed_form_bound", "texture_gradient"]
 
 @dataclass(frozen=True)
 class ClosedFormBound:
-    """Least standard deviations at the principal point, for a surface seen from in front that hardly moves.
+    """Lowest standard deviations at the principal point, for a fronto-parallel surface with negligible motion.
 
     Parameters
     ----------
     disparity_px
-        Of the disparity, px per step.
+        Standard deviation of the disparity, px per step.
     depth_mm
-        Of depth.
+        Standard deviation of the depth, mm.
     slope
-        Of dZ/dX, and of dZ/dY.
+        Standard deviation of dZ/dX and of dZ/dY.
     flow_px
-        Of each component of optical flow, px per frame.
+        Standard deviation of each component of optical flow, px per frame.
     velocity_lateral_mm
-        Of U_X and U_Y, mm per frame.
+        Standard deviation of U_X and U_Y, mm per frame.
     velocity_depth_mm
-        Of U_Z, mm per frame.
+        Standard deviation of U_Z, mm per frame.
     growth_rate
-        Of the area's growth, per frame; None where the motion has no growth. Of affine motion with what products of
-        errors add, as in `cramer_rao_bound`.
+        Standard deviation of the growth rate, per frame; None for a motion without growth. For affine motion the
+        variance of products of errors is included, as in `cramer_rao_bound`.
 
     See Also
     --------
-    scenetruth.bound.closed_form_bound : Makes one from a few numbers.
-    scenetruth.bound.cramer_rao_bound : The same at every pixel of a scene.
+    scenetruth.bound.closed_form_bound : Computes the values.
+    scenetruth.bound.cramer_rao_bound : The bound at every pixel of a scene.
 
     Examples
     --------
-    Where the surface may grow, U_Z is known less precisely, and the rate of growth is told:
+    If the surface may grow, the bound of U_Z is higher, and there is a bound of the growth rate:
 
     >>> from scenetruth.bound import closed_form_bound
     >>> rig = {"focal_length_px": 1000, "baseline_mm": 5, "positions": 5, "frames": 5, "depth_mm": 500}
@@ -65,22 +65,22 @@ class ClosedFormBound:
 def texture_gradient(
     contrast: float, wavelength_px: float | tuple[float, float], spectrum_exponent: float = 0.0
 ) -> float:
-    """Return the rms of a texture's derivative along one axis, in grey values per px.
+    """Return the RMS derivative of a texture along one axis, in grey values per px.
 
     Parameters
     ----------
     contrast
         Standard deviation of the texture, in grey values.
     wavelength_px
-        Its wavelength in the image, or the shortest and the longest of isotropic noise.
+        Wavelength in the image, or the shortest and the longest wavelength of isotropic noise.
     spectrum_exponent
-        Its power density is proportional to (spatial frequency) ** spectrum_exponent, as of noise textures: 0 is white,
-        and of -2 all octaves are equally strong.
+        Exponent e of the power density, proportional to (spatial frequency) ** e, as for noise textures: 0 is white
+        noise, and with -2 all octaves have equal power.
 
     Returns
     -------
     float
-        2π contrast / (√2 λ); of a band, with the mean of 1/λ². Lens and pixels, which blur it, are left out.
+        2π contrast / (√2 λ); for a band, with the mean of 1/λ². Blur by lens and pixels is not included.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def texture_gradient(
 
     See Also
     --------
-    scenetruth.bound.closed_form_bound : Takes it as ``gradient``.
+    scenetruth.bound.closed_form_bound : Uses it as ``gradient``.
 
     Examples
     --------
@@ -118,63 +118,63 @@ def closed_form_bound(
     window_sigma_px: float = 6.0,
     motion: Motion = "rigid",
 ) -> ClosedFormBound:
-    """Return how precisely depth and motion can be known, from closed formulas.
+    """Compute the closed-form Cramér-Rao bound of depth and motion.
 
-    The surface is flat, faces the camera, is seen by all images, and hardly moves; its disparity is larger than the
-    window, so that turns are not taken for motion, and its texture has the same gradient along x and y
-    everywhere. Slopes and a rotation are unknown, as in `cramer_rao_bound`; they do not change the rest.
+    Assumptions: the surface is flat, fronto-parallel and visible in all images; its motion is negligible. Its disparity
+    is larger than the window, so that rotations are not confused with motion. The texture has the same gradient along x
+    and y everywhere. Slopes and a rotation are unknown, as in `cramer_rao_bound`; they do not affect the other results.
 
     Parameters
     ----------
     focal_length_px, baseline_mm
-        Of the camera and the stage.
+        Focal length of the camera; distance between neighbouring stage positions.
     positions, frames
-        Numbers of cameras and of frames, evenly spaced around the reference.
+        Number of cameras and of frames, evenly spaced around the reference.
     depth_mm
         Distance of the surface.
     gradient
-        Rms of the texture's derivative along one axis, in grey values per px: `texture_gradient`.
+        RMS derivative of the texture along one axis, in grey values per px; see `texture_gradient`.
     noise_std
-        Standard deviation of the images' noise in grey values.
+        Standard deviation of the image noise, in grey values.
     window_sigma_px
-        Standard deviation of the Gaussian window, which is cut off at twice that.
+        Standard deviation of the Gaussian window, which is truncated at two standard deviations.
     motion
-        What is known of the motion, as of `cramer_rao_bound`. Growth hides U_Z, but for the change of disparity.
+        Motion model, as in `cramer_rao_bound`. With unknown growth, U_Z follows from the change of disparity only.
 
     Returns
     -------
-    Envelope
-        Infinite where a single position or frame tells nothing.
+    ClosedFormBound
+        Infinite for quantities that need more than one position or frame.
 
     Raises
     ------
     RecordingError
-        If a number is not positive, or the motion is unknown; lists all that is wrong.
+        If a number is not positive or the motion model is unknown; lists all errors.
 
     See Also
     --------
-    scenetruth.bound.texture_gradient : The gradient of a texture, from its contrast and wavelength.
+    scenetruth.bound.texture_gradient : Gradient of a texture, from its contrast and wavelength.
     scenetruth.bound.cramer_rao_bound : The bound at every pixel of a scene.
 
     Notes
     -----
-    With sums over the window, m = Σ w and m' = Σ w ξ² of the weights and v, v' of their squares, N = m² / v pixels
-    count. With E = N G², the disparity d, Σs² = S(S² - 1)/12 and Σt² alike,
+    With sums over the window m = Σ w and m' = Σ w ξ² of the weights, and v, v' of the squared weights, N = m² / v is
+    the effective number of pixels. With E = N G², the disparity d, Σs² = S(S² - 1)/12 and Σt² accordingly,
 
         σ_d = σ / √(T Σs² E)      σ_u = σ / √(S Σt² E)      σ_Z = Z σ_d / d      σ_UX = Z σ_u / f
 
-    U_Z shows in the change of disparity, D = d² Σs², and, if nothing may grow, in the expansion of the window:
+    U_Z follows from the change of disparity, D = d² Σs², and, without growth, also from the expansion of the window:
 
         σ_UZ = Z σ / √(Σt² E D)    or    Z σ √(2 S v' + D v) / ((2 S m' + D m) G √Σt²)
 
-    The area's growth is twice the expansion of the window less what U_Z makes of it. Where the surface may turn as it
-    likes (affine motion), an error of its slope times one of the slope's change is taken for growth too, on each axis:
-    √2 σ_slope σ_turn, with σ_turn = (f / d) σ √v' / (m' G √(Σs² Σt²)). At a distance x from the principal point,
-    U_X = (Z u + x U_Z) / f has x / f of the error of U_Z too.
+    The growth rate is twice the expansion of the window minus the contribution of U_Z. If the rotation of the surface
+    is unconstrained (affine motion), the product of the errors of a slope and of its rate of change adds to the error
+    of growth along each axis: √2 σ_slope σ_turn, with σ_turn = (f / d) σ √v' / (m' G √(Σs² Σt²)). At a distance x from
+    the principal point, U_X = (Z u + x U_Z) / f also contains x / f of the error of U_Z.
 
     Examples
     --------
-    A leaf half a metre away, in images of 8 bits with noise of one grey value, from three and from nine positions:
+    A leaf at a distance of 500 mm, 8-bit images with noise of one grey value, 3 and 9 positions:
 
     >>> gradient = texture_gradient(contrast=10, wavelength_px=20)
     >>> rig = {"focal_length_px": 1000, "baseline_mm": 5, "frames": 5, "depth_mm": 500}
@@ -182,7 +182,7 @@ def closed_form_bound(
     >>> round(three.depth_mm, 3), round(nine.depth_mm, 3)
     (0.36, 0.066)
 
-    A single camera tells no depth:
+    A single camera gives no depth:
 
     >>> closed_form_bound(**rig, positions=1, gradient=gradient, noise_std=1).depth_mm
     inf
@@ -201,7 +201,7 @@ def closed_form_bound(
     one, _, square = (float(each) for each in window_weights("gaussian", window_sigma_px).sum(axis=1))
     weights = window_weights("gaussian", window_sigma_px)
     one2, square2 = (float((weights[0] * weights[k]).sum()) for k in (0, 2))
-    # In two dimensions, sums are products of those along x and along y.
+    # The kernel is separable: sums over the window are products of sums along x and along y.
     m, m_x, v, v_x = one**2, one * square, one2**2, one2 * square2
     disparity = focal_length_px * abs(baseline_mm) / depth_mm
     over_s, over_t = _squares(positions), _squares(frames)
@@ -209,7 +209,7 @@ def closed_form_bound(
     d = unit * _root(v, m, frames * over_s)
     u = unit * _root(v, m, positions * over_t)
     moved = disparity**2 * over_s
-    # The rates of approach, u_z = -U_Z / Z, and of the window's expansion.
+    # Standard deviations of the rate of approach, u_z = -U_Z / Z, and of the rate of expansion of the window.
     apart = unit * _root(v, m, over_t * moved)
     spread = unit * _root(2 * v_x, 2 * m_x, positions * over_t)
     both = 2 * positions * m_x + moved * m
@@ -230,21 +230,21 @@ def closed_form_bound(
 
 
 def _integral(power: float, short: float, long: float) -> float:
-    """Return the integral of a power of the frequency over a band of wavelengths."""
+    """Return the integral of frequency ** power over a band of wavelengths."""
     raised, octaves = power + 1, math.log(long / short)
     if raised == 0:
         return octaves
-    # The difference of both ends, which is lost in rounding where the power is nearly -1.
+    # The plain difference of the antiderivative would lose precision where the power is nearly -1.
     return float(short**-raised * -math.expm1(-raised * octaves) / raised)
 
 
 def _squares(count: int) -> float:
-    """Return the sum of the squares of so many evenly spaced numbers around 0."""
+    """Return the sum of squares of ``count`` numbers of unit spacing, centred at 0."""
     return count * (count**2 - 1) / 12
 
 
 def _root(scatter: float, normal: float, factor: float) -> float:
-    """Return √(S / H²) with H = factor ``normal``, and S alike."""
+    """Return √(S / H²) with H = ``factor`` ``normal`` and S = ``factor`` ``scatter``."""
     return math.sqrt(scatter / factor) / normal if factor else math.inf
 
 

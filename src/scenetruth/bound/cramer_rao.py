@@ -1,4 +1,4 @@
-"""The Cramér-Rao bound of depth and motion at every pixel of a scene with ground truth."""
+"""Cramér-Rao bound of depth and motion at every pixel of a scene with ground truth."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _NEEDED = ("depth", "velocity", "normal", "mixed")
 def setting_problems(
     words: Mapping[str, str], noise_std: float | None, window_sigma_px: float, step_px: int
 ) -> list[Problem]:
-    """Return what is wrong with the settings of `cramer_rao_bound`."""
+    """Return the problems of the settings of `cramer_rao_bound`."""
     choices = {"surface": Surface, "motion": Motion, "window": Window, "brightness": Brightness}
     problems = [
         Problem(name, f"must be one of {', '.join(get_args(choices[name]))}", word)
@@ -62,20 +62,20 @@ def setting_problems(
         if value is not None and not (isinstance(value, int | float | np.number) and 0 < value < np.inf):
             problems.append(Problem(name, "must be a positive number", value))
     if not isinstance(step_px, int | np.integer) or step_px < 1:
-        problems.append(Problem("step_px", "must be a whole number of at least 1", step_px))
+        problems.append(Problem("step_px", "must be an integer of at least 1", step_px))
     return problems
 
 
 def data_problems(truth: xr.Dataset, recording: xr.Dataset, brightness: Brightness) -> list[Problem]:
-    """Return what keeps the bound from being computed from a checked truth and recording."""
+    """Return the problems of a checked truth and recording that prevent the computation of the bound."""
     problems = [
-        Problem(f"truth.{name}", "is missing: the bound is that of a known surface and motion")
+        Problem(f"truth.{name}", "is missing: the bound requires the surface and its motion")
         for name in _NEEDED
         if name not in truth
     ]
     places = {"truth.t": truth["t"], "recording.t": recording["t"], "recording.s": recording["s"]}
     problems += [
-        Problem(name, "must hold 0, the reference", index.values.tolist())
+        Problem(name, "must contain 0, the reference", index.values.tolist())
         for name, index in places.items()
         if 0 not in index.values
     ]
@@ -86,28 +86,28 @@ def data_problems(truth: xr.Dataset, recording: xr.Dataset, brightness: Brightne
             if dim in truth["visible"].dims and dim in recording["image"].dims
         }
         problems += [
-            Problem(f"truth.visible.{dim}", "does not tell of all images of the recording", missing)
+            Problem(f"truth.visible.{dim}", "does not contain all images of the recording", missing)
             for dim, missing in untold.items()
             if missing
         ]
     if recording.sizes["s"] * recording.sizes.get("s_y", 1) < 2:
-        problems.append(Problem("recording.s", "has one camera, which sees no depth", recording["s"].values.tolist()))
+        problems.append(Problem("recording.s", "has one camera; depth needs two", recording["s"].values.tolist()))
     if not all(np.array_equal(truth[dim].values, recording[dim].values) for dim in ("y", "x")):
-        problems.append(Problem("recording", "must have the pixels of the truth: select the same of both"))
+        problems.append(Problem("recording", "must have the pixels of the truth: select the same pixels of both"))
     elif compute_pixel_grid(recording).step_px != 1.0:
-        problems.append(Problem("recording.x", "must be neighbouring pixels: gradients are those of the images"))
+        problems.append(Problem("recording.x", "must be consecutive pixels: gradients are computed from the images"))
     if "distortion" in recording.attrs:
-        problems.append(Problem("recording", "is of a lens with distortion; the bound is that of a pinhole camera"))
+        problems.append(Problem("recording", "has lens distortion; the bound is defined for a pinhole camera"))
     if brightness == "per_image" and recording.sizes.get("channel", 1) > 1:
-        problems.append(Problem("brightness", "per_image is for grey images, and these have colours"))
+        problems.append(Problem("brightness", "per_image requires grey images; the recording has colour images"))
     return problems
 
 
 Map = NDArray[np.float64]
 
-# Windows that are solved at a time: their matrices stay in a processor's cache.
+# Windows per batch: their matrices fit into the cache of the processor.
 _WINDOWS_PER_BATCH = 4096
-_STATED = "least standard deviation of {} that the images' noise allows"
+_STATED = "lowest standard deviation of {} given the image noise"
 _OUTPUTS: dict[str, tuple[str | None, str, str]] = {
     "disparity": (None, "px/step", "disparity"),
     "depth": (None, "mm", "depth"),
@@ -115,7 +115,7 @@ _OUTPUTS: dict[str, tuple[str | None, str, str]] = {
     "flow": ("image_component", "px/frame", "optical flow"),
     "velocity": ("component", "mm/frame", "velocity"),
     "growth_rate": (None, "1/frame", "the growth rate"),
-    "principal_growth_rates": ("principal", "1/frame", "the growth of length"),
+    "principal_growth_rates": ("principal", "1/frame", "the principal growth rates"),
 }
 
 
@@ -131,42 +131,43 @@ def cramer_rao_bound(
     brightness: Brightness = "fixed",
     step_px: int = 1,
 ) -> xr.Dataset:
-    """Compute how precisely depth and motion can be known from all images, at every pixel of the reference.
+    """Compute the Cramér-Rao bound of depth and motion from all images, at every pixel of the reference.
 
-    In a window around a pixel, the surface is a plane whose points move steadily with a velocity gradient; the texture
-    is unknown at every pixel, noise is white and Gaussian. Let a be the derivatives of what the images show by all that
-    is unknown, ā their mean over the images that show a pixel's point, H = Σ w Σ_i (a_i - ā)(a_i - ā)ᵀ / σ², and S that
-    with w². A least squares fit with the weights w has the covariance H⁻¹ S H⁻¹, and no estimator that weighs the
-    window's pixels so can do better. With even weights that is H⁻¹, the Cramér-Rao bound: no unbiased estimator at all
-    does better from the window's pixels. A Gaussian window does not use its outer pixels to the full; its bound is
-    that of methods with such a window.
+    Model: within a window around a pixel, the surface is a plane whose points move with constant velocity and a
+    velocity gradient; the texture is unknown at every pixel; noise is white and Gaussian. Let a be the derivatives of
+    the image intensities with respect to the unknowns, ā their mean over the images that show the point of a pixel,
+    H = Σ w Σ_i (a_i - ā)(a_i - ā)ᵀ / σ², and S the same sum with w². A least-squares fit with the weights w has the
+    covariance H⁻¹ S H⁻¹, the minimum for estimators with these weights. With uniform weights this is H⁻¹, the
+    Cramér-Rao bound for any unbiased estimator that uses only the pixels of the window. A Gaussian window does not use
+    all information of its outer pixels; its bound is that of methods with such a window.
 
     Parameters
     ----------
     truth
-        The truth of the recording with ``depth``, ``velocity``, ``normal`` and ``mixed``: where the surface is and how
-        it moves. ``object_id`` keeps windows to one object, ``visible`` tells which images show a point.
+        Ground truth of the recording with ``depth``, ``velocity``, ``normal`` and ``mixed``. With ``object_id``,
+        windows do not cross object boundaries; ``visible`` specifies which images show a point.
     recording
-        The images, from which the texture's gradients come. If it has ``radiance``, or a sensor without noise, that of
-        the reference's image: derivatives of quintic splines, 0.03 % too small for waves of 6 px, 0.5 % for 4 px. Of
-        noisy images, gradients would be too large; their squares are products of two means of up to four images each,
-        warped to the reference, whose noises are independent. That has no bias, but scatters where texture is weak.
+        Images from which the texture gradients are computed. With ``radiance`` or a noise-free sensor, gradients are
+        those of the reference image, by quintic splines (0.03 % too small at wavelengths of 6 px, 0.5 % at 4 px).
+        Gradients of noisy images would be too large; products of gradients are then computed from two means of up to
+        four images each, warped to the reference, with independent noise. They are unbiased, but scatter where the
+        texture contrast is low.
     noise_std
-        Standard deviation of the images' noise, in grey values of the recording. If not given, that of the sensor that
-        made it: of ``emva1288``, it depends on the grey value, and pixels count by the inverse of their variance.
+        Standard deviation of the image noise, in grey values of the recording. Default: that of the sensor. For
+        ``emva1288`` it depends on the grey value, and pixels are weighted by the inverse variance.
     window_sigma_px
         Standard deviation of the window, in px.
     window
-        ``"gaussian"``, cut off at two standard deviations as those of the methods are, or ``"even"``: a square that is
-        as wide as gives this standard deviation.
+        ``"gaussian"``, truncated at two standard deviations as in the built-in methods, or ``"even"``: a square with
+        uniform weights and this standard deviation.
     surface
-        ``"plane"``: the slopes are unknown too; ``"constant"``: they are known.
+        ``"plane"``: unknown slopes; ``"constant"``: given slopes.
     motion
-        What is unknown of the velocity gradient: nothing (``"translation"``), a rotation (``"rigid"``), a rotation and
-        isotropic growth (``"growing"``), or all (``"affine"``).
+        Unknowns of the velocity gradient: none (``"translation"``), a rotation (``"rigid"``), a rotation and isotropic
+        growth (``"growing"``), or all components (``"affine"``).
     brightness
-        ``"per_image"``: every image has an unknown gain and offset in a window, as far as depth and motion can be
-        confused with them; grey images only.
+        ``"per_image"``: every image has an unknown gain and offset per window, as far as these correlate with depth
+        and motion; grey images only.
     step_px
         The bound is computed in every n-th row and column.
 
@@ -174,31 +175,31 @@ def cramer_rao_bound(
     -------
     xarray.Dataset
         At t = 0, dimensions (t, y, x): ``disparity_std`` in px per step, ``depth_std`` in mm, ``flow_std`` in px per
-        frame, ``velocity_std`` in mm per frame, ``slope_std``, ``growth_rate_std`` and, of affine motion,
-        ``principal_growth_rates_std`` per frame, as far as the model and the images have them, and ``image_count``, how
-        many images show the pixel's point. NaN where there is no surface, at silhouettes and sharp edges, and where the
-        images do not tell all that is unknown.
+        frame, ``velocity_std`` in mm per frame, ``slope_std``, ``growth_rate_std`` per frame and, for affine motion,
+        ``principal_growth_rates_std`` per frame, where the model and the images define them; ``image_count``, the
+        number of images that show the point of the pixel. NaN where there is no surface, at silhouettes and creases,
+        and where the images do not determine all unknowns.
 
     Raises
     ------
     RecordingError
-        If the data sets are not what is needed, or a setting is impossible; lists all that is wrong.
+        If the data sets are incomplete or a setting is invalid; lists all errors.
     MismatchError
-        If truth and recording say that they are of different scenes.
+        If truth and recording belong to different scenes.
 
     See Also
     --------
-    closed_form_bound : The same for a flat surface, from a few numbers.
+    closed_form_bound : The bound of a flat surface in closed form.
 
     Notes
     -----
-    Slopes and the velocity gradient are known to the first order: that an error of the slopes changes how a rotation
-    moves the surface is left out, but for growth with affine motion, where the variance of products of both is added;
-    without it, the bound is far under what any method reaches. Real camera positions are taken to be the planned ones.
+    Slopes and the velocity gradient are linearised: the effect of slope errors on the motion of a rotating surface is
+    neglected, except for growth with affine motion, where the variance of products of both errors is added; without
+    it, the bound would be far below the error of any method. Camera positions are assumed to be the planned positions.
 
     Examples
     --------
-    A wall 100 mm away, images of three positions and three frames, with noise of 1 % of full scale:
+    A wall at a distance of 100 mm, 3 positions and 3 frames, noise of 1 % of full scale:
 
     >>> import scenetruth as st
     >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
@@ -211,7 +212,7 @@ def cramer_rao_bound(
     >>> at.depth_std.round(2).item(), at.velocity_std.values.round(3).tolist(), at.image_count.item()
     (0.07, [0.004, 0.004, 0.019], 9.0)
 
-    With twice the noise, all is known half as precisely:
+    The bound is proportional to the noise:
 
     >>> twice = cramer_rao_bound(truth, recording, noise_std=0.02)
     >>> (twice.depth_std / bound.depth_std).median().round(6).item()
@@ -244,10 +245,7 @@ def bound_maps(
     window_sigma_px: float,
     step_px: int = 1,
 ) -> dict[str, Map]:
-    """Return the bound of any model with any noise; see `cramer_rao_bound`, which checks what it is given.
-
-    Returns: Maps as of `compute_functionals`, each of shape (y, x).
-    """
+    """Return bound maps (y, x) for any model and noise, without checks; see `cramer_rao_bound`."""
     return _Scene(truth, recording, noise).bound(model, window_weights("gaussian", window_sigma_px), step_px)
 
 
@@ -272,12 +270,12 @@ class _Scene:
         self.layers = compute_signed_textures(recording, self.views, self.points, self.shown, usable, noise)
 
     def noise_std(self) -> float:
-        """Return the noise as pixels weigh it, in grey values of the recording; NaN if there are none."""
+        """Return the effective noise of the weighted pixels, in grey values of the recording; NaN without pixels."""
         weights = np.concatenate([layer.weight[layer.weight > 0] for layer in self.layers])
         return float(1.0 / np.sqrt(weights.mean())) if weights.size else float("nan")
 
     def bound(self, model: WindowUnknowns, weights: Map, step_px: int) -> dict[str, Map]:
-        """Return the maps of the least standard deviations, each of shape (..., y, x)."""
+        """Return the maps of the lowest standard deviations, each of shape (..., y, x)."""
         products = compute_pixel_information(self.points, self.views, self.shown, self.layers, model)
         shape = self.pieces.shape
         found: dict[str, Map] = {}

@@ -1,4 +1,4 @@
-"""Fisher information of every pixel, its sums over analysis windows, and the covariance that follows."""
+"""Fisher information of every pixel, its sums over analysis windows, and the resulting covariance."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ __all__ = [
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Rows that are worked on at a time: their arrays stay in a processor's cache.
+# Rows per band: their arrays fit into the cache of the processor.
 _ROWS_PER_BAND = 16
-# Edge-on, a surface shrinks to nothing in an image.
+# Least area of a pixel in another image, as a fraction of its area in the reference; it vanishes at grazing incidence.
 _LEAST_AREA = 1e-3
 
 
 def index_pairs(fields: int) -> dict[tuple[int, int], int]:
-    """Return a number for each pair of fields, the first at most as large as the second."""
+    """Return an index for each pair (k, m) of fields with k <= m."""
     return {pair: n for n, pair in enumerate((k, m) for k in range(fields) for m in range(k, fields))}
 
 
 def compute_brightness_modes(views: ImageTimes) -> Map:
-    """Return the ways in which brightness may change over the images, shape (number, n).
+    """Return the modes of brightness change over the images, shape (number, n).
 
-    A gain and an offset of every image may change in as many ways as there are images. Those that can be taken for
-    depth or motion change as the surface's places in the images do, but for perspective: in proportion to s and s_y
-    (disparity), to t (motion), and to their products (motion in depth changes the disparity).
+    Gain and offset of n images have n modes each. Only modes that change like image positions correlate with depth or
+    motion: without perspective those proportional to s and s_y (disparity), to t (motion), and to their products
+    (motion in depth changes the disparity).
     """
     s, s_y, t = (each - each.mean() for each in (views.s, views.s_y, views.t))
     ways = (each - each.mean() for each in (s, s_y, t, s * t, s_y * t))
@@ -57,14 +57,10 @@ def compute_brightness_modes(views: ImageTimes) -> Map:
 def compute_pixel_information(
     points: ReferencePoints, views: ImageTimes, shown: Mask, layers: Sequence[SignedTexture], model: WindowUnknowns
 ) -> Map:
-    """Return the Fisher information of every pixel, its texture eliminated.
+    """Return the Fisher information of every pixel after elimination of its texture, shape (pairs, y, x).
 
-    With a_i, the derivatives of what image i shows of the pixel's point by its fields, and their mean ā over the images
-    that show it, it is Σ_i (a_i - ā)(a_i - ā)ᵀ / σ². Each image counts with one sample for a pixel, whether it shows
-    the surface larger or smaller.
-
-    ``shown``: Which do, shape (n, y, x).
-    Returns: The products of each pair of fields, in the order of `index_pairs`, shape (pairs, y, x).
+    It is Σ_i (a_i - ā)(a_i - ā)ᵀ / σ² by pairs of fields (`index_pairs`), with the derivatives a_i of image i by the
+    fields of the pixel, and their mean ā over the images that show its point (``shown``, shape (n, y, x)).
     """
     height, width = points.d.shape
     pairs = index_pairs(model.fields)
@@ -103,11 +99,11 @@ def compute_pixel_information(
 def compute_sensitivity(
     points: ReferencePoints, s: float | Map, s_y: float | Map, t: float | Map, shown: Mask
 ) -> tuple[Map, Map]:
-    """Return how an image's gradient follows from the texture's, and how its places follow from disparity and velocity.
+    """Return the transform from texture to image gradients, and image-position derivatives by disparity and velocity.
 
-    Returns: The inverse of the places' derivatives along x and y, transposed, as xx, xy, yx, yy: shape (4, ...). Then
-    derivatives of the places: x and y by d; x by q_X, which is y by q_Y too; x and y by q_Z: shape (5, ...). The former
-    are 0 where the image does not show the point.
+    Returns: Transposed inverse of the derivatives of image positions along x and y, as xx, xy, yx, yy, shape (4, ...);
+    0 where the image does not show the point. Then derivatives of image positions: x and y by d; x by q_X, which equals
+    y by q_Y; x and y by q_Z: shape (5, ...).
     """
     x, y, scale = points.place(s, s_y, t)
     ahead = t * scale / points.focal
@@ -128,16 +124,16 @@ def compute_sensitivity(
 
 Window = Literal["gaussian", "even"]
 
-# Gaussian windows reach this many times their standard deviation, as those of the methods do.
+# Truncation of Gaussian windows in standard deviations, as in the built-in methods.
 _CUT = 2.0
 _POWERS = 3
-# Rows of an image that are summed up at a time.
+# Rows per call of the summation.
 _ROWS_PER_SUM = 128
 
 
 def window_weights(window: Window, sigma_px: float) -> Map:
-    """Return a window's weights along one axis, times the powers 0 to 2 of the distance."""
-    # n even weights have the variance (n² - 1) / 12.
+    """Return the weights of a window along one axis, multiplied by the powers 0 to 2 of the distance."""
+    # n uniform weights have the variance (n² - 1) / 12.
     even = window == "even"
     reach = max(1, round((math.sqrt(12 * sigma_px**2 + 1) - 1) / 2) if even else math.ceil(_CUT * sigma_px))
     at = np.arange(-reach, reach + 1, dtype=np.float64)
@@ -147,12 +143,10 @@ def window_weights(window: Window, sigma_px: float) -> Map:
 
 @dataclass(frozen=True, eq=False)
 class WindowSums:
-    """Windows around some pixels: their sums.
+    """Sums over the windows around n pixels.
 
-    ``rows``, ``columns``: The pixels, each of shape (n,).
-    ``sums``: Sums of products over the windows, by the pair of fields and the powers of the distance along x and y,
-      each of shape (n,).
-    ``squares``: The same with squared weights.
+    ``sums``: Weighted sums of products (n,), by the index of the pair of fields and the powers of the distance along x
+      and y; ``squares``: the sums with squared weights.
     """
 
     rows: NDArray[np.int64]
@@ -164,10 +158,7 @@ class WindowSums:
 def compute_window_sums(
     products: Map, pieces: NDArray[np.int64], weights: Map, model: WindowUnknowns, step_px: int
 ) -> Iterator[WindowSums]:
-    """Sum up products over the windows around pixels, piece by piece and band by band.
-
-    ``products``: As of `compute_pixel_information`, shape (pairs, y, x).
-    """
+    """Yield sums of the products (pairs, y, x) over the windows around pixels, by segments and bands."""
     from scipy.ndimage import find_objects
 
     reach = weights.shape[1] // 2
@@ -198,7 +189,7 @@ def compute_window_sums(
 def _sums(
     products: Map, weights: Map, model: WindowUnknowns, chosen: tuple[slice, slice], at: tuple[NDArray[np.int64], ...]
 ) -> dict[tuple[int, int, int], Map]:
-    """Sum up products around chosen rows and columns, and of these at some places."""
+    """Return windowed sums of products at the selected rows and columns."""
     from scipy.ndimage import correlate1d
 
     found = {}
@@ -212,12 +203,12 @@ def _sums(
     return found
 
 
-# Of a matrix with ones on its diagonal: less is lost in rounding, or in what noise leaves of its own products.
+# Least pivot of a matrix with unit diagonal; smaller pivots are dominated by rounding or by the noise of the products.
 _LEAST_PIVOT = 1e-9
 
 
 def normal_matrix(sums: dict[tuple[int, int, int], Map], columns: Columns, model: WindowUnknowns) -> Map:
-    """Return the information on what is unknown, Cᵀ F C with that on all parameters F."""
+    """Return the information matrix of the unknowns, Cᵀ F C with the information matrix F of all parameters."""
     pairs = index_pairs(model.fields)
 
     def full(p: int, q: int) -> Map:
@@ -241,7 +232,7 @@ def normal_matrix(sums: dict[tuple[int, int, int], Map], columns: Columns, model
 
 
 def compute_variances(normal: Map, scatter: Map, columns: Columns, functionals: Sequence[Vector]) -> Map:
-    """Return the variances of linear functions of what is unknown, whose covariance is H⁻¹ S H⁻¹."""
+    """Return the variances of linear functions of the unknowns, which have the covariance H⁻¹ S H⁻¹."""
     count, windows = normal.shape[1:]
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = 1.0 / np.sqrt(np.einsum("iin->in", normal))
@@ -258,12 +249,12 @@ def compute_variances(normal: Map, scatter: Map, columns: Columns, functionals: 
         for i in range(count):
             for j in range(count):
                 total += solved[:, i] * scatter[i, j] * solved[:, j]
-        # What noise leaves of its own products may be negative where there is hardly any texture.
+        # Where texture is weak, noise in the products of gradients may make the variance negative.
         return np.where(total > 0, total, np.nan)
 
 
 def _factorised(matrix: Map) -> Map:
-    """Return L with L Lᵀ the matrix, shape (n, n, windows); NaN where it is not positive definite."""
+    """Return the Cholesky factor L of a matrix, shape (n, n, windows); NaN where it is not positive definite."""
     count = len(matrix)
     factor = np.zeros_like(matrix)
     for j in range(count):
@@ -276,7 +267,7 @@ def _factorised(matrix: Map) -> Map:
 
 
 def _solved(factor: Map, rights: Map) -> Map:
-    """Solve L Lᵀ v = r for several r, shape (several, n, windows)."""
+    """Solve L Lᵀ v = r for several right-hand sides r, shape (several, n, windows)."""
     found = rights.copy()
     count = len(factor)
     for i in range(count):

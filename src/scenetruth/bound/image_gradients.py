@@ -1,4 +1,4 @@
-"""Noise variance of the images, and texture gradients that are not biased by it."""
+"""Noise variance of the images, and texture gradients without noise bias."""
 
 from __future__ import annotations
 
@@ -25,48 +25,43 @@ __all__ = [
 
 Map = NDArray[np.float64]
 
-# What rounding to digital numbers adds.
+# Variance of the rounding to digital numbers.
 _ROUNDING_VARIANCE = 1 / 12
-_NOISE_STD_HINT = "give noise_std, in grey values of the recording"
+_NOISE_STD_HINT = "specify noise_std in grey values of the recording"
 
 
 @dataclass(frozen=True)
 class GreyNoise:
-    """A variance of white noise that is linear in the grey value.
-
-    ``at_zero``: At a grey value of 0, in squared grey values.
-    ``per_grey``: What it grows by per grey value.
-    ``least``: At least this much: rounding, or readout noise.
-    """
+    """Variance of white noise, linear in the grey value, with a lower limit (rounding or readout noise)."""
 
     at_zero: float
     per_grey: float = 0.0
     least: float = 0.0
 
     def variance(self, grey: Map) -> Map:
-        """Return the variance at grey values."""
+        """Return the variance at the given grey values."""
         return np.maximum(self.at_zero + self.per_grey * grey, self.least)
 
 
 def compute_noise_variance(recording: xr.Dataset, noise_std: float | None, problems: list[Problem]) -> GreyNoise:
-    """Return the temporal noise of a recording's images."""
+    """Return the temporal noise of the images of a recording; add to ``problems`` if it is undefined."""
     nothing = GreyNoise(np.nan)
     if noise_std is not None:
         return GreyNoise(noise_std**2)
     sensor = _load_sensor(recording)
     if sensor is None:
         problems.append(
-            Problem("noise_std", f"is not known, for the recording does not tell its sensor: {_NOISE_STD_HINT}")
+            Problem("noise_std", f"is missing, and the recording does not specify its sensor: {_NOISE_STD_HINT}")
         )
         return nothing
     if sensor == "ideal" or (sensor.get("kind") == "gaussian" and _gaussian(sensor, 1.0) == 0):
-        problems.append(Problem("noise_std", f"is zero, for the sensor has no noise: {_NOISE_STD_HINT}"))
+        problems.append(Problem("noise_std", f"is zero, because the sensor is noise-free: {_NOISE_STD_HINT}"))
         return nothing
     if sensor.get("kind") == "gaussian":
         return GreyNoise(_gaussian(sensor, float(recording.attrs["full_scale"])))
     plain = sensor.get("kind") == "emva1288" and sensor["gamma"] == 1 and not sensor["bayer"] and not sensor["insert"]
     if not plain:
-        message = f"is not known of such a sensor, only of a linear emva1288 and of the Gaussian one: {_NOISE_STD_HINT}"
+        message = f"is derived from a Gaussian or a linear emva1288 sensor only, not from this one: {_NOISE_STD_HINT}"
         problems.append(Problem("noise_std", message))
         return nothing
     gain = float(sensor["gain_dn_per_e"])
@@ -75,7 +70,7 @@ def compute_noise_variance(recording: xr.Dataset, noise_std: float | None, probl
 
 
 def is_noise_free(recording: xr.Dataset) -> bool:
-    """Tell whether a recording says that its images have no noise, not even that of rounding."""
+    """Return whether the recording specifies a sensor without noise, including rounding."""
     sensor = _load_sensor(recording)
     if sensor is None or sensor == "ideal":
         return bool(sensor == "ideal")
@@ -88,30 +83,29 @@ def _load_sensor(recording: xr.Dataset) -> Any:
 
 
 def _gaussian(sensor: dict[str, Any], full_scale: float) -> float:
-    """Return the variance of the Gaussian sensor, whose noise is a share of full scale."""
+    """Return the variance of the Gaussian sensor, whose noise is specified as a fraction of full scale."""
     rounding = 0.0 if sensor["bit_depth"] is None else _ROUNDING_VARIANCE
     return float((float(sensor["noise_std"]) * full_scale) ** 2 + rounding)
 
 
 Mask = NDArray[np.bool_]
 
-# Of noisy images, so many give the texture: more of them take time, and windows average anyhow.
+# Number of noisy images that are averaged to the texture; windows average anyway, and further images cost time.
 _MOST_IMAGES = 8
 _ORDER = 5
-# Of the grey values.
+# Relative to the range of grey values.
 _ROUNDING_ERROR = 1e-10
-# Derivative of the quintic B-spline at whole distances.
+# Derivative of the quintic B-spline at integer distances.
 _DERIVATIVE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24.0
 
 
 @dataclass(frozen=True, eq=False)
 class SignedTexture:
-    """A texture whose products count with a sign.
+    """A texture whose products of gradients enter the sums with a sign.
 
-    ``gradient``: Along x and y, in grey values per px, shape (2, y, x); 0 where it is not known.
-    ``grey``: Grey value, less a mean, shape (y, x).
-    ``one``: What a constant is in this layer.
-    ``weight``: One over the variance of the noise, with the sign; 0 where nothing is known, shape (y, x).
+    ``gradient``: Gradient along x and y, in grey values per px, shape (2, y, x); 0 where invalid.
+    ``grey``, ``one``: Grey value minus a mean, shape (y, x), and value of a constant offset in this layer.
+    ``weight``: Signed inverse of the noise variance, shape (y, x); 0 where invalid.
     """
 
     gradient: Map
@@ -123,11 +117,7 @@ class SignedTexture:
 def compute_signed_textures(
     recording: xr.Dataset, views: ImageTimes, points: ReferencePoints, shown: Mask, usable: Mask, noise: GreyNoise
 ) -> list[SignedTexture]:
-    """Return the layers from which products of the texture's gradients are made.
-
-    ``shown``: Which images show them, shape (n, y, x).
-    ``usable``: Pixels where texture is wanted, shape (y, x).
-    """
+    """Return layers for products of texture gradients, from visible points (n, y, x) at usable pixels (y, x)."""
     channels = recording.sizes.get("channel", 1)
     reference = int(views.nearest(1)[0])
     found = []
@@ -148,10 +138,7 @@ def compute_signed_textures(
 def compute_visibility(
     truth: xr.Dataset, recording: xr.Dataset, views: ImageTimes, points: ReferencePoints, pieces: NDArray[np.int64]
 ) -> Mask:
-    """Tell which images show the points, and may be used there.
-
-    Returns: Booleans, shape (n, y, x).
-    """
+    """Return where each image shows the points and is not masked, shape (n, y, x)."""
     height, width = pieces.shape
     first_x, first_y = points.x[0, 0], points.y[0, 0]
     shown = np.zeros((len(views), height, width), dtype=np.bool_)
@@ -174,7 +161,7 @@ def compute_visibility(
 
 
 def _cameras_first(maps: xr.DataArray) -> Mask:
-    """Return booleans with the dimensions s_y, s, t, y, x."""
+    """Return the maps as booleans with the dimensions s_y, s, t, y, x."""
     named = maps if "s_y" in maps.dims else maps.expand_dims("s_y")
     return np.asarray(named.transpose("s_y", "s", "t", "y", "x").values, dtype=np.bool_)
 
@@ -186,12 +173,12 @@ def _image(recording: xr.Dataset, name: str, frame: NDArray[np.int64], channel: 
 
 
 def _clean(recording: xr.Dataset, frame: NDArray[np.int64], channel: int) -> Map:
-    """Return an image without noise, in grey values of the recording."""
+    """Return a noise-free image, in grey values of the recording."""
     image = _image(recording, "image", frame, channel)
     if "radiance" not in recording:
         return image
     ideal = _image(recording, "radiance", frame, channel)
-    # Sensors are linear; of a line's two variables the ideal one has no noise, so that its slope has no bias.
+    # Sensors are linear, and the ideal image is noise-free: the slope of a regression on it is unbiased.
     spread = ideal - ideal.mean()
     square = float(np.sum(spread * spread))
     slope = float(np.sum(spread * image)) / square if square > 0 else 0.0
@@ -201,7 +188,7 @@ def _clean(recording: xr.Dataset, frame: NDArray[np.int64], channel: int) -> Map
 def _halves(
     recording: xr.Dataset, views: ImageTimes, points: ReferencePoints, shown: Mask, channel: int
 ) -> tuple[Map, Map, Mask]:
-    """Return the means of two sets of images, warped to the reference, and where both are known."""
+    """Return the means of two sets of images, warped to the reference, and where both are valid."""
     from scipy.ndimage import map_coordinates
 
     height, width = points.d.shape
@@ -214,7 +201,7 @@ def _halves(
         sums[number % 2] += np.where(shown[i], warped, 0.0)
         counts[number % 2] += shown[i]
     known = np.asarray((counts > 0).all(axis=0))
-    # Where only one of them is known, or none, there is no step, which derivatives would see.
+    # Fill invalid pixels from the other mean or the reference image, to avoid steps that derivatives would respond to.
     reference = _image(recording, "image", views.frame_of[views.nearest(1)[0]], channel)
     one = np.where(counts[0] > 0, sums[0] / np.maximum(counts[0], 1.0), reference)
     other = np.where(counts[1] > 0, sums[1] / np.maximum(counts[1], 1.0), one)
@@ -224,7 +211,7 @@ def _halves(
 def _signed_texture(grey: Map, one: float, weight: Map, known: Mask) -> SignedTexture:
     middle = one * float(grey[known].mean()) if known.any() else 0.0
     gradient = np.stack([np.where(known, gradient_along(grey, axis), 0.0) for axis in (1, 0)])
-    # What rounding leaves of a texture that does not change along an axis is no texture.
+    # Suppress rounding errors of a texture that is constant along an axis.
     gradient[np.abs(gradient) < _ROUNDING_ERROR * np.ptp(grey)] = 0.0
     return SignedTexture(gradient, np.where(known, grey - middle, 0.0), one, weight)
 
@@ -232,7 +219,7 @@ def _signed_texture(grey: Map, one: float, weight: Map, known: Mask) -> SignedTe
 def gradient_along(image: Map, axis: int) -> Map:
     """Return the derivative at the pixels of the quintic spline through an image.
 
-    Of waves of 6 px it is too small by 0.03 %, of 4 px by 0.5 %, of 3 px by 4.6 %.
+    It is too small by 0.03 % at a wavelength of 6 px, by 0.5 % at 4 px, and by 4.6 % at 3 px.
     """
     from scipy.ndimage import correlate1d, spline_filter1d
 

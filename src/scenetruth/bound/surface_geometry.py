@@ -26,7 +26,7 @@ Map = NDArray[np.float64]
 
 
 class ImagePosition(NamedTuple):
-    """Where an image shows points, from the principal point in px, and by what share they are smaller there."""
+    """Image positions of points, in px from the principal point, and their scale relative to the reference image."""
 
     x: Map
     y: Map
@@ -35,14 +35,11 @@ class ImagePosition(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReferencePoints:
-    """Surface points that pixels show at the reference time, and how they move.
+    """Surface points of the pixels at the reference time, and their motion; all arrays have the shape of the pixels.
 
-    All arrays have the shape of the pixels; the velocity and its slopes come with their three components first.
-
-    ``x``, ``y``: The pixels, from the principal point, in px.
+    ``x``, ``y``, ``focal``: Pixel coordinates from the principal point, and focal length, in px.
     ``d``, ``d_x``, ``d_y``: Disparity in px per step, and its slopes along x and y.
     ``q``, ``q_x``, ``q_y``: Velocity in baselines per frame, and its slopes along x and y, shape (3, ...).
-    ``focal``: Focal length in px.
     """
 
     x: Map
@@ -56,21 +53,21 @@ class ReferencePoints:
     focal: float
 
     def at(self, where: tuple[slice | NDArray[np.int64], ...]) -> ReferencePoints:
-        """Return some of the points."""
+        """Return the points at an index."""
         parts: dict[str, Any] = {
             item.name: getattr(self, item.name)[(..., *where)] for item in fields(self) if item.name != "focal"
         }
         return replace(self, **parts)
 
     def place(self, s: float | Map, s_y: float | Map, t: float | Map) -> ImagePosition:
-        """Return where the camera at a position shows the points at a time."""
+        """Return the image positions of the points for a camera position and a time."""
         scale = 1.0 / (1.0 + self.d * (t * self.q[2]) / self.focal)
         x = (self.x + self.d * (t * self.q[0] - s)) * scale
         y = (self.y + self.d * (t * self.q[1] - s_y)) * scale
         return ImagePosition(x, y, scale)
 
     def tangents(self) -> tuple[Map, Map]:
-        """Return how the surface p = (x, y, f) / d changes along x and y, in baselines, each of shape (3, ...)."""
+        """Return the derivatives of the surface p = (x, y, f) / d along x and y, in baselines, each (3, ...)."""
         p = np.stack([self.x, self.y, np.full_like(self.x, self.focal)]) / self.d
         along, down = -p * self.d_x / self.d, -p * self.d_y / self.d
         along[0] += 1.0 / self.d
@@ -80,10 +77,7 @@ class ReferencePoints:
 
 @dataclass(frozen=True, eq=False)
 class ImageTimes:
-    """Where and when every image was taken: positions in baselines and times in frames, each of shape (n,).
-
-    ``frame_of`` tells the images among the recording's: indices along s_y, s and t, shape (n, 3).
-    """
+    """Camera positions in baselines, times in frames, and indices (s_y, s, t) in the recording, of n images."""
 
     s: Map
     s_y: Map
@@ -94,13 +88,13 @@ class ImageTimes:
         return len(self.s)
 
     def nearest(self, most: int) -> NDArray[np.int64]:
-        """Return the numbers of so many images that are nearest to the reference, itself the first."""
+        """Return the indices of the images nearest to the reference, starting with the reference."""
         distance = np.abs(self.s) + np.abs(self.s_y) + np.abs(self.t)
         return np.argsort(distance, kind="stable")[:most]
 
 
 def compute_image_times(recording: xr.Dataset, baseline_mm: float) -> ImageTimes:
-    """Return where and when the images of a recording were planned to be taken."""
+    """Return the planned positions and times of the images of a recording."""
     along = np.asarray(recording["stage_x_mm"].values, dtype=np.float64) / baseline_mm
     rows = "s_y" in recording["image"].dims
     across = np.asarray(recording["stage_y_mm"].values, dtype=np.float64) / baseline_mm if rows else np.zeros(1)
@@ -111,7 +105,7 @@ def compute_image_times(recording: xr.Dataset, baseline_mm: float) -> ImageTimes
 
 
 def compute_reference_points(truth: xr.Dataset, intrinsics: Intrinsics, pieces: NDArray[np.int64]) -> ReferencePoints:
-    """Return the points of one camera and frame."""
+    """Return the surface points of one camera and frame."""
     focal, (c_x, c_y) = intrinsics.focal_length_px, intrinsics.principal_point_px
     x, y = np.meshgrid(truth["x"].values - c_x, truth["y"].values - c_y)
     on = pieces >= 0
@@ -129,7 +123,7 @@ def compute_reference_points(truth: xr.Dataset, intrinsics: Intrinsics, pieces: 
 
 
 def _slope(values: Map, pieces: NDArray[np.int64], axis: int) -> Map:
-    """Return half the difference of the two neighbours along an axis; 0 where they are not of the pixel's own piece."""
+    """Return half the difference of the two neighbours along an axis; 0 where they belong to another segment."""
     slope = np.zeros_like(values)
     middle, before, after = (
         (..., part) if axis == -1 else (..., part, slice(None))
@@ -142,15 +136,12 @@ def _slope(values: Map, pieces: NDArray[np.int64], axis: int) -> Map:
     return slope
 
 
-# The spline of the derivative reaches further: a step 3 px away counts by a tenth of itself.
+# The spline derivative reaches further: a step at a distance of 3 px contributes a tenth of its height.
 _REACH_PX = 2
 
 
 def label_surface_segments(truth: xr.Dataset) -> NDArray[np.int64]:
-    """Give numbers to the connected pieces of surface that the reference camera sees at the reference time.
-
-    A piece ends at silhouettes and sharp edges, whose pixels belong to none, and where another object begins.
-    """
+    """Label connected surface segments of the reference image, bounded by mixed pixels and objects; -1 elsewhere."""
     from scipy.ndimage import label
 
     depth = truth["depth"].values
@@ -166,10 +157,7 @@ def label_surface_segments(truth: xr.Dataset) -> NDArray[np.int64]:
 
 
 def compute_interior_mask(pieces: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell which pixels are at least 2 px away from all that is not of their own piece; beyond the image, nothing is.
-
-    Elsewhere derivatives of the image are those of outlines, not of the surface's texture.
-    """
+    """Return the pixels at least 2 px inside their segment, where image derivatives are those of the texture."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     size = 2 * _REACH_PX + 1

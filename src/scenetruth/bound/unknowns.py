@@ -32,32 +32,30 @@ Motion = Literal["translation", "rigid", "growing", "affine"]
 Brightness = Literal["fixed", "per_image"]
 
 Vector = list[tuple[int, "Map | float"]]
-"""A sparse vector over the parameters of a window: which of them, and its coefficient at every pixel."""
+"""A sparse vector over the parameters of a window: index of the parameter, and its coefficient at every pixel."""
 Columns = list[Vector]
-"""What may be unknown, each as a direction among the parameters of a window."""
+"""Potential unknowns, each a direction in the parameter space of a window."""
 
 FIELDS = 4
 """Fields of a point: the disparity d and the velocity q_X, q_Y, q_Z in baselines per frame."""
 MOTION = 3
-"""The first parameter of motion."""
-# Each field has a value in the window's middle, and slopes along x and y.
+"""Index of the first parameter of motion."""
+# Each field has a value at the window centre, and slopes along x and y.
 _PER_FIELD = 3
 
 
 @dataclass(frozen=True)
 class WindowUnknowns:
-    """What an estimator does not know of a window.
+    """Unknowns of an estimator in a window.
 
-    The parameters of a window are d, d_x, d_y, then q_X and its slopes along x and y, q_Y and q_Z alike, and then one
-    for each field of brightness. Only directions of `compute_columns` among them are unknown.
+    The parameters of a window are d, d_x, d_y, then q_X and its slopes along x and y, the same for q_Y and q_Z, and
+    one for each field of brightness. Only the directions from `compute_columns` are unknown.
 
-    ``surface``: ``"constant"``: the disparity; ``"plane"``: its slopes too.
-    ``motion``: ``"translation"``: the velocity; ``"rigid"``: a rotation too; ``"growing"``: a rotation and an isotropic
-      growth; ``"affine"``: any velocity gradient along the surface.
-    ``moving``: Whether there is motion to be known: several frames.
-    ``brightness``: Number of fields of brightness.
-    ``stereo``: Whether disparity is unknown and can be seen. Of one camera it is neither: its windows have a flow that
-      is linear in the image, in all of q_X and q_Y.
+    ``surface``: ``"constant"``: the disparity; ``"plane"``: also its slopes.
+    ``motion``: ``"translation"``: the velocity; ``"rigid"``: also a rotation; ``"growing"``: also a rotation and
+      isotropic growth; ``"affine"``: also any velocity gradient along the surface.
+    ``stereo``: Whether disparity is unknown. A single camera has no disparity; the flow in its windows is linear in
+      image coordinates, with all parameters of q_X and q_Y.
     """
 
     surface: Surface
@@ -77,27 +75,27 @@ class WindowUnknowns:
         return _PER_FIELD * (self.fields - self.brightness) + self.brightness
 
     def field_of(self, parameter: int) -> int:
-        """Return the field that a parameter belongs to."""
+        """Return the field of a parameter."""
         several = self.fields - self.brightness
         own = parameter // _PER_FIELD
         return own if own < several else several + parameter - _PER_FIELD * several
 
     def powers_of(self, parameter: int) -> tuple[int, int]:
-        """Return the powers of the distance along x and y with which a parameter counts."""
+        """Return the powers of the distance along x and y by which a parameter is multiplied."""
         if parameter >= _PER_FIELD * (self.fields - self.brightness):
             return 0, 0
         side = parameter % _PER_FIELD
         return int(side == 1), int(side == 2)
 
     def degree_of(self, field: int) -> int:
-        """Return the highest power of the distance that a field has."""
+        """Return the highest power of the distance in a field."""
         if field == 0:
             return int(self.surface == "plane")
         return int(field < FIELDS and self.moving and (self.motion != "translation" or not self.stereo))
 
 
 def compute_columns(model: WindowUnknowns, points: ReferencePoints) -> Columns:
-    """Return what is unknown."""
+    """Return the unknowns."""
     first = model.parameters - model.brightness
     if not model.stereo:
         flow: Columns = [[(MOTION + k, 1.0)] for k in range(2 * _PER_FIELD)]
@@ -112,7 +110,7 @@ def compute_columns(model: WindowUnknowns, points: ReferencePoints) -> Columns:
 
 
 def _gradient(motion: Motion, points: ReferencePoints) -> Columns:
-    """Return the directions in which the velocity's slopes may change: those of A p_x and A p_y with a matrix A."""
+    """Return the unknown directions of the slopes of velocity: those of A p_x and A p_y with a matrix A."""
     if motion == "translation":
         return []
     slopes = [[MOTION + _PER_FIELD * k + 1 + side for k in range(3)] for side in range(2)]
@@ -122,7 +120,7 @@ def _gradient(motion: Motion, points: ReferencePoints) -> Columns:
     found: Columns = []
     for axis in range(3):
         one, other = (axis + 1) % 3, (axis + 2) % 3
-        # e_k x p, with the axes k, one, other in their cyclic order.
+        # e_k x p, with the axes k, one, other in cyclic order.
         turned = ((side[one], -p[other]) for side, p in zip(slopes, tangents, strict=True))
         back = ((side[other], p[one]) for side, p in zip(slopes, tangents, strict=True))
         found.append([*turned, *back])
@@ -132,16 +130,13 @@ def _gradient(motion: Motion, points: ReferencePoints) -> Columns:
 
 
 def compute_functionals(points: ReferencePoints, intrinsics: Intrinsics, model: WindowUnknowns) -> dict[str, Vector]:
-    """Return what is told, as linear functions of the parameters.
+    """Return the results as linear functions of the parameters.
 
     Returns: ``disparity`` in px per step, ``depth`` in mm, ``slope``, ``flow`` in px per frame, ``velocity`` in mm per
-    frame and ``growth_rate`` per frame, as far as the model has them; components are numbered: ``velocity.2``. Of one
-    camera, the flow alone. Of any velocity gradient, also ``principal_growth_rates``, the growth of length along the
-    true directions of its largest and least, ``growth_apart``, half their difference, and ``growth_shear``, what turns
-    these directions; ``growth_tilt`` and ``growth_turn`` are for `add_error_products`.
-
-    The largest and the least growth of what is measured are those along its own directions. To first order that is the
-    same, as long as they are farther apart than their noise. Noise pushes them apart: see `compute_eigenvalue_bias`.
+    frame and ``growth_rate`` per frame, where the model defines them; components are numbered, as in ``velocity.2``.
+    For one camera, only the flow. For affine motion also ``principal_growth_rates`` along the true principal
+    directions (see `compute_eigenvalue_bias`), ``growth_apart``, half their difference, and ``growth_shear``, which
+    rotates these directions; ``growth_tilt`` and ``growth_turn`` are for `add_error_products`.
     """
     d, focal = points.d, points.focal
     baseline = intrinsics.baseline_mm
@@ -166,7 +161,7 @@ def compute_functionals(points: ReferencePoints, intrinsics: Intrinsics, model: 
             one, other = points.tangents()
             e, f, g = ((a * b).sum(axis=0) for a, b in ((one, one), (one, other), (other, other)))
             area = e * g - f * f
-            # The divergence of q in the surface, with its dual tangents.
+            # The divergence of q in the surface, by the dual tangents.
             along, down = (g * one - f * other) / area, (e * other - f * one) / area
             found["growth_rate"] = [
                 (4 + side + 3 * k, dual[k]) for side, dual in enumerate((along, down)) for k in range(3)
@@ -179,14 +174,14 @@ def compute_functionals(points: ReferencePoints, intrinsics: Intrinsics, model: 
 def _add_affine_growth(
     found: dict[str, Vector], points: ReferencePoints, tangents: tuple[Map, Map], duals: tuple[Map, Map]
 ) -> None:
-    """Add the growth of length along the true principal directions, and what tells how well these are known.
+    """Add the principal growth rates along the true directions, and the vectors that determine their uncertainty.
 
-    Along a unit vector e = Σ v_i P_i of the surface, growth is λ = e · q_e with q_e = Σ v_i q_i. Errors δP_i of the
-    tangents add δe · (q_e - 2 λ e) to it, with δe = Σ v_i δP_i. What the turn's own error adds is of second order.
+    Along a unit vector e = Σ v_i P_i of the surface, the growth rate is λ = e · q_e with q_e = Σ v_i q_i. Errors δP_i
+    of the tangents add δe · (q_e - 2 λ e), with δe = Σ v_i δP_i. The error of the rotation contributes in second order.
     """
     slopes = (points.q_x, points.q_y)
     first = tangents[0] / np.sqrt((tangents[0] ** 2).sum(axis=0))
-    # The second dual tangent is across the first tangent.
+    # The second dual tangent is perpendicular to the first tangent.
     second = duals[1] / np.sqrt((duals[1] ** 2).sum(axis=0))
 
     def change(one: Map, other: Map) -> Map:
@@ -238,7 +233,7 @@ def _added(vector: Vector, more: Vector) -> Vector:
 
 
 def add_error_products(std: dict[str, Map]) -> dict[str, Map]:
-    """Return standard deviations with what products of errors add: of the surface's inclination and of its turn."""
+    """Return standard deviations including products of the errors of the surface's inclination and rotation."""
     kept = {name: values for name, values in std.items() if not name.startswith(("growth_tilt", "growth_turn"))}
     if "growth_tilt.0" not in std:
         return kept
@@ -256,11 +251,10 @@ def add_error_products(std: dict[str, Map]) -> dict[str, Map]:
 
 
 def compute_eigenvalue_bias(half: Map, apart_std: Map, shear_std: Map) -> Map:
-    """Return by how much noise makes the largest growth of length too large in the mean, and the least too small.
+    """Return the bias by noise of the largest principal growth rate; that of the smallest has the opposite sign.
 
-    Half the difference of the two is the length of a vector: half the difference along the true directions, and the
-    shear between them. Normal errors of equal variance make its length Rice's distribution (1945, Bell System
-    Technical Journal 24, 46); the two variances are replaced by their mean.
+    Half the difference of the two rates is the length of the vector (half the difference along the true directions,
+    shear). Normal errors of equal variance give a Rice distribution (1945, Bell System Technical Journal 24, 46).
     """
     from scipy.special import i0e, i1e
 

@@ -1,4 +1,4 @@
-"""The measuring camera: a pinhole camera with a lens on a linear stage, and its sensor."""
+"""Camera model: pinhole camera with lens, linear stage and sensor."""
 
 from scenetruth.camera.acquisition_schedule import ImageAcquisition, Schedule, Shutter, Viewpoint
 from scenetruth.camera.lens import AiryPsf, Defocus, GaussianPsf, Optics, Vignetting

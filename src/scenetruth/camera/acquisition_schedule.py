@@ -1,4 +1,4 @@
-"""Time and camera pose of every image, planned and actual, and the exposure of its rows."""
+"""Acquisition schedule: time and pose of every image, nominal and actual, and shutter timing."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["ImageAcquisition", "Schedule", "Shutter", "Viewpoint"]
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """The pose of a camera.
+    """Pose of a camera.
 
-    ``position_mm``: World position of its projection centre, shape (3,).
-    ``rotation``: Directions of its axes X (right), Y (down), Z (forward) in the world, the columns of a rotation
-      matrix; shape (3, 3).
-    ``shear``: Added to X / Z and Y / Z of every direction. It keeps points at the focus distance at their pixels when
-      the camera moves from the centre of the aperture to another point of it.
+    ``position_mm``: World position of the projection centre, shape (3,).
+    ``rotation``: Rotation matrix whose columns are the camera axes X (right), Y (down), Z (forward) in world
+      coordinates, shape (3, 3).
+    ``shear``: Offset added to X / Z and Y / Z of every direction. For a viewpoint off the aperture centre it keeps
+      points at the focus distance at their pixels.
     """
 
     position_mm: NDArray[np.float64]
@@ -33,40 +33,29 @@ class Viewpoint:
 
     @classmethod
     def on_axis(cls, x_mm: float) -> Self:
-        """Return the viewpoint at a position of an ideal stage; its axes are those of the world."""
+        """Return the viewpoint at a position of an ideal stage, aligned with the world axes."""
         return cls(np.array([x_mm, 0.0, 0.0]))
 
     def moved(self, offset_mm: ArrayLike, shear: tuple[float, float] = (0.0, 0.0)) -> Self:
-        """Return the viewpoint moved by an offset.
-
-        ``offset_mm``: Offset in the world, shape (3,).
-        """
+        """Return the viewpoint translated by a world offset, shape (3,)."""
         return replace(self, position_mm=self.position_mm + np.asarray(offset_mm, dtype=np.float64), shear=shear)
 
     def to_camera(self, points_mm: ArrayLike) -> NDArray[np.float64]:
-        """Transform world points into the camera's frame.
+        """Transform world points into the camera frame.
 
-        ``points_mm``: Points in the world, shape (..., 3).
-        Returns: The points in the camera's frame in mm, shape (..., 3), float64.
+        ``points_mm``: World points, shape (..., 3).
+        Returns: Points in the camera frame in mm, shape (..., 3), float64.
         """
         return self.directions_to_camera(np.asarray(points_mm, dtype=np.float64) - self.position_mm)
 
     def directions_to_camera(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rotate directions or velocities from the world into the camera's frame.
-
-        ``directions``: Vectors in the world, shape (..., 3).
-        Returns: The vectors in the camera's frame, in the same unit, shape (..., 3).
-        """
-        # Without a rotation, the numbers stay the same to the bit.
+        """Rotate directions or velocities, shape (..., 3), from the world into the camera frame."""
+        # Without a rotation, the result is bit-identical.
         turned = directions if self._straight else np.asarray(directions @ self.rotation)
         return self._sheared(turned, -1.0)
 
     def directions_to_world(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rotate directions from the camera's frame into the world.
-
-        ``directions``: Vectors in the camera's frame, shape (..., 3).
-        Returns: The vectors in the world, in the same unit, shape (..., 3).
-        """
+        """Rotate directions, shape (..., 3), from the camera frame into the world."""
         sheared = self._sheared(directions, 1.0)
         return sheared if self._straight else np.asarray(sheared @ self.rotation.T)
 
@@ -85,31 +74,32 @@ Array = NDArray[np.float64]
 
 
 class Shutter(FrozenModel):
-    """The time over which an image is taken; its own time is the middle of the exposure of its middle row.
+    """Exposure and readout timing of an image.
 
-    The truth is that of this middle, for every row its own.
+    The image time is the mid-exposure of the middle row. The ground truth of each row refers to the mid-exposure of
+    that row.
     """
 
     exposure_time_s: NonNegative = 0.0
-    """Time in s over which every pixel collects light; 0 freezes all motion."""
+    """Exposure time of every pixel in s; 0 for no motion blur."""
     samples: Annotated[int, Field(ge=1, le=4096)] | Literal["auto"] = "auto"
-    """Moments of the exposure whose images are averaged; ``auto`` takes four for each pixel of motion, 4 to 256."""
+    """Number of exposure samples averaged per image; ``auto`` uses four per pixel of motion, from 4 to 256."""
     readout_time_s: NonNegative = 0.0
-    """Time in s from the exposure of the first row to that of the last (rolling shutter); 0 for a global shutter."""
+    """Time in s between the exposures of the first and the last row (rolling shutter); 0 for a global shutter."""
     stage_speed_mm_per_s: Finite = 0.0
-    """Speed of the camera along X while it takes an image, in mm/s; its position is reached in the image's middle."""
+    """Speed of the camera along X during the exposure, in mm/s; the nominal position is reached at the image time."""
 
     def row_offsets_s(self, rows: Array, height: int) -> Array:
-        """Return how much later than the middle of the image rows are exposed.
+        """Return the exposure times of rows relative to the middle of the image.
 
-        Returns: Times in s, of the shape of ``rows``; negative for the upper half of the image.
+        Returns: Times in s, same shape as ``rows``; negative for the upper half of the image.
         """
         return np.asarray((rows - (height - 1) / 2) * (self.readout_time_s / max(height - 1, 1)))
 
     def exposure_offsets_s(self, count: int) -> Array:
-        """Return moments that sample the exposure: the middles of equal parts of it.
+        """Return the midpoints of equal subintervals of the exposure.
 
-        Returns: Times in s from the middle of the exposure, in order, shape (count,).
+        Returns: Times in s relative to mid-exposure, ascending, shape (count,).
         """
         return np.asarray(((np.arange(count) + 0.5) / count - 0.5) * self.exposure_time_s)
 
@@ -120,8 +110,7 @@ class ImageAcquisition:
 
     ``t``: Time in frames.
     ``viewpoint``: Pose of the camera.
-    ``rotation_rad``: Rotation of the camera as a rotation vector in the world, shape (3,): pitch about X, yaw about Y,
-      roll about Z.
+    ``rotation_rad``: Rotation vector of the camera in the world, shape (3,): pitch about X, yaw about Y, roll about Z.
     """
 
     t: float
@@ -130,7 +119,7 @@ class ImageAcquisition:
 
 
 class _Arrival(NamedTuple):
-    """The visit that brought the camera to a position, and the direction in which it came."""
+    """Stage move that brought the camera to a position, with its direction."""
 
     s_y: int
     s: int
@@ -140,14 +129,13 @@ class _Arrival(NamedTuple):
 
 
 class Schedule:
-    """The moments of all images of a recording.
+    """Times and poses of all images of a recording.
 
-    Every moment is found from the stage, the frames and its own random numbers, and from no other moment. They may be
-    asked for in any order.
+    Each image is computed independently from the stage, the frames and its own random stream, so images may be
+    requested in any order.
 
-    ``stage``, ``frames``: Where and when images are planned.
-    ``generator_for``: Source of the errors' random numbers: called with ``("guide", s_y, s)`` for a position, and with
-      ``("visit", s_y, s, t)`` for an arrival there.
+    ``generator_for``: Source of random streams for stage errors, called with ``("guide", s_y, s)`` for a position and
+      ``("visit", s_y, s, t)`` for a move to it.
     """
 
     def __init__(self, stage: Stage, frames: Frames, generator_for: GeneratorFor) -> None:
@@ -159,12 +147,12 @@ class Schedule:
         self._y_mm = dict(zip(stage.s_y.tolist(), stage.y_mm.tolist(), strict=True))
 
     def nominal(self, s: int, t: int, s_y: int = 0) -> ImageAcquisition:
-        """Return the planned moment of an image: without errors, and with all images of a frame at the same time."""
+        """Return the nominal acquisition of an image: no stage errors, all images of a frame simultaneous."""
         position = np.array([self._x_mm[s], self._y_mm[s_y], 0.0])
         return ImageAcquisition(float(t), Viewpoint(position), np.zeros(3))
 
     def moment(self, s: int, t: int, s_y: int = 0) -> ImageAcquisition:
-        """Return the real moment of an image: at its time in the scan, with the errors of the stage."""
+        """Return the actual acquisition of an image: scan time and stage errors included."""
         planned = self.nominal(s, t, s_y)
         time = planned.t + self.offset_s(s, t, s_y) / self.frames.frame_interval_s
         if self.stage.errors is None:
@@ -174,7 +162,7 @@ class Schedule:
         arrival = self._arrival(s, t, s_y)
         visit = self._generator_for("visit", arrival.s_y, arrival.s, arrival.t)
         along = errors.repeatability_um * visit.standard_normal()
-        # Backlash: the camera stops short, in the direction in which it came.
+        # Backlash: the camera stops short in its direction of travel.
         along -= arrival.direction * errors.backlash_um / 2
         off_um = np.array([along, errors.straightness_um * straight_y, errors.straightness_um * straight_z])
         rotation = 1e-6 * np.array([errors.pitch_urad, errors.yaw_urad, errors.roll_urad]) * turns
@@ -182,32 +170,32 @@ class Schedule:
         return ImageAcquisition(time, viewpoint, rotation)
 
     def offset_s(self, s: int, t: int, s_y: int = 0) -> float:
-        """Return how much later than the reference camera's image of the same frame an image is taken.
+        """Return the acquisition time of an image relative to the reference camera's image of the frame.
 
-        Returns: Time in s; negative if it is taken before.
+        Returns: Time in s; negative for an earlier image.
         """
         return (self.stage.number_in_scan(s, t, s_y) - self.stage.number_in_scan(0, t)) * self.stage.time_per_position_s
 
     def _turned(self, t: int, s_y: int) -> bool:
-        """Whether a row is scanned from its last position to its first."""
+        """Return whether a row is scanned from its last to its first position."""
         row = s_y - int(self.stage.s_y[0])
         return self.stage.scan == "bidirectional" and (row + t) % 2 == 1
 
     def _arrival(self, s: int, t: int, s_y: int) -> _Arrival:
-        """Return how the camera arrived where an image is taken; without a move since, it is an earlier visit."""
+        """Return the most recent stage move before an image, which may belong to an earlier image."""
         stage = self.stage
         if stage.positions == 1:
-            # The camera arrived there once, and never leaves.
+            # A single position is reached once and never left.
             return _Arrival(0, s, 0, 1)
         rising = 1 if stage.x_mm[-1] > stage.x_mm[0] else -1
         if stage.scan == "unidirectional":
-            # On its way back the stage runs past the first position, to reach it from the same side as the others.
+            # The return move overshoots the first position, so all positions are approached from the same side.
             return _Arrival(s_y, s, t, rising)
         backwards = self._turned(t, s_y)
         direction = -rising if backwards else rising
         if s != stage.s[-1 if backwards else 0]:
             return _Arrival(s_y, s, t, direction)
-        # The row begins where the row, or the frame, before it ended: the stage has not moved along X since.
+        # The scan starts where the previous row or frame ended, without a move along X.
         earlier = s_y + (1 if t % 2 == 1 else -1)
         return _Arrival(earlier, s, t, -direction) if earlier in self._y_mm else _Arrival(s_y, s, t - 1, -direction)
 

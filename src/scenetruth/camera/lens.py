@@ -1,4 +1,4 @@
-"""The lens: point spread function, defocus and vignetting."""
+"""Lens model: point spread function, defocus and vignetting."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ __all__ = ["AiryPsf", "Defocus", "GaussianPsf", "Optics", "Psf", "Vignetting"]
 
 Array = NDArray[np.float64]
 
-# Surroundings of the image that spread light into it, in standard deviations or in radii of Airy's disc. Beyond, a
-# Gaussian holds 1e-7 of the light; diffraction about 0.09 / 12 of it, of which the image's border misses a part.
+# Margin around the image that contributes light, in standard deviations or Airy-disc radii. The neglected energy is
+# 1e-7 for a Gaussian and about 0.09 / 12 for diffraction, which affects only the image border.
 _GAUSSIAN_REACH, _AIRY_REACH = 5.5, 12.0
 
 
 class GaussianPsf(FrozenModel):
-    """A Gaussian point spread function, the usual stand-in for a good lens."""
+    """Gaussian point spread function, a common approximation of a well-corrected lens."""
 
     kind: Literal["gaussian"]
     """``gaussian``."""
@@ -32,37 +32,37 @@ class GaussianPsf(FrozenModel):
     def transfer(self, frequency_per_px: Array) -> Array:
         """Return the modulation transfer function exp(-2 (π σ f)²).
 
-        ``frequency_per_px``: Spatial frequencies f in periods per px, any shape.
-        Returns: Contrast that is left, from 0 to 1, of the same shape.
+        ``frequency_per_px``: Spatial frequencies f in cycles per px, any shape.
+        Returns: Contrast from 0 to 1, same shape.
         """
         return np.asarray(np.exp(-2 * (np.pi * self.sigma_px * frequency_per_px) ** 2))
 
     @property
     def reach_px(self) -> float:
-        """Radius in px beyond which the spread light is neglected."""
+        """Truncation radius of the point spread function in px."""
         return _GAUSSIAN_REACH * self.sigma_px
 
     @property
     def finest_px(self) -> float:
-        """Standard deviation in px, or what compares to it."""
+        """Standard deviation of the point spread function in px."""
         return self.sigma_px
 
 
 class AiryPsf(FrozenModel):
-    """The diffraction at a circular aperture, all that a perfect lens does."""
+    """Point spread function of a diffraction-limited lens with a circular aperture."""
 
     kind: Literal["airy"]
     """``airy``."""
     wavelength_um: Positive
     """Wavelength of the light in µm."""
     f_number: Positive
-    """Focal length over aperture, as seen from the image."""
+    """Image-side f-number: focal length over aperture diameter."""
     pixel_pitch_um: Positive
-    """Distance of two pixels on the sensor in µm."""
+    """Pixel pitch of the sensor in µm."""
 
     @property
     def cutoff_per_px(self) -> float:
-        """Highest spatial frequency that the aperture lets through, 1 / (λ N), in periods per px."""
+        """Cut-off frequency of the aperture, 1 / (λ N), in cycles per px."""
         return self.pixel_pitch_um / (self.wavelength_um * self.f_number)
 
     @property
@@ -73,22 +73,22 @@ class AiryPsf(FrozenModel):
     def transfer(self, frequency_per_px: Array) -> Array:
         """Return the modulation transfer function 2/π (arccos ν - ν √(1 - ν²)).
 
-        ν is the frequency over the cut-off frequency (Goodman, Introduction to Fourier Optics).
+        ν is the frequency relative to the cut-off frequency (Goodman, Introduction to Fourier Optics).
 
-        ``frequency_per_px``: Spatial frequencies in periods per px, any shape.
-        Returns: Contrast that is left, from 0 to 1, of the same shape.
+        ``frequency_per_px``: Spatial frequencies in cycles per px, any shape.
+        Returns: Contrast from 0 to 1, same shape.
         """
         share = np.minimum(np.abs(frequency_per_px) / self.cutoff_per_px, 1.0)
         return np.asarray(2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share**2)))
 
     @property
     def reach_px(self) -> float:
-        """Radius in px beyond which the spread light is neglected."""
+        """Truncation radius of the point spread function in px."""
         return _AIRY_REACH * self.radius_px
 
     @property
     def finest_px(self) -> float:
-        """Standard deviation in px of the Gaussian that fits its core."""
+        """Standard deviation in px of the Gaussian fitted to the central peak."""
         return 0.345 * self.radius_px
 
 
@@ -96,31 +96,27 @@ Psf = Annotated[GaussianPsf | AiryPsf, Field(discriminator="kind"), BeforeValida
 
 
 class Defocus(FrozenModel):
-    """A thin lens with an open aperture: sharp at one distance only.
+    """Defocus blur of a thin lens with finite aperture.
 
-    A point at depth Z is imaged as a disc with the diameter f A |1/Z - 1/Z_f| px. Rays from points all over the
-    aperture are followed, so that blurred edges hide and show what they should.
+    A point at depth Z is imaged as a disc of diameter f A |1/Z - 1/Z_f| px. Rays from the whole aperture are traced, so
+    partial occlusion at blurred edges is correct.
     """
 
     aperture_mm: Positive
-    """Diameter A of the aperture (the entrance pupil) in mm."""
+    """Diameter A of the aperture (entrance pupil) in mm."""
     focus_distance_mm: Positive
-    """Depth Z_f that is sharp, in mm from the entrance pupil."""
+    """Depth Z_f of the focal plane in mm from the entrance pupil."""
     samples: Annotated[int, Field(ge=2, le=4096)] = 48
-    """Points on the aperture from which an image is rendered; discs of more than about 4 px need more."""
+    """Number of aperture points per image; blur discs larger than about 4 px need more."""
 
     def blur_diameter_px(self, depth_mm: Array, focal_length_px: float) -> Array:
-        """Return the diameter of the blur disc.
-
-        ``depth_mm``: Depths Z of points, any shape.
-        Returns: f A |1/Z - 1/Z_f| in px, of the same shape.
-        """
+        """Return the blur-disc diameter f A |1/Z - 1/Z_f| in px for depths Z in mm, any shape."""
         return np.asarray(focal_length_px * self.aperture_mm * np.abs(1 / depth_mm - 1 / self.focus_distance_mm))
 
     def points_mm(self, count: int) -> Array:
-        """Return points that cover the aperture evenly: a spiral with the golden angle (Vogel 1979).
+        """Return points that sample the aperture uniformly: a golden-angle spiral (Vogel 1979).
 
-        Their mean is zero, and from three points on, their mean square is that of the disc, A² / 16 along each axis.
+        Their mean is zero; with three or more points their variance is that of the disc, A² / 16 per axis.
 
         Returns: Offsets (X, Y) from the centre in mm, shape (count, 2).
         """
@@ -128,7 +124,7 @@ class Defocus(FrozenModel):
         radius = self.aperture_mm / 2 * np.sqrt((number + 0.5) / count)
         angle = np.pi * (3 - np.sqrt(5)) * number
         points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-        # The moments of few points are a little off, which would shift and stretch blurred points.
+        # Normalise mean and variance, whose deviations would shift and scale the blur for small counts.
         points -= points.mean(axis=0)
         spread = points.T @ points / count
         values, axes = np.linalg.eigh(spread)
@@ -138,19 +134,19 @@ class Defocus(FrozenModel):
 
 
 class Vignetting(FrozenModel):
-    """How the image darkens away from its centre.
+    """Vignetting: radial falloff of the image brightness.
 
-    The factor is cos⁴ of the ray's angle to the axis (if ``natural``) times 1 + a1 r² + a2 r⁴ + a3 r⁶, where r is the
-    distance from the principal point, 1 at half the image's diagonal.
+    The factor is cos⁴ of the angle between ray and axis (if ``natural``) times 1 + a1 r² + a2 r⁴ + a3 r⁶, where r is
+    the distance from the principal point, 1 at half the image diagonal.
     """
 
     natural: bool = True
-    """Whether the cos⁴ law of a lens without vignetting of its own holds."""
+    """Apply the cos⁴ law (natural vignetting)."""
     coefficients: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """(a1, a2, a3); a1 = -0.2 darkens the corners by 20 %."""
 
     def factor(self, camera: Camera) -> Array:
-        """Return the factor by which every pixel is darkened."""
+        """Return the vignetting factor of every pixel."""
         grid = camera.pixel_grid()
         square = ((grid - camera.principal_point) ** 2).sum(axis=-1) / ((camera.width**2 + camera.height**2) / 4)
         a1, a2, a3 = self.coefficients
@@ -162,11 +158,11 @@ class Vignetting(FrozenModel):
 
 
 class Optics(FrozenModel):
-    """What the lens does besides distorting; nothing of it unless given."""
+    """Optical effects of the lens other than distortion; by default none."""
 
     psf: Psf | None = None
     """Point spread function in focus."""
     defocus: Defocus | None = None
-    """Aperture and focus of a thin lens; without, everything is sharp."""
+    """Aperture and focus of a thin lens; null for unlimited depth of field."""
     vignetting: Vignetting | None = None
-    """Darkening towards the corners."""
+    """Vignetting; null for none."""

@@ -1,4 +1,4 @@
-"""The pinhole camera with lens distortion: projection, pixel rays and their inverse."""
+"""Pinhole camera with lens distortion: projection, back-projection and their derivatives."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ __all__ = ["Camera", "Distortion", "PixelRays", "pixel_rays"]
 
 Array = NDArray[np.float64]
 
-# Points solved together: what Newton's method keeps of them fits into the cache.
+# Block size of Newton's method, chosen to fit into the cache.
 _BLOCK = 8192
 _MAX_STEPS = 50
-# Newton's method doubles its digits with each step: below this, the next step is exact.
+# Convergence is quadratic: below this step size, the next iterate is exact.
 _CONVERGED = 1e-15
 _PATH_FRACTIONS = np.linspace(0.0, 1.0, 17)[1:]
 
 
 class Distortion(FrozenModel):
-    """Where a lens images what a pinhole would image at (x, y), in units of the focal length from the principal point.
+    """Rational Brown-Conrady lens distortion.
 
-    With r² = x² + y²: x_d = x R + 2 p1 x y + p2 (r² + 2 x²), y_d = y R + p1 (r² + 2 y²) + 2 p2 x y,
-    R = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶) (Brown 1971; OpenCV, module calib3d).
+    Positions are relative to the principal point in units of the focal length (normalised coordinates). With r² = x² +
+    y²: x_d = x R + 2 p1 x y + p2 (r² + 2 x²), y_d = y R + p1 (r² + 2 y²) + 2 p2 x y, R = (1 + k1 r² + k2 r⁴ + k3 r⁶) /
+    (1 + k4 r² + k5 r⁴ + k6 r⁶) (Brown 1971; OpenCV, module calib3d).
     """
 
     k1: Finite = 0.0
-    """Radial coefficient of r²; negative for a barrel."""
+    """Radial coefficient of r²; negative for barrel distortion."""
     k2: Finite = 0.0
     """Radial coefficient of r⁴."""
     p1: Finite = 0.0
@@ -52,34 +53,24 @@ class Distortion(FrozenModel):
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """The coefficients in OpenCV's order (k1, k2, p1, p2, k3, k4, k5, k6)."""
+        """Coefficients in the order of OpenCV: (k1, k2, p1, p2, k3, k4, k5, k6)."""
         return (self.k1, self.k2, self.p1, self.p2, self.k3, self.k4, self.k5, self.k6)
 
     def distort(self, points: Array) -> Array:
-        """Distort image positions.
-
-        ``points``: Positions (x, y) in the image of a pinhole, in units of the focal length from the principal point,
-          shape (..., 2).
-        Returns: Positions (x_d, y_d) in the image of the lens, in the same unit, shape (..., 2).
-        """
+        """Return distorted positions (x_d, y_d) for positions (x, y) in normalised coordinates, shape (..., 2)."""
         x, y = points[..., 0], points[..., 1]
         return self._image(x, y, self._radial(x, y)[0])
 
     def jacobian(self, points: Array) -> Array:
-        """Return the derivatives of `distort`.
-
-        ``points``: Positions as for `distort`, shape (..., 2).
-        """
+        """Return the Jacobian of `distort` at positions of shape (..., 2)."""
         x, y = points[..., 0], points[..., 1]
         a, b, d = self._slopes(x, y, *self._radial(x, y))
         return np.stack([np.stack([a, b], axis=-1), np.stack([b, d], axis=-1)], axis=-2)
 
     def undistort(self, points: Array) -> Array:
-        """Find the inverse of `distort` by Newton's method.
+        """Invert `distort` by Newton's method.
 
-        ``points``: Distorted positions, shape (..., 2).
-        Returns: Positions in the image of a pinhole, shape (..., 2). NaN where the distortion folds the image, so that
-        no pinhole position, or more than one, belongs to the distorted one.
+        Returns: Undistorted positions, shape (..., 2); NaN where the distortion is not uniquely invertible.
         """
         given = np.asarray(points, dtype=np.float64)
         found = np.empty((given.size // 2, 2))
@@ -89,7 +80,7 @@ class Distortion(FrozenModel):
 
     def _undistort_block(self, points: Array) -> Array:
         found = self._solve(points)
-        # The determinant must stay positive from the axis to the solution: else there are other solutions.
+        # A positive determinant along the path from the axis ensures a unique solution.
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for share in _PATH_FRACTIONS:
                 x, y = share * found[:, 0], share * found[:, 1]
@@ -133,7 +124,7 @@ class Distortion(FrozenModel):
         )
 
     def _slopes(self, x: Array, y: Array, radial: Array, slope: Array) -> tuple[Array, Array, Array]:
-        """Return the derivatives of x_d along x, of either along the other, which are equal, and of y_d along y."""
+        """Return the derivatives dx_d/dx, dx_d/dy (= dy_d/dx) and dy_d/dy."""
         p1, p2 = self.p1, self.p2
         return (
             radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x,
@@ -147,13 +138,13 @@ def _cubic(square: Array, a: float, b: float, c: float) -> tuple[Any, Any]:
 
 
 _FOCAL_PX = (1e-3, 1e9)
-"""Least and largest focal length: the field of view is half a turn but for a thousandth of a pixel, or a point."""
+"""Range of the focal length in px, between numerically degenerate fields of view (near 180° and near 0°)."""
 
 
 class Camera(FrozenModel):
-    """A camera that looks along +Z, with X to the right and Y down: a pinhole, or a lens that distorts.
+    """Pinhole camera with optional lens distortion, looking along +Z with X to the right and Y down.
 
-    The focal length is given in pixels, or in millimetres together with the pixel pitch.
+    The focal length is specified in pixels, or in millimetres together with the pixel pitch.
     """
 
     width: Annotated[int, Field(ge=1, le=32768)]
@@ -163,26 +154,26 @@ class Camera(FrozenModel):
     focal_length_px: Positive | None = None
     """Focal length f in px."""
     focal_length_mm: Positive | None = None
-    """Focal length in mm; needs ``pixel_pitch_um``."""
+    """Focal length in mm; requires ``pixel_pitch_um``."""
     pixel_pitch_um: Positive | None = None
-    """Distance of two pixels on the sensor, in µm."""
+    """Pixel pitch of the sensor, in µm."""
     principal_point_px: tuple[Finite, Finite] | None = None
-    """(c_x, c_y) in pixel indices; the image's centre ((W-1)/2, (H-1)/2) if not given."""
+    """(c_x, c_y) in pixel indices; default: the image centre ((W-1)/2, (H-1)/2)."""
     distortion: Distortion | None = None
-    """Distortion of the lens; none for a pinhole."""
+    """Lens distortion; null for an ideal pinhole."""
 
     @model_validator(mode="after")
     def _one_focal_length(self) -> Camera:
         in_mm = (self.focal_length_mm is not None, self.pixel_pitch_um is not None)
         if self.focal_length_px is not None and any(in_mm):
-            msg = "give either focal_length_px, or focal_length_mm with pixel_pitch_um, not both"
+            msg = "specify either focal_length_px, or focal_length_mm with pixel_pitch_um, not both"
             raise ValueError(msg)
         if self.focal_length_px is None and not all(in_mm):
-            msg = "give focal_length_px, or focal_length_mm together with pixel_pitch_um"
+            msg = "specify focal_length_px, or focal_length_mm together with pixel_pitch_um"
             raise ValueError(msg)
         least, most = _FOCAL_PX
         if not least <= self.focal_px <= most:
-            msg = f"the focal length must be {least:g} to {most:g} px (got {self.focal_px:g} px)"
+            msg = f"the focal length must be between {least:g} and {most:g} px (got {self.focal_px:g} px)"
             raise ValueError(msg)
         return self
 
@@ -194,10 +185,10 @@ class Camera(FrozenModel):
         return self
 
     def folding_problem(self, margin_px: int) -> str:
-        """Say where the distortion folds the image and a margin around it, or return nothing."""
+        """Return a message if the distortion is not invertible in the image and a margin, else an empty string."""
         if self.distortion is None:
             return ""
-        # The border and a grid inside: where the image folds, it does so along a curve that surrounds the axis.
+        # Test the border and an interior grid: the fold is a closed curve around the axis.
         low, high = -0.5 - margin_px, margin_px - 0.5
         x, y = np.meshgrid(np.linspace(low, self.width + high, 33), np.linspace(low, self.height + high, 33))
         pixels = np.stack([x, y], axis=-1)
@@ -206,16 +197,16 @@ class Camera(FrozenModel):
             return ""
         px, py = pixels[folded][0]
         return (
-            f"distortion folds the image: at pixel ({px:g}, {py:g}) no ray, or more than one, is imaged; "
+            f"distortion is not invertible at pixel ({px:g}, {py:g}): it folds the image; "
             "use smaller coefficients, a smaller image or a longer focal length"
         )
 
     @property
     def focal_px(self) -> float:
-        """Focal length f in px, however it was given."""
+        """Focal length f in px, from either specification."""
         if self.focal_length_px is not None:
             return self.focal_length_px
-        assert self.focal_length_mm is not None  # the validator holds this
+        assert self.focal_length_mm is not None  # ensured by the validator
         assert self.pixel_pitch_um is not None
         return self.focal_length_mm * 1000.0 / self.pixel_pitch_um
 
@@ -225,7 +216,7 @@ class Camera(FrozenModel):
         return self.principal_point_px or ((self.width - 1) / 2, (self.height - 1) / 2)
 
     def shrunk_to(self, most_px: int) -> Camera:
-        """Return a camera with the same field of view, and not more than so many pixels along its longer side."""
+        """Return a downscaled camera with the same field of view and at most ``most_px`` along its longer side."""
         share = min(most_px / max(self.width, self.height), 1.0)
         width, height = (max(round(side * share), 1) for side in (self.width, self.height))
         x, y = self.principal_point
@@ -241,25 +232,25 @@ class Camera(FrozenModel):
         )
 
     def without_distortion(self) -> Camera:
-        """Return the pinhole with the same intrinsics."""
+        """Return the pinhole camera with the same intrinsics."""
         return self if self.distortion is None else self.model_copy(update={"distortion": None})
 
     def refined(self, parts: int, margin_px: int) -> Camera:
-        """Return the camera with smaller pixels, and with a margin around the image."""
+        """Return the camera with pixels subdivided into ``parts`` and a margin around the image."""
         c_x, c_y = self.principal_point
-        # It may be larger than the cameras of scenes.
+        # The result may exceed the size limits of scene cameras.
         return self.model_copy(
             update={
                 "width": (self.width + 2 * margin_px) * parts,
                 "height": (self.height + 2 * margin_px) * parts,
                 "focal_length_px": self.focal_px * parts,
-                # Centres of pixels are integers: the first border is at -1/2.
+                # Pixel centres are integers, so the image starts at -1/2.
                 "principal_point_px": tuple((c + margin_px + 0.5) * parts - 0.5 for c in (c_x, c_y)),
             }
         )
 
     def rows(self, first: int, last: int) -> Camera:
-        """Return the camera that sees only some rows of the image."""
+        """Return the camera restricted to a range of image rows."""
         c_x, c_y = self.principal_point
         return self.model_copy(update={"height": last - first, "principal_point_px": (c_x, c_y - first)})
 
@@ -280,11 +271,11 @@ class Camera(FrozenModel):
         return np.asarray(self.focal_px * self.distortion.distort(normalised) + self.principal_point)
 
     def flow_of(self, directions: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the optical flow of points of a lens that distorts, from that of a pinhole with focal length 1.
+        """Convert rates in normalised pinhole coordinates into optical flow, including distortion.
 
-        ``directions``: Directions of the points as `ray_directions` returns them, shape (n, 3).
-        ``rates``: Rates of X / Z and Y / Z of the points, shape (n, 2).
-        Returns: Rates of the pixel coordinates in px, per unit of time of ``rates``, shape (n, 2).
+        ``directions``: Directions of the points, see `ray_directions`, shape (n, 3).
+        ``rates``: Rates of X / Z and Y / Z, shape (n, 2).
+        Returns: Rates of the pixel coordinates in px, per time unit of ``rates``, shape (n, 2).
         """
         if self.distortion is None:
             return self.focal_px * rates
@@ -292,12 +283,10 @@ class Camera(FrozenModel):
         return np.asarray(self.focal_px * np.einsum("nij,nj->ni", slope, rates))
 
     def ray_directions(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Return the direction of the ray through each pixel position, scaled to Z = 1.
-
-        A ray's parameter is therefore the depth Z of the point it reaches.
+        """Return the ray direction of each pixel position, scaled to Z = 1, so that the ray parameter is depth.
 
         ``pixels``: Pixel coordinates (x, y), shape (..., 2).
-        Returns: Directions, shape (..., 3), float64; NaN where the distortion images no ray.
+        Returns: Directions, shape (..., 3), float64; NaN where the distortion is not invertible.
         """
         positions = np.asarray(pixels, dtype=np.float64)
         directions = np.ones((*positions.shape[:-1], 3))
@@ -305,10 +294,10 @@ class Camera(FrozenModel):
         return directions
 
     def ray_steps(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return by how much the direction of a ray changes per pixel to the right, and per pixel down.
+        """Return the derivatives of the ray direction per pixel to the right and down.
 
         ``pixels``: Pixel coordinates (x, y), shape (n, 2).
-        Returns: Two arrays of shape (n, 3), or (1, 3) if the steps are the same everywhere, as in a pinhole.
+        Returns: Two arrays of shape (n, 3), or (1, 3) if constant, as for a pinhole.
         """
         count = 1 if self.distortion is None else len(pixels)
         steps = np.zeros((2, count, 3))
@@ -332,21 +321,18 @@ class Camera(FrozenModel):
 
 @dataclass(frozen=True, eq=False)
 class PixelRays:
-    """The rays through the pixel centres of a camera; the arrays are shared, and must not be changed.
-
-    ``camera``: The camera.
-    """
+    """Rays through the pixel centres of a camera; the arrays are shared and must not be modified."""
 
     camera: Camera
 
     @cached_property
     def directions(self) -> NDArray[np.float64]:
-        """Directions of the rays through the pixel centres, row by row, scaled to Z = 1; shape (n, 3)."""
+        """Ray directions in row-major order, scaled to Z = 1; shape (n, 3)."""
         return self.camera.ray_directions(self.camera.pixel_grid()).reshape(-1, 3)
 
     @cached_property
     def steps(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Steps of the directions per pixel to the right and down; see `Camera.ray_steps`."""
+        """Derivatives of the directions per pixel to the right and down, see `Camera.ray_steps`."""
         return self.camera.ray_steps(self.camera.pixel_grid().reshape(-1, 2))
 
 
@@ -354,9 +340,9 @@ _rays_by_camera: WeakKeyDictionary[Camera, PixelRays] = WeakKeyDictionary()
 
 
 def pixel_rays(camera: Camera) -> PixelRays:
-    """Return the rays of a camera's pixels; they are kept for as long as the camera lives."""
+    """Return the pixel rays of a camera, cached for its lifetime."""
     rays = _rays_by_camera.get(camera)
     if rays is None:
-        # With a camera of its own, or the key would be kept alive by its value.
+        # A copy of the camera, because a reference from the value would keep the key alive.
         rays = _rays_by_camera[camera] = PixelRays(camera.model_copy())
     return rays

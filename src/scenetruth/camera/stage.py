@@ -1,4 +1,4 @@
-"""The linear stage: camera positions, frame times, and the positioning errors of real stages."""
+"""Linear stage: camera positions, frame times and positioning errors."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ __all__ = ["STAGE_PRESETS", "Frames", "Stage", "StageErrors"]
 _LARGEST_ANGLE_URAD = 1e5
 
 STAGE_PRESETS: Mapping[str, Mapping[str, float]] = {
-    # Positions: 1 µm repeatability and 10 µm accuracy is what makers state of stages with a lead screw of 1 mm and
-    # crossed rollers (Optimal Engineering Systems, XZ stages). Backlash, straightness and angles: typical values.
+    # Repeatability 1 µm and accuracy 10 µm: specified for stages with a 1 mm lead screw and crossed rollers
+    # (Optimal Engineering Systems, XZ stages). Backlash, straightness and angles: typical values.
     "screw_stage": {
         "repeatability_um": 1.0,
         "backlash_um": 5.0,
@@ -40,23 +40,23 @@ STAGE_PRESETS: Mapping[str, Mapping[str, float]] = {
         "roll_urad": 2.5,
     },
 }
-"""Errors of two kinds of stage, by name."""
+"""Stage errors of two stage types, by preset name."""
 
 
 class StageErrors(FrozenModel):
-    """Errors of position and angle; all but the backlash are standard deviations of normal distributions.
+    """Position and angle errors of a stage; all except backlash are standard deviations of normal distributions.
 
-    The guide's errors (straightness, pitch, yaw, roll) belong to a position and are the same at every visit.
+    The guide errors (straightness, pitch, yaw, roll) depend on the position only and repeat at every visit.
     """
 
     preset: Literal["screw_stage", "air_bearing"] | None = None
-    """Kind of stage whose values hold where none is given; null for a stage without errors."""
+    """Stage type that supplies the default values; null for zero errors."""
     repeatability_um: NonNegative = 0.0
-    """Standard deviation along X in µm, fresh whenever the camera is moved to a position."""
+    """Standard deviation along X in µm, drawn anew for every move to a position."""
     backlash_um: NonNegative = 0.0
-    """Distance in µm along X between where a position is reached from below and from above: it is missed by half."""
+    """Distance in µm along X between approaches from below and from above; each misses the position by half."""
     straightness_um: NonNegative = 0.0
-    """Standard deviation of a position along Y, and along Z, in µm."""
+    """Standard deviation of the position along Y and along Z, in µm."""
     pitch_urad: NonNegative = 0.0
     """Standard deviation of the camera's rotation about X (right-hand rule) in µrad."""
     yaw_urad: NonNegative = 0.0
@@ -74,7 +74,7 @@ class StageErrors(FrozenModel):
     @classmethod
     def _small(cls, value: float) -> float:
         if value > _LARGEST_ANGLE_URAD:
-            msg = f"must be at most {_LARGEST_ANGLE_URAD:g} µrad (0.1 rad): a guide that turns farther is no stage"
+            msg = f"must be at most {_LARGEST_ANGLE_URAD:g} µrad (0.1 rad)"
             raise ValueError(msg)
         return value
 
@@ -83,15 +83,15 @@ _COINCIDE_MM = 1e-6
 
 
 def _either_spelling(schema: dict[str, Any]) -> None:
-    """Say in the JSON Schema that positions come as a number with a baseline, or as a list."""
+    """Declare in the JSON Schema that positions are a count with a baseline, or a list."""
     schema.pop("required", None)
     schema["anyOf"] = [{"required": ["positions", "baseline_mm"]}, {"required": ["positions_mm"]}]
 
 
 class Stage(FrozenModel):
-    """A linear stage along X; position 0 is the reference.
+    """Linear stage along X with the reference at position 0.
 
-    Its positions are equidistant (``positions`` and ``baseline_mm``), or any list (``positions_mm``).
+    Positions are equidistant (``positions`` and ``baseline_mm``) or a list (``positions_mm``).
     """
 
     model_config = ConfigDict(json_schema_extra=_either_spelling)
@@ -99,22 +99,25 @@ class Stage(FrozenModel):
     positions: Annotated[int, Field(ge=1, le=1001)]
     """Number of camera positions; the reference is the middle one (the lower middle of an even number)."""
     baseline_mm: Finite
-    """V_X, displacement in mm from one position to the next, positive to the right. With ``positions_mm`` it is only
-    the unit of s that disparities refer to, and their mean distance if not given."""
+    """V_X, displacement in mm between consecutive positions, positive to the right. With ``positions_mm`` it only
+    defines the unit of s for disparities; default: the mean spacing.
+    """
     positions_mm: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=1001)] | None = None
-    """X of every position in mm, in order along the stage, instead of ``positions``; the reference is the middle one
-    (the lower middle of an even number) and stands at 0."""
+    """X of every position in mm, monotonic, instead of ``positions``; the reference is the middle one (the lower middle
+    of an even number) and must be 0.
+    """
     rows: Annotated[int, Field(ge=1, le=1001)] = 1
-    """Number of rows of a grid of positions; the reference row is the middle one, like the reference position."""
+    """Number of rows of a grid of positions; the reference is the middle row (the lower middle of an even number)."""
     row_spacing_mm: Annotated[Finite | None, Field(validate_default=True)] = None
-    """Displacement in mm from one row to the next, positive downwards."""
+    """Displacement in mm between consecutive rows, positive downwards."""
     scan: Literal["unidirectional", "bidirectional"] = "unidirectional"
-    """Order of positions in time: always as listed, row by row; or to and fro, a row and a frame ending where the next
-    begins."""
+    """Scan order: ``unidirectional`` visits the positions as listed, row by row; ``bidirectional`` reverses the
+    direction for every row and frame.
+    """
     time_per_position_s: NonNegative = 0.0
-    """Time from one image to the next within a frame, for travel, settling and exposure; 0: all at once."""
+    """Time in s between consecutive images within a frame (travel, settling, exposure); 0 for simultaneous images."""
     errors: StageErrors | None = None
-    """How far the camera is from where it should be; null for a perfect stage."""
+    """Positioning errors of the stage; null for none."""
 
     @model_validator(mode="before")
     @classmethod
@@ -126,7 +129,7 @@ class Stage(FrozenModel):
         if filled.get("positions") is None:
             filled["positions"] = len(listed) if known else 1
         if filled.get("baseline_mm") is None and not (known and len(listed) == 1):
-            # Where there is no mean, the list itself is at fault, and its own check says so.
+            # Without a mean the list is invalid, which its own validator reports.
             filled["baseline_mm"] = (_mean_step(listed) if known else None) or 1.0
         return filled
 
@@ -148,18 +151,18 @@ class Stage(FrozenModel):
             steps, gaps = np.diff(value), np.diff(np.sort(value))
         msg = ""
         if (gaps < _COINCIDE_MM).any():
-            msg = "positions coincide: give each of them once"
+            msg = "positions coincide: list each position once"
         elif not ((steps > 0).all() or (steps < 0).all()):
-            msg = "must rise, or fall, from each position to the next: sort them"
+            msg = "must increase or decrease monotonically: sort the positions"
         elif value[reference] != 0:
             msg = (
-                f"the reference is the middle position, index {reference}, and must stand at 0, the world's origin: "
-                f"subtract {value[reference]:g} from all, or choose others"
+                f"the reference is the middle position, index {reference}, and must be 0, the world origin: "
+                f"subtract {value[reference]:g} from all, or choose other positions"
             )
         elif info.data.get("positions", len(value)) != len(value):
-            msg = f"holds {len(value)} positions, but 'positions' says {info.data['positions']}: leave 'positions' out"
+            msg = f"has {len(value)} positions, but 'positions' is {info.data['positions']}: omit 'positions'"
         elif len(value) > 1 and steps[0] * info.data.get("baseline_mm", steps[0]) < 0:
-            msg = "runs against the sign of baseline_mm: turn the list round, or leave baseline_mm out"
+            msg = "contradicts the sign of baseline_mm: reverse the list, or omit baseline_mm"
         if msg:
             raise ValueError(msg)
         return value
@@ -168,7 +171,7 @@ class Stage(FrozenModel):
     @classmethod
     def _rows_apart(cls, value: float | None, info: ValidationInfo) -> float | None:
         if value is None and info.data.get("rows", 1) > 1:
-            msg = "must be given with more than one row"
+            msg = "is required with more than one row"
             raise ValueError(msg)
         if value is not None and abs(value) < _COINCIDE_MM:
             msg = "must not be zero: all rows would coincide"
@@ -188,7 +191,7 @@ class Stage(FrozenModel):
             if off > step / 2:
                 msg = (
                     f"half of backlash_um and four times repeatability_um are {off:g} mm, more than half the smallest "
-                    f"step of {step:g} mm: positions would change places"
+                    f"step of {step:g} mm: positions would change their order"
                 )
                 raise ValueError(msg)
         return value
@@ -211,23 +214,23 @@ class Stage(FrozenModel):
 
     @property
     def y_mm(self) -> NDArray[np.float64]:
-        """Nominal positions of the rows in mm, positive downwards."""
+        """Nominal row positions in mm, positive downwards."""
         return np.asarray((self.row_spacing_mm or 0.0) * self.s_y, dtype=np.float64)
 
     @property
     def scan_interval_s(self) -> float:
-        """Shortest time between two frames in which the stage gets through all its positions.
+        """Shortest frame interval that allows a complete scan.
 
-        This is more than the time of one scan if every other frame is scanned backwards and the reference is not in the
-        middle of the scan: the images of the reference are equally spaced in time, so that every other scan must wait.
+        For bidirectional scans with an off-centre reference it exceeds the scan time, because the reference images are
+        equally spaced in time and every other scan must wait.
         """
         before, after = self.number_in_scan(0, 0), self.number_in_scan(0, 1)
-        # Images from the reference of one frame up to that of the next.
+        # Number of images between the reference images of consecutive frames.
         most = self.positions * self.rows + abs(after - before)
         return most * self.time_per_position_s
 
     def number_in_scan(self, s: int, t: int, s_y: int = 0) -> int:
-        """Return the number of an image in the order in which the images of its frame are taken."""
+        """Return the index of an image in the acquisition order of its frame."""
         row, place = s_y - int(self.s_y[0]), s - int(self.s[0])
         to_and_fro = self.scan == "bidirectional"
         if to_and_fro and row % 2 == 1:
@@ -245,12 +248,12 @@ def _mean_step(listed: list[Any] | tuple[Any, ...]) -> float | None:
 
 
 class Frames(FrozenModel):
-    """When images are taken; frame 0 is the reference."""
+    """Frame times; frame 0 is the reference."""
 
     count: Annotated[int, Field(ge=1, le=100_000)]
     """Number of frames; the reference is the middle one (the lower middle of an even number)."""
     frame_interval_s: Positive = 1.0
-    """Time between two frames in s."""
+    """Time between consecutive frames in s."""
 
     @property
     def t(self) -> NDArray[np.int64]:

@@ -251,7 +251,7 @@ def verify(
         from scenetruth.dataset.generation import verify_dataset
 
         with reporting() as reporter:
-            failures = verify_dataset(path, again=regenerate, seed=seed, progress=reporter)
+            failures = verify_dataset(path, regenerate=regenerate, seed=seed, progress=reporter)
         results = [(f"sample {each.number}", each.problem) for each in failures] or [(str(path), "")]
     if as_json:
         typer.echo(json.dumps([{"path": name, "problem": problem} for name, problem in results], indent=2))

@@ -34,19 +34,13 @@ def check(recipe: options.RecipeFile, overrides: options.Overrides = None, limit
     """Validate a recipe, test 100 draws, and predict the resources of the data set."""
     from scenetruth.cli.dataset_report import print_recipe
     from scenetruth.compilation import thread_count
-    from scenetruth.dataset.generation import estimate_sample_cost
-    from scenetruth.dataset.recipe_validation import refuse_recipe, try_draws
+    from scenetruth.dataset.generation import check_recipe
     from scenetruth.resources.limits import limits_from
 
     sampler = _load(recipe, overrides)
     with _naming(recipe):
-        refuse_recipe(sampler)
-        trial = try_draws(sampler, _TRIAL_DRAWS, workers=thread_count())
-        forecast = estimate_sample_cost(sampler, None, limits_from(limits or ()), Path())
-    print_recipe(sampler, trial, forecast)
-
-
-_TRIAL_DRAWS = 100
+        report = check_recipe(sampler.recipe, limits=limits_from(limits or ()), workers=thread_count())
+    print_recipe(sampler, report.draws, report.resources)
 
 
 def preview(
@@ -61,14 +55,14 @@ def preview(
 ) -> None:
     """Preview the samples of a recipe without rendering them."""
     from scenetruth.cli.console import reporting
-    from scenetruth.dataset.pages.preview_page import write_preview
+    from scenetruth.dataset.pages.preview_page import preview_dataset
 
     sampler = _load(recipe, overrides)
     with _naming(recipe), reporting() as reporter:
-        page = write_preview(
-            sampler,
-            output,
-            draws=samples,
+        page = preview_dataset(
+            sampler.recipe,
+            output=output,
+            samples=samples,
             overwrite=overwrite,
             workers=workers,
             scheduler=scheduler,

@@ -32,9 +32,10 @@ def budget(
     focal_length_percent: design_options.FocalLengthPercent = None,
     principal_point_px: design_options.PrincipalPointPx = None,
     baseline_percent: design_options.BaselinePercent = None,
-    seeds: options.SeedCount = 4,
+    seeds: options.Seeds = "4",
     simulated_share: design_options.SimulatedShare = 0.9,
     region: options.Region = "interior",
+    limits: options.Limits = None,
     workers: options.Workers = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -43,6 +44,7 @@ def budget(
     from scenetruth.design.uncertainty import budget as make_budget
     from scenetruth.design.uncertainty.source import resolve_calibration
     from scenetruth.errors import Problem, RecipeError
+    from scenetruth.resources.limits import limits_from
     from scenetruth.scene import load_scene
 
     told = {
@@ -59,9 +61,10 @@ def budget(
             output=output,
             method=_method_of(loaded, method, chosen) if chosen else method,
             calibration=known,
-            seeds=seeds,
+            seeds=design_options.read_seeds(seeds) or 4,
             simulated_share=simulated_share,
             region=region,
+            limits=limits_from(limits or ()),
             workers=workers,
             scheduler=scheduler,
             progress=reporter,
@@ -258,13 +261,13 @@ def sweep(
     from scenetruth.cli.console import reporting
     from scenetruth.design.sweeps import sweep as make_sweep
     from scenetruth.design.sweeps.factors import split_assignments
-    from scenetruth.design.sweeps.sweep_plan import SweepError
+    from scenetruth.errors import ArgumentError
     from scenetruth.resources.limits import limits_from
 
     varied, problems = split_assignments(vary or ())
     counted = design_options.parse_seeds(seeds, problems)
     if problems:
-        raise SweepError(problems)
+        raise ArgumentError(problems, source="a sweep")
     changes = list(overrides or ())
     if not methods:
         options.read_settings(settings)
@@ -295,15 +298,16 @@ def _print_best(found: Sweep, region: str) -> None:
     from scenetruth.cli.console import make_console
     from scenetruth.design.sweeps.factors import format_level
     from scenetruth.design.sweeps.plot_model import choose_main_region, list_plotted_quantities
-    from scenetruth.design.sweeps.sweep_plan import SweepError
-    from scenetruth.errors import Problem, visible
+    from scenetruth.errors import ArgumentError, Problem, visible
     from scenetruth.scoring.quantities import get_title
 
     regions = {row.region for row in found.rows}
     if region not in regions and region == "interior":
         region = choose_main_region(found)
     elif region not in regions:
-        raise SweepError([Problem("--region", f"must be one of {', '.join(sorted(regions))}", region)])
+        raise ArgumentError(
+            [Problem("--region", f"must be one of {', '.join(sorted(regions))}", region)], source="a sweep"
+        )
     table = Table(title=f"least RMSE of each quantity, region {region}", title_justify="left")
     for heading in ("quantity", "RMSE", "95 %", "unit", "at", "method"):
         table.add_column(heading, overflow="fold")

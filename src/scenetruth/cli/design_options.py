@@ -57,6 +57,7 @@ __all__ = [
     "WindowSigmaPx",
     "WriteRecordings",
     "parse_seeds",
+    "read_seeds",
 ]
 
 
@@ -280,3 +281,14 @@ def parse_seeds(given: str, problems: list[Problem]) -> int | list[int]:
         problems.append(Problem("--seeds", "must be a number of seeds, or a list of them as 1,2,3", given))
         return 0
     return numbers if "," in given else numbers[0]
+
+
+def read_seeds(given: str | None) -> int | list[int] | None:
+    """Return the seeds that the option --seeds gives."""
+    from scenetruth.errors import ArgumentError
+
+    problems: list[Problem] = []
+    seeds = None if given is None else parse_seeds(given, problems)
+    if problems:
+        raise ArgumentError(problems)
+    return seeds

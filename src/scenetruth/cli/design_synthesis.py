@@ -24,6 +24,8 @@ def optimise(
     *,
     output: options.Output,
     overrides: options.Overrides = None,
+    seeds: options.ConfirmationSeeds = None,
+    limits: options.Limits = None,
     workers: options.Workers = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -31,11 +33,14 @@ def optimise(
     from scenetruth.cli.console import reporting
     from scenetruth.design.optimisation import optimise as find_rig
     from scenetruth.design.optimisation.report.scene_file import PREVIEW_FILE
+    from scenetruth.resources.limits import limits_from
 
     with reporting() as reporter:
         found = find_rig(
             specification,
             overrides=overrides or (),
+            seeds=seeds,
+            limits=limits_from(limits or ()),
             output=output,
             workers=workers,
             scheduler=scheduler,
@@ -115,9 +120,8 @@ def pattern(
         plot_assessments,
     )
     from scenetruth.design.patterns.page_layout import lay_out_pages
-    from scenetruth.design.patterns.pattern_model import PatternError
     from scenetruth.design.patterns.printing import export_pattern, format_scene_lines
-    from scenetruth.errors import Problem
+    from scenetruth.errors import ArgumentError, Problem
     from scenetruth.output import check_output, claim_folder, write_atomically
 
     problems: list[Problem] = []
@@ -136,7 +140,7 @@ def pattern(
     if mm_per_px is not None and not reference_images:
         problems.append(Problem("--mm-per-px", "applies to a photograph; give --reference-image", mm_per_px))
     if problems:
-        raise PatternError(problems)
+        raise ArgumentError(problems, source="a pattern")
     claim = claim_folder(
         "pattern.json", "pattern.pdf", "pattern.png", "scene_lines.yaml", "assessment.csv", "assessment.png"
     )

@@ -85,10 +85,10 @@ def _size(plain: Mapping[str, Any]) -> str:
 
 def _methods() -> list[dict[str, Any]]:
     from scenetruth.errors import EstimateError
-    from scenetruth.estimators import find_method, method_entries
+    from scenetruth.estimators import find_method, list_methods
 
     rows: list[dict[str, Any]] = []
-    for entry in method_entries():
+    for entry in list_methods():
         try:
             if entry.problem:
                 raise ValueError(entry.problem)

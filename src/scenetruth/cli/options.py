@@ -39,6 +39,7 @@ __all__ = [
     "CommandName",
     "CommandTimeoutS",
     "CommandUsesMask",
+    "ConfirmationSeeds",
     "DatasetPath",
     "DesignFile",
     "EstimatedMethods",
@@ -67,6 +68,7 @@ __all__ = [
     "Methods",
     "OptionalOutput",
     "OptionalSceneFile",
+    "OptionalSeeds",
     "Output",
     "Overrides",
     "Overwrite",
@@ -91,7 +93,6 @@ __all__ = [
     "SchemaKind",
     "SchemaOf",
     "Seed",
-    "SeedCount",
     "Seeds",
     "Settings",
     "TemplateFile",
@@ -411,7 +412,13 @@ Seeds = Annotated[
     str, typer.Option("--seeds", metavar="N|LIST", help="Number of seeds, or a list of seeds, for example 1,2,3.")
 ]
 
-SeedCount = Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=1000, help="Number of simulated seeds.")]
+OptionalSeeds = Annotated[
+    str | None, option("--seeds", metavar="N|LIST", help="Number of seeds at each level, or a list of seeds.")
+]
+ConfirmationSeeds = Annotated[
+    int | None,
+    option("--seeds", metavar="N", min=1, max=1000, help="Number of simulated recordings of each confirmed rig."),
+]
 
 Region = Annotated[
     str, typer.Option("--region", metavar="NAME", help="Region: interior, all, object_NAME, or another of the result.")

@@ -29,6 +29,8 @@ def compare(
     output: options.Output,
     cases: design_options.Cases = None,
     levels: design_options.Levels = None,
+    seeds: options.OptionalSeeds = None,
+    limits: options.Limits = None,
     settings: options.Settings = None,
     command: options.LabelledCommands = None,
     command_timeout_s: options.CommandTimeoutS = 600.0,
@@ -43,6 +45,7 @@ def compare(
     from scenetruth.cli.console import reporting
     from scenetruth.errors import EstimateError, Problem
     from scenetruth.estimators.external import CommandMethod, ResultsFolder
+    from scenetruth.resources.limits import limits_from
 
     if write_recordings:
         from scenetruth.benchmark import suite as suites
@@ -65,6 +68,8 @@ def compare(
             suite=suite.value,
             cases=cases or None,
             levels=levels or None,
+            seeds=design_options.read_seeds(seeds),
+            limits=limits_from(limits or ()),
             output=output,
             workers=workers,
             scheduler=scheduler,

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from scenetruth.dataset.dataset_estimation import estimate_dataset
     from scenetruth.dataset.dataset_export import export, verify
-    from scenetruth.dataset.generation import DatasetRunResult, run_dataset
+    from scenetruth.dataset.generation import DatasetRunResult, RecipeReport, check_recipe, run_dataset
     from scenetruth.dataset.pages.card import write_card
+    from scenetruth.dataset.pages.preview_page import preview_dataset
     from scenetruth.dataset.reading import SceneDataset, open_dataset
     from scenetruth.dataset.recipe_loader import Recipe, load_recipe
     from scenetruth.dataset.sampler import Sampler
@@ -19,12 +20,15 @@ __all__ = [
     "DatasetRunResult",
     "Partition",
     "Recipe",
+    "RecipeReport",
     "Sampler",
     "SceneDataset",
+    "check_recipe",
     "estimate_dataset",
     "export",
     "load_recipe",
     "open_dataset",
+    "preview_dataset",
     "run_dataset",
     "verify",
     "write_card",
@@ -36,10 +40,13 @@ _HOMES = {
     "Recipe": "recipe_loader",
     "Sampler": "sampler",
     "SceneDataset": "reading",
+    "RecipeReport": "generation",
+    "check_recipe": "generation",
     "estimate_dataset": "dataset_estimation",
     "export": "dataset_export",
     "load_recipe": "recipe_loader",
     "open_dataset": "reading",
+    "preview_dataset": "pages.preview_page",
     "run_dataset": "generation",
     "verify": "dataset_export",
     "write_card": "pages.card",

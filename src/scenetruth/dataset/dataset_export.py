@@ -169,7 +169,7 @@ def verify(
     places = DatasetFolder(Path(path))
     if not places.identity.exists():
         return verify_run(path, progress)
-    found = verify_dataset(path, again=regenerate, seed=seed, progress=progress)
+    found = verify_dataset(path, regenerate=regenerate, seed=seed, progress=progress)
     return [VerificationResult(places.sample(one.number), one.problem) for one in found]
 
 

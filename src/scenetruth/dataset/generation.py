@@ -14,7 +14,7 @@ from scenetruth.dataset.catalogue import FILES, CatalogueWriter, list_catalogued
 from scenetruth.dataset.fingerprint import DatasetFingerprint, begin_dataset, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import SAMPLE, DatasetFolder, claim_sample, compute_shard_number, extract_sample
 from scenetruth.dataset.recipe_loader import RecipeLike, load_recipe
-from scenetruth.dataset.recipe_validation import refuse_recipe
+from scenetruth.dataset.recipe_validation import DrawReport, refuse_recipe, try_draws
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import Partition, SampleStore, build_sample_scene, make_sample, try_sample
 from scenetruth.errors import ScenetruthError, StoreError
@@ -39,7 +39,9 @@ from scenetruth.scene import Overrides
 __all__ = [
     "DatasetRunResult",
     "DatasetStatus",
+    "RecipeReport",
     "VerificationFailure",
+    "check_recipe",
     "estimate_sample_cost",
     "read_status",
     "run_dataset",
@@ -232,11 +234,90 @@ def estimate_sample_cost(
         limited_objects(scene, limits),
         views=scene.stage.positions * scene.stage.rows if truth.views == "all" else 1,
         complete=truth.content == "complete",
-        save_radiance=sampler.recipe.ideal,
+        save_radiance=sampler.recipe.save_radiance,
     )
     forecast = estimate_cost(demand, ["render"])
     refuse_resources(forecast, inspect_machine(folder), limits)
     return forecast
+
+
+@dataclass(frozen=True)
+class RecipeReport:
+    """Result of the validation of a recipe.
+
+    Parameters
+    ----------
+    draws
+        Draws that were tried: ``accepted``, ``drawn``, the ``reasons`` of rejections, and ``problems``.
+    resources
+        Predicted memory, disk space and processor time of one sample.
+
+    See Also
+    --------
+    scenetruth.dataset.check_recipe : Returns it.
+
+    Examples
+    --------
+    >>> from scenetruth.dataset import check_recipe
+    >>> report = check_recipe("leaves", samples=4)  # doctest: +SKIP
+    >>> report.draws.accepted, report.draws.problems  # doctest: +SKIP
+    (4, ())
+    """
+
+    draws: DrawReport
+    resources: Forecast
+
+
+def check_recipe(
+    recipe: RecipeLike,
+    *,
+    overrides: Overrides = (),
+    samples: int = 100,
+    limits: Limits | None = None,
+    workers: int = 1,
+) -> RecipeReport:
+    """Validate a recipe, draw some samples, and predict the resources of one.
+
+    Parameters
+    ----------
+    recipe
+        The recipe, its values, its file, or the name of a bundled recipe.
+    overrides
+        Changed fields, as of `scenetruth.load_scene`.
+    samples
+        Number of samples to draw.
+    limits
+        Resource limits of each scene (`scenetruth.Limits`); the default limits if not given.
+    workers
+        Processes that draw samples: 1, the default, for this process, -1 for all processors.
+
+    Returns
+    -------
+    RecipeReport
+        The draws and the resources; samples that cannot be drawn are in ``draws.problems``.
+
+    Raises
+    ------
+    RecipeError
+        If the recipe is invalid; lists all problems.
+    MachineError
+        If a sample needs more than the machine or the limits allow.
+
+    See Also
+    --------
+    preview_dataset : Shows samples.
+    run_dataset : Generates the data set.
+
+    Examples
+    --------
+    >>> from scenetruth.dataset import check_recipe
+    >>> check_recipe("leaves").resources.seconds  # doctest: +SKIP
+    4.1
+    """
+    sampler = load_recipe(recipe, overrides=overrides).sampler()
+    refuse_recipe(sampler)
+    draws = try_draws(sampler, samples, workers=workers)
+    return RecipeReport(draws, estimate_sample_cost(sampler, None, limits or Limits(), Path()))
 
 
 def read_status(folder: str | Path) -> DatasetStatus:
@@ -315,7 +396,7 @@ class VerificationFailure:
 
 
 def verify_dataset(
-    folder: str | Path, *, again: int = 3, seed: int = 0, progress: Progress | None = None
+    folder: str | Path, *, regenerate: int = 3, seed: int = 0, progress: Progress | None = None
 ) -> list[VerificationFailure]:
     """Hash every file of a data set, and make a few samples again, to the same bytes."""
     places = DatasetFolder(folder)
@@ -335,7 +416,7 @@ def verify_dataset(
             found.append(VerificationFailure(number, str(error)))
     if progress is not None:
         progress("hash", len(rows), len(rows))
-    chosen = _some(rows, again, seed)
+    chosen = _some(rows, regenerate, seed)
     for done, number in enumerate(chosen):
         if progress is not None:
             progress("make again", done, len(chosen))

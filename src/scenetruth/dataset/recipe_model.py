@@ -123,7 +123,7 @@ class RecipeModel(FrozenModel):
     """Values, by path or name, whose samples go to the split ``held_out``."""
     truth: TruthSettings = TruthSettings()
     """Which truth every sample gets."""
-    ideal: bool = False
+    save_radiance: bool = False
     """Whether recordings hold the linear images before the sensor too."""
     layout: Literal["folder", "shards"] = "folder"
     """One folder for each sample, or many samples in one tar file."""

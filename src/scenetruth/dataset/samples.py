@@ -160,7 +160,7 @@ def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, tar
         aside.mkdir()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            simulate_into(aside, scene, choice, save_radiance=recipe.ideal)
+            simulate_into(aside, scene, choice, save_radiance=recipe.save_radiance)
         told = [str(one.message) for one in caught if issubclass(one.category, SceneWarning)]
         row = _row(draw, scene, told, aside)
         (aside / SAMPLE).write_text(_json(row), encoding="utf-8")

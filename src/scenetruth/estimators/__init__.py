@@ -9,7 +9,7 @@ from scenetruth.estimators.registry import (
     MethodEntry,
     choose,
     find_method,
-    method_entries,
+    list_methods,
     offered,
     validate_settings,
 )
@@ -29,7 +29,7 @@ __all__ = [
     "choose",
     "estimate",
     "find_method",
-    "method_entries",
+    "list_methods",
     "offered",
     "prepare",
     "requirements",

@@ -1,4 +1,4 @@
-"""A fingerprint of the code of user methods, so that results computed by an earlier version are recognised."""
+"""Fingerprint of the code of user-defined methods, which detects results of an earlier version."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ __all__ = ["compute_code_fingerprint"]
 
 
 def compute_code_fingerprint(method: Any) -> str:
-    """Return a hash of the code that a method of one's own is made of; empty for those that are installed.
+    """Return a hash of the source code of a user-defined method; empty for installed methods.
 
-    Of a function or class, the file of its module counts, and those of the modules beside it that it imports; of a
-    command, the files that it names; of a folder of results, what lies in it. What is typed into a session has no file:
-    there the text of the function itself counts.
-
+    The hash covers the file that defines a function or class and the modules in its folder that it imports; the files
+    named by a command; or the contents of a results folder. A function typed into an interactive session is
+    represented by its source text.
     >>> compute_code_fingerprint("structure_tensor")
     ''
     """
@@ -59,10 +58,7 @@ _LOADED: dict[str, tuple[Any, list[bytes]]] = {}
 
 
 def _is_outdated(module: str, files: list[Path]) -> bool:
-    """Tell whether files have changed since their module was first seen here, and it was not loaded again.
-
-    What such code gives is of neither the old files nor the new ones for sure: nobody may take it for theirs.
-    """
+    """Return whether files have changed since their module was loaded: its results must then not be reused."""
     pieces = [_hash_of(file) for file in files]
     spec = getattr(sys.modules.get(module), "__spec__", None)
     seen, before = _LOADED.get(module, (None, []))
@@ -73,7 +69,7 @@ def _is_outdated(module: str, files: list[Path]) -> bool:
 
 
 def _code_of(found: Any) -> Any:
-    """Return the function or class whose code a method is."""
+    """Return the function or class that defines a method."""
     code = found.function if isinstance(found, FunctionMethod) else found
     while isinstance(code, functools.partial):
         code = code.func
@@ -90,21 +86,21 @@ def _text_of(code: Any) -> str:
 
 
 def _pieces(code: Any) -> Iterator[str]:
-    """Yield what compiled code consists of, without where it lies."""
+    """Yield the components of compiled code, without its file location."""
     if code is None:
         return
     yield code.co_code.hex()
     yield repr(code.co_names)
     for one in code.co_consts:
-        # Sets are in another order in every process.
+        # The order of a set differs between processes.
         plain = (repr(sorted(map(repr, one)) if isinstance(one, frozenset) else one),)
         yield from _pieces(one) if inspect.iscode(one) else plain
 
 
 def _hash_of(file: Path) -> bytes:
-    # Names do not count: a folder may be moved.
+    # File names are excluded: a folder may be moved.
     try:
         with file.open("rb") as opened:
             return hashlib.file_digest(opened, "sha256").digest()
-    except OSError:  # whoever runs it says what is wrong with it
+    except OSError:  # reported when the file is run
         return b"unread"

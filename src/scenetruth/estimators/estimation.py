@@ -1,4 +1,4 @@
-"""Estimation: the recording is checked, the method is called, and its output is validated."""
+"""Estimation: the recording is validated, the method is called, and its output is validated."""
 
 from __future__ import annotations
 
@@ -32,10 +32,7 @@ __all__ = ["EstimationTask", "estimate", "is_in_memory", "output_problems", "pre
 
 
 def read_only(recording: xr.Dataset) -> xr.Dataset:
-    """Return the same recording, with arrays that cannot be written to and containers of its own.
-
-    What was opened and not loaded stays so: whoever reads it gets arrays of its own.
-    """
+    """Return the same recording with read-only arrays and separate containers; data not yet loaded stays lazy."""
     guarded = recording.copy(deep=False)
     indexes = {}
     for name, variable in guarded.variables.items():
@@ -46,13 +43,13 @@ def read_only(recording: xr.Dataset) -> xr.Dataset:
         if name not in guarded.xindexes:
             variable.data = values
         elif variable.dims == (name,) and variable.values.flags.writeable:
-            # pandas before 3 hands out the values of an index as they are.
+            # pandas before 3 returns the values of an index without a copy.
             indexes[name] = (variable.dims, values, variable.attrs, variable.encoding)
     return guarded.assign_coords(indexes)
 
 
 def copy_shared_arrays(found: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
-    """Return a data set that shares no memory with a recording, and whose arrays can be written to."""
+    """Return a data set with writeable arrays that shares no memory with a recording."""
     own = found.copy()
     others = [other.values for other in recording.variables.values() if is_in_memory(other)]
     for name, variable in own.variables.items():
@@ -66,17 +63,17 @@ def copy_shared_arrays(found: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
 
 
 def is_in_memory(variable: xr.Variable) -> bool:
-    """Return whether a variable's values are in memory, and need not be read from a store."""
-    return bool(variable._in_memory)  # xarray has no public word for it
+    """Return whether the values of a variable are in memory, so that no store has to be read."""
+    return bool(variable._in_memory)  # xarray has no public equivalent
 
 
 def output_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str]) -> list[Problem]:
-    """Return what is wrong with what a method returned."""
+    """Return the problems of the object that a method returned."""
     if not isinstance(found, xr.Dataset):
-        remedy = "is not an xarray.Dataset; make one with scenetruth.make_estimate(recording=recording, ...)"
+        remedy = "is not an xarray.Dataset; create one with scenetruth.make_estimate(recording=recording, ...)"
         return [Problem("", remedy, type(found).__name__)]
     problems = [
-        Problem(name, "is promised by the method, but missing", sorted(map(str, found.data_vars)))
+        Problem(name, "is declared by the method, but missing", sorted(map(str, found.data_vars)))
         for name in sorted(gives)
         if name not in found
     ]
@@ -92,7 +89,7 @@ def output_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str
         if units != entry.units:
             problems.append(Problem(f"{name}.units", f"must be '{entry.units}'", units))
         if name in _REAL and variable.dtype.kind != "f":
-            problems.append(Problem(name, "must hold floats, NaN where nothing is known", str(variable.dtype)))
+            problems.append(Problem(name, "must contain floats, NaN where invalid", str(variable.dtype)))
     for dim in ("t", "y", "x"):
         if dim not in found.coords or dim not in recording.coords:
             if dim not in found.coords:
@@ -100,7 +97,7 @@ def output_problems(found: object, recording: xr.Dataset, gives: AbstractSet[str
             continue
         extra = sorted(set(found.variables[dim].values.tolist()) - set(recording.variables[dim].values.tolist()))
         if extra:
-            message = f"has {len(extra)} values that the recording has not"
+            message = f"has {len(extra)} values that are missing in the recording"
             problems.append(Problem(dim, message, extra[:3]))
         elif dim != "t" and found.sizes[dim] != recording.sizes[dim]:
             problems.append(Problem(dim, f"must have the recording's {recording.sizes[dim]} pixels", found.sizes[dim]))
@@ -118,49 +115,48 @@ def estimate(
     progress: Progress | None = None,
     **overrides: Any,
 ) -> xr.Dataset:
-    """Estimate depth and 3D motion, or as much of it as a method gives, from a recording.
+    """Estimate depth and 3D motion from a recording, as far as the method provides them.
 
     Parameters
     ----------
     recording
-        Images with their intrinsics, from `scenetruth.simulate`, `scenetruth.make_recording` or a store.
+        Images and intrinsics, from `scenetruth.simulate`, `scenetruth.make_recording` or a store.
     method
-        Name of an installed method (``scenetruth list methods`` lists them; ``"structure_tensor"`` is the paper's),
-        ``"module:function"``, a function or method itself, or any of them with settings
-        (`scenetruth.estimators.MethodSpec`).
+        Name of an installed method (``scenetruth list methods`` lists them; ``"structure_tensor"`` is the method of the
+        paper), ``"module:function"``, a function or method object, or a `scenetruth.estimators.MethodSpec`.
     settings
-        Settings of the method: its model, or a mapping. What is not given has the method's default, whatever the scene
-        of the recording says.
+        Settings of the method: an instance of its settings model, or a mapping. Settings that are not specified have
+        the defaults of the method; the settings in the scene of the recording are ignored.
     progress
-        Called with (what, done, total) as the work goes on.
+        Called with (task, done, total).
     **overrides
-        Single settings, on top of ``settings``.
+        Individual settings; they take precedence over ``settings``.
 
     Returns
     -------
     xarray.Dataset
-        What the method gives of ``depth`` (mm), ``disparity`` (px per step), ``flow`` (px per frame) and ``velocity``
-        (mm per frame), and what it tells of their quality, for every frame that can be estimated. NaN where there is
-        no estimate. Its arrays are its own: they share nothing with the recording's.
+        The quantities that the method provides, of ``depth`` (mm), ``disparity`` (px per step), ``flow`` (px per frame)
+        and ``velocity`` (mm per frame), and their quality measures, for every frame that can be estimated. Invalid
+        pixels are NaN. The arrays share no memory with the recording.
 
     Raises
     ------
     RecordingError
-        If the recording does not have the agreed form.
+        If the recording is malformed.
     EstimateError
-        If there is no such method, a setting is impossible, the recording does not suit the method, or the method
-        fails or returns what is not an estimate of this recording; names the method.
+        If the method does not exist, a setting is invalid, the recording does not meet the requirements of the method,
+        or the method fails or returns an invalid estimate; the message names the method.
 
     Warns
     -----
     EstimateWarning
-        If a method finds that its settings leave out much of what the recording could tell, as a threshold ``tau`` of
-        the structure tensor that is too high for dim textures.
+        If the settings of a method make many pixels invalid unnecessarily, for example if the threshold ``tau`` of the
+        structure tensor is too high for low-contrast textures.
 
     See Also
     --------
-    make_estimate : An estimate from arrays that were computed elsewhere.
-    score : Compare an estimate with the truth.
+    make_estimate : Create an estimate from arrays that were computed elsewhere.
+    score : Compare an estimate with the ground truth.
 
     References
     ----------
@@ -182,27 +178,27 @@ def estimate(
 
 
 class EstimationTask:
-    """A recording, a method and its settings, all checked: an estimate that can be made.
+    """An estimation that is ready to run: a recording, a method and its settings, all validated.
 
     Parameters
     ----------
     recording
-        A checked recording.
+        A validated recording.
     method
-        A method that takes it.
+        A method whose requirements the recording meets.
     settings
-        Its settings.
+        Settings of the method.
     progress
-        Called with (what, done, total) as the work goes on.
+        Called with (task, done, total).
 
     See Also
     --------
-    scenetruth.estimators.prepare : Checks everything, and returns one.
-    scenetruth.estimate : Checks and estimates at once.
+    scenetruth.estimators.prepare : Validate all inputs and return a task.
+    scenetruth.estimate : Validate and estimate in one call.
 
     Examples
     --------
-    Of six frames, two have as many neighbours as the filters need. Each map is taken as soon as it is there:
+    Of six frames, two have as many neighbours as the filters require. Each map is passed on when it is complete:
 
     >>> import numpy as np
     >>> import scenetruth as st
@@ -220,7 +216,7 @@ class EstimationTask:
     {'t': 0} (40, 60) 0.25
     {'t': 1} (40, 60) 0.25
 
-    In memory, it is a single call:
+    In memory, a single call suffices:
 
     >>> estimation.estimate().disparity[:, 20, 30].values.round(2).tolist()
     [0.25, 0.25]
@@ -234,7 +230,7 @@ class EstimationTask:
         """Estimate in memory; see `estimate`."""
         guarded = self._guarded
         if not (isinstance(self._method, StreamingMethod) or getattr(self._method, "reads_frames", False)):
-            # Whoever wants all images gets them at once, and read-only, from a store too.
+            # Methods that do not stream get all images in memory and read-only, also from a store.
             guarded = read_only(self._recording.copy(deep=False).load())
         with self._telling():
             found = self._method.estimate(guarded, self._settings, self._progress)
@@ -242,7 +238,7 @@ class EstimationTask:
         return copy_shared_arrays(checked, self._recording)
 
     def blank(self) -> xr.Dataset | None:
-        """Return the estimate with blank maps, to be filled; None if the method estimates in memory only."""
+        """Return the estimate with blank maps to be filled; None if the method estimates in memory only."""
         if not isinstance(self._method, StreamingMethod):
             return None
         with self._telling():
@@ -264,12 +260,12 @@ class EstimationTask:
         Parameters
         ----------
         put
-            Takes the maps of `blank`.
+            Receives the maps of `blank`.
 
         Returns
         -------
         mapping
-            Attributes that are known in the end only.
+            Attributes that are available only after the estimation.
         """
         assert isinstance(self._method, StreamingMethod)
         with self._telling():
@@ -280,11 +276,11 @@ class EstimationTask:
             return found
 
     def _checked(self, found: Any) -> xr.Dataset:
-        """Return what the method made, with its origin, if it is an estimate of this recording."""
+        """Return the output of the method with its provenance attributes; raise if it is not a valid estimate."""
         method, recording = self._method, self._recording
         problems = output_problems(found, recording, method.gives)
         if problems:
-            raise EstimateError(problems, source=f"what the method '{method.name}' returned")
+            raise EstimateError(problems, source=f"output of method '{method.name}'")
         stamped: xr.Dataset = found.copy()
         stamped.attrs |= {"method": method.name, "settings": self._settings.model_dump_json()}
         stamped.attrs |= {key: recording.attrs[key] for key in _TRAVELLING if key in recording.attrs}
@@ -293,7 +289,7 @@ class EstimationTask:
 
     @contextmanager
     def _telling(self) -> Iterator[None]:
-        """Tell in our words what goes wrong in a method."""
+        """Convert the exceptions of a method to `EstimateError`."""
         name = self._method.name
         try:
             yield
@@ -304,17 +300,17 @@ class EstimationTask:
             place = locate_exception(error)
             raise EstimateError(told, source=f"method '{name}'" + (f" ({place})" if place else "")) from error
         except (Warning, OSError) as error:
-            # A warning that the caller has turned into an error; a disk that is full.
+            # A warning that the caller has turned into an error, or a full disk.
             if isinstance(error, Warning) or isinstance(self._method, StreamingMethod):
                 raise
             raise self._failure(error) from error
-        except (Exception, SystemExit) as error:  # whatever the code of a method raises; none may end the program
+        except (Exception, SystemExit) as error:  # code of methods may raise anything; it must not end the program
             raise self._failure(error) from error
 
     def _failure(self, error: Exception | SystemExit) -> EstimateError:
         message = f"failed: {type(error).__name__}: {error}"
         if isinstance(error, ValueError) and "read-only" in str(error):
-            message = f"changes the recording that it was given: {error}; let it work on a copy"
+            message = f"modifies the recording passed to it: {error}; use a copy"
         elif isinstance(error, SystemExit):
             message = f"failed: it called sys.exit({'' if error.code is None else repr(error.code)})"
         place = locate_exception(error)
@@ -323,11 +319,10 @@ class EstimationTask:
 
 
 class _ValidityPut:
-    """Puts the maps of a method, and those of `VALIDITY_MAPS` that it does not give, frame by frame.
+    """Writes the maps of a method and derives those of `VALIDITY_MAPS` that the method lacks, frame by frame.
 
     ``blank``: The blank estimate of the method.
-    ``recording``: The recording.
-    ``put``: Takes the maps.
+    ``put``: Receives the maps.
     """
 
     def __init__(self, blank: xr.Dataset, recording: xr.Dataset, put: Put) -> None:
@@ -344,7 +339,7 @@ class _ValidityPut:
         self._parts: dict[tuple[int, str], int] = {}
 
     def put(self, name: str, at: Mapping[str, int], values: np.ndarray[Any, Any]) -> None:
-        """Put values in their place; see `Put`."""
+        """Write values at their position; see `Put`."""
         self._put(name, at, values)
         if not self._missing or name not in self._sources:
             return
@@ -366,7 +361,7 @@ class _ValidityPut:
                 self._complete(frame)
 
     def finish(self) -> None:
-        """Put the maps of frames for which not every source was put."""
+        """Write the maps of frames for which not every source was written."""
         for frame in list(self._held):
             self._complete(frame)
 
@@ -385,12 +380,12 @@ def prepare(
     progress: Progress | None = None,
     **overrides: Any,
 ) -> EstimationTask:
-    """Check everything that an estimate needs, before it is made; see `estimate`."""
+    """Validate all inputs of an estimation and return it, ready to run; see `estimate`."""
     spec = method if isinstance(method, MethodSpec) else None
     chosen = find_method(method if spec is None else spec.method)
     wrong = argument_problems(progress)
     if not (settings is None or isinstance(settings, FrozenModel | Mapping)):
-        wrong.append(Problem("settings", "must be a mapping, or the method's model of settings", settings))
+        wrong.append(Problem("settings", "must be a mapping or an instance of the method's settings model", settings))
     if wrong:
         raise EstimateError(wrong)
     given = settings.model_dump() if isinstance(settings, FrozenModel) else dict(settings or {})
@@ -407,9 +402,9 @@ _TRAVELLING = ("scene", "scene_hash", "recording_hash")
 
 
 def requirements(recording: xr.Dataset, method: Estimator, settings: FrozenModel) -> list[Problem]:
-    """Return what keeps a method from estimating a recording, from its sizes, coordinates and attributes alone."""
+    """Return the requirements that a recording violates, from its sizes, coordinates and attributes alone."""
     problems = method.needs.problems(recording, method.name)
     if "s_y" in recording["image"].dims and problems:
         return problems
-    # Both may find the same: too few images.
+    # Both may report the same problem: too few images.
     return list(dict.fromkeys([*problems, *method.requirements(recording, settings)]))

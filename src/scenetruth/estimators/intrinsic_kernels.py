@@ -11,11 +11,7 @@ __all__ = ["add", "fma", "least", "ones", "subtract"]
 
 @intrinsic
 def fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
-    """Compute a b + c with one rounding; a, b and c are of one floating type.
-
-    Leaving the choice of what to fuse to the compiler (fast mathematics) makes results depend on what it happened to
-    inline.
-    """
+    """Compute a b + c with one rounding, for one floating type; independent of compiler contraction and inlining."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.fma(*arguments)
@@ -25,7 +21,7 @@ def fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
 
 @intrinsic
 def add(typing_context: Any, a: Any, b: Any) -> Any:
-    """Add two integers of one type; what does not fit wraps around."""
+    """Add two integers of one type; overflow wraps around."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.add(*arguments)
@@ -35,7 +31,7 @@ def add(typing_context: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def subtract(typing_context: Any, a: Any, b: Any) -> Any:
-    """Subtract an integer from one of the same type; what is below zero wraps around."""
+    """Subtract two integers of one type; underflow wraps around."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.sub(*arguments)
@@ -45,7 +41,7 @@ def subtract(typing_context: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def least(typing_context: Any, a: Any, b: Any) -> Any:
-    """Return the lesser of two unsigned integers of one type."""
+    """Return the smaller of two unsigned integers of one type."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.select(builder.icmp_unsigned("<", *arguments), *arguments)
@@ -55,7 +51,7 @@ def least(typing_context: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def ones(typing_context: Any, a: Any) -> Any:
-    """Count the bits of an integer that are set."""
+    """Return the number of set bits of an integer."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.ctpop(*arguments)

@@ -1,4 +1,4 @@
-"""The settings of the built-in methods."""
+"""Settings of the built-in methods."""
 
 from __future__ import annotations
 
@@ -23,54 +23,52 @@ Disparity = Annotated[float, Field(ge=-32768, le=32768, allow_inf_nan=False)]
 
 
 class PlaneSweepSettings(MethodSettings):
-    """Which disparities are tried, and when one is believed."""
+    """Settings of the plane sweep: disparity range and uniqueness threshold."""
 
     disparity_px: tuple[Disparity, Disparity] | Literal["auto"] = "auto"
-    """Least and largest disparity in px per step of s; ``auto`` finds the ranges in which there is anything."""
+    """Smallest and largest disparity in px per step of s; ``auto`` determines the occupied ranges from the images."""
     uniqueness_ratio: Annotated[float, Field(ge=1, le=100)] = 1.3
-    """An estimate is given where any other disparity costs this many times as much as the best: less, and texture is
-    missing, drowned in noise, or repeats itself."""
+    """Smallest valid ratio of the cost of every other disparity to the lowest cost; a smaller ratio indicates missing
+    texture, texture below the noise, or repetitive texture."""
 
 
 LEAST_ACCELERATED = 3
-"""Frames that tell an acceleration."""
+"""Smallest number of frames from which an acceleration can be estimated."""
 
 
 class CorrectionPriors(FrozenModel):
-    """How far images may be from where they should be: standard deviations, as the stage's data sheet has them.
+    """Prior standard deviations of the errors of the camera poses, from the data sheet of the stage.
 
-    A position that is off by δX along the stage moves its image by f δX / Z px, a camera turned by an angle by f times
-    that. Errors of a position are the same at every visit of the stage.
+    A position error δX along the stage shifts the image by f δX / Z px; a camera rotation shifts it by f times the
+    angle. Errors of a position are the same at every visit of the stage.
     """
 
     x_px: NonNegative = 0.0
-    """Of a position's image along x: yaw, and position along the stage."""
+    """Image shift of a position along x: yaw, and position along the stage."""
     y_px: NonNegative = 0.0
-    """Of a position's image along y: pitch, and straightness."""
+    """Image shift of a position along y: pitch, and straightness."""
     roll_urad: NonNegative = 0.0
-    """Of a position's rotation about the optical axis."""
+    """Rotation of a position about the optical axis."""
     scale_ppm: NonNegative = 0.0
-    """Of the scale of a position's image: focal length, and position along the optical axis."""
+    """Image scale of a position: focal length, and position along the optical axis."""
     repeatability_px: NonNegative = 0.0
-    """Along x and along y, of every single image: what is new at each visit of a position."""
+    """Image shift along x and along y of each individual image: the part that differs between visits of a position."""
 
     @model_validator(mode="after")
     def _something(self) -> Self:
         if not any(self.model_dump().values()):
-            msg = (
-                f"corrects nothing: make at least one of {', '.join(type(self).model_fields)} positive, or leave it out"
-            )
+            msg = f"corrects nothing: set at least one of {', '.join(type(self).model_fields)} above 0, or omit it"
             raise ValueError(msg)
         return self
 
     def in_columns(self, step_px: float) -> CorrectionPriors:
-        """Return the same in columns of the images."""
+        """Return the priors in image columns instead of camera pixels."""
         lengths = {name: getattr(self, name) / step_px for name in ("x_px", "y_px", "repeatability_px")}
         return self.model_copy(update=lengths)
 
 
 class PhotonTransferNoise(FrozenModel):
-    """Noise of a sensor whose photon transfer is known (EMVA 1288): σ² = dark_noise² + gain (g - dark_level)."""
+    """Noise model of a sensor of specified photon transfer (EMVA 1288): σ² = dark_noise² + gain (g - dark_level)."""
 
     dark_noise_dn: Positive
     """Standard deviation of dark images, in grey values."""
@@ -81,54 +79,55 @@ class PhotonTransferNoise(FrozenModel):
 
 
 class RefinedSettings(MethodSettings):
-    """Which surface and motion are fitted in which window."""
+    """Settings of the least-squares fit: models of surface and motion, and the analysis window."""
 
     window_sigma_px: Annotated[float, Field(ge=1.0, le=100.0)] = 6.0
-    """Standard deviation of the Gaussian window in x and y, in px; it is cut at twice that."""
+    """Standard deviation of the Gaussian window in x and y, in px; the window is truncated at twice that."""
     window_frames: Annotated[int, Field(ge=1, le=101)] = 9
-    """How many frames are fitted together, at most; motion is taken to be steady over them, or steadily accelerated."""
+    """Largest number of frames in a fit; the motion is assumed constant or uniformly accelerated over them."""
     frames: Literal["full", "all"] = "full"
-    """Which frames are estimated: ``full``, those whose window lies inside the recording; ``all``, the first and last
-    ones too, with the frames that there are on one side."""
+    """Estimated frames: ``full``, those whose window lies inside the recording; ``all``, also the first and last
+    frames, with the frames available on one side."""
     surface: Literal["auto", "constant", "plane", "curved"] = "auto"
-    """What disparity is within a window: constant, linear in x and y (exact for planes), or of second order. ``auto``
-    takes the second order where it changes disparity by more than its own noise, else the plane."""
+    """Model of the disparity within a window: constant, linear in x and y (exact for planes), or of second order.
+    ``auto`` selects the second order where it changes the disparity by more than its own noise, else the plane."""
     motion: Literal["auto", "translation", "rigid", "growing", "affine"] = "auto"
-    """How velocity changes within a window: not at all; by a rotation; by a rotation and isotropic growth in the
-    surface; by any gradient. ``auto`` takes any gradient where that changes disparity or velocity by more than noise,
-    else rotation and growth. One camera sees any gradient only."""
+    """Model of the velocity within a window: constant; with rotation; with rotation and isotropic growth in the
+    surface; or with an arbitrary gradient. ``auto`` selects the arbitrary gradient where it changes disparity or
+    velocity by more than the noise, else rotation and growth. A single camera allows the arbitrary gradient only."""
     acceleration: Literal["auto"] | bool = "auto"
-    """Whether velocity may change evenly over the frames, by the same in a whole window; it takes three frames.
-    ``auto`` lets it where that changes disparity or velocity by more than their own noise, over fewer frames where
-    these differ again; ``true``, everywhere, and tells the acceleration. Velocity is that of the estimated frame."""
+    """Whether the velocity changes uniformly over the frames, by the same amount in the whole window; requires three
+    frames. ``auto`` enables it where it changes disparity or velocity by more than their noise, or uses fewer frames
+    where these differ again; ``true`` enables it everywhere and outputs the acceleration. The velocity is that of the
+    estimated frame."""
     photometric_model: Literal["per_image", "none"] = "per_image"
-    """Whether every image has a gain and an offset of its own in every window: light may change and shadows move."""
+    """Whether every image has its own gain and offset in every window, which allows for changes of light and shadow."""
     spline: Literal["cubic", "quintic"] = "quintic"
-    """Splines through the images, by which they are fetched between pixels; quintic ones err by a tenth as much."""
+    """Order of the splines that interpolate the images; the error of quintic splines is a tenth of that of cubic."""
     noise: PhotonTransferNoise | Literal["uniform", "estimated"] = "uniform"
-    """How the noise's variance depends on the grey value: ``uniform``, not at all; the photon transfer of a sensor; or
-    ``estimated``, linear in the grey value, as the images' residuals tell. Noisy pixels then count less in the fit."""
+    """Noise variance as a function of the grey value: ``uniform``, constant; the photon transfer of a sensor; or
+    ``estimated``, linear in the grey value, from the image residuals. Noisier pixels have a smaller weight."""
     initialisation: Literal["plane_sweep", "structure_tensor"] = "plane_sweep"
-    """Where the fit starts: disparities and motions that are tried one by one, which need no luck; or the structure
-    tensor's estimate, which takes half the time and holds for smooth scenes that move slowly."""
+    """Initial estimate: exhaustive search over disparities and motions, which does not depend on an initial value; or
+    the estimate of the structure tensor, which takes half the time and suits smooth, slowly moving scenes."""
     discontinuity_refit: bool = True
-    """Whether windows that hold more than one surface are fitted anew to the pixels of the surface in their middle."""
+    """Whether windows that contain several surfaces are fitted again to the pixels of the central surface only."""
     pose_corrections: CorrectionPriors | None = None
-    """How far images may be from where they should be; how far they are is then estimated from all points together."""
+    """Prior standard deviations of camera-pose errors, which are then estimated from all points together."""
     fallback: Literal["plane_sweep", "none"] = "plane_sweep"
-    """What is told where no fit is: the disparity of the plane sweep that the fit started from, to a fraction of a
-    pixel, without motion and standard deviations (``status`` is 3 there); or nothing."""
+    """Fallback value where the fit failed: the disparity of the plane sweep to a fraction of a pixel, without motion
+    and standard deviations (``status`` 3); or none."""
     max_iterations: Annotated[int, Field(ge=2, le=50)] = 10
-    """How often images are warped and the fit is repeated, at most."""
+    """Largest number of iterations: the images are warped, and the fit is repeated."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3
-    """The rounds end when nine of ten pixels move by less than this in the image where they move most."""
+    """Convergence: iterations end when 90 % of the pixels change by less than this in the image of largest change."""
     max_residual_ratio: Annotated[float, Field(gt=1, le=100)] = 1.5
-    """Estimates are given where the residual is at most this times the images' noise, or what a texture shifted by a
-    quarter of a pixel would leave: beyond, one surface in one motion does not explain the images."""
+    """Largest valid ratio of the residual to the image noise. The limit is at least the residual that a texture shift
+    of 0.25 px would cause; above it, a single surface with a single motion does not explain the images."""
 
     @property
     def accelerated(self) -> bool:
-        """Whether velocity may change everywhere."""
+        """Whether the velocity may change everywhere."""
         return self.acceleration is True
 
     @property
@@ -138,41 +137,41 @@ class RefinedSettings(MethodSettings):
 
 
 Sigma = Annotated[float, Field(ge=1e-3, le=1e6, allow_inf_nan=False)]
-"""Standard deviation of a window: below, all weight is in its centre, above, it is flat."""
+"""Standard deviation of a window; the limits are a single sample and a flat window."""
 Shift = Annotated[int, Field(ge=-32768, le=32768)]
-"""Shift of images in px, not larger than images can be."""
+"""Image shift in px, limited to the largest image size."""
 
 
 class StructureTensorSettings(MethodSettings):
-    """How the 4D structure tensor is set up; filters and windows are the paper's (section 4) if not given."""
+    """Settings of the 4D structure tensor; the defaults of filters and windows are those of the paper (section 4)."""
 
     window_sigma_px: Sigma = 6.0
     """Standard deviation of the Gaussian window B in x and y, in px."""
     window_taps_px: Annotated[int, Field(ge=3, le=1001)] = 25
-    """Length of that window in x and y, odd."""
+    """Length of the Gaussian window in x and y, odd."""
     window_sigma_frames: Sigma = 1.0
     """Standard deviation of the Gaussian window B in t, in frames."""
     window_taps_frames: Annotated[int, Field(ge=1, le=1001)] = 5
-    """Length of that window in t, odd."""
+    """Length of the Gaussian window in t, odd."""
     tau: NonNegative | Literal["auto"] = 0.0012
     """Threshold τ below which an eigenvalue of the structure tensor counts as zero, for grey values in [-1, 1];
-    ``auto`` puts it just above what the images' noise makes. The paper's, 0.0012, leaves out dim textures, of which a
-    warning tells; with ``auto``, ``invalid_reason`` states a model violation of slanted faces too."""
+    ``auto`` sets it just above the eigenvalues of the image noise. The default of the paper, 0.0012, makes low-contrast
+    textures invalid, with a warning; with ``auto``, slanted faces may be reported as model violations."""
     noise_std: Positive | Literal["auto"] = "auto"
-    """Standard deviation σ_n of the images' noise, for grey values in [-1, 1], from which error bars follow; ``auto``
-    takes it from what the model leaves unexplained around each pixel."""
+    """Standard deviation σ_n of the image noise, for grey values in [-1, 1], which determines the standard deviations;
+    ``auto`` estimates it from the residual of the model around each pixel."""
     divergence: Literal["consistent", "paper"] = "consistent"
-    """How the divergence term x g_x + y g_y is made: ``paper`` multiplies filtered gradients by coordinates,
-    ``consistent`` filters the products with each camera's own coordinates, which takes a bias from U_Z."""
+    """Discretisation of the divergence term x g_x + y g_y: ``paper`` multiplies the filtered gradients by coordinates;
+    ``consistent`` filters the products with the coordinates of each camera, which removes a bias of U_Z."""
     working_point_px: Shift | Literal["auto", "per_pixel"] = "per_pixel"
-    """Integer disparity by which images are registered, px per step of s; ``auto`` finds the one that suits most of the
-    image, ``per_pixel`` the one that suits each pixel, both from the images alone."""
+    """Integer disparity by which the images are registered, px per step of s; ``auto`` estimates one value for the
+    image, ``per_pixel`` one for each pixel, both from the images alone."""
     flow_working_point_px: tuple[Shift, Shift] | Literal["auto"] = "auto"
-    """Integer flow (x, y) by which frames are registered, px per frame; ``auto`` finds from the images whether most of
-    them moves by a pixel or more, and lets each pixel choose between that and rest."""
+    """Integer flow (x, y) by which the frames are registered, px per frame; ``auto`` estimates from the images whether
+    most pixels move by 1 px or more, and selects that flow or zero at each pixel."""
     pyramid_levels: Annotated[int, Field(ge=0, le=8)] = 0
-    """How often to halve the images for a coarse estimate, whose working points the finer one tries beside its own,
-    where they are not given; doubles the range of flows each time."""
+    """Number of image halvings for a coarse estimate; its registration shifts are additional candidates on the finer
+    level unless specified. Each level doubles the range of flows."""
 
     @field_validator("window_taps_px", "window_taps_frames")
     @classmethod

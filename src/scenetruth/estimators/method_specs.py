@@ -1,4 +1,4 @@
-"""Methods with settings and labels, as functions and the command line take them."""
+"""Specifications of methods, with settings and labels, for functions and the command line."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ class MethodSpec:
     Parameters
     ----------
     method
-        The name of a method, ``"module:function"``, or a method or function itself.
+        Name of a method, ``"module:function"``, or a method or function object.
     settings
-        Its settings; those that are not given have their defaults.
+        Settings of the method; default: the defaults of the method.
     label
-        What it is called in tables and plots; its name and settings if not given.
+        Label in tables and plots; default: name and settings.
     fingerprint
-        A hash of the code of a method of one's own; found out if not given, and empty for those that are installed.
+        Hash of the code of a user-defined method, empty for an installed method; default: computed.
 
     Raises
     ------
     EstimateError
-        If there is no such method, or a setting is impossible.
+        If the method does not exist, or a setting is invalid.
 
     See Also
     --------
-    scenetruth.estimate, scenetruth.compare, scenetruth.sweep : Take methods in this form.
+    scenetruth.estimate, scenetruth.compare, scenetruth.sweep : Accept methods in this form.
 
     Examples
     --------
@@ -93,13 +93,13 @@ class MethodSpec:
 
     @property
     def spelled(self) -> str:
-        """What the command line calls it."""
+        """Notation on the command line."""
         spelled = self._unlabelled
         return spelled if self.label == spelled else f"{self.label}={spelled}"
 
     @property
     def is_own(self) -> bool:
-        """Whether its algorithm is scenetruth's own, and not that of others."""
+        """Whether the algorithm is implemented in scenetruth itself, unlike OpenCV and user-defined methods."""
         if not isinstance(self.method, str) or ":" in self.method:
             return False
         home = type(find_method(self.method)).__module__
@@ -107,28 +107,25 @@ class MethodSpec:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Words of the command line that name it: one, or an option and its value."""
+        """Arguments of the command line that specify the method: one word, or an option and its value."""
         option = getattr(self.method, "as_option", None)
         return (self.spelled,) if option is None else tuple(option(self.label))
 
     @property
     def identity(self) -> str:
-        """What its results depend on: where its code stands, all of its settings, and the hash of its code."""
+        """Text that identifies the results: the location of the code, all settings and the hash of the code."""
         settings = validate_settings(find_method(self.method), self.settings)
         plain = f"{_method_path(self.method)} {settings.model_dump_json()}"
-        # Of methods that are installed, the identity is as it always was: what was measured stays.
+        # Installed methods have no fingerprint, so that existing results stay valid.
         return f"{plain} {self.fingerprint}" if self.fingerprint else plain
 
     @property
     def is_installed(self) -> bool:
-        """Whether it goes by a name, and is nobody's own code: what it refuses, it will refuse again."""
+        """Whether the method is installed and specified by name, so that an error will occur again."""
         return isinstance(self.method, str) and not self.fingerprint
 
     def choice(self, own: MethodChoice | None = None) -> MethodChoice:
-        """Return the name of the method with all of its settings; those of ``own`` count if it is the same method.
-
-        Of a method that is not installed, the name holds within `offered_methods`.
-        """
+        """Return the name of the method with all settings, including those of ``own`` if it is the same method."""
         name = self.method if isinstance(self.method, str) else find_method(self.method).name
         base = own.settings.model_dump(mode="json") if own is not None and own.method == name else {}
         if own is not None and base and not self.settings:
@@ -138,16 +135,16 @@ class MethodSpec:
 
 
 MethodLike = str | MethodSpec | Estimator | Callable[..., Any]
-"""The name of a method, ``"module:function"``, a function or a method itself, or one of them with settings."""
+"""Name of a method, ``"module:function"``, a function or method object, or a specification with settings."""
 
 
 def read_method(method: MethodLike) -> MethodSpec:
-    """Return a method with its settings."""
+    """Return the specification of a method."""
     return method if isinstance(method, MethodSpec) else MethodSpec(method)
 
 
 def read_methods(methods: MethodLike | Iterable[MethodLike]) -> list[MethodSpec]:
-    """Return one or several methods, all of them checked.
+    """Return the validated specifications of one or several methods.
 
     >>> [one.label for one in read_methods(["refined", MethodSpec("refined", {"window_sigma_px": 4}, "fine")])]
     ['refined', 'fine']
@@ -158,7 +155,7 @@ def read_methods(methods: MethodLike | Iterable[MethodLike]) -> list[MethodSpec]
 
 
 def parse_methods(texts: Iterable[MethodLike]) -> list[MethodSpec]:
-    """Return methods as the command line spells them; see `parse_method`.
+    """Return methods from the notation of the command line; see `parse_method`.
 
     >>> [one.label for one in parse_methods(["refined", "fine=refined[window_sigma_px: 4]"])]
     ['refined', 'fine']
@@ -176,32 +173,32 @@ def _collect(methods: Iterable[Any], read: Callable[[Any], MethodSpec]) -> list[
             problems += error.problems
     labels = [one.label for one in found]
     problems += [
-        Problem("methods", "is there twice: give one of them another label, LABEL=METHOD[SETTINGS]", label)
+        Problem("methods", "occurs twice: set a different label, LABEL=METHOD[SETTINGS]", label)
         for label in sorted({label for label in labels if labels.count(label) > 1})
     ]
     if not found and not problems:
-        problems.append(Problem("methods", "at least one method is needed"))
+        problems.append(Problem("methods", "at least one method is required"))
     if problems:
         raise EstimateError(problems)
     return found
 
 
 def parse_method(text: str, *, from_file: bool = False) -> MethodSpec:
-    """Return a method as the command line spells it: ``LABEL=NAME[setting: value, ...]``, label and settings optional.
+    """Return a method from its notation on the command line: ``LABEL=NAME[setting: value, ...]``.
 
     >>> parse_method("fine=refined[window_sigma_px: 4]").settings
     {'window_sigma_px': 4}
     """
     parts = _SPELLED.fullmatch(text.strip())
     if parts is None:
-        message = "is not spelled as LABEL=METHOD[setting: value, ...]; label and settings may be left out"
+        message = "must have the form LABEL=METHOD[setting: value, ...]; label and settings are optional"
         raise EstimateError([Problem("methods", message, text)])
     settings: Any = {}
     if parts["settings"] is not None:
         try:
             settings = yaml.safe_load("{" + parts["settings"] + "}")
         except yaml.YAMLError as error:
-            message = "settings are not spelled as in YAML: [window_sigma_px: 4, motion: rigid]"
+            message = "settings must be valid YAML: [window_sigma_px: 4, motion: rigid]"
             raise EstimateError([Problem("methods", message, text)]) from error
     name = parts["method"].strip()
     if from_file:
@@ -211,7 +208,7 @@ def parse_method(text: str, *, from_file: bool = False) -> MethodSpec:
 
 @contextmanager
 def offered_methods(methods: Iterable[MethodSpec]) -> Iterator[None]:
-    """Let methods that are given as functions or objects be found by their names, in this process."""
+    """Make methods that are functions or objects available by name, in this process."""
     with ExitStack() as stack:
         for one in methods:
             if isinstance(one.method, str):
@@ -227,7 +224,7 @@ def offered_methods(methods: Iterable[MethodSpec]) -> Iterator[None]:
 
 
 def _method_path(method: Any) -> str:
-    """Return the name of a method, or where a function or class of somebody else's stands."""
+    """Return the name of a method, or the import path of a user-defined function or class."""
     if isinstance(method, str):
         return method
     found = method if hasattr(method, "__qualname__") else type(method)

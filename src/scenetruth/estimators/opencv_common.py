@@ -1,7 +1,4 @@
-"""Common parts of the methods based on OpenCV.
-
-The check that it is installed, grey images in 8 bits, stereo matching and optical flow.
-"""
+"""Common parts of the methods based on OpenCV: 8-bit grey images, stereo matching and optical flow."""
 
 from __future__ import annotations
 
@@ -38,12 +35,11 @@ Values = NDArray[np.float64]
 
 
 def outer_percentiles(parts: Iterable[Values], percent: float, most: int) -> tuple[float, float]:
-    """Return a low percentile and the high one opposite, exact, as of `numpy.nanpercentile` of all values together.
+    """Return the lower and upper percentiles of all values together, exactly as `numpy.nanpercentile`.
 
-    Held are the values beyond the percentiles, about twice, and one part: with 0.1 percent on either side some
-    thousandths of all values.
+    Only one part and about twice the values beyond the percentiles are in memory.
 
-    ``parts``: Values of any shape; NaN does not count.
+    ``parts``: Values of any shape; NaN is ignored.
 
     >>> outer_percentiles([np.array([3.0, 1.0]), np.array([[2.0], [np.nan]])], 25, 4)
     (1.5, 2.5)
@@ -63,7 +59,7 @@ def outer_percentiles(parts: Iterable[Values], percent: float, most: int) -> tup
     least, greatest = lowest.in_order(), -highest.in_order()
 
     def between(place: float) -> float:
-        """Return the value at a place among all in their order, as a rule between two of them."""
+        """Return the value at a fractional rank, interpolated linearly."""
         below = int(place)
         ranks = (below, min(below + 1, known - 1))
         pair = [least[rank] if rank < least.size else greatest[known - 1 - rank] for rank in ranks]
@@ -73,7 +69,7 @@ def outer_percentiles(parts: Iterable[Values], percent: float, most: int) -> tup
 
 
 class _Least:
-    """Keeps the least of the values that it is given, as many as asked for and some more."""
+    """Collects the smallest of the values that are added, at least ``count`` of them."""
 
     def __init__(self, count: int) -> None:
         self._count, self._bound = count, np.inf
@@ -94,28 +90,28 @@ class _Least:
 Map = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 GreyImages = Callable[[int, int], Bytes]
-"""Gives the image of a camera s in a frame, counted from 0: uint8 of shape (y, x)."""
+"""Return the image of a camera s in a frame, counted from 0: uint8 of shape (y, x)."""
 
-# Images that are held: of two cameras and two frames.
+# Images in the cache: two cameras and two frames.
 _HELD = 4
 _SIXTEENTHS = 16
-# Columns that are enough to find the range of disparities.
+# Smallest number of columns that suffices to determine the disparity range.
 _LEAST_WIDTH = 160
 
 
 class StereoSettings(MethodSettings):
-    """How OpenCV matches two images of a rectified pair."""
+    """Settings of the OpenCV stereo matching of a rectified pair."""
 
     stereo: Literal["sgbm", "bm"] = "sgbm"
-    """``sgbm``: semi-global matching of blocks; ``bm``: block matching."""
+    """``sgbm``: semi-global block matching; ``bm``: local block matching."""
     camera: Annotated[int, Field(ge=-1001, le=1001)] | None = None
-    """The position s that is matched with the reference s = 0; null: the nearest, the right one of two."""
+    """Position s that is matched with the reference s = 0; null: the nearest, of two equally near the right one."""
     min_disparity_px: Annotated[int, Field(ge=0, le=32768)] | Literal["auto"] = "auto"
-    """Least disparity between the two images in px; ``auto`` finds the range from the images."""
+    """Smallest disparity between the two images in px; ``auto`` estimates the range from the images."""
     disparity_range_px: Annotated[int, Field(ge=16, le=32768, multiple_of=16)] = 32
-    """How many disparities are tried from there on: a multiple of 16."""
+    """Number of disparities searched from the smallest: a multiple of 16."""
     stereo_block_px: Annotated[int, Field(ge=1, le=255)] | None = None
-    """Side of the blocks that are compared, odd; null: 7 for ``sgbm``, 21 for ``bm``."""
+    """Side length of the blocks, odd; null: 7 for ``sgbm``, 21 for ``bm``."""
 
     @model_validator(mode="after")
     def _block(self) -> StereoSettings:
@@ -128,38 +124,37 @@ class StereoSettings(MethodSettings):
 
 
 class FlowSettings(MethodSettings):
-    """How OpenCV finds the optical flow from a frame to the next."""
+    """Settings of the OpenCV optical flow between consecutive frames."""
 
     flow: Literal["farneback", "dis"] = "farneback"
     """``farneback``: polynomial expansion; ``dis``: dense inverse search (medium preset)."""
     flow_window_px: Annotated[int, Field(ge=3, le=1001)] = 25
-    """Side of Farnebäck's window in px."""
+    """Side length of Farnebäck's window in px."""
     flow_levels: Annotated[int, Field(ge=1, le=10)] = 3
-    """Levels of Farnebäck's pyramid."""
+    """Number of levels of Farnebäck's pyramid."""
     flow_iterations: Annotated[int, Field(ge=1, le=1000)] = 3
-    """Iterations of Farnebäck's method at each level."""
+    """Number of iterations of Farnebäck's method at each level."""
     flow_polynomial_sigma_px: Annotated[float, Field(ge=0.1, le=100, allow_inf_nan=False)] = 1.5
-    """Standard deviation of the Gaussian in which Farnebäck's polynomials are fitted to 7 x 7 pixels, in px."""
+    """Standard deviation of the Gaussian for the fit of Farnebäck's polynomials to 7 x 7 pixels, in px."""
 
 
 def cv2_problems() -> list[Problem]:
-    """Return why OpenCV cannot be used here, if so."""
+    """Return the reason why OpenCV cannot be used, if so."""
     try:
         import cv2  # noqa: F401
     except ImportError as error:
         remedy = "install it: pip install 'scenetruth[opencv]' (or opencv-python-headless)"
-        return [Problem("method", f"needs OpenCV, which cannot be imported ({error}); {remedy}")]
+        return [Problem("method", f"requires OpenCV, which cannot be imported ({error}); {remedy}")]
     return []
 
 
 def eight_bit_images(recording: xr.Dataset) -> GreyImages:
-    """Return what reads the images of a recording one by one, grey and in 8 bits, as OpenCV takes them.
+    """Return a function that reads the images as 8-bit grey images, with a common scale for other types.
 
-    What does not fit into 8 bits is scaled by its 0.1th and 99.9th percentile over the whole recording, alike for all
-    images, so that brightness stays comparable.
+    The scale is from the 0.1th to the 99.9th percentile of the whole recording.
     """
     image = recording["image"].variable
-    # A grid of one row is a row.
+    # A grid of one row is a single row.
     image = image.isel(s_y=0) if "s_y" in image.dims else image
     positions = recording["s"].values.tolist()
 
@@ -186,7 +181,7 @@ def eight_bit_images(recording: xr.Dataset) -> GreyImages:
 
 
 def camera_problems(recording: xr.Dataset, settings: StereoSettings) -> list[Problem]:
-    """Return what is wrong with the position that is to be matched with the reference."""
+    """Return the problems of the camera position that is matched with the reference."""
     others = [s for s in recording["s"].values.tolist() if s != 0]
     if settings.camera is not None and settings.camera not in others:
         return [Problem("estimate.camera", f"must be one of the positions {others}", settings.camera)]
@@ -196,17 +191,17 @@ def camera_problems(recording: xr.Dataset, settings: StereoSettings) -> list[Pro
 def disparities(
     recording: xr.Dataset, images: GreyImages, settings: StereoSettings, progress: Progress | None
 ) -> Iterator[Map]:
-    """Give the disparity of the reference camera in every frame, px per step of s, each of shape (y, x)."""
+    """Yield the disparity of the reference camera in every frame, px per step of s, each of shape (y, x)."""
     positions = recording["s"].values.tolist()
     other = settings.camera or min((s for s in positions if s != 0), key=lambda s: (abs(s), -s))
     stage = recording["stage_x_mm"].values
     apart_mm = float(stage[positions.index(other)] - stage[positions.index(0)])
-    # Per step of s, and in pixels of the camera where only every n-th is there.
+    # Per step of s, and in camera pixels if the recording is subsampled.
     per_step = apart_mm / float(recording.attrs["baseline_mm"])
     scale = float(np.sign(apart_mm) * compute_pixel_grid(recording).step_px / per_step)
 
     def found(frame: int) -> Map:
-        # Matching gives the shift to the left of a camera that stands to the right.
+        # The matcher returns the shift to the left, for a camera to the right.
         pair = images(0, frame), images(other, frame)
         return disparity_between(*pair, settings, to_the_right=apart_mm > 0) * scale
 
@@ -216,7 +211,7 @@ def disparities(
 def flows(
     recording: xr.Dataset, images: GreyImages, settings: FlowSettings, progress: Progress | None
 ) -> Iterator[Map]:
-    """Give the flow of the reference camera from every frame to the next, px per frame, each of shape (2, y, x)."""
+    """Yield the flow of the reference camera between consecutive frames, px per frame, each of shape (2, y, x)."""
     step_px = compute_pixel_grid(recording).step_px
 
     def found(frame: int) -> Map:
@@ -226,7 +221,7 @@ def flows(
 
 
 def _frame_by_frame(what: str, found: Callable[[int], Map], count: int, progress: Progress | None) -> Iterator[Map]:
-    """Give what is found in each frame, and tell of the progress."""
+    """Yield the result for each frame and report the progress."""
     tell = progress or (lambda *_: None)
     tell(what, 0, count)
     for frame in range(count):
@@ -236,12 +231,9 @@ def _frame_by_frame(what: str, found: Callable[[int], Map], count: int, progress
 
 
 def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, *, to_the_right: bool) -> Map:
-    """Return the disparity of every pixel of the reference image in px, positive; NaN where nothing fits.
-
-    ``reference``, ``other``: Images of a rectified pair, shape (y, x).
-    """
+    """Return the disparity of a rectified pair at the pixels of the reference, shape (y, x), in px; NaN if invalid."""
     if not to_the_right:
-        # Seen in a mirror, the camera on the left stands on the right.
+        # In mirrored images, the left camera becomes the right one.
         mirrored = disparity_between(
             np.ascontiguousarray(reference[:, ::-1]), np.ascontiguousarray(other[:, ::-1]), settings, to_the_right=True
         )
@@ -252,7 +244,7 @@ def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, 
     least = (
         _least_disparity(reference, other, span) if settings.min_disparity_px == "auto" else settings.min_disparity_px
     )
-    # What lies left of the range's end in the other image would have no disparity: room is added there.
+    # Pixels to the left of the range in the other image would have no disparity; padding is added for them.
     pad = least + span
     padded = [cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (reference, other)]
     matcher: Any
@@ -264,20 +256,20 @@ def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, 
         matcher = cv2.StereoBM.create(span, settings.stereo_block_px or 21)
         matcher.setMinDisparity(least)
     found = np.asarray(matcher.compute(*padded)[:, pad:], dtype=np.float64) / _SIXTEENTHS
-    # Pixels whose match would lie outside the other image have been matched with the added room.
+    # Pixels whose match would lie outside the other image have been matched with the padding.
     outside = np.arange(found.shape[1]) - found < 0
     found[(found < least) | (found <= 0) | outside] = np.nan
     return found
 
 
 def _least_disparity(reference: Bytes, other: Bytes, span: int) -> int:
-    """Return the least disparity of the range in which most of the image is found, at a lower resolution if it can."""
+    """Return the smallest disparity of the range that covers most of the image, at a lower resolution if possible."""
     import cv2
 
     factor = next((factor for factor in (4, 2) if reference.shape[1] // factor >= _LEAST_WIDTH), 1)
     size = (reference.shape[1] // factor, reference.shape[0] // factor)
     small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (reference, other)]
-    # Matching needs some columns beside the range.
+    # The matcher needs some columns in addition to the range.
     most = max(16, (size[0] - 32) // 16 * 16)
     matcher = cv2.StereoSGBM.create(0, most, 7, P1=8 * 49, P2=32 * 49, uniquenessRatio=10)
     padded = [cv2.copyMakeBorder(image, 0, 0, most, 0, cv2.BORDER_REPLICATE) for image in small]
@@ -291,10 +283,7 @@ def _least_disparity(reference: Bytes, other: Bytes, span: int) -> int:
 
 
 def flow_between(first: Bytes, second: Bytes, settings: FlowSettings) -> Map:
-    """Return the optical flow from one image to another in px, (dx, dy), shape (2, y, x).
-
-    ``first``, ``second``: The images, shape (y, x); the flow belongs to the pixels of the first.
-    """
+    """Return the optical flow (dx, dy) from one image to another at the pixels of the first, in px, shape (2, y, x)."""
     import cv2
 
     if settings.flow == "farneback":

@@ -1,8 +1,4 @@
-"""What a method must be.
-
-Its name, settings, requirements and outputs, and how it is called; and how streaming methods read the images of a
-recording.
-"""
+"""Interface of estimation methods and access to the images of a recording."""
 
 from __future__ import annotations
 
@@ -23,20 +19,20 @@ __all__ = ["RESERVED_SETTINGS", "Estimator", "FrameReader", "Method", "MethodSet
 
 
 RESERVED_SETTINGS = frozenset({"method", "recording", "settings", "progress", "overrides", "kind"})
-"""Names that settings of a method must not have: calls and scene files use them for something else."""
+"""Names that settings of a method must not have, because calls and scene files use them otherwise."""
 
 
 class MethodSettings(FrozenModel):
-    """Settings of a method; derive a model with the fields that it has. This one has none.
+    """Base model for the settings of a method, without fields; derive from it and add fields.
 
     See Also
     --------
-    scenetruth.estimators.validate_settings : Settings of a method from plain values.
-    scenetruth.estimators.Method : Names its model of settings as ``settings``.
+    scenetruth.estimators.validate_settings : Create the settings of a method from plain values.
+    scenetruth.estimators.Method : Its class attribute ``settings`` is the settings model.
 
     Examples
     --------
-    A field has a type, perhaps a default, and behind it what it means, which the JSON Schema of scene files tells too:
+    A field has a type, optionally a default, and a description, which is included in the JSON Schema of scene files:
 
     >>> class WallSettings(MethodSettings):
     ...     depth_mm: float
@@ -46,7 +42,7 @@ class MethodSettings(FrozenModel):
     >>> WallSettings(depth_mm=800)
     WallSettings(depth_mm=800.0, window_px=9)
 
-    Values are of the type of their field, and there are no other fields:
+    Values are validated against the type of their field; other fields are rejected:
 
     >>> from pydantic import ValidationError
     >>> try:
@@ -59,29 +55,29 @@ class MethodSettings(FrozenModel):
 
 @dataclass(frozen=True)
 class Needs:
-    """What a recording must hold for a method to work at all.
+    """Requirements of a method on a recording.
 
     Parameters
     ----------
     cameras, frames
-        Least number of camera positions s and of frames t.
+        Smallest number of camera positions s and of frames t.
     images
-        Least number of both together, ``cameras * frames``: 2 if either will do.
+        Smallest number of images, ``cameras * frames``; 2 if either two cameras or two frames suffice.
     channels
-        The number of colour channels that the method takes; None for any, 1 for grey images only.
+        Number of colour channels that the method supports; None for any, 1 for grey images only.
     grid
-        Whether it takes the cameras of a grid (several rows ``s_y``) together.
+        Whether the method processes the cameras of a grid (several rows ``s_y``) together.
     exclusion_mask
-        Whether it leaves out the pixels that a recording's ``exclusion_mask`` marks. Recordings that have one are
-        refused by all other methods, which would use these pixels.
+        Whether the method excludes the pixels that the ``exclusion_mask`` of a recording marks. All other methods
+        reject recordings with an exclusion mask, because they would use these pixels.
 
     See Also
     --------
-    scenetruth.estimators.Estimator : Says by its ``requirements`` what else keeps it from a recording.
+    scenetruth.estimators.Estimator : Its ``requirements`` return all further requirements that are not met.
 
     Examples
     --------
-    Two cameras and grey images; a recording of one camera and in colour is refused with both reasons:
+    Two cameras and grey images; a colour recording of one camera is rejected for both reasons:
 
     >>> import numpy as np
     >>> import scenetruth as st
@@ -110,12 +106,12 @@ class Needs:
         return ", ".join(parts) or "any images"
 
     def problems(self, recording: xr.Dataset, name: str) -> list[Problem]:
-        """Return what a recording lacks for the method of a name."""
+        """Return the requirements that a recording does not meet; ``name`` is the name of the method."""
         sizes = recording["image"].sizes
         cameras, frames, channels = sizes["s"], sizes["t"], sizes.get("channel", 1)
         problems = []
         if sizes.get("s_y", 1) > 1 and not self.grid:
-            message = f"a grid cannot be estimated as a whole by '{name}': render it, then estimate each row, "
+            message = f"a grid is not supported by '{name}'; render it, then estimate each row, "
             problems.append(Problem("stage.rows", message + "recording.sel(s_y=0)", sizes["s_y"]))
         if cameras < self.cameras:
             message = f"'{name}' needs {self.cameras} camera positions"
@@ -123,42 +119,42 @@ class Needs:
         if frames < self.frames:
             problems.append(Problem("frames.count", f"'{name}' needs {self.frames} frames", frames))
         if not problems and cameras * frames < self.images:
-            message = "one image shows neither depth nor motion: 2 camera positions or 2 frames are needed"
+            message = "one image determines neither depth nor motion; 2 camera positions or 2 frames are required"
             problems.append(Problem("stage.positions", message, cameras))
         if self.channels is not None and channels != self.channels:
             message = f"'{name}' takes images of {self.channels} channel{'s' if self.channels > 1 else ''}"
             problems.append(Problem("channel", message, channels))
         if "exclusion_mask" in recording and not self.exclusion_mask:
-            message = f"'{name}' would use the pixels that it marks; method 'refined' leaves them out, or give all to "
-            problems.append(Problem("exclusion_mask", message + "be used: recording.drop_vars('exclusion_mask')"))
+            message = f"is not supported by '{name}'; use method 'refined', or include all pixels: "
+            problems.append(Problem("exclusion_mask", message + "recording.drop_vars('exclusion_mask')"))
         return problems
 
 
 @runtime_checkable
 class Estimator(Protocol):
-    """A method of estimation, ours or anyone's.
+    """Protocol of an estimation method, built-in or user-defined.
 
     Attributes
     ----------
     name
         Lower-case letters, digits and underscores, beginning with a letter.
     settings
-        The frozen model of its settings; every field has a default, or must be given.
+        Frozen settings model; fields without a default must be specified.
     gives
-        Which of depth, disparity, flow and velocity its estimates hold; empty if that is known only from the estimate
-        itself. Scores follow from it: who gives no motion is not asked for any.
+        Output quantities among depth, disparity, flow and velocity; empty if only the estimate itself determines them.
+        Scores follow from it: motion is not evaluated for a method without motion output.
     needs
-        What a recording must hold.
+        Requirements on the recording.
 
     See Also
     --------
-    scenetruth.estimators.Method : A start for a class of one's own, which has all of it but `estimate`.
-    scenetruth.estimators.StreamingMethod : A start for methods that estimate some frames at a time.
-    scenetruth.testing.check_estimator : Whether a method keeps to what is said here.
+    scenetruth.estimators.Method : Base class with defaults for everything but `estimate`.
+    scenetruth.estimators.StreamingMethod : Base class for methods that estimate a few frames at a time.
+    scenetruth.testing.check_estimator : Check whether a method complies with this protocol.
 
     Examples
     --------
-    A class need not derive from anything of ours; this one takes everything for a wall at a given distance:
+    No base class is required; this method returns a wall at a specified distance:
 
     >>> import numpy as np
     >>> import scenetruth as st
@@ -191,40 +187,40 @@ class Estimator(Protocol):
     needs: Needs
 
     def requirements(self, recording: xr.Dataset, settings: Any) -> list[Problem]:
-        """Return what else keeps a recording from being estimated, beyond `needs`.
+        """Return the violated requirements beyond `needs`.
 
-        It is also asked before images exist: coordinates, sizes and attributes are real then, grey values are all zero.
+        It is also called before images exist: coordinates, sizes and attributes are final then, all grey values zero.
         """
         ...
 
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
-        """Estimate.
+        """Return the estimate for a recording.
 
         Parameters
         ----------
         recording
-            A checked recording that meets the requirements; its arrays are read-only.
+            A validated recording that meets the requirements; its arrays are read-only.
         settings
-            An instance of the settings' model.
+            An instance of the settings model.
         progress
-            Called with (what, done, total) as the work goes on; it may raise to interrupt the work.
+            Called with (task, done, total); it may raise an exception to interrupt the estimation.
 
         Returns
         -------
         xarray.Dataset
-            An estimate, as of `scenetruth.make_estimate`.
+            An estimate in the form of `scenetruth.make_estimate`.
         """
         ...
 
 
 class Method:
-    """A start for methods of one's own: derive from it, and write `estimate`.
+    """Base class for user-defined methods: derive from it and implement `estimate`.
 
     See Also
     --------
-    scenetruth.estimators.StreamingMethod : A start for methods that estimate some frames at a time.
-    scenetruth.estimators.Estimator : What a method must be, whatever it derives from.
-    scenetruth.testing.check_estimator : Whether a method keeps to that.
+    scenetruth.estimators.StreamingMethod : Base class for methods that estimate a few frames at a time.
+    scenetruth.estimators.Estimator : Protocol of a method, with or without a base class.
+    scenetruth.testing.check_estimator : Check whether a method complies with the protocol.
 
     Examples
     --------
@@ -246,32 +242,31 @@ class Method:
     gives: frozenset[str] = frozenset()
     needs: Needs = Needs()
     reads_frames: bool = False
-    """Whether it reads a recording frame by frame; all others get it in memory."""
+    """Whether the method reads the recording frame by frame; other methods get it loaded into memory."""
 
     def requirements(self, recording: xr.Dataset, settings: Any) -> list[Problem]:
-        """Return nothing: whatever meets `needs` will do."""
+        """Return an empty list: `needs` are the only requirements."""
         return []
 
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
-        """Estimate; see `Estimator.estimate`."""
+        """Return the estimate for a recording; see `Estimator.estimate`."""
         raise NotImplementedError
 
 
 class StreamingMethod(Method):
-    """A start for methods that estimate some frames at a time, so that long recordings need no more memory than short.
+    """Base class for methods that estimate a few frames at a time, so that memory does not grow with the recording.
 
-    Derive from it, and write `blank` and `fill`. The recording that they get may be opened and not loaded: its images
-    are read when they are selected (`scenetruth.estimators.protocol` reads windows of frames).
+    Derive from it and implement `blank` and `fill`. The recording may be lazy: its images are read when they are
+    selected (`scenetruth.estimators.protocol` reads windows of frames).
 
     See Also
     --------
-    scenetruth.estimators.Method : A start for methods that take the whole recording at once.
-    scenetruth.estimators.EstimationTask : Fills an estimate frame by frame.
+    scenetruth.estimators.Method : Base class for methods that process the whole recording in memory.
+    scenetruth.estimators.EstimationTask : Fill an estimate frame by frame.
 
     Examples
     --------
-    Depth from the light of a lamp at the camera, which falls with the square of the distance, one frame after the
-    other:
+    Depth from the light of a lamp at the camera, which decreases with the square of the distance, frame by frame:
 
     >>> import numpy as np
     >>> import scenetruth as st
@@ -296,44 +291,44 @@ class StreamingMethod(Method):
     """
 
     bytes_per_pixel: float = 195.0
-    """Memory for a pixel of the frames that are estimated together, as measured: that of the structure tensor."""
+    """Memory per pixel of the frames that are estimated together, as measured for the structure tensor."""
     pixels_at_once: float = 2.3e6
-    """Pixels of all frames that are estimated together, if one frame has no more."""
+    """Number of pixels of all frames that are estimated together, unless a single frame has more."""
     seconds_per_sample: float = 1.6e-6
-    """Time for a pixel of one image of an estimated frame, on two processors, as measured."""
+    """Time per pixel of an image of an estimated frame, on two processors, as measured."""
 
     def blank(self, recording: xr.Dataset, settings: Any) -> xr.Dataset:
-        """Return the estimate that `fill` will make, with all frames, its maps still blank (`schema.blank_map`)."""
+        """Return the estimate that `fill` completes, with all frames and blank maps (`schema.blank_map`)."""
         raise NotImplementedError
 
     def fill(self, recording: xr.Dataset, settings: Any, put: Put, progress: Progress | None) -> Mapping[str, Any]:
-        """Estimate, and put every map of every frame in its place.
+        """Estimate, and write every map of every frame.
 
         Parameters
         ----------
         recording, settings, progress
-            As of `Estimator.estimate`.
+            As in `Estimator.estimate`.
         put
-            Takes one map or several; see `scenetruth.schema.Put`.
+            Receives one map or several; see `scenetruth.schema.Put`.
 
         Returns
         -------
         mapping
-            Attributes of the estimate that are known in the end only.
+            Attributes of the estimate that are available only after the estimation.
         """
         raise NotImplementedError
 
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
-        """Estimate all frames, in memory."""
+        """Estimate all frames in memory."""
         filling = IncrementalDataset(self.blank(recording, settings))
         told = self.fill(recording, settings, filling.put, progress)
         return filling.dataset().assign_attrs(told)
 
 
 class FrameReader:
-    """Reads windows of frames from a recording; what two windows in a row have in common is read once.
+    """Reader of windows of frames from a recording; the overlap of consecutive windows is read only once.
 
-    ``recording``: A checked recording, in memory or opened from a store.
+    ``recording``: A validated recording, in memory or opened from a store.
 
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 9, 30, 40)), focal_length_px=500, baseline_mm=5)
@@ -347,7 +342,7 @@ class FrameReader:
         sizes = image.sizes
         native = image.dtype.newbyteorder("=")
         self.dtype = native if native in (np.uint8, np.uint16) else np.dtype(np.float32)
-        """Type in which images are given: uint8 and uint16 as recorded, all other types as float32."""
+        """Type of the images returned: uint8 and uint16 as recorded, all other types as float32."""
         cameras = sizes.get("s_y", 1) * sizes["s"]
         self.shape = (sizes.get("channel", 1), cameras, sizes["t"], sizes["y"], sizes["x"])
         """Numbers of channels, cameras (of a grid row by row), frames, rows and columns."""
@@ -360,7 +355,7 @@ class FrameReader:
         if held == (first, last):
             return self._held
         if first >= held[0] and first < held[1] < last:
-            # Old images first, so that the new ones need not wait for memory of theirs.
+            # The overlap is copied first, which limits the memory needed for the new images.
             window = np.empty((*self.shape[:2], last - first, *self.shape[3:]), dtype=self.dtype)
             window[:, :, : held[1] - first] = self._held[:, :, first - held[0] :]
             window[:, :, held[1] - first :] = self._read(held[1], last)
@@ -370,13 +365,13 @@ class FrameReader:
         return window
 
     def missing(self) -> int:
-        """Return how many values are not finite in the type in which images are given."""
+        """Return the number of values that are not finite in the type of the images returned."""
         if self._image.dtype.kind != "f":
             return 0
         count = 0
         for frame in range(self.shape[2]):
             image = self._read(frame, frame + 1)
-            # The sum is quick: it is finite only if all values are. If it overflows, the exact count decides.
+            # The sum is fast and finite only if all values are. If it overflows, the exact count decides.
             with np.errstate(over="ignore", invalid="ignore"):
                 if not np.isfinite(image.sum()):
                     count += int((~np.isfinite(image)).sum())

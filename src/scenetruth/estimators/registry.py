@@ -1,7 +1,4 @@
-"""All methods by name.
-
-Built-in methods, those of installed plugins and plain functions; and the choice of a method with its settings.
-"""
+"""Registry of built-in, plugin and function methods by name, and selection of a method with its settings."""
 
 from __future__ import annotations
 
@@ -41,7 +38,7 @@ __all__ = [
     "MethodEntry",
     "choose",
     "find_method",
-    "method_entries",
+    "list_methods",
     "name_problems",
     "offered",
     "validate_settings",
@@ -49,9 +46,9 @@ __all__ = [
 
 
 DEFAULT_METHOD = "structure_tensor"
-"""The method where none is named."""
+"""Method used unless one is specified."""
 ENTRY_POINTS = "scenetruth.estimators"
-"""Group of entry points under which packages offer methods."""
+"""Group of entry points under which packages provide methods."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _DOTTED = re.compile(r"[\w.]{1,200}")
@@ -59,29 +56,29 @@ _DOTTED = re.compile(r"[\w.]{1,200}")
 
 @dataclass(frozen=True)
 class MethodEntry:
-    """A method that is installed, whether it can be loaded or not.
+    """An installed method, which may or may not be loadable.
 
     Parameters
     ----------
     name
-        Its name.
+        Name of the method.
     origin
-        Who brings it: ``scenetruth``, or a distribution and its version.
+        Provider: ``scenetruth``, or a distribution and its version.
     problem
-        Why it cannot be used; empty if nothing is known to be wrong. That its code is broken shows only when it is
-        loaded.
+        Reason why the method cannot be used; empty if none has been detected. Errors in its code appear only when it
+        is loaded.
     load
-        Loads it: returns an object that is, or makes, an `Estimator`.
+        Load the method: returns an object that is an `Estimator`, or creates one.
 
     See Also
     --------
-    scenetruth.estimators.method_entries : Those of all methods that are installed.
-    scenetruth.estimators.find_method : The method itself, loaded and looked over.
+    scenetruth.estimators.list_methods : Entries of all installed methods.
+    scenetruth.estimators.find_method : Load and validate a method.
 
     Examples
     --------
-    >>> from scenetruth.estimators import method_entries
-    >>> entry = next(entry for entry in method_entries() if entry.name == "plane_sweep")
+    >>> from scenetruth.estimators import list_methods
+    >>> entry = next(entry for entry in list_methods() if entry.name == "plane_sweep")
     >>> entry.origin, entry.problem, sorted(entry.load().gives)
     ('scenetruth', '', ['depth', 'disparity'])
     """
@@ -92,21 +89,21 @@ class MethodEntry:
     load: Callable[[], Any]
 
 
-def method_entries() -> list[MethodEntry]:
-    """Return all methods that are installed, without loading any, in order of their names; ours first.
+def list_methods() -> list[MethodEntry]:
+    """Return the entries of all installed methods without loading them, built-in methods first, sorted by name.
 
     Returns
     -------
     list of MethodEntry
-        One for each, also for those that cannot be loaded.
+        One entry for each method, including those that cannot be loaded.
 
     See Also
     --------
-    scenetruth.estimators.find_method : A method by its name.
+    scenetruth.estimators.find_method : Load a method by its name.
 
     Examples
     --------
-    >>> names = [entry.name for entry in method_entries() if not entry.problem]
+    >>> names = [entry.name for entry in list_methods() if not entry.problem]
     >>> "plane_sweep" in names, "refined" in names, "structure_tensor" in names
     (True, True, True)
     """
@@ -121,13 +118,12 @@ def method_entries() -> list[MethodEntry]:
 
 
 def find_method(name: object) -> Estimator:
-    """Return a method.
+    """Return a method from its name, import path or object.
 
     Parameters
     ----------
     name
-        The name of a method that is installed; ``module:function`` for a plain function, or for any object that is a
-        method; or such a function or method itself.
+        Name of an installed method; ``module:function`` for a function or method object; or such an object itself.
 
     Returns
     -------
@@ -137,12 +133,12 @@ def find_method(name: object) -> Estimator:
     Raises
     ------
     EstimateError
-        If there is none of that name, or it cannot be loaded, or it is not what a method must be; says what is wrong.
+        If the method does not exist, cannot be loaded, or does not comply with `Estimator`.
 
     See Also
     --------
-    scenetruth.estimators.method_entries : All methods that are installed, loaded or not.
-    scenetruth.estimators.validate_settings : Settings of a method from plain values.
+    scenetruth.estimators.list_methods : List all installed methods.
+    scenetruth.estimators.validate_settings : Create the settings of a method from plain values.
 
     Examples
     --------
@@ -150,7 +146,7 @@ def find_method(name: object) -> Estimator:
     >>> sorted(method.gives), str(method.needs)
     (['depth', 'disparity'], '2 cameras')
 
-    A function is a method too; its parameters are the settings:
+    A function is also a method; its parameters are the settings:
 
     >>> import numpy as np
     >>> def wall(recording, depth_mm: float = 500.0):
@@ -165,15 +161,15 @@ def find_method(name: object) -> Estimator:
         return _OFFERED[name]
     if ":" in name:
         return _made(_attribute_of(name), name)
-    # A plug-in cannot take the name of one of ours: those need no look at what is installed.
+    # A plugin cannot override a built-in method, whose name therefore needs no search of the installed packages.
     entries = [entry for entry in _own_entries() if entry.name == name]
-    entries = entries or [entry for entry in method_entries() if entry.name == name]
+    entries = entries or [entry for entry in list_methods() if entry.name == name]
     if not entries:
         import difflib
 
         if hint := _file_hint(name):
             raise _refused(hint, name)
-        known = sorted({entry.name for entry in method_entries()})
+        known = sorted({entry.name for entry in list_methods()})
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else "."
         raise _refused(f"no such method{hint} Installed: {', '.join(known)}", name)
@@ -182,7 +178,7 @@ def find_method(name: object) -> Estimator:
         raise _refused(entry.problem, name)
     try:
         found = entry.load()
-    except Exception as error:  # whatever a plug-in's code raises
+    except Exception as error:  # the code of a plugin may raise anything
         message = f"cannot be loaded from {entry.origin}: {type(error).__name__}: {error}"
         raise _refused(message, name) from error
     return _made(found, name)
@@ -193,9 +189,9 @@ _OFFERED: dict[str, Estimator] = {}
 
 @contextmanager
 def offered(method: Estimator) -> Iterator[None]:
-    """Let a method that was made just now be found by its name, in this process, until the block ends."""
-    if method.name in _OFFERED or method.name in {entry.name for entry in method_entries()}:
-        raise _refused("is the name of a method that is there already; choose another", method.name)
+    """Make a new method available by name in this process until the block ends."""
+    if method.name in _OFFERED or method.name in {entry.name for entry in list_methods()}:
+        raise _refused("is the name of an existing method; choose another name", method.name)
     _OFFERED[method.name] = method
     try:
         yield
@@ -223,22 +219,22 @@ def _distribution(point: metadata.EntryPoint) -> str:
 
 def _name_problem(name: str, names: list[str], taken: set[str]) -> str:
     if not _NAME.fullmatch(name):
-        return "its name is not possible: lower-case letters, digits and underscores, beginning with a letter"
+        return "its name must be lower-case letters, digits and underscores, beginning with a letter"
     if name in taken:
-        return "its name is that of a method of scenetruth; the plug-in must choose another"
+        return "its name is that of a built-in method; the plugin must choose another name"
     if names.count(name) > 1:
-        return "several installed plug-ins have this name; uninstall all but one"
+        return "several installed plugins have this name; uninstall all but one"
     return ""
 
 
 def _attribute_of(path: str) -> Any:
     module, _, attribute = path.partition(":")
     if module.endswith(".py"):
-        raise _refused(f"names a file, not a module; leave out .py: {_module_of(module)}:{attribute}", path)
+        raise _refused(f"names a file, not a module; omit .py: {_module_of(module)}:{attribute}", path)
     try:
         with _searched(os.getcwd()):
             return getattr(importlib.import_module(module), attribute)
-    except (Exception, SystemExit) as error:  # whatever a user's module raises
+    except (Exception, SystemExit) as error:  # a user module may raise anything
         told = f"it called sys.exit({error.code!r})" if isinstance(error, SystemExit) else _describe_exception(error)
         raise _refused(f"cannot be imported as module:function: {told}", path) from error
 
@@ -249,16 +245,16 @@ def _describe_exception(error: BaseException) -> str:
 
 
 def _file_hint(name: str) -> str:
-    """Return what to write instead of the name of a module; empty if it is that of none in the current folder."""
+    """Return the correct notation for a module of the current folder; empty if the name matches none."""
     dotted = _DOTTED.fullmatch(name) is not None
     if not name.endswith(".py") and not (dotted and Path(f"{name.replace('.', '/')}.py").is_file()):
         return ""
     module = _module_of(name) if name.endswith(".py") else name
-    return f"no such method; a function of one's own is named with its module: {module}:FUNCTION"
+    return f"no such method; specify a function with its module: {module}:FUNCTION"
 
 
 def _module_of(file: str) -> str:
-    """Return what Python calls the module in a file, from the current folder."""
+    """Return the import name of the module in a file, relative to the current folder."""
     path = Path(file).with_suffix("")
     if path.is_absolute() and path.is_relative_to(Path.cwd()):
         path = path.relative_to(Path.cwd())
@@ -267,7 +263,7 @@ def _module_of(file: str) -> str:
 
 @contextmanager
 def _searched(folder: str) -> Iterator[None]:
-    """Let modules be imported from a folder too, as ``python -m`` lets them from the current one."""
+    """Add a folder to the module search path, as ``python -m`` adds the current folder."""
     sys.path.insert(0, folder)
     try:
         yield
@@ -276,7 +272,7 @@ def _searched(folder: str) -> Iterator[None]:
 
 
 def _made(found: Any, name: str) -> Estimator:
-    """Return what was found as a method: as it is, made by its class, or a function in a method's clothes."""
+    """Return a loaded object as a method: unchanged, instantiated from its class, or wrapped if it is a function."""
     from scenetruth.estimators.protocol import RESERVED_SETTINGS, Estimator
     from scenetruth.estimators.user_code import FunctionMethod
     from scenetruth.validated_model import FrozenModel
@@ -286,21 +282,21 @@ def _made(found: Any, name: str) -> Estimator:
             found = found()
         elif callable(found) and not hasattr(found, "estimate"):
             found = FunctionMethod(found, name)
-    except (Exception, SystemExit) as error:  # whatever a plug-in's code raises
-        raise _refused(f"cannot be made: {type(error).__name__}: {error}", name) from error
+    except (Exception, SystemExit) as error:  # the code of a plugin may raise anything
+        raise _refused(f"cannot be instantiated: {type(error).__name__}: {error}", name) from error
     wrong = []
     if not isinstance(found, Estimator):
         needed = ("name", "settings", "gives", "needs", "requirements", "estimate")
         missing = ", ".join(part for part in needed if not hasattr(found, part))
-        wrong.append(f"is not a method: it lacks {missing}")
+        wrong.append(f"is not a method: missing {missing}")
     elif not (isinstance(found.settings, type) and issubclass(found.settings, FrozenModel)):
-        wrong.append("its settings are not a model derived from scenetruth.estimators.MethodSettings")
+        wrong.append("its settings must be a model derived from scenetruth.estimators.MethodSettings")
     else:
         shadows = sorted(RESERVED_SETTINGS & set(found.settings.model_fields))
         if shadows:
-            wrong.append(f"its settings have names that are reserved: {', '.join(shadows)}; rename them")
+            wrong.append(f"its settings have reserved names: {', '.join(shadows)}; rename them")
     if not wrong and found.name != name:
-        wrong.append(f"calls itself '{found.name}': the name of its entry point must be the same")
+        wrong.append(f"has the name '{found.name}', which must equal the name of its entry point")
     if wrong:
         raise _refused("; ".join(wrong), name)
     return cast("Estimator", found)
@@ -311,7 +307,7 @@ def _refused(message: str, name: str) -> EstimateError:
 
 
 def name_problems(name: object) -> list[Problem]:
-    """Return what is wrong with the name of a method: estimates and their files are called after it.
+    """Return the problems of the name of a method, which names its estimates and files.
 
     >>> print(*name_problems("My program"))
     name: must be lower-case letters, digits and underscores, beginning with a letter (got 'My program')
@@ -319,15 +315,15 @@ def name_problems(name: object) -> list[Problem]:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         message = "must be lower-case letters, digits and underscores, beginning with a letter"
         return [Problem("name", message, name)]
-    if name in {entry.name for entry in method_entries()}:
-        return [Problem("name", "is that of a method that is installed; choose another", name)]
+    if name in {entry.name for entry in list_methods()}:
+        return [Problem("name", "is that of an installed method; choose another name", name)]
     return []
 
 
 class MethodChoice(BaseModel):
-    """Which method estimates, and with which settings; in a file, both stand side by side.
+    """A method and its settings; in a file, both are fields of the same mapping.
 
-    ``module:function`` is refused here: a file that is read imports no code but that of installed methods.
+    ``module:function`` is rejected: files import no code but that of installed methods.
 
     >>> choice = MethodChoice.model_validate({"method": "structure_tensor", "window_sigma_px": 4})
     >>> choice.settings.window_sigma_px, choice.model_dump()["window_taps_px"]
@@ -339,7 +335,7 @@ class MethodChoice(BaseModel):
     method: str
     """Name of the method: see `scenetruth list methods`."""
     settings: FrozenModel
-    """Its settings."""
+    """Settings of the method."""
 
     @model_validator(mode="before")
     @classmethod
@@ -358,9 +354,9 @@ class MethodChoice(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Return one object for every method that can be loaded; broken ones are left out."""
+        """Return one object schema for every method that can be loaded."""
         variants = []
-        for entry in method_entries():
+        for entry in list_methods():
             try:
                 method = find_method(entry.name)
             except EstimateError:
@@ -377,7 +373,7 @@ class MethodChoice(BaseModel):
 
 
 def _in_place(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a JSON Schema in which models within models stand where they are used: its own $defs cannot be kept."""
+    """Return a JSON Schema with inlined definitions of nested models, because its $defs cannot be kept."""
     definitions = schema.pop("$defs", {})
 
     def spelled(part: Any, within: tuple[str, ...] = ()) -> Any:
@@ -389,38 +385,38 @@ def _in_place(schema: dict[str, Any]) -> dict[str, Any]:
         rest = {key: spelled(each, within) for key, each in part.items() if key != "$ref"}
         if name not in definitions:
             return rest
-        # A model that holds itself is told once.
+        # A recursive model is expanded once.
         return {**({"type": "object"} if name in within else spelled(definitions[name], (*within, name))), **rest}
 
     return dict(spelled(schema))
 
 
 def choose(given: Any, *, from_file: bool = False) -> MethodChoice:
-    """Return a validated choice from what a scene file says."""
+    """Return a validated method choice from the fields of a scene file."""
     if isinstance(given, MethodChoice):
         return given
     if not isinstance(given, Mapping):
-        raise EstimateError([Problem("", "must be a mapping of method and its settings", given)])
+        raise EstimateError([Problem("", "must be a mapping with a method and its settings", given)])
     fields = dict(given)
     method = fields.pop("method", DEFAULT_METHOD)
     if not isinstance(method, str):
         raise EstimateError([Problem("method", "must be the name of a method", method)])
     if from_file and ":" in method:
-        message = f"is code, which no file may name; give it to the call (--method {method}) or install it as a plug-in"
+        message = f"is code, which files must not specify; use --method {method}, or install it as a plugin"
         raise EstimateError([Problem("method", message, method)])
     settings = validate_settings(find_method(method), fields)
     return MethodChoice.model_construct(method=method, settings=settings)
 
 
 def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenModel:
-    """Return the settings of a method.
+    """Return the validated settings of a method.
 
     Parameters
     ----------
     method
         The method.
     fields
-        Its settings by name, as plain values; those that are not given have their defaults.
+        Settings by name, as plain values; default: the defaults of the method.
 
     Returns
     -------
@@ -430,16 +426,16 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
     Raises
     ------
     EstimateError
-        With every setting that is unknown or impossible.
+        Lists all settings that are unknown or invalid.
 
     See Also
     --------
-    scenetruth.estimators.find_method : A method by its name.
-    scenetruth.estimators.MethodSettings : What models of settings derive from.
+    scenetruth.estimators.find_method : Load a method by its name.
+    scenetruth.estimators.MethodSettings : Base class of settings models.
 
     Examples
     --------
-    What is not given has its default; all that is wrong is told at once:
+    Settings that are not specified have their defaults; all errors are reported together:
 
     >>> import scenetruth as st
     >>> from scenetruth.estimators import find_method
@@ -464,7 +460,7 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
         told: dict[str, list[Problem]] = {}
         for problem in (_problem_of(entry, method) for entry in error.errors(include_url=False)[:_MAX_PROBLEMS]):
             told.setdefault(problem.path, []).append(problem)
-        # Of a setting that may be a number or a word, pydantic reports each on its own.
+        # For a setting that may be a number or a word, pydantic reports an error for each alternative.
         problems = [
             Problem(path, ", or ".join(dict.fromkeys(problem.message for problem in found)), found[0].value)
             for path, found in sorted(told.items())
@@ -473,7 +469,7 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
 
 
 _MAX_PROBLEMS = 100
-"""More wrong settings are not told: to find what each was meant to be takes time."""
+"""Largest number of invalid settings that are reported, because the search for similar names takes time."""
 
 
 def _problem_of(entry: Any, method: Estimator) -> Problem:
@@ -485,11 +481,11 @@ def _problem_of(entry: Any, method: Estimator) -> Problem:
 
         known = sorted(method.settings.model_fields)
         near = difflib.get_close_matches(keys[-1], known, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(known) or 'none'}"
+        hint = f"; did you mean '{near[0]}'?" if near else f"; valid: {', '.join(known) or 'none'}"
         message = f"unknown setting of '{method.name}'{hint}"
     return Problem(path, message[:1].lower() + message[1:], value)
 
 
-# What pydantic calls the members of a union, in the places of what is wrong.
+# Names by which pydantic refers to the members of a union in error locations.
 _UNION_TYPES = ("literal[", "function-", "tuple[", "list[", "nullable[")
 _UNION_MEMBERS = ("int", "float", "str", "constrained-int", "constrained-float", "constrained-str")

@@ -1,7 +1,4 @@
-"""The user's own code.
-
-Plain functions as methods, the files that belong to it, and where in them an exception was raised.
-"""
+"""User-defined code: functions as methods, the files it depends on, and the location of exceptions."""
 
 from __future__ import annotations
 
@@ -31,21 +28,18 @@ _TYPED_IN = ("<stdin>", "<python-input", "<ipython")
 
 
 def is_user_file(file: str | Path) -> bool:
-    """Tell whether a file belongs neither to scenetruth, nor to Python, nor to a package that is installed."""
+    """Return whether a file belongs neither to scenetruth, nor to Python, nor to an installed package."""
     try:
         path = Path(file).resolve()
         if not path.is_file() or _INSTALLED.intersection(path.parts):
             return False
-    except (OSError, ValueError):  # a name that no file can have
+    except (OSError, ValueError):  # not a valid file name
         return False
     return not any(path.is_relative_to(folder) for folder in (_OURS, *_python()))
 
 
 def locate_exception(error: BaseException) -> str:
-    """Return where the last line of one's own code stands that an exception came through: ``mine.py:12 in helper``.
-
-    Empty if it came through none.
-    """
+    """Return the last line of user code that an exception passed through, ``mine.py:12 in helper``; empty if none."""
     told, step = "", error.__traceback__
     while step is not None:
         code = step.tb_frame.f_code
@@ -56,10 +50,10 @@ def locate_exception(error: BaseException) -> str:
 
 
 def with_imported(file: Path) -> list[Path]:
-    """Return a file, and those of the modules beside it that it imports, they in turn, and so on, in order."""
+    """Return a file and all modules in its folder or package that it imports, directly or indirectly, sorted."""
     first = file.resolve()
     found, left = {first}, [first]
-    # Modules of a package are named from where its outermost folder lies.
+    # Module names of a package start at the parent of its outermost folder.
     root = next(folder for folder in first.parents if not (folder / "__init__.py").is_file())
     while left:
         here = left.pop()
@@ -75,7 +69,7 @@ def _imported(file: Path, root: Path) -> Iterator[Path]:
         return
     try:
         tree = ast.parse(file.read_bytes())
-    except (OSError, ValueError, SyntaxError):  # whoever runs it says what is wrong with it
+    except (OSError, ValueError, SyntaxError):  # reported when the file is run
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -89,7 +83,7 @@ def _imported(file: Path, root: Path) -> Iterator[Path]:
 
 
 def _files_of(parts: list[str], folders: set[Path]) -> Iterator[Path]:
-    """Yield the files that make a dotted name, as far as they are there: of its packages, and of itself."""
+    """Yield the existing files that define a dotted name: those of its packages and its own."""
     for folder in folders:
         for count in range(len(parts) + 1):
             base = folder.joinpath(*parts[:count])
@@ -112,12 +106,11 @@ def _python() -> tuple[Path, ...]:
 
 
 class FunctionMethod(Method):
-    """A function of a recording as a method.
+    """Wrapper that turns a function of a recording into a method.
 
     ``function``: Called with the recording, with ``progress`` if it has a parameter of that name, and with its other
       parameters as settings, validated by their annotations. It returns an estimate, or a mapping of plain arrays, the
-      arguments of `scenetruth.make_estimate`. If it has attributes ``gives`` or ``needs``, they are the method's.
-    ``name``: What it is called.
+      arguments of `scenetruth.make_estimate`. Its attributes ``gives`` and ``needs``, if any, are those of the method.
     """
 
     def __init__(self, function: Callable[..., Any], name: str) -> None:
@@ -125,12 +118,12 @@ class FunctionMethod(Method):
         self.function = function
         parameters = list(inspect.signature(function).parameters.values())
         if not parameters:
-            msg = "takes no recording"
+            msg = "has no parameter for the recording"
             raise TypeError(msg)
         rest = parameters[1:]
         endless = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
         if any(item.kind in endless for item in rest):
-            msg = "takes any number of parameters: name each setting, so that it can be validated"
+            msg = "has variadic parameters; name each setting, so that it can be validated"
             raise TypeError(msg)
         hints = _hints_of(function)
         self._takes_progress = any(item.name == "progress" for item in rest)
@@ -144,7 +137,7 @@ class FunctionMethod(Method):
         self.needs = getattr(function, "needs", Method.needs)
 
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
-        """Call the function."""
+        """Call the function and return its estimate."""
         given = {name: getattr(settings, name) for name in type(settings).model_fields}
         if self._takes_progress:
             given["progress"] = progress
@@ -152,11 +145,11 @@ class FunctionMethod(Method):
         if isinstance(found, Mapping) and not isinstance(found, xr.Dataset):
             _reject_unknown_quantities(found)
             return make_estimate(recording=recording, **found)
-        return found  # type: ignore[no-any-return]  # whatever it is, it is checked where methods are called
+        return found  # type: ignore[no-any-return]  # validated by the caller
 
 
 def _reject_unknown_quantities(found: Mapping[Any, Any]) -> None:
-    """Refuse what a function returns under names that no estimate has."""
+    """Raise if a function returns quantities that do not exist in an estimate."""
     parameters = inspect.signature(make_estimate).parameters.values()
     known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY and one.name != "recording"]
     problems = []
@@ -164,7 +157,7 @@ def _reject_unknown_quantities(found: Mapping[Any, Any]) -> None:
         if name not in known:
             near = difflib.get_close_matches(str(name), known, n=1)
             hint = f"; did you mean '{near[0]}'?" if near else "."
-            problems.append(Problem(str(name), f"is nothing that an estimate holds{hint} Known: {', '.join(known)}"))
+            problems.append(Problem(str(name), f"is not a quantity of an estimate{hint} Valid: {', '.join(known)}"))
     if problems:
         raise EstimateError(problems)
 
@@ -172,5 +165,5 @@ def _reject_unknown_quantities(found: Mapping[Any, Any]) -> None:
 def _hints_of(function: Callable[..., Any]) -> dict[str, Any]:
     try:
         return get_type_hints(function)
-    except Exception:  # annotations may name what exists only for type checkers
+    except Exception:  # annotations may refer to names that exist only for type checkers
         return {}

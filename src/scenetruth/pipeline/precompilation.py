@@ -77,12 +77,12 @@ def precompile(
     seconds from then on.
     """
     from scenetruth.errors import EstimateError
-    from scenetruth.estimators import choose, estimate, method_entries
+    from scenetruth.estimators import choose, estimate, list_methods
     from scenetruth.scene import Scene
     from scenetruth.scoring import score
     from scenetruth.simulation import simulate
 
-    methods = [entry.name for entry in method_entries() if entry.origin == "scenetruth"]
+    methods = [entry.name for entry in list_methods() if entry.origin == "scenetruth"]
     steps = len(_SCENES) * (1 + len(methods))
     done: list[str] = []
 

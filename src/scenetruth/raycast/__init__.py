@@ -1,4 +1,4 @@
-"""Exact ray casting: the first triangle that a ray meets, and the point on it in float64."""
+"""Ray casting against triangle meshes with exact hits in float64."""
 
 from scenetruth.raycast.edges import mixed_pixels
 from scenetruth.raycast.mesh_topology import ImageRays, TexturedMesh, Topology

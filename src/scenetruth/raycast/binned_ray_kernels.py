@@ -1,7 +1,4 @@
-"""Kernels that find the first face on each of many rays from one point among many small faces.
-
-In float64, cell by cell.
-"""
+"""Kernels for the first hits of rays from one point, binned into square cells, in float64."""
 
 from __future__ import annotations
 
@@ -37,23 +34,23 @@ from scenetruth.threads import in_bands
 
 __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
 
-# A field of rays has its ranges of u and v, and behind them the number of cells per unit of u and v.
+# A ray field holds the ranges of u and v, followed by the number of cells per unit of u and v.
 _CELLS_PER_U, _CELLS_PER_V = RANGES, RANGES + 1
-# Faces are sorted in so many shares at the same time.
+# Number of shares of faces sorted in parallel.
 _SHARES = 64
-# Faces that may touch more rays of a row than this are asked where they cross it.
+# Faces that may touch more rays of a row than this are intersected with the row.
 _MANY = 16
-# Rays that are tested at once.
+# Number of rays tested per batch.
 _RUN = 64
-# Rays may lie beyond their row of cells by this share of it, by rounding.
+# Relative tolerance by which rays may exceed their row of cells due to rounding.
 _ROW_MARGIN = 1e-6
-# Faces, rays to be projected, and rays to be cast that are worth a thread of their own.
+# Minimum number of faces, projected rays and cast rays per thread.
 _LEAST_SORTED, _LEAST_PROJECTED, _LEAST_CAST = 4096, 8192, 1024
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _cell(value: float, low: float, per_cell: float, last: int) -> Any:
-    """Return the cell of a coordinate, from 0 to ``last``; a larger coordinate never has a lower cell."""
+    """Return the cell of a coordinate, from 0 to ``last``, monotonic in the coordinate."""
     return int(min(max((value - low) * per_cell, 0.0), last + 0.0))
 
 
@@ -63,9 +60,9 @@ def sort_rays(
     """Sort rays into square cells of the central projection along an axis.
 
     ``directions``: Directions of the rays, shape (n, 3).
-    Returns: Indices of the rays in the order of their cells, row by row, shape (n,), those that are NaN last; where
-    each cell begins in this order, shape (side * side + 1,); the field of the rays: lowest u, highest u, lowest v,
-    highest v, cells per unit of u and of v, shape (6,); and whether all rays point into the half space of the axis.
+    Returns: Ray indices in row-major cell order, NaN rays last, shape (n,); start index of each cell, shape (side *
+    side + 1,); ray field: lowest u, highest u, lowest v, highest v, cells per unit of u and of v, shape (6,); and
+    whether all rays point into the half space of the axis.
     """
     count = directions.shape[0]
     places = np.empty((count, 2), dtype=np.float64)
@@ -80,18 +77,18 @@ def _project(
     low: int, high: int, directions: NDArray[np.float64], frame: NDArray[np.float64], places: NDArray[np.float64],
     forward: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Write the places u and v of rays, and whether they point into the half space of the axis."""
+    """Write the projections u and v of rays, and whether they point into the half space of the axis."""
     for n in range(low, high):
         dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
         across, down, along = components(dx, dy, dz, frame)
-        # What is NaN is passed over.
+        # NaN directions are skipped.
         forward[n] = not along <= LEAST_COSINE * np.sqrt(dx * dx + dy * dy + dz * dz)
         places[n, 0], places[n, 1] = across / along, down / along
 
 
 @numba.njit(cache=True, nogil=True)
 def _sort_places(places: NDArray[np.float64], side: int) -> Any:
-    """Return the order of rays, where the cells begin in it, and their field, as `sort_rays` does."""
+    """Return the ray order, cell starts and ray field, see `sort_rays`."""
     count = places.shape[0]
     field = np.array([np.inf, -np.inf, np.inf, -np.inf, 0.0, 0.0])
     for n in range(count):
@@ -126,15 +123,15 @@ def _sort_places(places: NDArray[np.float64], side: int) -> Any:
 def bin_faces(
     boxes: NDArray[np.float64], field: NDArray[np.float64], side: int, most: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """List the faces that may touch each row of cells, in the order of their indices.
+    """List the faces that may touch each row of cells, in ascending order.
 
-    Returns: The faces, row after row, empty if there would be more than ``most``; and where each row begins in this
-    list, shape (side + 1,).
+    Returns: Face indices, row after row, empty if there are more than ``most``; and start index of each row, shape
+    (side + 1,).
     """
     used = np.zeros((_SHARES, side), dtype=np.int64)
     least = max(_SHARES * _LEAST_SORTED // max(boxes.shape[0], 1), 1)
     in_bands(_count_faces, _SHARES, boxes, field, used, least=least)
-    # The entries of a row, share after share: in the order of the faces.
+    # The entries of a row, share after share, keep the order of the faces.
     ends = np.cumsum(used.T)
     start = np.zeros(side + 1, dtype=np.int64)
     start[1:] = ends[_SHARES - 1 :: _SHARES]
@@ -180,7 +177,7 @@ def _list_faces(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _outside(box: NDArray[np.float64], field: NDArray[np.float64]) -> Any:
-    """Tell whether a face touches no ray at all."""
+    """Return whether a face touches no ray."""
     return not (
         box[LOW_U] <= field[HIGH_U]
         and box[HIGH_U] >= field[LOW_U]
@@ -197,9 +194,10 @@ def _reach_in_row(
     low_v: float,
     high_v: float,
 ) -> Any:
-    """Bound u of the rays with v in a range that may be inside a face: lowest and highest, with margins for rounding.
+    """Return bounds of u for rays inside a face with v in a range, with margins for rounding.
 
-    An edge function over the ray's component along the axis is linear in u and v. All three have one sign inside.
+    An edge function divided by the ray component along the axis is linear in u and v. All three have the same sign
+    inside.
     """
     largest = 1.0 + max(abs(field[LOW_U]), abs(field[HIGH_U])) + max(abs(field[LOW_V]), abs(field[HIGH_V]))
     blur = form[BLUR_X] + form[BLUR_Y] + form[BLUR_Z]
@@ -228,7 +226,7 @@ def scatter_hits(
     listed: NDArray[np.int32],
     row_start: NDArray[np.int64],
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Find the first face that every ray meets, cell by cell; the results are those of `raster_hits` to the bit.
+    """Compute the first hit of every ray, cell by cell; bit-identical to `raster_hits`.
 
     ``directions``: Directions of the rays, shape (n, 3).
     """
@@ -255,7 +253,7 @@ def _scatter_hits(
     face_out, depth_out, weights = out
     possible = np.empty(_RUN, dtype=np.bool_)
     for turn in range(low_turn, high_turn):
-        # Rows far apart one after the other (``side`` is a power of two): threads get shares that cost alike.
+        # Interleave distant rows (``side`` is a power of two) to balance the load of the threads.
         row = (turn * (5 * side // 8 | 1)) % side
         first, behind = cell_start[row * side], cell_start[(row + 1) * side]
         here = behind - first
@@ -277,7 +275,7 @@ def _scatter_hits(
             low, high = cell_start[row * side + left] - first, cell_start[row * side + right + 1] - first
             form = forms[face]
             if high - low > _MANY:
-                # Long faces that run across rows at an angle touch few of the cells that their box has in each.
+                # Long oblique faces touch only a part of the cells of their bounding box.
                 reach_low, reach_high = _reach_in_row(form, frame, field, low_v, high_v)
                 if not reach_low <= reach_high:
                     continue
@@ -289,7 +287,7 @@ def _scatter_hits(
             w2_x, w2_y, w2_z = form[W2_X], form[W2_X + 1], form[W2_X + 2]
             blur_x, blur_y, blur_z = form[BLUR_X], form[BLUR_Y], form[BLUR_Z]
             for part in range(low, high, _RUN):
-                # What cannot be inside is sorted out first: this loop runs in vector registers.
+                # Reject rays that cannot be inside first; this loop is vectorised.
                 size = min(_RUN, high - part)
                 for m in range(size):
                     dx, dy, dz = xs[part + m], ys[part + m], zs[part + m]

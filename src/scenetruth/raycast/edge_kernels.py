@@ -1,4 +1,4 @@
-"""Kernels that find the silhouette edges and creases of a mesh, and cut them into pieces in the image."""
+"""Kernels that detect silhouette edges and creases and split them into segments in the image."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from scenetruth.threads import in_bands
 
 __all__ = ["contour_edges", "cut_segments", "face_sides"]
 
-# Faces or edges, of some ns each, that are worth a thread of their own.
+# Minimum number of faces or edges per thread.
 _LEAST = 4096
 
 
 def face_sides(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Compute the normals of faces, and tell which faces show their front to a point.
+    """Compute face normals and whether each face has its front towards a point.
 
     ``vertices``: World positions in mm, shape (n, 3).
-    ``faces``: Corners of the faces, shape (m, 3).
+    ``faces``: Vertex indices of the faces, shape (m, 3).
     ``origin``: The point, in mm, shape (3,).
-    Returns: Unit normals along (p1 - p0) x (p2 - p0), shape (m, 3); and whether the point is on the side of the face to
-    which its normal points, shape (m,).
+    Returns: Unit normals along (p1 - p0) x (p2 - p0), shape (m, 3); and whether the point is on the side of the normal,
+    shape (m,).
     """
     count = faces.shape[0]
     normals = np.empty((count, 3), dtype=np.float64)
@@ -59,9 +59,9 @@ def contour_edges(
     crowded: NDArray[np.bool_],
     crease_cosine: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Tell which edges are seen as lines: boundaries, silhouette edges (between a front and a back face), sharp edges.
+    """Select the edges visible as lines: boundaries, silhouettes (between a front and a back face) and sharp edges.
 
-    Returns: bool, shape (k,). An edge at which more than two faces meet counts always.
+    Returns: bool, shape (k,). Edges with more than two faces are always selected.
     """
     count = edge_faces.shape[0]
     chosen = np.empty(count, dtype=np.bool_)
@@ -100,15 +100,15 @@ def cut_segments(
     leave: NDArray[np.float64],
     piece: float,
 ) -> Any:
-    """Cut segments in the image at the borders of pixels, or into short equal pieces.
+    """Split image segments at the pixel borders, or into short equal pieces.
 
     ``first``, ``last``: Ends of the segments in px, shape (n, 2).
     ``inverse_first``, ``inverse_last``: 1 / Z at these ends, in 1/mm, shape (n,).
-    ``enter``, ``leave``: Shares of the segment, from 0 at its first end to 1 at its last, between which it is cut,
-      shape (n,).
-    ``piece``: Largest length of the pieces in px; 0 cuts at the pixels' borders, at half-integer coordinates.
-    Returns: Of the middle of every piece, in order along each segment: 1 / Z, shape (k,); position in px, shape (k, 2);
-    and index of the segment, shape (k,). 1 / Z is linear along a segment in the image.
+    ``enter``, ``leave``: Range of the segment that is split, as fractions from the first (0) to the last end (1), shape
+      (n,).
+    ``piece``: Maximum length of the pieces in px; 0 splits at the pixel borders, at half-integer coordinates.
+    Returns: For the midpoint of every piece, in order along each segment: 1 / Z, shape (k,); position in px, shape (k,
+    2); and segment index, shape (k,). 1 / Z is linear along a segment in the image.
     """
     most, total = 0, 0
     for n in chosen:
@@ -141,9 +141,9 @@ def _cuts(
     piece: float,
     out: NDArray[np.float64],
 ) -> int:
-    """Write the shares at which a segment begins, is cut and ends, unsorted; return their number.
+    """Write the fractions at which a segment starts, is split and ends, unsorted; return their number.
 
-    With an ``out`` of size 0, they are only counted.
+    An ``out`` of size 0 only counts them.
     """
     room = out.shape[0] > 0
     count = 2

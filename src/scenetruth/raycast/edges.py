@@ -12,13 +12,13 @@ from scenetruth.raycast.ray_caster import RayCaster
 
 __all__ = ["mixed_pixels"]
 
-# Edges are clipped at this depth in mm.
+# Near clipping depth of edges in mm.
 _NEAR = 1e-6
-# A line this near to the border of two pixels belongs to both.
+# Distance from a pixel border in px below which a line belongs to both pixels.
 _TOUCH_PX = 1e-6
-# Length of the pieces of lines that the lens curves: a pixel that a line touches on a shorter length may be missed.
+# Piece length of lines curved by distortion; pixels touched over a shorter length may be missed.
 _PIECE_PX = 1 / 64
-# A point of an edge is hidden if a face is nearer by more than this share of its depth.
+# Relative depth tolerance for the occlusion of edge points.
 _HIDDEN = 1e-7
 
 
@@ -27,12 +27,11 @@ def mixed_pixels(
 ) -> NDArray[np.bool_]:
     """Mark the pixels whose footprint [x ± 1/2] x [y ± 1/2] crosses a visible silhouette or sharp edge.
 
-    Every silhouette edge (boundary of the mesh, or between a front and a back face) and every sharp edge (its faces
-    differ by more than their crease angle) is projected as a line, cut at the pixels' borders, and each piece is kept
-    if it is seen.
+    Silhouette edges (mesh boundaries, or between a front and a back face) and sharp edges (face angle above the crease
+    angle) are projected, split at the pixel borders, and each piece is tested for visibility.
 
-    ``bodies``: Index of the body at every pixel centre, shape (height, width), -1 for none: where it changes between
-      two pixels and no edge was found (bodies that cut into each other), both are marked.
+    ``bodies``: Body index at every pixel centre, shape (height, width), -1 for none. Where it changes between two
+      pixels without an edge (intersecting bodies), both pixels are marked.
     Returns: bool, shape (height, width).
     """
     mixed = np.zeros((camera.height, camera.width), dtype=np.bool_)
@@ -51,7 +50,7 @@ def mixed_pixels(
 
 
 def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
-    """Mark the pixels at image positions; a line that runs along the border of two pixels belongs to both."""
+    """Mark the pixels at image positions; a line along a pixel border belongs to both pixels."""
     last_row, last_column = mixed.shape[0] - 1, mixed.shape[1] - 1
     for shift_x in (-_TOUCH_PX, _TOUCH_PX):
         for shift_y in (-_TOUCH_PX, _TOUCH_PX):
@@ -79,9 +78,9 @@ def _contour_edges(caster: RayCaster, origin_mm: NDArray[np.float64]) -> NDArray
 def _cut_at_pixels(
     start: NDArray[np.float64], end: NDArray[np.float64], camera: Camera
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Cut projected segments at the pixels' borders; return 1/Z, position, direction and segment of pieces' middles.
+    """Split projected segments at the pixel borders; return 1/Z, position, direction and segment of each midpoint.
 
-    Lines are curved where the lens distorts: they are cut into short pieces instead.
+    With lens distortion, lines are curved and split into short pieces instead.
     """
     from scenetruth.raycast.edge_kernels import cut_segments
 
@@ -115,7 +114,7 @@ def _cut_at_pixels(
 
 @lru_cache(maxsize=4096)
 def _seen_rectangle(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the corners of the rectangle in the image of a pinhole that covers the distorted image, in px."""
+    """Return the corners in px of the pinhole-image rectangle that covers the distorted image."""
     if camera.distortion is None:
         return np.full(2, -0.5), np.array([camera.width, camera.height]) - 0.5
     x, y = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, 65), np.linspace(-0.5, camera.height - 0.5, 65))
@@ -126,7 +125,7 @@ def _seen_rectangle(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.flo
 def _clip(
     first: NDArray[np.float64], step: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64]]:
-    """Clip segments to a rectangle (Liang and Barsky); return which remain, and where they enter and leave."""
+    """Clip segments to a rectangle (Liang and Barsky); return which remain and their entry and exit parameters."""
     enter, leave = np.zeros(len(first)), np.ones(len(first))
     keep = np.ones(len(first), dtype=np.bool_)
     for axis in range(2):

@@ -1,7 +1,4 @@
-"""Kernels on the faces that rays meet.
-
-Exact hits from Embree's candidates, interpolation of vertex values, and pixel footprints.
-"""
+"""Kernels for ray hits: refinement of Embree's candidates, interpolation and pixel footprints."""
 
 from __future__ import annotations
 
@@ -27,10 +24,10 @@ from scenetruth.threads import in_bands
 __all__ = ["footprint_forms", "mix_vertices", "refine_hits", "walk_footprints"]
 
 
-# Faces that are tested for one ray.
+# Maximum number of faces tested per ray.
 _MOST_CANDIDATES = 40
-# Rows of the forms of a footprint: the numerators of u and v, and their denominator. Columns: the coefficients of 1,
-# and of the offsets across and down from the pixel's centre. `scene.texture.kernels` reads them in this order.
+# Rows of footprint forms: numerators of u and v, and their denominator. Columns: coefficients of 1 and of the offsets
+# across and down from the pixel centre. `scene.texture.texture_kernels` relies on this order.
 _U, _V, _DENOMINATOR = range(3)
 _CENTRE, _ACROSS, _DOWN = range(3)
 
@@ -40,9 +37,9 @@ def _meet(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
     dx: float, dy: float, dz: float,
 ) -> Any:  # fmt: skip
-    """Return whether a ray is inside a face, its depth, b1, b2, and its angle to the nearest edge (its sine).
+    """Return whether a ray is inside a face, its depth, b1, b2, and the sine of its angle to the nearest edge.
 
-    Inside is by the three edge functions d . (p_i x p_j), as in `inside_kernels.inside`.
+    The test evaluates three edge functions d . (p_i x p_j), as in `ray_triangle_kernels.inside`.
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
@@ -56,7 +53,7 @@ def _meet(
     w0 = dx * bcx + dy * bcy + dz * bcz
     w1 = dx * cax + dy * cay + dz * caz
     total = w0 + w1 + w2
-    # The plane from two sides of the face: more accurate than from the sum of the edge functions.
+    # The plane normal from two sides of the face is more accurate than the sum of the edge functions.
     ux, uy, uz = bx - ax, by - ay, bz - az
     vx, vy, vz = cx - ax, cy - ay, cz - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -85,18 +82,18 @@ def refine_hits(
     width: int,
     margin: float,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Find the exact first face, depth and barycentric coordinates of every ray.
+    """Compute the exact first face, depth and barycentric coordinates of every ray.
 
-    Where a ray passes close to an edge, or where neighbouring rays meet other faces, every face nearby is tested in
-    float64, and the nearest one wins.
+    Where a ray passes close to an edge, or where neighbouring rays hit other faces, all nearby faces are tested in
+    float64 and the nearest hit is taken.
 
     ``vertices``: World positions in mm, shape (n, 3).
-    ``faces``: Corners of the faces, shape (m, 3).
-    ``neighbours``: The face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
-    ``origin``: Where the rays start, in mm, shape (3,).
+    ``faces``: Vertex indices of the faces, shape (m, 3).
+    ``neighbours``: Face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
+    ``origin``: Origin of the rays in mm, shape (3,).
     ``directions``: Directions of the rays, shape (k, 3).
-    ``guesses``: The face that Embree found for each ray, -1 for none, shape (k,).
-    ``margin``: Angle in rad to an edge below which the faces beside are tested too.
+    ``guesses``: Candidate face of each ray from Embree, -1 for none, shape (k,).
+    ``margin``: Angle in rad to an edge below which adjacent faces are also tested.
     """
     count = directions.shape[0]
     face = np.empty(count, dtype=np.int32)
@@ -159,7 +156,7 @@ def _refine_hits(
             if within and (depth < best_depth or (depth == best_depth and face < best)):
                 best, best_depth, best_1, best_2 = face, depth, b1, b2
         if best < 0 and own >= 0 and width == 0:
-            # Without a grid there are no neighbours: a ray that just misses its face keeps what Embree found.
+            # Without a grid there are no neighbours: a ray that narrowly misses its face keeps the hit of Embree.
             best, best_depth, best_1, best_2 = own, own_depth, own_1, own_2
         face_out[n] = best
         depth_out[n] = best_depth if best >= 0 else np.nan
@@ -169,15 +166,15 @@ def _refine_hits(
 def footprint_forms(
     mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Map the footprints of pixels to texture coordinates through the plane of the face at their centre.
+    """Map pixel footprints to texture coordinates through the plane of the face at the pixel centre.
 
-    The ray at (x, y) from a pixel's centre is the pixel's own plus x and y times the rays' steps across and down.
-    Texture coordinates are then quotients of linear forms in (1, x, y).
+    The ray at offset (x, y) from the pixel centre is the centre ray plus x and y times the steps across and down.
+    Texture coordinates are therefore quotients of linear forms in (1, x, y).
 
-    ``pixels``: The pixels to take, shape (n,); each must see a face.
-    ``reach``: Half the width of the footprint in px.
-    Returns: The forms: numerators of u and v and their denominator (rows), coefficients of 1, x and y (columns), shape
-    (n, 3, 3); and whether the square of half-width ``reach`` around the centre stays inside the face, shape (n,).
+    ``pixels``: Pixel indices, shape (n,); each must have a hit.
+    ``reach``: Half-width of the footprint in px.
+    Returns: Forms: numerators of u and v and their denominator (rows), coefficients of 1, x and y (columns), shape (n,
+    3, 3); and whether the square of half-width ``reach`` around the centre is inside the face, shape (n,).
     """
     count = pixels.shape[0]
     forms = np.empty((count, 3, 3), dtype=np.float64)
@@ -201,7 +198,7 @@ def _footprint_forms(
         ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
         bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
         cx, cy, cz = vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
-        # The edge functions of `_meet` are linear in the direction; over their sum, they are barycentric coordinates.
+        # The edge functions of `_meet` are linear in the direction; normalised to sum 1 they are barycentric.
         abx, aby, abz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         bcx, bcy, bcz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
         cax, cay, caz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
@@ -227,7 +224,7 @@ def _footprint_forms(
         forms[n, _DENOMINATOR, _CENTRE] = w0 + w1 + w2
         forms[n, _DENOMINATOR, _ACROSS] = w0_x + w1_x + w2_x
         forms[n, _DENOMINATOR, _DOWN] = w0_y + w1_y + w2_y
-        # By how much each edge function changes at most up to the square's corners; inside the face, all have one sign.
+        # Largest change of each edge function up to the corners of the square; inside the face all have the same sign.
         span0, span1, span2 = (
             reach * (abs(w0_x) + abs(w0_y)),
             reach * (abs(w1_x) + abs(w1_y)),
@@ -238,24 +235,24 @@ def _footprint_forms(
         whole[n] = positive or negative
 
 
-# Rays, of some ns each, that are worth a thread of their own.
+# Minimum number of rays per thread.
 _LEAST_MIXED = 4096
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _mixed(first: float, second: float, third: float, b1: float, b2: float) -> float:
-    """Interpolate: a value that all corners share comes out unchanged."""
+    """Interpolate linearly such that a value common to all corners is reproduced exactly."""
     return first + b1 * (second - first) + b2 * (third - first)
 
 
 def mix_vertices(
     face: NDArray[np.int32], weights: NDArray[np.float64], faces: NDArray[np.int32], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate values that are given at vertices.
+    """Interpolate vertex values.
 
-    ``face``: Index of the face, -1 for none, shape (n,).
-    ``weights``: Barycentric coordinates of its second and third corner, shape (n, 2).
-    ``faces``: Corners of the faces, shape (m, 3).
+    ``face``: Face index, -1 for none, shape (n,).
+    ``weights``: Barycentric coordinates of the second and third corner, shape (n, 2).
+    ``faces``: Vertex indices of the faces, shape (m, 3).
     """
     out = np.empty((face.shape[0], values.shape[1]), dtype=np.float64)
     in_bands(_mix_vertices, face.shape[0], face, weights, faces, values, out, least=_LEAST_MIXED)
@@ -278,17 +275,17 @@ def _mix_vertices(
                 out[n, k] = _mixed(values[first, k], values[second, k], values[third, k], b1, b2)
 
 
-# Steps to one sample after which a pixel is given up: some hundred faces across a pixel.
+# Maximum number of steps to one sample.
 _MOST_STEPS = 512
-# Pixels that are worth a thread of their own.
+# Minimum number of pixels per thread.
 _LEAST_WALKED = 128
 
 
 @numba.njit(cache=True, nogil=True)
 def _ways_out(w0: float, w1: float, w2: float) -> Any:
-    """Return outside how many edges a ray is, one of these edges, and the corner between them if they are two.
+    """Return the number of edges that a ray is outside of, one of these edges, and their common corner if two.
 
-    Edge k runs from corner k to corner k + 1; -1 stands for no edge, or no corner.
+    Edge k runs from corner k to corner k + 1; -1 stands for no edge or corner.
     """
     if w0 < 0.0:
         if w1 < 0.0:
@@ -302,21 +299,20 @@ def _ways_out(w0: float, w1: float, w2: float) -> Any:
 def walk_footprints(
     mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Find the faces that the samples of pixels meet, for pixels whose footprint no silhouette or sharp edge crosses.
+    """Compute the faces hit by the samples of pixels whose footprint crosses no silhouette or sharp edge.
 
-    The walk follows a straight line in the image from the pixel's centre to the first sample, from there to the second,
-    and so on. It goes from face to face across the edges that the line crosses. The line stays in the footprint. Where
-    no silhouette and no sharp edge is seen there, the footprint shows one smooth surface, and all faces on the line
-    belong to it.
+    The walk follows straight lines in the image from the pixel centre to the first sample, then to the second, and so
+    on, across the edges on the line. Without a silhouette or sharp edge, the footprint shows one smooth surface that
+    contains all faces on the line.
 
-    A walk is given up where the surface ends, turns its other side, or belongs to another body; where one of the eight
-    neighbouring pixels sees another body (the two may intersect); where a sample's ray passes exactly through an edge,
-    so that it is inside two faces; and after too many steps.
+    A walk is abandoned where the surface ends, turns its back or belongs to another body; where one of the eight
+    neighbouring pixels hits another body (the two may intersect); where a sample ray passes exactly through an edge and
+    is inside two faces; and after the maximum number of steps.
 
-    ``pixels``: The pixels to take, shape (n,).
-    ``offsets``: The samples' offsets from the pixel centre in px, (x, y), shape (k, 2).
+    ``pixels``: Pixel indices, shape (n,).
+    ``offsets``: Offsets of the samples from the pixel centre in px, (x, y), shape (k, 2).
     Returns: Whether the walk reached all samples, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates,
-    (n, k, 2), as of `Hits`; and texture coordinates, (n, k, 2).
+    (n, k, 2), as in `Hits`; and texture coordinates, (n, k, 2).
     """
     count, samples = pixels.shape[0], offsets.shape[0]
     arrived = np.zeros(count, dtype=np.bool_)
@@ -357,7 +353,7 @@ def _walk_footprints(
         write_forms(vertices, faces, face, origin, form)
         side = 1.0 if form[DISTANCE] > 0.0 else -1.0
         step_x, step_y = across[pixel * apart], down[pixel * apart]
-        # Where the line to the next sample begins.
+        # Start of the line to the next sample.
         px, py, pz = directions[pixel, 0], directions[pixel, 1], directions[pixel, 2]
         for sample in range(samples):
             right, below = offsets[sample, 0], offsets[sample, 1]
@@ -393,7 +389,7 @@ def _walk_footprints(
                     break
             total = w0 + w1 + w2
             towards = slope(form, dx, dy, dz)
-            # A ray through an edge, but for rounding, is inside two faces: only a search over all faces decides.
+            # A ray through an edge within rounding is inside two faces, which only a search over all faces resolves.
             blur = rounding(form, dx, dy, dz)
             if not found or min(abs(w0), abs(w1), abs(w2)) <= blur or not side * towards > 0.0:
                 break

@@ -1,7 +1,4 @@
-"""The topology of a mesh, its edges and the faces that share them.
-
-The arrays of a textured mesh and of an image's rays that kernels take.
-"""
+"""Mesh topology (edges and adjacent faces) and the array bundles passed to kernels."""
 
 from __future__ import annotations
 
@@ -15,23 +12,22 @@ __all__ = ["ImageRays", "TexturedMesh", "Topology"]
 
 
 CREASE_DEG = 1.0
-"""Crease angle of meshes without one of their own: almost every edge is sharp."""
+"""Default crease angle in degrees, which makes almost every edge sharp."""
 
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """Faces and edges of a mesh, and which faces meet at an edge; constant while the mesh moves.
+    """Faces, edges and adjacency of a mesh; constant under motion.
 
     ``faces``: Vertex indices, shape (m, 3), int32.
-    ``edges``: The two vertices of every edge, shape (k, 2), int32.
-    ``edge_faces``: The two faces at every edge, shape (k, 2), int32; -1 where a boundary edge has no second face.
-    ``edge_flipped``: Whether the two faces at the edge run around it in the same sense, so that one of them is turned
-      inside out.
-    ``edge_crowded``: Whether more than two faces meet at the edge.
-    ``face_neighbours``: The face across each of the three edges of every face, shape (m, 3), int32; -1 for none. Edge k
-      runs from corner k to the next one.
-    ``edge_crease_cosine``: Cosine of the angle between the two faces at the edge above which the edge is sharp, shape
-      (k,), float64; 2 where it is sharp whatever the angle.
+    ``edges``: Vertex indices of every edge, shape (k, 2), int32.
+    ``edge_faces``: The two faces at every edge, shape (k, 2), int32; -1 for the missing face of a boundary edge.
+    ``edge_flipped``: Whether the two faces at the edge have opposite orientation.
+    ``edge_crowded``: Whether more than two faces share the edge.
+    ``face_neighbours``: Face across each of the three edges of every face, shape (m, 3), int32; -1 for none. Edge k
+      runs from corner k to corner k + 1.
+    ``edge_crease_cosine``: Cosine of the angle between the two faces above which the edge is sharp, shape (k,),
+      float64; 2 for edges that are always sharp.
     """
 
     faces: NDArray[np.int32]
@@ -49,20 +45,20 @@ class Topology:
         faces: NDArray[np.int32],
         crease_deg: float | NDArray[np.float64] = CREASE_DEG,
     ) -> Topology:
-        """Find the edges of a mesh; vertices at the same place count as one, as at the seams of a texture.
+        """Compute the topology of a mesh; coincident vertices, as at texture seams, are merged.
 
         ``vertices``: Positions, shape (n, 3).
         ``faces``: Vertex indices, shape (m, 3).
-        ``crease_deg``: Crease angle of all faces, of each, shape (m,), or of each of their sides, shape (m, 3), where
-          side k runs from corner k to the next: an edge is sharp if its faces differ by more than the smaller of their
-          two angles, or if that is 0.
+        ``crease_deg``: Crease angle of all faces, of each face, shape (m,), or of each face side, shape (m, 3), where
+          side k runs from corner k to corner k + 1. An edge is sharp if its faces differ by more than the smaller of
+          their two angles, or if that angle is 0.
         """
         first, welded = _weld(vertices)
         corners = welded[faces]
         count = len(faces)
         half = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
         owner = np.repeat(np.arange(count, dtype=np.int32), 3)
-        # One number for each pair sorts faster than pairs, and in the same order.
+        # A single key per pair sorts faster than pairs, in the same order.
         keys = half.min(axis=1) * len(first) + half.max(axis=1)
         pairs, edge_of_half, uses = np.unique(keys, return_inverse=True, return_counts=True)
         order = np.argsort(edge_of_half, kind="stable")
@@ -90,7 +86,7 @@ class Topology:
 
 
 def _weld(vertices: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first vertex at every place, in the places' order, and the place of every vertex."""
+    """Return the first vertex at every distinct position, in sorted order, and the position index of every vertex."""
     order = np.lexsort(vertices.T[::-1])
     ahead = vertices[order]
     new = np.ones(len(order), dtype=np.bool_)
@@ -101,32 +97,32 @@ def _weld(vertices: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.
 
 
 class TexturedMesh(NamedTuple):
-    """A mesh at one time with texture coordinates."""
+    """Mesh at one time with texture coordinates."""
 
     vertices: NDArray[np.float64]
     """World positions in mm, shape (n, 3)."""
     faces: NDArray[np.int32]
-    """Corners of the faces, shape (m, 3)."""
+    """Vertex indices of the faces, shape (m, 3)."""
     neighbours: NDArray[np.int32]
-    """The face across each edge, shape (m, 3); -1 for none (`Topology.face_neighbours`)."""
+    """Face across each edge, shape (m, 3); -1 for none (`Topology.face_neighbours`)."""
     face_body: NDArray[np.int32]
-    """The body that each face belongs to, shape (m,)."""
+    """Body index of each face, shape (m,)."""
     uv: NDArray[np.float64]
-    """Texture coordinates of the faces' corners, shape (m, 3, 2)."""
+    """Texture coordinates of the face corners, shape (m, 3, 2)."""
 
 
 class ImageRays(NamedTuple):
-    """The rays through the pixel centres of an image, row by row, and the faces that they meet first."""
+    """Rays through the pixel centres of an image in row-major order, with their first hits."""
 
     origin: NDArray[np.float64]
-    """Where all rays start, shape (3,)."""
+    """Origin of all rays, shape (3,)."""
     directions: NDArray[np.float64]
-    """Their directions, shape (n, 3)."""
+    """Directions, shape (n, 3)."""
     across: NDArray[np.float64]
-    """Change of the direction by one pixel to the right, a row for every pixel or one for all, shape (n or 1, 3)."""
+    """Change of the direction per pixel to the right, per pixel or common to all, shape (n or 1, 3)."""
     down: NDArray[np.float64]
-    """Change of the direction by one pixel down."""
+    """Change of the direction per pixel down."""
     face: NDArray[np.int32]
-    """The face that each ray meets first, -1 for none, shape (n,)."""
+    """First face hit by each ray, -1 for none, shape (n,)."""
     width: int
     """Pixels per row."""

@@ -1,4 +1,4 @@
-"""Kernels that find the first face on each ray of a grid of rays from one point, face by face in float64."""
+"""Kernels for the first hits of a grid of rays from one point, tile by tile in float64."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ from scenetruth.threads import in_bands
 __all__ = ["prepare_faces", "raster_hits", "tile_bounds"]
 
 TILE = 16
-"""Side of the square tiles in rays."""
+"""Side length of the square tiles in rays."""
 
-# Corners that are nearer to the plane through the origin, across the axis, than this share of their distance have no
-# useful projection: their faces count as met by any ray.
+# Corners closer to the plane through the origin normal to the axis than this fraction of their distance have no
+# usable projection; their faces are tested against all rays.
 _GRAZING = 1e-6
-# Boxes are wider by so much, relative to the numbers' size; rounding is below 1e-9 even at `_GRAZING`.
+# Relative margin of the boxes; rounding is below 1e-9 even at `_GRAZING`.
 _BOX_MARGIN = 1e-8
-# Rays that are worth a thread of their own.
+# Minimum number of rays per thread.
 _LEAST_BOUNDED, _LEAST_CAST = 8192, 2048
 
 
 def tile_bounds(
     directions: NDArray[np.float64], width: int, frame: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], bool]:
-    """Bound the rays of every tile in the central projection along an axis.
+    """Compute the bounds of every tile of rays in the central projection along an axis.
 
-    ``directions``: Directions of a grid of rays, row by row, shape (n, 3). Directions that are NaN are passed over.
+    ``directions``: Directions of a grid of rays in row-major order, shape (n, 3); NaN directions are skipped.
     Returns: Lowest u, highest u, lowest v, highest v of every tile, shape (tile rows, tile columns, 4); and whether all
     rays point into the half space of the axis.
     """
@@ -65,7 +65,7 @@ def tile_bounds(
 
 
 def _tile_rows(rays: int, width: int) -> int:
-    """Return how many rows of tiles have about so many rays."""
+    """Return the number of tile rows for a number of rays."""
     return max(rays // (TILE * width), 1)
 
 
@@ -100,13 +100,13 @@ def prepare_faces(
     origin: NDArray[np.float64],
     frame: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Prepare all faces for rays from one point: their edge functions, and their ranges in the projection.
+    """Prepare all faces for rays from one point: edge functions and ranges in the projection.
 
     ``vertices``: World positions in mm, shape (n, 3).
-    ``faces``: Corners of the faces, shape (m, 3).
-    ``origin``: Where the rays start, in mm, shape (3,).
-    Returns: Coefficients of every face as of `write_forms`, shape (m, 16); and its lowest u, highest u, lowest v,
-    highest v, shape (m, 4), with margins for rounding. The range of faces behind the origin is empty.
+    ``faces``: Vertex indices of the faces, shape (m, 3).
+    ``origin``: Origin of the rays in mm, shape (3,).
+    Returns: Coefficients of every face, see `write_forms`, shape (m, 16); and lowest u, highest u, lowest v, highest v
+    with margins for rounding, shape (m, 4). The range of faces behind the origin is empty.
     """
     count = faces.shape[0]
     forms = np.empty((count, FORMS), dtype=np.float64)
@@ -151,13 +151,13 @@ def _prepare_faces(
 
 @numba.njit(cache=True, nogil=True)
 def _edges_of_tile(form: NDArray[np.float64], frame: NDArray[np.float64], bounds: NDArray[np.float64]) -> Any:
-    """Tell whether any ray of a tile may be inside a face's three edges, and whether all of them are for certain."""
+    """Return whether any ray of a tile may be inside the three edges of a face, and whether all rays certainly are."""
     may_positive, may_negative, all_positive, all_negative = True, True, True, True
     largest_u = max(abs(bounds[LOW_U]), abs(bounds[HIGH_U]))
     largest_v = max(abs(bounds[LOW_V]), abs(bounds[HIGH_V]))
     for first in (W0_X, W1_X, W2_X):
         nx, ny, nz = form[first], form[first + 1], form[first + 2]
-        # The edge function over the ray's component along the axis is linear in u and v.
+        # The edge function divided by the ray component along the axis is linear in u and v.
         along_u, along_v, constant = components(nx, ny, nz, frame)
         blur = form[BLUR_X] + form[BLUR_Y] + form[BLUR_Z]
         margin = (PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * (1.0 + largest_u + largest_v)
@@ -178,12 +178,12 @@ def raster_hits(
     directions: NDArray[np.float64],
     width: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Find the first face that every ray of a grid meets, tile by tile.
+    """Compute the first hit of every ray of a grid, tile by tile.
 
-    Every face is tested against every ray of the tiles that it may touch: inside by the signs of its three edge
-    functions, depth from its plane. The nearest face wins, and of equally near ones that with the lower index.
+    Every face is tested against all rays of the tiles that it may touch, by the signs of its three edge functions. The
+    nearest face is taken, for equal depth the face with the lower index.
 
-    ``directions``: Directions of the rays, row by row, shape (n, 3).
+    ``directions``: Directions of the rays in row-major order, shape (n, 3).
     """
     count = directions.shape[0]
     face = np.empty(count, dtype=np.int32)
@@ -204,7 +204,7 @@ def _raster_hits(
     rows, columns = bounds.shape[0], bounds.shape[1]
     half = (rows + 1) // 2
     for turn in range(low, high):
-        # Every other row of tiles, then the rest: threads get shares that cost alike.
+        # Even tile rows first, then odd rows, to balance the load of the threads.
         row = 2 * turn if turn < half else 2 * (turn - half) + 1
         top, bottom = row * TILE, min((row + 1) * TILE, height)
         for n in range(top * width, bottom * width):

@@ -1,7 +1,4 @@
-"""Ray casting at a mesh.
-
-The first face that each ray meets, decided in float64, by tiles, by bins, or from Embree's float32 candidates.
-"""
+"""Ray casting: first hits decided in float64, by tiles, by bins, or from float32 candidates of Embree."""
 
 from __future__ import annotations
 
@@ -17,12 +14,12 @@ from scenetruth.raycast.mesh_topology import Topology
 __all__ = ["EmbreeMesh", "Hits", "RayCaster"]
 
 
-# Rays are handed to Embree in pieces, so that its copies of them stay small.
+# Rays are passed to Embree in blocks to limit the memory of its copies.
 _PIECE = 1 << 20
 
 
 class EmbreeMesh:
-    """A mesh at one time in Embree.
+    """Embree acceleration structure of a mesh at one time.
 
     ``vertices_mm``: World positions, shape (n, 3).
     ``faces``: Vertex indices, shape (m, 3).
@@ -32,17 +29,17 @@ class EmbreeMesh:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
-        # float32 is most precise around zero: the mesh is moved there, and the rays with it.
+        # Mesh and rays are centred at the origin, where float32 is most precise.
         self._centre = (vertices_mm.min(axis=0) + vertices_mm.max(axis=0)) / 2
         self._scene = EmbreeScene(robust=True)
         self._mesh = TriangleMesh(self._scene, (vertices_mm - self._centre).astype(np.float32), faces)
 
     def first_faces(self, starts_mm: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Guess the first face that each ray meets.
+        """Return the candidate first face of each ray.
 
-        ``starts_mm``: Where the rays start, shape (n, 3), or (3,) if all start there.
+        ``starts_mm``: Ray origins, shape (n, 3), or a common origin, shape (3,).
         ``directions``: Directions of the rays, of any length, shape (n, 3).
-        Returns: Index of the face, -1 for none, shape (n,). Near edges it may be wrong, by the rounding of float32.
+        Returns: Face index, -1 for none, shape (n,). Near edges it may be wrong due to float32 rounding.
         """
         starts = np.broadcast_to(starts_mm, directions.shape)
         faces = np.empty(len(directions), dtype=np.int32)
@@ -54,25 +51,25 @@ class EmbreeMesh:
         return faces
 
 
-# Embree's rays and triangles are float32: its hits are off by a few roundings of the coordinates' size.
+# Error of Embree's float32 hits in units of the rounding of the coordinates.
 _MARGIN_ROUNDINGS = 16
-# Up to so many faces, each is tested against the rays near it: with 1e6 faces seven times as fast as asking Embree
-# (measured), but it takes 136 bytes a face.
+# Up to this number of faces, each face is tested against nearby rays: measured seven times as fast as Embree for 1e6
+# faces, but it needs 136 bytes per face.
 _MOST_RASTERED = 2_000_000
-# Up to so many faces, a grid of rays is searched tile by tile. More faces are small: cells of a few rays are faster.
+# Up to this number of faces, ray grids are searched by tiles; for more, smaller faces, cells of few rays are faster.
 _MOST_TILED = 2_000
-# About so many rays are sorted into one cell, and the lists of faces of all cells have at most so many entries.
+# Mean number of rays per cell, and maximum number of entries in the face lists of all cells.
 _RAYS_PER_CELL = 4
 _MOST_LISTED = 1 << 26
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What rays meet first.
+    """First hits of rays.
 
-    ``face``: Index of the face, shape (n,), int32; -1 for none.
-    ``depth``: Ray parameter of the point: its depth Z for directions with Z = 1. NaN for none.
-    ``weights``: Barycentric coordinates of the face's second and third corner, shape (n, 2).
+    ``face``: Face index, shape (n,), int32; -1 for none.
+    ``depth``: Ray parameter of the hit, equal to the depth Z for directions with Z = 1; NaN for none.
+    ``weights``: Barycentric coordinates of the second and third corner, shape (n, 2).
     """
 
     face: NDArray[np.int32]
@@ -80,10 +77,10 @@ class Hits:
     weights: NDArray[np.float64]
 
     def interpolate(self, faces: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate values that are given at vertices.
+        """Interpolate vertex values.
 
-        ``faces``: Corners of the faces, shape (m, 3).
-        ``values``: Values at the vertices, shape (k, ...).
+        ``faces``: Vertex indices of the faces, shape (m, 3).
+        ``values``: Vertex values, shape (k, ...).
         """
         from scenetruth.raycast.hit_kernels import mix_vertices
 
@@ -92,17 +89,14 @@ class Hits:
         return mixed.reshape(len(self.face), *values.shape[1:])
 
     def interpolate_corners(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate values that are given at the corners of faces.
-
-        ``values``: Values at the corners, shape (m, 3, ...).
-        """
-        # As of a mesh whose faces share no vertex.
+        """Interpolate values given at the face corners, shape (m, 3, ...)."""
+        # Equivalent to a mesh whose faces share no vertices.
         own = np.arange(3 * len(values), dtype=np.int32).reshape(-1, 3)
         return self.interpolate(own, values.reshape(3 * len(values), *values.shape[2:]))
 
 
 class _Prepared(NamedTuple):
-    """What `prepare_faces` finds for rays from one point, and for which point and projection."""
+    """Result of `prepare_faces` with its ray origin and projection."""
 
     origin: NDArray[np.float64]
     frame: NDArray[np.float64]
@@ -111,10 +105,10 @@ class _Prepared(NamedTuple):
 
 
 class RayCaster:
-    """A mesh at one time, to cast rays at.
+    """Ray caster for a mesh at one time.
 
     ``vertices_mm``: World positions, shape (n, 3), float64.
-    ``topology``: The mesh's faces and edges.
+    ``topology``: Faces and edges of the mesh.
     """
 
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
@@ -129,15 +123,15 @@ class RayCaster:
         """Unit normals of the faces along (p1 - p0) x (p2 - p0), shape (m, 3)."""
         corners = self.vertices_mm[self.topology.faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        # A face without an area is met by no ray.
+        # Faces of zero area are never hit.
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         return normals
 
     def cast(self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], grid_width: int = 0) -> Hits:
-        """Find the first face that each ray from one point meets.
+        """Compute the first hit of rays from one point.
 
-        ``origin_mm``: Where all rays start, shape (3,).
-        ``directions``: Their directions, shape (n, 3), of any length; the depth of a hit counts in these lengths.
+        ``origin_mm``: Common origin of the rays, shape (3,).
+        ``directions``: Directions, shape (n, 3), of any length, which is the unit of the hit depth.
         """
         origin = np.asarray(origin_mm, dtype=np.float64)
         directions = np.ascontiguousarray(directions, dtype=np.float64)
@@ -149,7 +143,7 @@ class RayCaster:
         return self._trace(origin, directions, grid_width)
 
     def _raster(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
-        """Search a grid of rays tile by tile; None if the rays do not all point into one half space."""
+        """Compute hits of a ray grid tile by tile; None if the rays do not all point into one half space."""
         from scenetruth.raycast.raster_kernels import raster_hits, tile_bounds
 
         frame = _compute_frame(directions)
@@ -160,11 +154,11 @@ class RayCaster:
         return Hits(*raster_hits(forms, boxes, frame, bounds, directions, width))
 
     def _scatter(self, origin: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits | None:
-        """Search sorted rays cell by cell; None as `_raster`, or if faces touch too many cells."""
+        """Compute hits of sorted rays cell by cell; None as in `_raster`, or if faces touch too many cells."""
         from scenetruth.raycast.binned_ray_kernels import bin_faces, scatter_hits, sort_rays
 
         side = 1 << max(0, round(np.log2(max(1, len(directions) // _RAYS_PER_CELL)) / 2))
-        # Rays from the same point as the ones before try their projection first: the faces are prepared for it.
+        # For an unchanged origin the previous projection is tried first, because its faces are prepared.
         frames = [] if self._prepared is None else [self._prepared.frame]
         for frame in (*frames, _compute_frame(directions)):
             order, cell_start, field, forward = sort_rays(directions, frame, side)
@@ -181,7 +175,7 @@ class RayCaster:
     def _prepared_for(
         self, origin: NDArray[np.float64], frame: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the forms and boxes of `prepare_faces`; they are kept until rays start elsewhere."""
+        """Return the forms and boxes of `prepare_faces`, cached for the current origin."""
         from scenetruth.raycast.raster_kernels import prepare_faces
 
         known = self._prepared
@@ -191,7 +185,7 @@ class RayCaster:
         return known.forms, known.boxes
 
     def _trace(self, origin: NDArray[np.float64], directions: NDArray[np.float64], grid_width: int) -> Hits:
-        """Let Embree guess a face for every ray, and float64 decide."""
+        """Compute hits from candidate faces of Embree, refined in float64."""
         from scenetruth.raycast.hit_kernels import refine_hits
 
         guesses = self._embree.first_faces(origin, directions)
@@ -216,7 +210,7 @@ class RayCaster:
 
 
 def _compute_frame(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the projection for rays: two unit vectors across and their mean direction, as the rows of a rotation."""
+    """Return the projection frame of rays: two transverse unit vectors and the mean direction (rows of a rotation)."""
     few = directions[:: max(1, len(directions) // 1024)]
     few = few[np.isfinite(few).all(axis=1)]
     axis = (few / np.maximum(np.linalg.norm(few, axis=1, keepdims=True), 1e-300)).sum(axis=0)

@@ -1,7 +1,4 @@
-"""A triangle as linear functions of a ray's direction, the rule by which a ray is inside it.
-
-The central projection in which faces are sorted to rays.
-"""
+"""Triangles as linear functions of the ray direction, the ray-triangle test, and the central projection of faces."""
 
 from __future__ import annotations
 
@@ -34,18 +31,18 @@ __all__ = [
 ]
 
 
-# Places of the numbers that are kept of a face. All but DISTANCE are coefficients of a ray's direction d = (x, y, z):
-# of the edge functions of the edges opposite to corners 0, 1 and 2, of the scalar product with the normal (not of unit
-# length), and of the bound of the edge functions' rounding, which |x|, |y| and |z| multiply. DISTANCE is the scalar
-# product of the normal with a corner.
+# Indices into the form of a face. All but DISTANCE are coefficients of the ray direction d = (x, y, z): of the edge
+# functions opposite corners 0, 1 and 2, of the scalar product with the (unnormalised) normal, and of the rounding
+# bound of the edge functions, multiplied by |x|, |y| and |z|. DISTANCE is the scalar product of the normal with a
+# corner.
 W0_X, W0_Y, W0_Z, W1_X, W1_Y, W1_Z, W2_X, W2_Y, W2_Z = range(9)
 NORMAL_X, NORMAL_Y, NORMAL_Z, DISTANCE = range(9, 13)
 BLUR_X, BLUR_Y, BLUR_Z = range(13, 16)
 FORMS = 16
 
-# An edge function d . (p x q) has at most 3 roundings (of 2^-53) of a sum of six products, and two of the whole.
+# An edge function d . (p x q) has at most 3 roundings (2^-53) of a sum of six products, and two of the total.
 _ROUNDINGS = 8 * 2.0**-52
-# Faces whose three edge functions add up to less than so many times the rounding are seen edge-on: they gain no border.
+# Faces whose edge functions sum to less than this multiple of the rounding are edge-on and are not enlarged.
 _EDGE_ON = 1e3
 
 
@@ -53,10 +50,9 @@ _EDGE_ON = 1e3
 def blurs(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
 ) -> Any:  # fmt: skip
-    """Bound the rounding errors of a face's edge functions.
+    """Return bounds of the rounding errors of the edge functions of a face.
 
-    ``ax``, ``ay``, ``az``, ``bx``, ``by``, ``bz``, ``cx``, ``cy``, ``cz``: The three corners, relative to the origin of
-      the ray, in mm.
+    ``ax``, ``ay``, ``az``, ``bx``, ``by``, ``bz``, ``cx``, ``cy``, ``cz``: Corners relative to the ray origin, in mm.
     """
     x, y, z = max(abs(ax), abs(bx), abs(cx)), max(abs(ay), abs(by), abs(cy)), max(abs(az), abs(bz), abs(cz))
     return _ROUNDINGS * y * z, _ROUNDINGS * z * x, _ROUNDINGS * x * y
@@ -64,11 +60,11 @@ def blurs(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def inside(w0: float, w1: float, w2: float, blur: float) -> Any:
-    """Tell whether a ray is inside a face, edges included.
+    """Return whether a ray is inside a face, edges included.
 
-    The edge functions of two faces at their common edge have exactly opposite signs, so that no ray passes between the
-    two. At a corner, the functions of several edges are zero but for rounding, and their signs may be such that no face
-    has the ray. Therefore a face also has the rays that pass outside its edges by no more than the rounding error.
+    The edge functions of two faces at a common edge have exactly opposite signs, so no ray passes between them. At a
+    corner several edge functions are zero within rounding, and their signs may exclude all faces. A face therefore
+    includes rays outside its edges by up to the rounding error.
     """
     total = w0 + w1 + w2
     if (w0 >= 0.0 and w1 >= 0.0 and w2 >= 0.0) or (w0 <= 0.0 and w1 <= 0.0 and w2 <= 0.0):
@@ -85,13 +81,13 @@ def write_forms(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
     form: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Write the coefficients by which a ray's direction gives the edge functions of a face, its slope and rounding.
+    """Write the coefficients of a face's edge functions, slope and rounding as functions of the ray direction.
 
-    The operations and their order are those of `kernels._meet`, so that both find the same bits.
+    Operations and their order are those of `hit_kernels._meet`, for bit-identical results.
 
     ``vertices``: World positions in mm, shape (n, 3).
-    ``faces``: Corners of the faces, shape (m, 3).
-    ``origin``: Where the rays start, in mm, shape (3,).
+    ``faces``: Vertex indices of the faces, shape (m, 3).
+    ``origin``: Origin of the rays in mm, shape (3,).
     ``form``: Output, shape (16,), in the order of `W0_X` to `BLUR_Z`.
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -110,7 +106,7 @@ def write_forms(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def edge_functions(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Evaluate the edge functions of a face (Pineda, SIGGRAPH 1988) for a ray."""
+    """Return the edge functions of a face (Pineda, SIGGRAPH 1988) for a ray."""
     w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
     w0 = dx * form[W0_X] + dy * form[W0_Y] + dz * form[W0_Z]
     w1 = dx * form[W1_X] + dy * form[W1_Y] + dz * form[W1_Z]
@@ -119,19 +115,19 @@ def edge_functions(form: NDArray[np.float64], dx: float, dy: float, dz: float) -
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def rounding(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Bound the rounding errors of the edge functions of a face for a ray."""
+    """Return the bound of the rounding errors of a face's edge functions for a ray."""
     return abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def slope(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Return the scalar product of a face's normal with the direction of a ray."""
+    """Return the scalar product of the face normal and the ray direction."""
     return form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Return the barycentric coordinates of the point at which a ray meets a face."""
+    """Return the barycentric coordinates of a ray hit."""
     w0, w1, w2 = edge_functions(form, dx, dy, dz)
     total = w0 + w1 + w2
     return w1 / total, w2 / total
@@ -139,24 +135,24 @@ def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def depth_on(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
-    """Return the ray parameter at which a ray meets a face's plane; -1 if it runs along it."""
+    """Return the ray parameter of the intersection with the plane of a face; -1 for a parallel ray."""
     towards = slope(form, dx, dy, dz)
     return form[DISTANCE] / towards if towards != 0.0 else -1.0
 
 
 LOW_U, HIGH_U, LOW_V, HIGH_V = range(4)
-"""Places of the ranges of u and v that a face, a tile or a field of rays covers in the projection."""
+"""Indices of the u and v ranges of a face, tile or ray field in the projection."""
 
 RANGES = 4
-"""How many numbers these are."""
+"""Number of these indices."""
 
 LEAST_COSINE = 0.05
-"""Directions must point this far (cosine of the angle to the axis) into the half space of the axis."""
+"""Minimum cosine of the angle between a ray direction and the projection axis."""
 
 PLANE_MARGIN = 1e-12
-"""Bounds of edge functions that only skip work err by this share of their size on the safe side; rounding is below."""
+"""Relative safety margin of edge-function bounds that only skip work; larger than rounding."""
 
-# Rows of a frame: two unit vectors across the axis, and the axis itself.
+# Rows of a frame: two transverse unit vectors and the axis.
 _ACROSS, _DOWN, _AXIS = range(3)
 
 
@@ -164,7 +160,7 @@ _ACROSS, _DOWN, _AXIS = range(3)
 def components(x: float, y: float, z: float, frame: NDArray[np.float64]) -> Any:
     """Return the components of a vector in a frame.
 
-    ``frame``: Two unit vectors across the axis, and the axis, as the rows of a rotation, shape (3, 3).
+    ``frame``: Two transverse unit vectors and the axis as rows of a rotation, shape (3, 3).
     """
     across = x * frame[_ACROSS, 0] + y * frame[_ACROSS, 1] + z * frame[_ACROSS, 2]
     down = x * frame[_DOWN, 0] + y * frame[_DOWN, 1] + z * frame[_DOWN, 2]
@@ -176,7 +172,7 @@ def components(x: float, y: float, z: float, frame: NDArray[np.float64]) -> Any:
 def within(
     along_u: float, along_v: float, constant: float, margin: float, low_v: float, high_v: float, low: float, high: float
 ) -> Any:  # fmt: skip
-    """Narrow a range of u to where along_u u + along_v v + constant may be above 0, for some v in a range."""
+    """Narrow a range of u to where along_u u + along_v v + constant can be positive for v in a range."""
     least = -(margin + constant + max(along_v * low_v, along_v * high_v))
     if along_u > 0.0:
         low = max(low, least / along_u)

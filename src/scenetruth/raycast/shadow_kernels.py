@@ -1,7 +1,4 @@
-"""Kernels that decide in float64 whether a face lies between a light and a point.
-
-For one face, and for all faces in parallel light.
-"""
+"""Kernels that decide in float64 whether a face lies between a light and a point."""
 
 from __future__ import annotations
 
@@ -21,9 +18,9 @@ def meets(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, start: NDArray[np.float64],
     way: NDArray[np.float64], farthest: float,
 ) -> Any:  # fmt: skip
-    """Tell whether a ray meets a face between its start and the share ``farthest`` of its length.
+    """Return whether a ray hits a face between its start and the fraction ``farthest`` of its length.
 
-    The test is that of Möller and Trumbore (J. Graphics Tools 2, 1997).
+    Test of Möller and Trumbore (J. Graphics Tools 2, 1997).
 
     ``start``, ``way``: Start and vector of the ray in mm, shape (3,).
     """
@@ -54,17 +51,17 @@ def confirm_blocked(
     own: NDArray[np.int32],
     farthest: float,
 ) -> NDArray[np.bool_]:
-    """Tell which rays from a light are blocked before they reach their point.
+    """Return which rays from a light are blocked before they reach their point.
 
-    The face that Embree guessed and its three neighbours are tested in float64, but never the point's own face.
+    The candidate face from Embree and its three neighbours are tested in float64, except the face of the point.
 
     ``vertices``: World positions in mm, shape (n, 3).
-    ``faces``: Corners of the faces, shape (m, 3).
-    ``neighbours``: The face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
-    ``starts``: Where the rays start, in mm, shape (k, 3).
+    ``faces``: Vertex indices of the faces, shape (m, 3).
+    ``neighbours``: Face across each edge, shape (m, 3), -1 for none (`Topology.face_neighbours`).
+    ``starts``: Ray origins in mm, shape (k, 3).
     ``ways``: Vectors from there to the points, in mm, shape (k, 3).
-    ``guesses``: The face that Embree found for each ray, -1 for none, shape (k,).
-    ``own``: The face on which each point lies, shape (k,).
+    ``guesses``: Candidate face of each ray from Embree, -1 for none, shape (k,).
+    ``own``: Face of each point, shape (k,).
     Returns: bool, shape (k,).
     """
     count = starts.shape[0]
@@ -92,36 +89,36 @@ def _confirm_blocked(
 
 
 LIT, BLOCKED, UNSURE = range(3)
-"""What is known of a point."""
+"""Shadow state of a point."""
 
-# Places of the numbers that are kept of a face, seen along the light: its lowest corner; of three edges, u, v and 1
-# times the coefficients give the distance inside; of its plane, the height h; and how fast that changes.
+# Indices into the numbers of a face in light coordinates: lowest corner; coefficients of u, v and 1 for the distance
+# inside each of three edges and for the plane height h; and the gradient of h.
 _LOWEST, _EDGES, _PLANE, _STEEP = 0, 1, 10, 13
 NUMBERS = 16
-# Faces that are steeper have no height of their own, only that of their corners.
+# For faces steeper than this, only the heights of their corners are used.
 _STEEPEST = 1e3
-# More faces on one ray than these are not kept apart.
+# Maximum number of faces distinguished on one ray.
 _MOST = 24
-# Points that are worth a thread of their own.
+# Minimum number of points per thread.
 _LEAST = 256
-# Faces that touch more cells than these are tried for every point.
+# Faces that touch more cells than this are tested for every point.
 LARGE = 1 << 14
-# Faces that touch more cells than these are asked for every cell of their box whether they touch it.
+# For faces that touch more cells than this, every cell of the bounding box is tested.
 _FEW = 4
-# Cells count as wider by this share, for rounding.
+# Relative margin of the cells for rounding.
 _CELL_MARGIN = 1e-6
 
 
 class FacesInLight(NamedTuple):
-    """The faces of a mesh, as parallel light sees them, sorted into cells.
+    """Faces of a mesh in the coordinates of a parallel light, sorted into cells.
 
-    Heights count along the light: what is lower is nearer to the lamp.
+    Heights are measured along the light: lower is nearer to the lamp.
     """
 
     frame: NDArray[np.float64]
-    """Two unit vectors across the light, and the one along it, as the rows of a rotation."""
+    """Two unit vectors across the light and its direction, as rows of a rotation."""
     numbers: NDArray[np.float64]
-    """Of all faces, as `flatten_faces` returns them."""
+    """Numbers of all faces, see `flatten_faces`."""
     low: NDArray[np.float64]
     """Lowest u and v of the cells, shape (2,)."""
     per_cell: float
@@ -131,22 +128,22 @@ class FacesInLight(NamedTuple):
     rows: int
     """Cells along v."""
     starts: NDArray[np.int64]
-    """Where the list of each cell begins, and the total."""
+    """Start index of the list of each cell, and the total."""
     listed: NDArray[np.int32]
-    """The faces that may touch each cell, cell by cell, in the order of their lowest corners."""
+    """Faces that may touch each cell, cell by cell, in ascending order of their lowest corners."""
     large: NDArray[np.int32]
-    """The faces that touch so many cells that they stand in no list."""
+    """Faces that touch too many cells to be listed."""
     tolerance: float
-    """Distance in mm by which Embree's float32 may err."""
+    """Tolerance in mm for the float32 errors of Embree."""
 
 
 def flatten_faces(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], frame: NDArray[np.float64], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what is kept of every face, shape (m, `NUMBERS`), and its lowest and highest u and v, shape (m, 4).
+    """Return the numbers of every face, shape (m, `NUMBERS`), and its lowest and highest u and v, shape (m, 4).
 
-    The ranges hold all rays that pass the edges within the tolerance; those of faces that are seen edge-on have no end.
-    The other arguments are as of `FacesInLight`.
+    The ranges include all rays that pass the edges within the tolerance; those of edge-on faces are infinite. Other
+    arguments are as in `FacesInLight`.
     """
     count = faces.shape[0]
     numbers = np.empty((count, NUMBERS), dtype=np.float64)
@@ -185,14 +182,14 @@ def _flatten_faces(
         out[_LOWEST] = min(a[2], b[2], c[2])
         steep = np.sqrt(nx * nx + ny * ny)
         if abs(nz) * _STEEPEST <= steep or nz == 0.0:
-            # Seen edge-on: it blocks nothing for certain, and float32 may take it for nearer than everything else.
+            # Edge-on faces never block with certainty, and float32 may place them in front of all other faces.
             out[_LOWEST] = -np.inf
             out[_EDGES:_PLANE] = 0.0
             out[_PLANE : _PLANE + 3] = 0.0
             out[_STEEP] = np.inf
             boxes[face, ::2], boxes[face, 1::2] = -np.inf, np.inf
             if longest > 0.0:
-                # Rounding may take any ray for a hit that passes through the strip along its longest edge, wherever.
+                # Any ray through the strip along the longest edge may count as a hit due to rounding.
                 p, q, r = place[from_corner], place[(from_corner + 1) % 3], place[(from_corner + 2) % 3]
                 across, down = (p[1] - q[1]) / longest, (q[0] - p[0]) / longest
                 width = across * (r[0] - p[0]) + down * (r[1] - p[1])
@@ -221,13 +218,13 @@ def _flatten_faces(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _cell(value: float, low: float, per_cell: float, last: int) -> Any:
-    """Return the cell of a coordinate, from 0 to ``last``; a larger coordinate never has a lower cell."""
+    """Return the cell of a coordinate, from 0 to ``last``, monotonic in the coordinate."""
     return int(min(max((value - low) * per_cell, 0.0), last + 0.0))
 
 
 @numba.njit(cache=True, nogil=True)
 def _touches(numbers: NDArray[np.float64], face: int, u: float, v: float, edge: float, tolerance: float) -> Any:
-    """Tell whether a face may touch the cell whose lowest corner is (u, v)."""
+    """Return whether a face may touch the cell with lowest corner (u, v)."""
     for first in range(_EDGES, _PLANE, 3):
         across, down = numbers[face, first], numbers[face, first + 1]
         highest = across * u + down * v + numbers[face, first + 2] + edge * (max(across, 0.0) + max(down, 0.0))
@@ -250,10 +247,10 @@ def sort_faces(
     starts = np.zeros(rows * columns + 1, dtype=np.int64)
     large = np.empty(boxes.shape[0], dtype=np.int32)
     listed, place = np.empty(0, dtype=np.int32), starts
-    # What comes first in a list is nearest to the lamp.
+    # The lists start with the face nearest to the lamp.
     order = np.argsort(numbers[:, _LOWEST])
     used, edge = 0, (1.0 + _CELL_MARGIN) / per_cell
-    # Once to count, once to fill.
+    # The first pass counts, the second fills.
     for fill in (False, True):
         for face in order:
             left = _cell(boxes[face, 0], low[0], per_cell, columns - 1)
@@ -288,7 +285,7 @@ def sort_faces(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _inside(numbers: NDArray[np.float64], face: int, u: float, v: float) -> Any:
-    """Return how far inside a face's edges a ray passes, negative outside; of those seen edge-on, their strip."""
+    """Return the distance of a ray inside the edges of a face, negative outside; for edge-on faces, in their strip."""
     return min(
         numbers[face, _EDGES] * u + numbers[face, _EDGES + 1] * v + numbers[face, _EDGES + 2],
         numbers[face, _EDGES + 3] * u + numbers[face, _EDGES + 4] * v + numbers[face, _EDGES + 5],
@@ -298,7 +295,7 @@ def _inside(numbers: NDArray[np.float64], face: int, u: float, v: float) -> Any:
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _lowest(numbers: NDArray[np.float64], face: int, u: float, v: float, tolerance: float) -> Any:
-    """Return how low a face may be where a ray passes, within the tolerance of both."""
+    """Return the lowest possible height of a face at a ray within the tolerances of both."""
     lowest = numbers[face, _LOWEST] - tolerance
     if numbers[face, _STEEP] < np.inf:
         height = numbers[face, _PLANE] * u + numbers[face, _PLANE + 1] * v + numbers[face, _PLANE + 2]
@@ -311,17 +308,17 @@ def _decide(
     numbers: NDArray[np.float64], tolerance: float, u: float, v: float, height_of_point: float, own: int,
     touched: NDArray[np.int32], met: NDArray[np.bool_], used: int, neighbours: NDArray[np.int32],
 ) -> Any:  # fmt: skip
-    """Tell whether Embree's guess can only be a face that is met, or beside one, whatever its rounding."""
+    """Return whether every possible candidate of Embree, within rounding, is a hit face or adjacent to one."""
     certain = np.inf
     for k in range(used):
         face = touched[k]
         if met[k] and _inside(numbers, face, u, v) >= tolerance:
             height = numbers[face, _PLANE] * u + numbers[face, _PLANE + 1] * v + numbers[face, _PLANE + 2]
             certain = min(certain, height + tolerance * (1.0 + numbers[face, _STEEP]))
-    # What is behind the point was not looked at.
+    # Faces behind the point were not evaluated.
     if not certain < height_of_point:
         return UNSURE
-    # Embree meets something up to there for certain. All that it may meet first must be confirmed.
+    # Embree certainly has a hit up to this height; all possible first hits must be confirmed.
     for k in range(used):
         face = touched[k]
         if met[k] or _lowest(numbers, face, u, v, tolerance) > certain:
@@ -347,16 +344,15 @@ def parallel_shadows(
     reach: float,
     farthest: float,
 ) -> NDArray[np.uint8]:
-    """Tell which points parallel light does not reach.
+    """Return the shadow state of points under parallel light.
 
-    The answer is that of `shadow_kernels.confirm_blocked` after a guess by Embree, whatever that would be: nothing is
-    in the way of a point if no face but its own is met in float64. Something is if a face is met well inside its edges,
-    and if everything that Embree could take for the first face within its rounding is a face that is met, or beside
-    one.
+    The result equals that of `confirm_blocked` for any candidate of Embree. A point is lit if no face except its own is
+    hit in float64. It is blocked if a face is hit well inside its edges, and if every possible first face of Embree,
+    within rounding, is a hit face or adjacent to one.
 
     ``points``: The points in mm, shape (n, 3).
-    ``own``: The face on which each lies, shape (n,).
-    ``wanted``: Which points are asked for, shape (n,).
+    ``own``: Face of each point, shape (n,).
+    ``wanted``: Points to evaluate, shape (n,).
     ``to_light``: Unit vector towards the light, shape (3,).
     ``reach``: Length of the rays in mm.
     Returns: `LIT`, `BLOCKED` or `UNSURE`, shape (n,), uint8.
@@ -388,7 +384,7 @@ def _parallel_shadows(
         cell = _cell(v, low_v, per_cell, rows - 1) * columns + _cell(u, low_u, per_cell, columns - 1)
         first = starts[cell]
         entries = starts[cell + 1] - first
-        # With the same operations as the rays that Embree is asked for.
+        # Same operations as for the rays passed to Embree.
         for k in range(3):
             start[k] = points[n, k] - way[k]
         found, used = 0, 0
@@ -397,7 +393,7 @@ def _parallel_shadows(
             entry += 1
             face = listed[first + entry] if entry < entries else large[entry - entries]
             if numbers[face, _LOWEST] - tolerance > h:
-                # All that follow are behind the point, too.
+                # All following faces are behind the point too.
                 entry = max(entry, entries - 1)
                 continue
             if not _inside(numbers, face, u, v) >= -tolerance or _lowest(numbers, face, u, v, tolerance) > h:

@@ -1,4 +1,4 @@
-"""Shadows: the points of a mesh that a light does not reach, decided in float64."""
+"""Shadows: points of a mesh that a light does not reach, decided in float64."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from scenetruth.raycast.ray_caster import EmbreeMesh
 
 __all__ = ["ShadowCaster"]
 
-# Faces that are nearer to the point than this share of the ray's length do not shade it: rounding in float64.
+# Faces closer to the point than this fraction of the ray length cast no shadow (float64 rounding).
 _TOUCH = 1e-9
-# Embree's rays and triangles are float32: its hits are off by a few roundings of the coordinates' size.
+# Error of Embree's float32 hits in units of the rounding of the coordinates.
 _ROUNDINGS = 16
-# Cells in which faces are sorted for parallel light, per face, and at most.
+# Number of cells for parallel light per face, and in total.
 _CELLS_PER_FACE, _MOST_CELLS = 2, 1 << 22
 
 
 class ShadowCaster:
-    """A mesh at one time, which casts shadows on its own surface.
+    """Shadow computation for a mesh at one time that casts shadows on itself.
 
     ``vertices_mm``: World positions, shape (n, 3), float64.
-    ``topology``: The mesh's faces and edges.
+    ``topology``: Faces and edges of the mesh.
     """
 
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
         self.vertices_mm = np.ascontiguousarray(vertices_mm, dtype=np.float64)
         self.topology = topology
         self._centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
-        # Rays are no longer than the mesh is wide: from far lights, they would be less precise.
+        # Rays are limited to the mesh diagonal, because longer rays are less precise.
         self._longest = 1.01 * float(np.linalg.norm(self.vertices_mm.max(axis=0) - self.vertices_mm.min(axis=0)))
         self._in_light: dict[bytes, Any] = {}
 
@@ -47,11 +47,11 @@ class ShadowCaster:
         wanted: NDArray[np.bool_],
         to_light: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Tell which points parallel light does not reach; what `blocked` tells, to the bit, but many times faster.
+        """Return which points parallel light does not reach; bit-identical to `blocked`, but several times faster.
 
-        ``wanted``: Which points are asked for, shape (n,).
+        ``wanted``: Points to evaluate, shape (n,).
         ``to_light``: Unit vector towards the light, shape (3,).
-        Returns: bool, shape (n,); False for points that are not asked for.
+        Returns: bool, shape (n,); False for points not evaluated.
         """
         from scenetruth.raycast.shadow_kernels import BLOCKED, UNSURE, parallel_shadows
 
@@ -68,7 +68,7 @@ class ShadowCaster:
             1 - _TOUCH,
         )
         shaded: NDArray[np.bool_] = state == BLOCKED
-        # Where float32 could decide, it does, as it always did.
+        # Cases that depend on float32 rounding are resolved by Embree for identical results.
         unsure = np.flatnonzero(state == UNSURE)
         if len(unsure):
             many = np.broadcast_to(to_light, (len(unsure), 3))
@@ -76,7 +76,7 @@ class ShadowCaster:
         return shaded
 
     def _faces_in_light(self, to_light: NDArray[np.float64]) -> Any:
-        """Return the faces as parallel light sees them; they are kept for the lights of this time."""
+        """Return the faces in light coordinates, cached for the lights of this time."""
         from scenetruth.raycast.shadow_kernels import FacesInLight, flatten_faces, sort_faces
 
         key = to_light.tobytes()
@@ -88,7 +88,7 @@ class ShadowCaster:
             size = float(np.abs(self.vertices_mm - self._centre).max()) + self._longest
             tolerance = _ROUNDINGS * float(np.finfo(np.float32).eps) * size
             numbers, boxes = flatten_faces(self.vertices_mm, self.topology.faces, frame, tolerance)
-            # Points lie on the mesh: cells need not reach further.
+            # All points lie on the mesh, so the cells cover its extent.
             across_light = self.vertices_mm @ frame[:2].T
             low = across_light.min(axis=0) - tolerance
             extent = across_light.max(axis=0) + tolerance - low
@@ -108,13 +108,13 @@ class ShadowCaster:
         to_light: NDArray[np.float64],
         distance_mm: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Tell which points a light does not reach.
+        """Return which points a light does not reach.
 
-        Rays run from the light to the points; from a far light, they start just outside the mesh. A point is in shadow
-        if its ray meets any face but the point's own before it. No offset from the surface is needed.
+        Rays run from the light (for distant lights, from just outside the mesh) to the points. A point is in shadow if
+        its ray first hits a face other than its own; no offset from the surface is needed.
 
         ``points_mm``: Points on the mesh, shape (n, 3).
-        ``faces``: The face that each lies on, shape (n,).
+        ``faces``: Face of each point, shape (n,).
         ``to_light``: Unit vectors towards the light, shape (n, 3).
         ``distance_mm``: Distance of the light, shape (n,), infinite for parallel light.
         Returns: bool, shape (n,).

@@ -1,4 +1,4 @@
-"""Images of a scene: one protocol, several backends that return linear float images."""
+"""Rendering of scenes: linear float images from several backends with a common protocol."""
 
 from scenetruth.render.backend_selection import BackendChoice, choose_renderer
 from scenetruth.render.renderer import Renderer

@@ -1,4 +1,4 @@
-"""Selection of the render backend: the one that the scene names, or the best one that runs on this machine."""
+"""Selection of the rendering backend: as specified by the scene, or the best available."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["BackendChoice", "choose_renderer"]
 
 @dataclass(frozen=True)
 class BackendChoice:
-    """A renderer, and why it is not the first choice (empty if it is)."""
+    """Renderer with the reason why it replaces the first choice (empty if it does not)."""
 
     renderer: Renderer
     fallback_reason: str = ""
 
 
 def choose_renderer(scene: Scene, world: BuiltScene) -> BackendChoice:
-    """Open the render backend of a scene, behind its lens and its shutter.
+    """Open the rendering backend of a scene, including lens and shutter.
 
-    ``auto`` takes ``pyrender`` on OSMesa, then on EGL, then ``raycast``; and ``raycast`` for what OpenGL cannot render:
-    a lens that distorts, a rolling shutter.
+    ``auto`` selects ``pyrender`` on OSMesa, then on EGL, then ``raycast``. Scenes not supported by OpenGL (lens
+      distortion, rolling shutter) use ``raycast``.
     """
     settings = scene.render
     reason = ""
@@ -56,7 +56,7 @@ def _pyrender(scene: Scene, world: BuiltScene) -> BackendChoice:
 
     renderer = _behind_lens(scene, world, open_renderer)
     on_egl = settings.platform == "auto" and renderer.name != "pyrender (osmesa)"
-    return BackendChoice(renderer, "OSMesa does not run here; rendered on EGL instead" if on_egl else "")
+    return BackendChoice(renderer, "OSMesa is not available; rendered on EGL instead" if on_egl else "")
 
 
 def _raycast(scene: Scene, world: BuiltScene) -> Renderer:

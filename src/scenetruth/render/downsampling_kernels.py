@@ -1,4 +1,4 @@
-"""A kernel that averages the samples of pixels."""
+"""Kernel that averages the samples of pixels."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from scenetruth.threads import in_bands
 
 __all__ = ["average_samples"]
 
-# Rows of pixels that are worth a thread of their own.
+# Minimum number of pixel rows per thread.
 _LEAST_ROWS = 8
 
 
 def average_samples(samples: NDArray[np.float32], weights: NDArray[np.float64], out: NDArray[np.float32]) -> None:
-    """Average n x n samples per pixel, with sums in float64, and turn the image upright.
+    """Average n x n samples per pixel in float64 and flip the image vertically.
 
-    ``samples``: Samples with rows from the bottom up, as OpenGL has them, shape (height n, width n).
-    ``weights``: Weights along either axis of a pixel, with the sum 1, shape (n,).
+    ``samples``: Samples with rows from the bottom up (OpenGL), shape (height n, width n).
+    ``weights``: Weights along either axis of a pixel, with sum 1, shape (n,).
     ``out``: Output with rows from the top down, shape (height, width).
     """
     in_bands(_average_samples, out.shape[0], samples, weights, out, least=_LEAST_ROWS)

@@ -1,4 +1,4 @@
-"""Textures and images of 32-bit floats in OpenGL, where pyrender has 8 bits."""
+"""Float32 textures and framebuffers in OpenGL, where pyrender has 8 bits."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ _MARGIN = ((1, 2), (1, 2))  # as the shader expects it
 
 
 class FloatBuffer:
-    """A framebuffer object of one 32-bit float channel that a renderer of pyrender draws to.
+    """Framebuffer with one float32 channel that replaces the framebuffer and shader of a pyrender renderer.
 
-    It stands in for pyrender's own framebuffer and shader, and keeps the compiled programs. The OpenGL context must be
-    current.
+    It caches compiled programs. The OpenGL context must be current.
 
-    ``renderer``: The ``pyrender.renderer.Renderer`` that draws; it is this buffer's from now on.
+    ``renderer``: The ``pyrender.renderer.Renderer``, exclusively used by this buffer.
     ``size``: Width and height in samples.
     """
 
@@ -48,8 +47,8 @@ class FloatBuffer:
         if state != GL.GL_FRAMEBUFFER_COMPLETE:
             raise BackendUnavailableError(
                 "pyrender",
-                f"its OpenGL draws no {size[0]} x {size[1]} image of 32-bit floats (state {int(state):#x})",
-                "use the raycast backend, or another platform",
+                f"OpenGL does not support a {size[0]} x {size[1]} float32 framebuffer (state {int(state):#x})",
+                "use the raycast backend or another platform",
             )
         self._renderer = renderer
         renderer.viewport_width, renderer.viewport_height = size
@@ -86,7 +85,7 @@ class FloatBuffer:
         return self._programs[primitive.material.texture_defines]
 
     def prepare(self, material: Any) -> None:
-        """Compile the program that draws a material, if it is not there yet."""
+        """Compile the program of a material unless cached."""
         from pyrender.shader_program import ShaderProgram
 
         defines = material.texture_defines
@@ -96,12 +95,12 @@ class FloatBuffer:
         program = ShaderProgram(*files, defines=dict.fromkeys(defines, 1))
         try:
             program._add_to_context()
-        except RuntimeError as error:  # PyOpenGL's errors of compiling and linking
+        except RuntimeError as error:  # raised by PyOpenGL for compilation and linking errors
             reason = str(error.args[0]).splitlines()[0]
             raise BackendUnavailableError(
                 "pyrender",
-                f"its OpenGL does not compile the shader: {reason}",
-                "use the raycast backend, or another platform",
+                f"OpenGL does not compile the shader: {reason}",
+                "use the raycast backend or another platform",
             ) from error
         self._programs[defines] = program
 
@@ -115,16 +114,16 @@ class FloatBuffer:
 
 
 def largest_side() -> int:
-    """Return the largest width or height of a buffer; the OpenGL context must be current."""
+    """Return the maximum width or height of a buffer; the OpenGL context must be current."""
     from OpenGL import GL
 
     return int(min(GL.glGetIntegerv(GL.GL_MAX_RENDERBUFFER_SIZE), *GL.glGetIntegerv(GL.GL_MAX_VIEWPORT_DIMS)))
 
 
 def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two_sided: bool = False) -> Any:
-    """Make a material for meshes with texture coordinates in texels.
+    """Return a material for meshes with texture coordinates in texels.
 
-    ``values``: The raster, shape (h, w): values to interpolate linearly between, or coefficients of a cubic B-spline.
+    ``values``: Raster, shape (h, w): values for linear interpolation, or coefficients of a cubic B-spline.
     """
     import pyrender
     from OpenGL import GL
@@ -134,9 +133,9 @@ def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two
     if max(padded.shape) > limit:
         raise BackendUnavailableError(
             "pyrender",
-            f"its OpenGL holds textures of up to {limit - 3} x {limit - 3} texels, this has "
+            f"OpenGL supports textures of up to {limit - 3} x {limit - 3} texels, this texture has "
             f"{values.shape[1]} x {values.shape[0]}",
-            "use the raycast backend, or a smaller image",
+            "use the raycast backend or a smaller image",
         )
     height, width = padded.shape
     texture = pyrender.Texture(source_channels="R", width=width, height=height, data_format=GL.GL_FLOAT)
@@ -146,7 +145,7 @@ def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two
         GL.glBindTexture(GL.GL_TEXTURE_2D, texture._texid)
         GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 4)
         GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_R32F, width, height, 0, GL.GL_RED, GL.GL_FLOAT, padded)
-        # Without mip-maps a texture is complete only if no filter asks for them.
+        # Without mip-maps a texture is complete only if no filter uses them.
         for which in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
             GL.glTexParameteri(GL.GL_TEXTURE_2D, which, GL.GL_NEAREST)
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)

@@ -1,4 +1,4 @@
-"""Images through a lens and a shutter: means of sharp images over aperture and exposure, then blurred and vignetted."""
+"""Lens and shutter effects: averaging of sharp images over aperture and exposure, blur and vignetting."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from scenetruth.scene.built_scene import BuiltScene
 
 __all__ = ["DepthBand", "LensRenderer", "fine_parts", "is_sharp", "margin_px", "split_into_bands"]
 
-# Parts of a pixel, along x and y, before light is spread. Edges within a part alias: by about (w / parts)² of what the
-# spectrum has at w periods per px, so that a lens that lets more pass needs more parts.
+# Subpixels along x and y before the blur. Edges within a subpixel cause aliasing of about (w / parts)² of the spectrum
+# at w cycles per px, so a sharper lens needs more subpixels.
 _PARTS, _MORE_PARTS, _NARROW_PX = 4, 8, 0.3
 _SAMPLES_PER_PX, _FEWEST, _MOST = 4, 4, 256
 _GOLDEN = (np.sqrt(5) - 1) / 2
@@ -25,11 +25,11 @@ _GOLDEN = (np.sqrt(5) - 1) / 2
 
 @dataclass(frozen=True)
 class DepthBand:
-    """A renderer of some rows of an image, which sees a margin of rows above and below that is cut off.
+    """Renderer of a band of image rows, with a margin of rows that is cropped.
 
-    ``rows``: First and last + 1 row, of the fine image.
-    ``margin``: Rows that the renderer's image has above; as many as below may follow.
-    ``renderer``: What renders them.
+    ``rows``: First and last + 1 row of the subsampled image.
+    ``margin``: Number of additional rows above; the same number may follow below.
+    ``renderer``: Renderer of the band.
     """
 
     rows: tuple[int, int]
@@ -38,32 +38,26 @@ class DepthBand:
 
 
 def is_sharp(optics: Optics, shutter: Shutter) -> bool:
-    """Tell whether lens and shutter leave images as they are."""
+    """Return whether lens and shutter have no effect on images."""
     return optics == Optics() and shutter.exposure_time_s == 0 and shutter.readout_time_s == 0
 
 
 def fine_parts(psf: Psf | None) -> int:
-    """Return into how many parts pixels are divided before the point spread function is applied."""
+    """Return the number of subpixels per axis for the convolution with the point spread function."""
     if psf is None:
         return 1
     return _PARTS if psf.finest_px >= _NARROW_PX else _MORE_PARTS
 
 
 def margin_px(psf: Psf | None) -> int:
-    """Return the margin around the image from which a point spread function spreads light into it.
-
-    Returns: Margin in px on every side.
-    """
+    """Return the margin in px on every side that contributes light through the point spread function."""
     return 0 if psf is None else int(np.ceil(psf.reach_px))
 
 
 def motion_px(
     world: BuiltScene, camera: Camera, viewpoint: Viewpoint, times: tuple[float, float], travel_mm: float
 ) -> float:
-    """Return the longest displacement in the image of a vertex in front of the camera.
-
-    Returns: Displacement in px; 0 if no vertex is in front of the camera.
-    """
+    """Return the largest image displacement of a vertex in front of the camera, in px; 0 without such vertices."""
     ends = []
     for time, share in zip(times, (-0.5, 0.5), strict=True):
         place = viewpoint.moved((share * travel_mm, 0.0, 0.0))
@@ -77,17 +71,15 @@ def motion_px(
 
 
 def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float64]:
-    """Convolve an image with a point spread function.
+    """Convolve an image with a point spread function in the frequency domain (periodic, so a margin is required).
 
-    The transfer function multiplies the image's spectrum; the image wraps around, so that it needs a margin.
-
-    ``fine``: Mean radiance of the parts of pixels, shape (y, x).
-    Returns: The blurred image, shape (y, x), float64.
+    ``fine``: Mean radiance of the subpixels, shape (y, x).
+    Returns: Blurred image, shape (y, x), float64.
     """
     from scipy import fft
 
     rows, columns = (fft.next_fast_len(size, real=True) for size in fine.shape)
-    # Borders repeat into what is added to reach a fast length: no step where the image wraps around.
+    # Edge padding to a fast FFT length avoids steps at the periodic border.
     padded = np.pad(fine, ((0, rows - fine.shape[0]), (0, columns - fine.shape[1])), mode="edge")
     frequency = np.hypot(fft.fftfreq(rows, 1 / parts)[:, None], fft.rfftfreq(columns, 1 / parts)[None, :])
     spectrum = fft.rfft2(padded, workers=thread_count()) * psf.transfer(frequency)
@@ -96,14 +88,14 @@ def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float
 
 
 class LensRenderer(Renderer):
-    """Renders images through a lens and a shutter: means of sharp images, blurred and darkened.
+    """Renderer with lens and shutter effects: average of sharp images, blurred and vignetted.
 
-    ``name``: Name of the backend that renders the sharp images.
-    ``bands``: Renderers that together see the fine image: one for all rows, or one for every row with a time of its
-      own.
-    ``world``, ``camera``: The scene's objects, and the camera.
-    ``optics``, ``shutter``: Its lens and its shutter.
-    ``frame_interval_s``: Time between frames.
+    ``name``: Name of the backend of the sharp images.
+    ``bands``: Renderers that together cover the subsampled image: one for all rows, or one per row for a rolling
+      shutter.
+    ``world``, ``camera``: Built scene and camera.
+    ``optics``, ``shutter``: Lens and shutter.
+    ``frame_interval_s``: Time between consecutive frames.
     """
 
     def __init__(
@@ -127,7 +119,7 @@ class LensRenderer(Renderer):
         self._shade = None if optics.vignetting is None else optics.vignetting.factor(camera)
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        """Return the image at time t from a viewpoint, both in the middle of the exposure; see `Renderer.render`."""
+        """Return the image at mid-exposure time t and viewpoint, see `Renderer.render`."""
         fine = self._mean(t, viewpoint)
         psf, parts, margin = self._optics.psf, self._parts, self._margin
         if psf is not None:
@@ -164,7 +156,7 @@ class LensRenderer(Renderer):
         return total / len(offsets_s)
 
     def _samples(self, t: float, viewpoint: Viewpoint) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return times in s and points on the aperture in mm, one of each for every sharp image."""
+        """Return exposure times in s and aperture points in mm, one of each per sharp image."""
         shutter, defocus = self._shutter, self._optics.defocus
         count = 1
         if shutter.exposure_time_s > 0:
@@ -175,7 +167,7 @@ class LensRenderer(Renderer):
         points = defocus.points_mm(count)
         if not moving:
             return np.zeros(count), points
-        # Neighbours on the spiral have moments far apart: every part of the aperture samples the whole exposure.
+        # Neighbouring aperture points have distant times, so every part of the aperture samples the whole exposure.
         order = np.argsort(np.argsort((np.arange(count) * _GOLDEN) % 1.0))
         return shutter.exposure_offsets_s(count)[order], points
 
@@ -194,13 +186,13 @@ class LensRenderer(Renderer):
 def split_into_bands(
     camera: Camera, optics: Optics, shutter: Shutter, open_renderer: Callable[[Camera], Renderer]
 ) -> list[DepthBand]:
-    """Open the renderers of the sharp images: one for the fine image, or one for each row of pixels."""
+    """Open the renderers of the sharp images: one for the subsampled image, or one per pixel row."""
     parts, margin = fine_parts(optics.psf), margin_px(optics.psf)
     fine = camera.refined(parts, margin) if optics.psf is not None else camera
     if shutter.readout_time_s == 0:
         return [DepthBand((0, fine.height), 0, open_renderer(fine))]
     return [
-        # A row above and one below, as rays at the border need neighbours to be exact.
+        # Include one row above and one below, because exact hits at the border need neighbouring rays.
         DepthBand((first, first + parts), 1, open_renderer(fine.rows(first - 1, first + parts + 1)))
         for first in range(0, fine.height, parts)
     ]

@@ -1,4 +1,4 @@
-"""Selection of an OpenGL platform that runs without a display."""
+"""Selection of an OpenGL platform for headless rendering."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from scenetruth.render.opengl_probe import ANSWER
 __all__ = ["PLATFORMS", "REMEDIES", "use_platform"]
 
 PLATFORMS = ("osmesa", "egl")
-"""Platforms in the order in which they are tried."""
+"""Platforms in order of preference."""
 
 REMEDIES = {
     "osmesa": "install the system library OSMesa (Debian, Ubuntu: apt-get install libosmesa6)",
     "egl": "install an EGL driver (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0)",
 }
-"""What makes a platform run."""
+"""Installation hint for each platform."""
 _NO_PACKAGE = "pip install 'scenetruth[opengl]'"
 
 _PACKAGES = ("pyrender", "OpenGL")
-# The question is asked in a process of its own, as a library that cannot start may abort it.
+# The probe runs in a separate process, because a defective library may abort it.
 _PROBE = Path(__file__).with_name("opengl_probe.py")
 
 
 def use_platform(wanted: str) -> str:
-    """Choose the OpenGL platform of this process."""
+    """Select the OpenGL platform of this process and return its name."""
     loaded = os.environ.get("PYOPENGL_PLATFORM") if "OpenGL" in sys.modules else None
     if loaded in PLATFORMS:
         # PyOpenGL cannot change its platform within a process.
@@ -38,7 +38,7 @@ def use_platform(wanted: str) -> str:
             raise BackendUnavailableError(
                 f"pyrender ({wanted})",
                 f"this process already uses OpenGL through {loaded}",
-                "use a process of its own for each platform",
+                "use a separate process for each platform",
             )
         return loaded
     failures = []
@@ -59,18 +59,18 @@ def use_platform(wanted: str) -> str:
 
 @cache
 def _why_not(platform: str) -> str | None:
-    """Return why a platform does not run, or None if it does."""
+    """Return the reason why a platform is not available, or None."""
     for package in _PACKAGES:
         if find_spec(package) is None:
             return f"No module named '{package}'"
     environment = {**os.environ, "PYOPENGL_PLATFORM": platform}
-    # Alone: without the packages of the environment, and without this folder, whose modules have names of Python's own.
+    # Isolated from installed packages and from this directory, whose module names shadow the standard library.
     command = [sys.executable, "-I", "-S", str(_PROBE), platform]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
     except subprocess.TimeoutExpired:
-        return "it did not start within 60 s"
+        return "no response within 60 s"
     if ANSWER in done.stdout:
         return None
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-    return lines[-1] if lines else f"its test process ended with code {done.returncode}"
+    return lines[-1] if lines else f"probe process ended with code {done.returncode}"

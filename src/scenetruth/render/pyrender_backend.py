@@ -1,7 +1,4 @@
-"""The OpenGL backend.
-
-Pyrender on OSMesa or EGL, supersampled, in 32-bit floats; illumination comes from the ray caster.
-"""
+"""OpenGL backend: pyrender on OSMesa or EGL, supersampled in float32, with illumination by ray casting."""
 
 from __future__ import annotations
 
@@ -23,28 +20,27 @@ from scenetruth.scene.lighting import Lighting
 
 __all__ = ["PyrenderRenderer"]
 
-# pyrender looks along -Z with Y up; our camera looks along +Z with Y down.
+# pyrender cameras look along -Z with Y up; scenetruth cameras along +Z with Y down.
 _TURN = np.diag([1.0, -1.0, -1.0, 1.0])
-# Clipping planes this much nearer and farther than the surfaces, so that rounding cuts nothing away.
+# Relative margin of the clipping planes, so that rounding does not clip surfaces.
 _SLACK = 0.01
-# Larger images are drawn in tiles, so that 16 x 16 samples need no gigabytes: samples take 8 bytes, with their depth.
+# Larger images are drawn in tiles to limit memory, at 8 bytes per sample including depth.
 _SAMPLES_PER_TILE = 1 << 23
 
 
 class PyrenderRenderer(Renderer):
-    """Renders with OpenGL.
+    """Renderer based on OpenGL.
 
-    Every pixel is a mean of n x n samples, weighted by `even_rule`, of the texture's own spline (noise, plaid) or of
-    its bilinear interpolation (images): no mip-maps, no lights, no tone curve, and 32-bit floats throughout.
+    Every pixel is a weighted mean of n x n samples (`even_rule`) of the texture spline (noise, plaid) or its bilinear
+    interpolation (images), without mip-maps, lights or tone mapping, in float32.
 
-    ``world``: The scene's objects.
+    ``world``: Built scene.
     ``camera``: The camera.
-    ``background``: Radiance in [0, 1] where no surface is met.
-    ``supersampling``: Number n of samples along x, and along y.
+    ``background``: Radiance in [0, 1] of the background.
+    ``supersampling``: Number n of samples along x and y.
     ``platform``: ``"osmesa"``, ``"egl"`` or ``"auto"``.
-    ``lighting``: The lights; none for textures whose values are the radiance. OpenGL gives the unlit image, which is
-      multiplied by the light that ray casting finds for each pixel; pixels at edges, of objects or of light, are ray
-      cast.
+    ``lighting``: Lights; None if texture values are radiance. OpenGL renders the unlit image, which is multiplied by
+      the irradiance from ray casting; pixels at object or shadow edges are ray cast.
     """
 
     def __init__(
@@ -67,7 +63,7 @@ class PyrenderRenderer(Renderer):
         if self._lighting.lit:
             self._lit = RaycastRenderer(world, camera, background, supersampling, self._lighting)
         self._moved: tuple[float, NDArray[np.float64]] | None = None
-        # OpenGL draws in a thread of its own, which alone touches the context, while this one does everything else.
+        # OpenGL runs in a separate thread, the only one that uses the context.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="opengl")
         self._drawing: _Drawing | None = None
         try:
@@ -76,20 +72,18 @@ class PyrenderRenderer(Renderer):
             self._thread.shutdown()
             raise
         except (ImportError, AttributeError, RuntimeError, OSError) as error:
-            # The platform runs, but the packages on it do not: they may not fit together.
+            # The platform works but its Python packages do not, for example due to incompatible versions.
             self._thread.shutdown()
             reason = f"{type(error).__name__}: {error}"
-            remedy = (
-                f"{REMEDIES[self._platform]} and the packages of scenetruth[opengl] anew, or use the raycast backend"
-            )
+            remedy = f"{REMEDIES[self._platform]} and reinstall scenetruth[opengl], or use the raycast backend"
             raise BackendUnavailableError(self.name, reason, remedy) from error
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        """Return the image at time t from a viewpoint; see `Renderer.render`."""
+        """Return the image at time t from a viewpoint, see `Renderer.render`."""
         return self._finish(t, viewpoint, self._begin(t, viewpoint))
 
     def render_all(self, moments: Iterable[tuple[float, Viewpoint]]) -> Iterator[NDArray[np.float32]]:
-        """Render images one after the other, and draw each while the one before is worked on; see `Renderer`."""
+        """Render consecutive images, drawing each while the previous one is processed, see `Renderer`."""
         waiting: tuple[float, Viewpoint, Iterator[_Part]] | None = None
         for t, viewpoint in moments:
             parts = self._begin(t, viewpoint)
@@ -100,7 +94,7 @@ class PyrenderRenderer(Renderer):
             yield self._finish(*waiting)
 
     def _begin(self, t: float, viewpoint: Viewpoint) -> Iterator[_Part]:
-        """Let the first tile of an image be drawn; return all tiles when they are drawn."""
+        """Start drawing the first tile of an image and return an iterator over all tiles."""
         assert self._drawing is not None
         if self._moved is None or self._moved[0] != t:
             self._moved = (t, self._world.at(t).vertices_mm)
@@ -139,13 +133,13 @@ class PyrenderRenderer(Renderer):
         image = np.empty((height, width), dtype=np.float32)
         for (x, y), samples in parts:
             part = image[y : y + down, x : x + across]
-            # The last tiles may reach beyond the image; rows run from the bottom up.
+            # The last tiles may extend beyond the image; rows run from the bottom up.
             average_samples(samples[(down - len(part)) * n :], self._weights, part)
             self._drawing.take_back(samples)
         return image
 
     def close(self) -> None:
-        """Free the OpenGL context and everything in it; closing twice is harmless."""
+        """Free the OpenGL context and its resources; repeated calls have no effect."""
         if self._drawing is not None:
             self._thread.submit(self._drawing.close).result()
             self._thread.shutdown()
@@ -153,13 +147,13 @@ class PyrenderRenderer(Renderer):
 
 
 _Part = tuple[tuple[int, int], NDArray[np.float32]]
-"""The left upper pixel of a tile, and its samples."""
+"""Upper-left pixel of a tile, and its samples."""
 
 
 class _Drawing:
-    """An OpenGL context with the objects of a world; all of it belongs to the thread that makes it.
+    """OpenGL context with the objects of a scene, used only by the thread that creates it.
 
-    ``world``, ``camera``, ``background``, ``supersampling``: As of `PyrenderRenderer`.
+    Arguments are as in `PyrenderRenderer`.
     """
 
     def __init__(self, world: BuiltScene, camera: Camera, background: float, supersampling: int) -> None:
@@ -173,7 +167,7 @@ class _Drawing:
         self._t: float | None = None
         self._nodes: list[Any] = []
         self._free: list[NDArray[np.float32]] = []
-        # Images go to a framebuffer of our own; the context's may be small.
+        # Images are drawn to a separate framebuffer, so that of the context may be small.
         self._context: Any = pyrender.OffscreenRenderer(16, 16)
         self._scene = pyrender.Scene(bg_color=[background] * 3 + [1.0], ambient_light=[0.0, 0.0, 0.0])
         focal = camera.focal_px * supersampling
@@ -210,8 +204,8 @@ class _Drawing:
     ) -> NDArray[np.float32]:
         """Draw one tile of an image.
 
-        Returns: Samples of shape (height n, width n), rows from the bottom up, float32. Who has read them hands them to
-        `take_back`.
+        Returns: Samples of shape (height n, width n), rows from the bottom up, float32, to be returned through
+        `take_back` after use.
         """
         if self._t != t:
             self._place_world(t, vertices_mm)
@@ -220,10 +214,10 @@ class _Drawing:
         self._scene.set_pose(self._camera_node, pose @ _TURN)
         depth = viewpoint.to_camera(vertices_mm)[:, 2]
         self._clip(depth)
-        # The nearest first: what they hide is not shaded.
+        # Front to back, because hidden fragments are not shaded.
         parts = np.split(depth, self._world.vertex_offsets[1:-1])
         nodes = [self._nodes[index] for index in np.argsort([part.mean() for part in parts], kind="stable")]
-        # pyrender's principal point counts from the image's corner, half a pixel before the first pixel centre.
+        # pyrender measures the principal point from the image corner, half a pixel before the first pixel centre.
         (x, y), n = place, self._n
         self._camera.cx = (self._principal_point[0] + 0.5 - x) * n - viewpoint.shear[0] * self._camera.fx
         self._camera.cy = (self._principal_point[1] + 0.5 - y) * n - viewpoint.shear[1] * self._camera.fy
@@ -234,7 +228,7 @@ class _Drawing:
         return samples
 
     def take_back(self, samples: NDArray[np.float32]) -> None:
-        """Take samples that were read, to draw into them again."""
+        """Return a sample buffer for reuse."""
         self._free.append(samples)
 
     def _place_world(self, t: float, vertices: NDArray[np.float64]) -> None:
@@ -244,13 +238,13 @@ class _Drawing:
         self._nodes = []
         offsets = self._world.vertex_offsets
         for index, (coordinates, material) in enumerate(zip(self._texels, self._materials, strict=True)):
-            # Texture coordinates belong to corners, so that every face has vertices of its own.
+            # Texture coordinates are per corner, so vertices are not shared between faces.
             corners = vertices[offsets[index] : offsets[index + 1]][self._world.bodies[index].faces]
             primitive = pyrender.Primitive(
                 positions=corners.reshape(-1, 3).astype(np.float32),
                 texcoord_0=coordinates[0],
                 texcoord_1=coordinates[1],
-                # OpenGL tells the sides of a face apart by the order of its corners in the image, as we do.
+                # OpenGL determines the front of a face from the order of its corners in the image, as does scenetruth.
                 tangents=self._texels_back[index],
                 material=material,
                 mode=pyrender.GLTF.TRIANGLES,
@@ -259,20 +253,20 @@ class _Drawing:
         self._t = t
 
     def _clip(self, depth: NDArray[np.float64]) -> None:
-        """Put the clipping planes round vertices of these depths."""
+        """Set the clipping planes for a range of vertex depths."""
         nearest = depth[depth > 0].min(initial=np.inf)
         self._camera.znear = float(max(nearest * (1 - _SLACK), 1e-3 * depth.max()))
         self._camera.zfar = float(depth.max() * (1 + _SLACK))
 
     def close(self) -> None:
-        """Free the OpenGL context and everything in it."""
+        """Free the OpenGL context and its resources."""
         self._context._platform.make_current()
         self._buffer.delete()
         self._context.delete()
 
 
 def _tile_size(width: int, height: int, n: int, limit: int) -> tuple[int, int]:
-    """Return the width and height in px of the tiles of an image, as equal as they can be."""
+    """Return the width and height in px of equally sized tiles of an image."""
     across = math.ceil(width / math.ceil(width * n / (limit - limit % n)))
     rows = max(1, min(limit // n, _SAMPLES_PER_TILE // (across * n * n)))
     return across, math.ceil(height / math.ceil(height / rows))
@@ -281,9 +275,9 @@ def _tile_size(width: int, height: int, n: int, limit: int) -> tuple[int, int]:
 def _texels(
     uv: NDArray[np.float64], shape: tuple[int, ...], *, tiled: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return positions of all corners on the raster, counted from a whole texel amid their face, and that texel.
+    """Return the corner positions on the raster relative to an integer texel at the face centre, and that texel.
 
-    Counted from the raster's corner, 32-bit floats would know them to a few ten-thousandths of a texel only.
+    Absolute float32 positions would be precise to a few ten-thousandths of a texel only.
     """
     size = np.array(shape[::-1])
     texels = uv * size - 0.5

@@ -1,8 +1,4 @@
-"""The ray-casting backend, which is the reference.
-
-Surface points in float64, the texture averaged over each pixel's footprint by quadrature, on the visible side of the
-surface.
-"""
+"""Ray-casting backend (reference): surface points in float64, textures averaged over pixel footprints by quadrature."""
 
 from __future__ import annotations
 
@@ -26,13 +22,12 @@ Rule = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def even_rule(count: int) -> Rule:
-    """Return evenly spaced samples along one axis of a footprint, with weights for the highest order.
+    """Return equally spaced samples along one axis of a footprint, with weights of the highest order.
 
-    Equal weights (the midpoint rule) are exact for linear functions only, and amplify a wave of f cycles per pixel by
-    1 + (πf / n)² / 6. From three samples on, there are weights that are exact for cubic functions; those nearest to
-    equal are taken: 1/n + a (x² - mean of x²).
+    Equal weights (midpoint rule) are exact for linear functions only and amplify a wave of f cycles per pixel by 1 +
+    (πf / n)² / 6. For three or more samples the weights 1/n + a (x² - mean of x²) are exact for cubic functions.
 
-    Returns: Positions in [-1/2, 1/2] px and weights that sum to 1, shape (n,), float64.
+    Returns: Positions in [-1/2, 1/2] px and weights with sum 1, shape (n,), float64.
     """
     positions = (np.arange(count) + 0.5) / count - 0.5
     weights = np.full(count, 1 / count)
@@ -44,9 +39,9 @@ def even_rule(count: int) -> Rule:
 
 
 def gauss_rule(count: int) -> Rule:
-    """Return Gauss and Legendre's samples along one axis of a footprint, exact for polynomials of degree 2n - 1.
+    """Return Gauss-Legendre samples along one axis of a footprint, exact for polynomials of degree 2n - 1.
 
-    Returns: Positions in [-1/2, 1/2] px and weights that sum to 1, shape (n,), float64.
+    Returns: Positions in [-1/2, 1/2] px and weights with sum 1, shape (n,), float64.
     """
     positions, weights = np.polynomial.legendre.leggauss(count)
     return positions / 2, weights / 2
@@ -55,13 +50,12 @@ def gauss_rule(count: int) -> Rule:
 def visible_uv(
     world: BuiltScene, vertices_mm: NDArray[np.float64], origin_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the texture coordinates at the corners of all faces, on the side that is seen from a point.
+    """Return the texture coordinates at the corners of all faces, for the side visible from a point.
 
-    The front of a face is the side to which its normal (p1 - p0) x (p2 - p0) points: seen from there, its corners run
-    counter-clockwise.
+    The front of a face is the side of its normal (p1 - p0) x (p2 - p0), from which its corners run counter-clockwise.
 
     ``vertices_mm``: World positions of the vertices, shape (n, 3).
-    ``origin_mm``: Position of the camera, shape (3,).
+    ``origin_mm``: Camera position, shape (3,).
     """
     if world.uv_back is world.uv:
         return world.uv
@@ -77,7 +71,7 @@ _RAYS_PER_PIECE = 1 << 19
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """The rays through the pixels' centres of one image, row by row, and the faces and bodies that they meet."""
+    """Rays through the pixel centres of one image in row-major order, with the faces and bodies hit."""
 
     caster: RayCaster
     t: float
@@ -93,15 +87,15 @@ class _View:
 
 
 class RaycastRenderer(Renderer):
-    """Renders by ray casting; needs no system library.
+    """Renderer based on ray casting, without system libraries.
 
-    ``world``: The scene's objects.
+    ``world``: Built scene.
     ``camera``: The camera.
-    ``background``: Radiance where no surface is met.
-    ``supersampling``: n: every pixel is the mean of n x n samples, by Gauss and Legendre's rule (`gauss_rule`); of
-      evenly spaced ones where a silhouette crosses it.
-    ``lighting``: The lights; none for textures whose values are the radiance.
-    ``topology``: Faces and edges of the world, if they are known already.
+    ``background``: Radiance of the background.
+    ``supersampling``: n: every pixel is the mean of n x n samples by the Gauss-Legendre rule (`gauss_rule`), or of
+      equally spaced samples at silhouettes.
+    ``lighting``: Lights; None if texture values are radiance.
+    ``topology``: Faces and edges of the scene, if available.
     """
 
     def __init__(
@@ -121,9 +115,9 @@ class RaycastRenderer(Renderer):
         self._caster: tuple[float, RayCaster] | None = None
         rays = pixel_rays(camera)
         self._directions = rays.directions
-        # Directions of one pixel step to the right and one down, per pixel where they differ.
+        # Direction steps per pixel to the right and down, per pixel if not constant.
         self._across, self._down = rays.steps
-        # Where the texture is smooth, Gauss's rule is almost exact; across a silhouette, even samples are best.
+        # The Gauss rule is almost exact for smooth textures; equal spacing is best across silhouettes.
         steps, weights = gauss_rule(supersampling)
         self._reach_px = float(steps[-1])
         self._smooth = _square(steps, weights)
@@ -134,21 +128,21 @@ class RaycastRenderer(Renderer):
         self._shader = Shader(self._lighting, world) if self._lighting.lit else None
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        """Return the image at time t from a viewpoint; see `Renderer.render`.
+        """Return the image at time t from a viewpoint, see `Renderer.render`.
 
-        If a pixel's footprint stays on one face, its samples map to the texture through the plane of this face. If it
-        stays on one smooth surface, the samples are found by walking over its faces. Only at edges, every sample has a
-        ray of its own. A body that pokes through another between the centres of neighbouring pixels is not seen.
+        If a pixel footprint stays on one face, its samples map to the texture through the plane of the face; on one
+        smooth surface, by walking across its faces. At edges every sample is traced. A body that protrudes through
+        another between neighbouring pixel centres is missed.
         """
         return self._render(t, viewpoint, None)
 
     def light(self, albedo: Callable[[], NDArray[np.float32]], t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        """Light an image that another renderer made of the same world with the same samples.
+        """Apply illumination to an unlit image of the same scene and samples from another renderer.
 
-        Only pixels at edges, of objects or of light, are rendered here.
+        Only pixels at object or shadow edges are rendered here.
 
-        ``albedo``: Gives the unlit image, shape (height, width); asked for as late as possible, as another thread may
-          draw it.
+        ``albedo``: Returns the unlit image, shape (height, width); called as late as possible, because another thread
+          may draw it.
         Returns: Linear radiance, shape (height, width), float32.
         """
         return self._render(t, viewpoint, albedo)
@@ -189,13 +183,13 @@ class RaycastRenderer(Renderer):
                 if np.count_nonzero(whole) < len(pixels) / 2:
                     image[pixels[whole]] = item.texture.mean_radiance(forms[whole], offsets, weights)
                 else:
-                    # The few others are rendered again below.
+                    # The remaining pixels are rendered below.
                     image[pixels] = item.texture.mean_radiance(forms, offsets, weights)
                 leaving[pixels[~whole]] = True
         if light is not None:
             variance = float(weights @ offsets[:, 0] ** 2)
             image = light.on(image.reshape(shape), (mixed | leaving).reshape(shape), variance).ravel()
-            # Across the borders of light, as across silhouettes, even samples are best.
+            # Equal spacing is best across shadow borders, as across silhouettes.
             mixed = mixed | light.borders.ravel()
             leaving = (leaving | light.uneven.ravel()) & ~mixed
         for chosen, rule in ((leaving, self._smooth), (mixed, self._mixed)):
@@ -216,7 +210,7 @@ class RaycastRenderer(Renderer):
     def _walk(
         self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Return which walks reached all samples, and the means over footprints, without rays for the samples."""
+        """Return which walks reached all samples, and the means over footprints, without tracing the samples."""
         from scenetruth.raycast.hit_kernels import walk_footprints
 
         world = self._world
@@ -241,7 +235,7 @@ class RaycastRenderer(Renderer):
     def _trace(
         self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return means over footprints by a ray for every sample."""
+        """Return the means over footprints by tracing every sample."""
         directions = view.directions(pixels, offsets)
         hits = view.caster.cast(view.rays.origin, directions)
         body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
@@ -263,13 +257,13 @@ class RaycastRenderer(Renderer):
         return self._caster[1]
 
     def close(self) -> None:
-        """Forget the mesh; nothing else is held."""
+        """Release the mesh, the only resource."""
         self._caster = None
 
 
 def _square(
     steps: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the offsets (x, y) and weights of a rule along both axes of a footprint."""
+    """Return the offsets (x, y) and weights of the tensor-product rule over a footprint."""
     across, down = np.meshgrid(steps, steps)
     return np.column_stack([across.ravel(), down.ravel()]), np.outer(weights, weights).ravel()

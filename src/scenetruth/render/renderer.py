@@ -1,4 +1,4 @@
-"""The interface of the render backends."""
+"""Protocol of the rendering backends."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ __all__ = ["Renderer"]
 
 
 class Renderer(Protocol):
-    """Renders images of one world with one camera. It holds resources until it is closed, or its with block ends."""
+    """Renderer for one scene and camera; holds resources until closed or until its with block ends."""
 
     name: str
-    """The backend and its platform: ``pyrender (osmesa)``."""
+    """Backend and platform: ``pyrender (osmesa)``."""
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Render one image.
 
-        Returns: Linear radiance, shape (height, width), float32; every pixel is the mean over its footprint [x ± 1/2] x
-        [y ± 1/2], whose centre has the integer coordinates (x, y).
+        Returns: Linear radiance, shape (height, width), float32, averaged over the footprint [x ± 1/2] x [y ± 1/2] of
+        the pixel centre (x, y).
         """
         ...
 
     def render_all(self, moments: Iterable[tuple[float, Viewpoint]]) -> Iterator[NDArray[np.float32]]:
-        """Render images one after the other; some renderers begin the next while the caller works on the last."""
+        """Render consecutive images; implementations may render ahead while the caller processes the previous image."""
         for t, viewpoint in moments:
             yield self.render(t, viewpoint)
 
     def close(self) -> None:
-        """Free all resources; closing twice is harmless."""
+        """Free all resources; repeated calls have no effect."""
         ...
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""Lambertian shading for all backends: irradiance at surface points and at the pixels of an image."""
+"""Lambertian shading for all backends: irradiance at surface points and pixels."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from scenetruth.scene.lighting import Lamp, Lighting
 
 __all__ = ["PixelLight", "Shader"]
 
-# Where neighbouring pixels differ by more than this share of the brightest pixel, every sample is shaded by itself.
+# Pixel difference, as a fraction of the brightest pixel, above which every sample is shaded separately.
 _STEEPEST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class PixelLight:
-    """The light on the surface points at the pixel centres of one image.
+    """Illumination of the surface points at the pixel centres of one image.
 
-    ``shade``: Irradiance, shape (height, width); 1 where nothing is seen.
-    ``face``: The faces, shape (height, width), -1 for none.
+    ``shade``: Irradiance, shape (height, width); 1 without a surface.
+    ``face``: Face index, shape (height, width), -1 for none.
     ``mixed``: Pixels whose footprint crosses an edge, shape (height, width).
-    ``uneven``: Pixels whose light is not smooth, shape (height, width): at its borders, or where it is steep.
-    ``borders``: Those at the borders of shadows and of the lights' zones, shape (height, width).
+    ``uneven``: Pixels with non-smooth irradiance, shape (height, width): at its borders, or at steep gradients.
+    ``borders``: Pixels at the borders of shadows and light cones, shape (height, width).
     """
 
     shade: NDArray[np.float64]
@@ -35,10 +35,7 @@ class PixelLight:
     borders: NDArray[np.bool_]
 
     def on(self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], variance_px2: float) -> NDArray[np.float32]:
-        """Shade an image of mean albedos.
-
-        ``albedo``: Means over the pixels' footprints, shape (height, width).
-        """
+        """Shade an image of the mean albedo over the pixel footprints, shape (height, width)."""
         from scenetruth.render.shading_kernels import shade_image
 
         shaded: NDArray[np.float32] = shade_image(
@@ -48,14 +45,13 @@ class PixelLight:
 
 
 class Shader:
-    """Lambertian shading of surfaces that are seen from both sides.
+    """Lambertian shading of two-sided surfaces.
 
-    The normal is turned towards the eye. It is that of the flat triangle, or, on meshes that are to be `smooth`,
-    interpolated between those of the smooth surface at the corners: its error falls with the square of the triangles'
-    size.
+    The normal is oriented towards the camera. It is that of the flat triangle, or, on smooth meshes, interpolated
+    between the exact normals at the corners, with an error quadratic in the triangle size.
 
-    ``lighting``: The light of the scene.
-    ``world``: Its objects.
+    ``lighting``: Lighting of the scene.
+    ``world``: Built scene.
     """
 
     def __init__(self, lighting: Lighting, world: BuiltScene) -> None:
@@ -67,10 +63,10 @@ class Shader:
     def factors(
         self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Compute the irradiance where rays meet the world.
+        """Compute the irradiance at ray hits.
 
-        Returns: ambient + sum of E falloff max(0, n l) over the lights that reach the point, shape (n,), 1 where
-        nothing is met; and numbers, shape (n,), that differ where other lights reach, or other zones of their cones.
+        Returns: ambient + sum of E falloff max(0, n l) over the unblocked lights, shape (n,), 1 without a hit; and
+        state numbers, shape (n,), that differ between points lit by different lights or cone zones.
         """
         from scenetruth.render.shading_kernels import facing_points
 
@@ -99,14 +95,12 @@ class Shader:
         faces: NDArray[np.int32],
         starts_mm: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Compute the irradiance of points on surfaces.
+        """Compute the irradiance of surface points.
 
-        ``points_mm``, ``normals``: Points and unit normals on the side that is looked at, shape (n, 3) each.
-        ``faces``: The face that each point lies on, shape (n,); it casts no shadow on itself.
-        ``starts_mm``: Where their shadow rays start, shape (n, 3): the points, or places above them on a smooth
-          surface.
-        Returns: Irradiance, shape (n,); and numbers, shape (n,), that differ where other lights reach, or other zones
-        of their cones.
+        ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
+        ``faces``: Face of each point, shape (n,), which casts no shadow on it.
+        ``starts_mm``: Origins of the shadow rays, shape (n, 3): the points, or points above them on a smooth surface.
+        Returns: Irradiance, shape (n,); and state numbers, shape (n,), see `factors`.
         """
         from scenetruth.render.shading_kernels import add_light, direct_light
 
@@ -146,9 +140,9 @@ class Shader:
         hits: Hits,
         mixed: NDArray[np.bool_],
     ) -> PixelLight:
-        """Return the light on the pixels of one image.
+        """Return the illumination of the pixels of one image.
 
-        ``mixed``: Pixels at edges, shape (height, width).
+        ``mixed``: Mixed pixels, shape (height, width).
         """
         from scenetruth.render.shading_kernels import uneven_pixels
 
@@ -168,7 +162,7 @@ class Shader:
         hits: Hits,
         seen: NDArray[np.int64],
     ) -> NDArray[np.float64]:
-        """Change normals to those of smooth surfaces, and return where shadow rays start."""
+        """Replace normals by those of smooth surfaces, in place, and return the origins of the shadow rays."""
         from scenetruth.render.shading_kernels import smooth_points
 
         if self._corner_normals is None or self._corner_normals[0] != t:

@@ -1,4 +1,4 @@
-"""Kernels that compute the irradiance at surface points, and that shade images pixel by pixel."""
+"""Kernels for the irradiance at surface points and the shading of images."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from scenetruth.threads import in_bands
 __all__ = ["add_light", "direct_light", "facing_points", "shade_image", "smooth_points", "uneven_pixels"]
 
 DARK = 0
-"""Zone of a light's cone whose points get no light from it."""
+"""Cone zone of points that receive no light."""
 
-# The other zones: the border of the cone, where the light falls off, and its inside. Without a cone, all is inside.
+# Other zones: the border of the cone, where the light falls off, and its interior (everywhere without a cone).
 _BORDER, _INSIDE = 1, 2
-# Multiplier by which the zones of all lights are combined into one number.
+# Multiplier that combines the zones of all lights into one number.
 _MIX = np.uint64(0x9E3779B97F4A7C15)
-# Points, points of which little is asked, and rows of pixels that are worth a thread of their own.
+# Minimum number of points, of points with a cheap operation, and of pixel rows per thread.
 _LEAST_POINTS, _LEAST_EASY_POINTS, _LEAST_ROWS = 4096, 65536, 8
-# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
+# Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 def smooth_points(
@@ -33,15 +33,14 @@ def smooth_points(
     corner_normals: NDArray[np.float64],
     face_smooth: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Put the normals of smooth surfaces in the place of those of their triangles, ``normals`` (n, 3).
+    """Replace triangle normals by those of smooth surfaces, ``normals`` (n, 3), in place.
 
-    ``faces`` (n,) and ``weights`` (n, 2) of its second and third corner tell where in which triangle each point is;
-    ``corners`` and ``corner_normals``, both (m, 3, 3), belong to all triangles. Normals of any sense are taken to the
-    side of ``normals``, added by weight and normalised; where one is not finite, the triangle's stays.
-
-    Returns where shadow rays start, shape (n, 3): the mean by weight of the point's projections on the tangent planes
-    of the corners, if that lies above the triangle, so that no neighbour of a bulging surface shades it up to its own
-    terminator (Hanika, Hacking the shadow terminator, Ray Tracing Gems II, 2021); else the point.
+    ``faces`` (n,) and ``weights`` (n, 2) of the second and third corner locate the points; ``corners`` and
+      ``corner_normals``, both (m, 3, 3), are given for all triangles. Corner normals are oriented to the side of
+      ``normals``, averaged by weight and normalised; where one is not finite, the triangle normal is kept.
+    Returns the origins of shadow rays, shape (n, 3): the weighted mean of the projections of the point onto the tangent
+    planes of the corners, if it lies above the triangle, else the point. This avoids false shadows near the terminator
+    of convex surfaces (Hanika, Hacking the shadow terminator, Ray Tracing Gems II, 2021).
     """
     starts = points.copy()
     surface = (corners, corner_normals, face_smooth)
@@ -91,14 +90,14 @@ def facing_points(
     seen: NDArray[np.int64],
     face_normals: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the points that rays meet, and the unit normals there on the side that is seen.
+    """Compute the hit points of rays and the unit normals on the visible side.
 
-    ``origin``: Where the rays start, in mm, shape (3,).
+    ``origin``: Origin of the rays in mm, shape (3,).
     ``directions``: Directions of the rays, shape (k, 3).
-    ``depth``, ``face``: What they meet, as of `Hits`, shape (k,).
-    ``seen``: Indices of the rays to take, shape (n,); each must meet a face.
+    ``depth``, ``face``: Hits of the rays, see `Hits`, shape (k,).
+    ``seen``: Indices of rays with a hit, shape (n,).
     ``face_normals``: Unit normals of the faces, shape (m, 3).
-    Returns: Points in mm and unit normals, towards the origin, shape (n, 3) each.
+    Returns: Points in mm and unit normals towards the origin, shape (n, 3) each.
     """
     count = seen.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
@@ -117,7 +116,7 @@ def _facing_points(
     for n in range(np.uint64(low), np.uint64(high)):
         ray = seen[n]
         met, far = face[ray], depth[ray]
-        # All is read before anything is written: the compiler cannot know that these are other arrays.
+        # Read everything before writing, because the compiler cannot exclude aliasing.
         dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
         nx, ny, nz = face_normals[met, 0], face_normals[met, 1], face_normals[met, 2]
         sign = -1.0 if nx * dx + ny * dy + nz * dz > 0.0 else 1.0
@@ -140,14 +139,14 @@ def direct_light(
 
     The irradiance is E (r_0 / r)² S(cos θ) max(0, n . l) (Lambert's cosine law, inverse square law) with the unit
     vector l towards the light, its distance r, and the angle θ to the axis of a spotlight; S is 3 h² - 2 h³ of the
-    share h of the cone's border that is passed. Parallel light has no distance, and only spotlights have S.
+    relative position h in the cone border. Parallel light has no distance term, and only spotlights have S.
 
-    ``points``, ``normals``: Points in mm, and unit normals there on the side that is seen, shape (n, 3) each.
-    ``position``: Position of the light in mm, shape (3,); not used for parallel light.
-    ``axis``: Unit vector along which it shines, shape (3,).
+    ``points``, ``normals``: Points in mm and unit normals on the visible side, shape (n, 3) each.
+    ``position``: Position of the light in mm, shape (3,); ignored for parallel light.
+    ``axis``: Unit vector of the light direction, shape (3,).
     ``reference_distance``: r_0 in mm.
-    Returns: Irradiance, shape (n,); zone of the cone, `DARK` also where the surface faces away, shape (n,), uint8; unit
-    vectors towards the light, shape (n, 3); distance of the light in mm, shape (n,), infinite for parallel light.
+    Returns: Irradiance, shape (n,); cone zone, `DARK` also for surfaces facing away, shape (n,), uint8; unit vectors
+    towards the light, shape (n, 3); distance of the light in mm, shape (n,), infinite for parallel light.
     """
     count = points.shape[0]
     light = np.empty(count, dtype=np.float64)
@@ -202,10 +201,9 @@ def add_light(
     zone: NDArray[np.uint8],
     dark: NDArray[np.bool_],
 ) -> None:
-    """Add the light of one lamp where it is not blocked, and its zone to the numbers that tell lights apart.
+    """Add the irradiance of one light where it is not blocked, and its cone zone to the state numbers.
 
-    ``total``, ``state``: Irradiance, and numbers that differ where other lights reach, or other zones of their cones,
-      shape (n,); changed in place.
+    ``total``, ``state``: Irradiance and state numbers, shape (n,); modified in place.
     ``dark``: Where the light is blocked, shape (n,).
     """
     in_bands(_add_light, total.shape[0], total, state, light, zone, dark, least=_LEAST_EASY_POINTS)
@@ -224,9 +222,9 @@ def _add_light(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _joined(face: int, mixed: bool, other_face: int, other_mixed: bool) -> Any:
-    """Tell whether two pixels' centres lie on one smooth surface.
+    """Return whether two pixel centres lie on one smooth surface.
 
-    Given as numbers: arrays that are given to an inlined function are counted as in use, at every pixel.
+    Arguments are scalars, because array arguments of inlined functions are reference-counted per pixel.
     """
     if face < 0 or other_face < 0:
         return False
@@ -240,18 +238,16 @@ def uneven_pixels(
     mixed: NDArray[np.bool_],
     steepest: float,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Mark pixels whose light is not smooth.
+    """Mark pixels with non-smooth irradiance.
 
-    The light is smooth if all eight neighbours on the same surface are reached by the same lights, and their
-    irradiance differs by no more than a limit.
+    The irradiance is smooth if all eight neighbours on the same surface are lit by the same lights and differ by no
+    more than a limit.
 
     ``shade``: Irradiance, shape (height, width).
-    ``state``: Numbers that differ where other lights, or other zones of their cones, reach the pixel, shape (height,
-      width).
-    ``face``: The face that each pixel sees, -1 for none, shape (height, width).
+    ``state``: State numbers, shape (height, width), that differ between points lit by different lights or cone zones.
+    ``face``: Face at each pixel, -1 for none, shape (height, width).
     ``mixed``: Pixels whose footprint crosses an edge, shape (height, width).
-    Returns: The pixels, and those of them that other lights reach than a neighbour, or other zones: bool, shape
-    (height, width).
+    Returns: Non-smooth pixels, and those whose state differs from a neighbour: bool, shape (height, width).
     """
     uneven = np.zeros(shade.shape, dtype=np.bool_)
     borders = np.zeros(shade.shape, dtype=np.bool_)
@@ -273,7 +269,7 @@ def _uneven_pixels(
             for v in range(max(y - 1, 0), min(y + 2, rows)):
                 for u in range(max(x - 1, 0), min(x + 2, columns)):
                     other = state[v, u] != state[y, x]
-                    # Most neighbours are alike; a pixel is like itself.
+                    # The cheap test comes first, because neighbours rarely differ.
                     if (other or abs(shade[v, u] - shade[y, x]) > steepest) and _joined(
                         face[y, x], mixed[y, x], face[v, u], mixed[v, u]
                     ):
@@ -290,15 +286,14 @@ def shade_image(
     uneven: NDArray[np.bool_],
     variance: float,
 ) -> NDArray[np.float32]:
-    """Shade an image: multiply the mean albedo A of each pixel by the irradiance S at its centre, and correct the mean.
+    """Shade an image: mean albedo A of each pixel times irradiance S at its centre, with a second-order correction.
 
-    The mean of A times S over a footprint is A S + σ² (∇A . ∇S + A ΔS / 2) to second order, with A the mean albedo and
-    σ² the variance of the footprint. Derivatives are differences between neighbours on the same surface: central
-    differences, those of A of fourth order where there are enough neighbours, and one-sided ones at edges where the
-    light is smooth.
+    The mean of A S over a footprint is A S + σ² (∇A . ∇S + A ΔS / 2) to second order, with mean albedo A and footprint
+    variance σ². Derivatives are differences between neighbours on the same surface: central differences, of fourth
+    order for A where possible, and one-sided differences at edges with smooth irradiance.
 
     ``albedo``: Mean albedo over each footprint, shape (height, width).
-    ``unknown``: Pixels without an albedo, shape (height, width): they are not shaded, and not used for differences.
+    ``unknown``: Pixels without an albedo, shape (height, width): neither shaded nor used for differences.
     Returns: Mean radiance, shape (height, width), float32.
     """
     out = albedo.copy()
@@ -321,7 +316,7 @@ def _shade_image(
             a, s = np.float64(albedo[y, x]), shade[y, x]
             value = a * s
             own_face, own_mixed = face[y, x], mixed[y, x]
-            # In the open, both neighbours on every side are known, not mixed, and see a face.
+            # Interior: both neighbours on every side have an albedo and a face and are not mixed.
             in_the_open = y >= 2 and x >= 2 and y + 2 < rows and x + 2 < columns and not own_mixed
             if in_the_open:
                 for k in (-2, -1, 1, 2):
@@ -332,7 +327,7 @@ def _shade_image(
                         in_the_open = False
                         break
             if in_the_open:
-                # Most pixels: all neighbours are on the same surface.
+                # Common case: all neighbours are on the same surface.
                 for axis in range(2):
                     dy, dx = axis, 1 - axis
                     a0, a1 = np.float64(albedo[y - dy, x - dx]), np.float64(albedo[y + dy, x + dx])
@@ -345,7 +340,7 @@ def _shade_image(
                 continue
             for axis in range(2):
                 dy, dx = axis, 1 - axis
-                # Neighbours are used that lie in the image, have a known albedo and are on the same surface.
+                # Use neighbours inside the image that have an albedo and are on the same surface.
                 v0, u0, v1, u1 = y - dy, x - dx, y + dy, x + dx
                 before, after = v0 >= 0 and u0 >= 0, v1 < rows and u1 < columns
                 before = before and not unknown[v0, u0] and _joined(own_face, own_mixed, face[v0, u0], mixed[v0, u0])
@@ -363,7 +358,7 @@ def _shade_image(
                 elif before or after:
                     way = 1 if after else -1
                     v1, u1, v2, u2 = y + way * dy, x + way * dx, y + 2 * way * dy, x + 2 * way * dx
-                    # Differences must not reach across a neighbour whose light is not smooth.
+                    # Differences must not cross a neighbour with non-smooth irradiance.
                     within = not uneven[v1, u1] and v2 >= 0 and u2 >= 0 and v2 < rows and u2 < columns
                     within = within and not unknown[v2, u2]
                     if not (within and _joined(own_face, own_mixed, face[v2, u2], mixed[v2, u2])):

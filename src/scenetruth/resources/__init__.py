@@ -1,4 +1,4 @@
-"""The workload of a scene, its cost, the resources of the machine, and what is refused."""
+"""Workload and cost of a scene, resources of the machine, and the limits on both."""
 
 from scenetruth.resources.cost_estimate import Forecast, StageForecast, estimate_cost
 from scenetruth.resources.enforcement import limited_objects, machine_problems, refuse_beyond_limits, refuse_resources

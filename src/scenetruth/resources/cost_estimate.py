@@ -1,4 +1,4 @@
-"""Memory, disk and time that a scene will take, stage by stage, estimated before the work begins."""
+"""Estimated memory, disk space and run time of a scene, stage by stage, before any work begins."""
 
 from __future__ import annotations
 
@@ -11,20 +11,14 @@ from scenetruth.resources.workload import RecordingWorkload, Workload
 __all__ = ["Forecast", "StageForecast", "estimate_cost"]
 
 _REFERENCE_WORK_S = 2.2e-3
-"""What `work_s` gives on the machine on which the table was measured."""
+"""`work_s` of the machine on which the constants were measured."""
 _SPEEDS = (0.25, 4.0)
-"""A machine that seems slower or faster than this was busy when it was measured."""
+"""Limits of the speed ratio; a machine outside was probably busy during the measurement."""
 
 
 @dataclass(frozen=True)
 class StageForecast:
-    """What one stage will take.
-
-    ``memory_bytes``: Its peak memory, all of the process.
-    ``disk_bytes``: What it leaves on disk.
-    ``seconds``: How long it takes.
-    ``disk_at_most_bytes``: Disk space that it does not pass, however badly its results can be packed.
-    """
+    """Estimated cost of a stage; ``disk_at_most_bytes`` is an upper limit for any compression ratio."""
 
     memory_bytes: float
     disk_bytes: float
@@ -34,41 +28,38 @@ class StageForecast:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a command will take, stage by stage.
-
-    ``stages``: The stages by name, in their order.
-    """
+    """Estimated cost of a command: its stages by name, in their order."""
 
     stages: Mapping[str, StageForecast]
 
     @property
     def memory_bytes(self) -> float:
-        """Peak memory: stages follow each other."""
+        """Peak memory; stages run one after another."""
         return max((stage.memory_bytes for stage in self.stages.values()), default=0.0)
 
     @property
     def disk_bytes(self) -> float:
-        """Disk space of all stages together."""
+        """Total disk space of all stages."""
         return sum(stage.disk_bytes for stage in self.stages.values())
 
     @property
     def disk_at_most_bytes(self) -> float:
-        """Disk space that all stages together do not pass."""
+        """Upper limit of the total disk space."""
         return sum(stage.disk_at_most_bytes for stage in self.stages.values())
 
     @property
     def disk_wanted_bytes(self) -> float:
-        """Disk space that should be free: three times what is foreseen, for maps that pack badly (2.7 was measured)."""
+        """Disk space that should be free: three times the estimate, for poorly compressible maps (measured: 2.7)."""
         return min(self.disk_at_most_bytes, 3 * self.disk_bytes)
 
     @property
     def seconds(self) -> float:
-        """Time of all stages together."""
+        """Total time of all stages."""
         return sum(stage.seconds for stage in self.stages.values())
 
 
 def estimate_cost(demand: RecordingWorkload, stages: Sequence[str], slower: float | None = None) -> Forecast:
-    """Foresee what stages take."""
+    """Estimate the cost of stages."""
     if slower is None:
         least, most = _SPEEDS
         slower = min(max(work_s() / _REFERENCE_WORK_S, least), most)
@@ -86,16 +77,16 @@ def estimate_cost(demand: RecordingWorkload, stages: Sequence[str], slower: floa
 
 @dataclass(frozen=True)
 class _Backend:
-    """What a backend takes beyond what all take."""
+    """Additional cost of a rendering backend."""
 
     start_s: float
     pixel_s: float
-    """For a pixel of a sharp image,"""
+    """Per pixel of a sharp image."""
     sample_s: float
-    """and for each of its samples."""
+    """Per sample of such a pixel."""
     start_bytes: float
     sample_bytes: float
-    """For a sample of a tile of an image; there are `_TILE` at most."""
+    """Per sample of an image tile, with at most `_TILE` samples."""
     face_bytes: float
     texel_bytes: float
 
@@ -106,30 +97,30 @@ _OPENGL = _Backend(0.6, 2.1e-7, 1.44e-8, 1.6e8, 4.2, 1090.0, 3.7)
 
 _START_S = 3.5
 _LIGHT_S = 9e-7
-"""For a lit pixel of a sharp image."""
+"""Per lit pixel of a sharp image."""
 _STRIP_S = 1.35e-2
-"""For each strip of an image that a rolling shutter takes."""
+"""Per image strip of a rolling shutter."""
 _IMAGE_S, _FACE_IN_IMAGE_S = 1e-2, 1.8e-6
-"""For a sharp image, and for every triangle in it."""
+"""Per sharp image, and per triangle in it."""
 _LEAF_FACE_S = 1.6e-5
 _TRUTH_S, _COMPLETE_TRUTH_S = 3.8e-7, 1.9e-6
-"""For a pixel of the truth."""
+"""Per pixel of the ground truth."""
 _TEXEL_S, _NOISE_TEXEL_S, _LEAF_TEXEL_S = 9.7e-8, 2.4e-7, 3.5e-7
-"""For a point of a texture that is kept from an earlier run, and more for one that is to be painted."""
+"""Per texel of a cached texture, and in addition per texel to be generated."""
 
 _START_BYTES = 2.55e8
 _PIXEL_BYTES, _COMPLETE_PIXEL_BYTES, _FINE_PIXEL_BYTES, _LIT_PIXEL_BYTES = 322.0, 770.0, 27.0, 35.0
 _FACE_BYTES, _TEXEL_BYTES, _PAINTED_TEXEL_BYTES = 995.0, 8.1, 1.0
 
 _STORED_SAMPLE_BYTES: Mapping[int, float] = {1: 0.75, 2: 1.28, 4: 3.0}
-"""Of a pixel of the recording, with noise, by the size of its numbers."""
+"""Per pixel of the recording, with noise, by sample size in bytes."""
 _STORED_FLAT_BYTES, _STORED_CURVED_BYTES, _STORED_BYTES_BY_FACES, _FACES_FEW = 8.5, 22.0, 50.0, 1_000
-"""Of a pixel of the truth of few large faces; of others; and the more, the more faces there are in a pixel."""
+"""Per pixel of the ground truth: with few large faces; otherwise; and in addition per face in a pixel."""
 _MOST_FACES_PER_PIXEL = 0.6
 _COMPLETE = 2.8
 _NARROW = 0.55
 _STORED_AT_MOST_BYTES = 65.0
-"""Of a pixel of the truth, whatever the surface (59 is the most that was measured)."""
+"""Per pixel of the ground truth, for any surface (largest measured value: 59)."""
 _STORE_BYTES = 1e5
 
 
@@ -154,7 +145,7 @@ def _render(demand: Workload) -> StageForecast:
 
 
 def _rendered_by(demand: Workload, backend: _Backend) -> tuple[float, float]:
-    """Return memory and seconds of rendering by a backend."""
+    """Return memory in bytes and time in seconds for rendering by a backend."""
     sharp = demand.images * demand.sharp_images * demand.fine_pixels
     strips = demand.images * demand.sharp_images * (demand.strips if demand.strips > 1 else 0)
     painted = demand.noise_texels_to_paint + demand.leaf_texels_to_paint > 0
@@ -189,15 +180,15 @@ def _rendered_by(demand: Workload, backend: _Backend) -> tuple[float, float]:
     return memory, seconds
 
 
-# What follows reads a few frames at a time. Measured on the cube: 5 x 9 images of 640 x 480 and of 2464 x 2056 px, and
-# 200 frames of one camera (tests/resources/test_forecast.py), estimated by the structure tensor; what another method
-# takes, it tells itself (`MethodWorkload`). The methods made of OpenCV take 0.3 to 0.4 of the same memory in small
-# images, and 0.4 to 1.2 of it in large ones.
+# The stages below read a few frames at a time. Measured on the cube: 5 x 9 images of 640 x 480 and of 2464 x 2056 px,
+# and 200 frames of one camera (tests/resources/test_forecast.py), with the structure tensor; other methods specify
+# their cost (`MethodWorkload`). OpenCV methods take 0.3 to 0.4 of this memory for small images, and 0.4 to 1.2 of it
+# for large images.
 _ESTIMATE_START_S, _ESTIMATE_START_BYTES = 2.8, 2.8e8
 _LOST_FRAMES = 8
-"""Frames at both ends that have no estimate."""
+"""Frames at both ends without an estimate."""
 _WHOLE_BYTES = 150.0
-"""For a pixel of every image, where a method (a function, one that is no `StreamingMethod`) holds all frames."""
+"""Per pixel of every image, for methods that hold all frames (functions, anything but a `StreamingMethod`)."""
 _STORED_ESTIMATE_BYTES, _STORED_ESTIMATE_AT_MOST_BYTES = 15.0, 100.0
 _SCORE_START_S, _SCORE_S, _GROWTH_S = 3.4, 1.8e-6, 5e-6
 _SCORE_START_BYTES, _SCORE_BYTES, _SCORED_AT_ONCE = 3.0e8, 200.0, 1_500_000
@@ -207,7 +198,7 @@ _STORED_PICTURES_BYTES, _STORED_PICTURE_PIXEL_BYTES = 4e6, 13.0
 
 
 def _estimated(recorded: RecordingWorkload) -> float:
-    """Return how many pixels all frames of the estimate have."""
+    """Return the number of pixels in all frames of the estimate."""
     lost = 0 if recorded.effort.in_memory else _LOST_FRAMES
     return recorded.pixels * max(recorded.frames - lost, 1)
 
@@ -227,7 +218,7 @@ def _estimate(recorded: RecordingWorkload) -> StageForecast:
 def _score(recorded: RecordingWorkload) -> StageForecast:
     at_once = min(_estimated(recorded), max(recorded.pixels, _SCORED_AT_ONCE))
     memory = _SCORE_START_BYTES + _SCORE_BYTES * at_once
-    # Growth needs depth.
+    # Growth requires depth.
     per_pixel = _SCORE_S + (_GROWTH_S if recorded.positions > 1 else 0.0)
     return StageForecast(memory, _STORE_BYTES, _SCORE_START_S + per_pixel * _estimated(recorded), _STORE_BYTES)
 

@@ -1,4 +1,4 @@
-"""Refusal of a scene that exceeds a limit or the resources of the machine, before the work begins."""
+"""Rejection of scenes that exceed a limit or the resources of the machine, before any work begins."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _HOUR_S = 3600.0
 
 
 def limited_objects(scene: Scene, limits: Limits, folder: Path = Path()) -> list[ObjectWorkload]:
-    """Return the objects of a scene that stays within its bounds, with their sizes."""
+    """Return the objects of a scene with their workloads, or raise if the scene exceeds a limit."""
     problems = limit_problems(scene, limits)
     if problems:
-        # So many objects are not worth looking at one by one.
+        # With this many objects, the individual checks are skipped.
         raise SceneError(problems)
     parts, wrong = list_object_workloads(scene, folder)
     problems = [*wrong, *object_problems(parts, limits)]
@@ -31,12 +31,12 @@ def limited_objects(scene: Scene, limits: Limits, folder: Path = Path()) -> list
 
 
 def refuse_beyond_limits(scene: Scene, limits: Limits | None = None, folder: Path = Path()) -> None:
-    """Refuse a scene that passes its bounds."""
+    """Raise an exception if a scene exceeds a limit."""
     limited_objects(scene, limits or Limits(), folder)
 
 
 def machine_problems(forecast: Forecast, machine: Machine, limits: Limits) -> list[Problem]:
-    """Return what is foreseen to be more than the machine has, or than may be taken."""
+    """Return problems where the estimated cost exceeds the resources of the machine or a limit."""
     hungriest = max(forecast.stages, key=lambda name: forecast.stages[name].memory_bytes, default="")
     found = [
         _problem(
@@ -44,21 +44,21 @@ def machine_problems(forecast: Forecast, machine: Machine, limits: Limits) -> li
             forecast.memory_bytes / _GB,
             _most(limits.memory_gb, machine.memory_bytes),
             "GB",
-            "make images, meshes or textures smaller, or insist: --limit memory_gb",
+            "reduce the size of images, meshes or textures, or set --limit memory_gb",
         ),
         _problem(
-            "disk, with room for maps that pack badly",
+            "disk space, with a margin for compression",
             forecast.disk_wanted_bytes / _GB,
             _most(limits.disk_gb, machine.disk_bytes),
             "GB",
-            "make images smaller or fewer, store the truth as float32 (storage.truth), or insist: --limit disk_gb",
+            "reduce the size or number of images, store the truth as float32 (storage.truth), or set --limit disk_gb",
         ),
         _problem(
             "time",
             forecast.seconds / _HOUR_S,
             limits.hours,
             "hours",
-            "make images smaller or fewer, or allow more: --limit hours",
+            "reduce the size or number of images, or set --limit hours",
         ),
     ]
     return [problem for problem in found if problem is not None]
@@ -75,8 +75,7 @@ def _problem(what: str, wanted: float, most: float | None, unit: str, remedy: st
         return None
     return Problem(
         what,
-        f"about {_format_value(wanted)} {unit} are foreseen, and there are {_format_value(most)}: "
-        f"{remedy}={_up(wanted)}",
+        f"estimated at about {_format_value(wanted)} {unit}, limit {_format_value(most)}: {remedy}={_up(wanted)}",
     )
 
 
@@ -89,10 +88,10 @@ def _up(value: float) -> str:
 
 
 def refuse_resources(forecast: Forecast, machine: Machine, limits: Limits) -> None:
-    """Refuse work whose results cannot be written, or that is foreseen to take more than there is or may be taken."""
+    """Raise an exception if the output is not writable or the estimated cost exceeds a limit."""
     problems = machine_problems(forecast, machine, limits)
     if machine.unwritable:
-        message = "results cannot be written here: choose another folder, or ask for the right to write in this one"
+        message = "results cannot be written here: choose another directory, or obtain write permission for this one"
         problems.insert(0, Problem("output", message, machine.unwritable))
     if problems:
         raise MachineError(problems)

@@ -1,4 +1,4 @@
-"""Limits that a scene may exceed only if the user raises them, and values that are most likely an error of unit."""
+"""Limits that a scene may exceed only if the user raises them, and checks for values given in the wrong unit."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ __all__ = ["Limits", "find_unit_errors", "limits_from", "too_much"]
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds of what a scene file may ask for, and of what it may take of the machine.
+    """Limits on the contents of a scene file and on the resources of the machine.
 
-    Each of the first is such that what lies within it alone stays within a few gigabytes: who passes one, by a slip of
-    the pen or because a file came from elsewhere, is asked first. The last are what the machine has if not given.
+    Within each limit on the contents, the work takes a few gigabytes of memory. A scene beyond a limit, by mistake or
+    from another source, is rejected unless the limit is raised. By default, memory and disk space of the machine apply.
 
     Parameters
     ----------
     frames
-        Frames: ten thousand are a week at one frame a minute.
+        Number of frames; 10 000 cover a week at one frame per minute.
     images
-        Images of all positions and frames.
+        Number of images of all positions and frames.
     pixels
-        Pixels of one image, 4000 x 4000: images and maps take 320 bytes a pixel while they are made.
+        Pixels of one image (4000 x 4000); rendering takes 320 bytes per pixel.
     samples
-        Samples that an image is the mean of in every pixel: of the quadrature, the aperture and the exposure together.
+        Samples per pixel over which an image is averaged: supersampling, aperture and exposure combined.
     vertices
-        Vertices of all meshes together; with its two triangles, each takes two kilobytes, by OpenGL four.
+        Vertices of all meshes; with its two triangles, each takes 2 kB, with OpenGL 4 kB.
     objects
-        Objects, leaves among them: to look at so many takes `check` about a second.
+        Number of objects including leaves; `check` takes about 1 s for this number.
     leaves
         Leaves of all plants; the texture of a large leaf takes 50 MB.
     texels
-        Points of one texture, 8000 x 8000; decoded and painted, they take a gigabyte.
+        Texels of one texture (8000 x 8000); they take 1 GB.
     image_pixels
         Pixels of an image file.
     memory_gb, disk_gb
-        Memory and disk space that may be foreseen, in 1e9 bytes, whatever the machine has; None: what it has.
+        Limit of the estimated memory and disk space in 1e9 bytes; None: what is available on the machine.
     hours
-        Time that may be foreseen; None: any.
+        Limit of the estimated run time; None: unlimited.
 
     See Also
     --------
-    simulate, run_scene : Take it as ``limits``.
-    MachineError : Tells what is more than the machine has.
+    simulate, run_scene : Use it as ``limits``.
+    MachineError : Raised if the machine has too few resources.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class Limits:
 
 
 def limits_from(words: Iterable[str]) -> Limits:
-    """Return limits with some of them changed.
+    """Return limits with some values replaced.
 
     >>> limits_from(["frames=2e4", "memory_gb=64"]).memory_gb
     64.0
@@ -84,7 +84,7 @@ def limits_from(words: Iterable[str]) -> Limits:
         name, separator, text = word.partition("=")
         name = name.strip()
         if not separator or name not in names:
-            message = f"must read name=value, as frames=20000; the names are {', '.join(names)}"
+            message = f"must have the form name=value, as in frames=20000; the names are {', '.join(names)}"
             problems.append(Problem("--limit", message, word))
         elif not _NUMBER.fullmatch(text.strip()) or float(text) <= 0:
             problems.append(Problem(f"--limit {name}", "must be a positive number", text))
@@ -95,41 +95,41 @@ def limits_from(words: Iterable[str]) -> Limits:
     return replace(Limits(), **changes)
 
 
-# Not more digits than a number needs that is finite.
+# No more digits than a finite number requires.
 _NUMBER = re.compile(r"[0-9_]{1,18}(\.[0-9]{0,9})?([eE][+-]?[0-9]{1,2})?", re.ASCII)
 
 
 def too_much(name: str, values: Sequence[tuple[str, float]], limits: Limits, what: str) -> list[Problem]:
-    """Return problems of values that pass a bound."""
+    """Return the problems of values that exceed a limit."""
     most = getattr(limits, name)
-    remedy = "make it less, or allow it: --limit"
+    remedy = "reduce it or set --limit"
     return [
-        Problem(path, f"makes {value:,.0f} {what}, more than {most:,.0f}; {remedy} {name}={_up(value)}")
+        Problem(path, f"results in {value:,.0f} {what}, more than {most:,.0f}; {remedy} {name}={_up(value)}")
         for path, value in values
         if value > most
     ]
 
 
 def _up(value: float) -> str:
-    """Spell a number of two digits that is not less."""
+    """Return a number rounded up to two digits."""
     size = 10 ** max(len(str(int(value))) - 2, 0)
     return str(-int(-value // size) * size)
 
 
 _MOST_NOISE = 0.5
-"""Noise that covers half of all grey values leaves no image; that of cameras is a few hundredths."""
+"""Noise of half the full scale leaves no usable image; camera noise is a few hundredths."""
 _MOST_GROWTH_PER_HOUR = 1.0
-"""What grows by 100 % in an hour is no plant: the fastest leaves grow by some per cent."""
+"""Growth of 100 % per hour is not plausible for a plant: the fastest leaves grow by a few per cent per hour."""
 _LEAST_FOCAL_WIDTHS = 0.1
-"""Focal length, in widths of the image, at which 157 degrees are seen: no lens without distortion sees as much."""
+"""Focal length in image widths that gives a field of view of 157 degrees, beyond any distortion-free lens."""
 
 
 def find_unit_errors(scene: Scene) -> list[str]:
-    """Return warnings of values that are most likely meant in another unit, each with what was meant.
+    """Return warnings about values that are probably given in the wrong unit, each with the expected unit.
 
     >>> import scenetruth as st
     >>> print(*find_unit_errors(st.load_scene("cube", overrides=["sensor={noise_std: 2}"])))
-    sensor.noise_std: is 2 times the full scale: nothing is seen but noise; it is a fraction, 0.01 is 1 % of full scale
+    sensor.noise_std: is 2 times full scale, which hides the image; specify a fraction, 0.01 is 1 % of full scale
     """
     return [*_noise(scene), *_growth(scene), *_focal_length(scene)]
 
@@ -137,7 +137,7 @@ def find_unit_errors(scene: Scene) -> list[str]:
 def _noise(scene: Scene) -> Iterator[str]:
     if isinstance(scene.sensor, GaussianSensor) and scene.sensor.noise_std > _MOST_NOISE:
         yield (
-            f"sensor.noise_std: is {scene.sensor.noise_std:g} times the full scale: nothing is seen but noise; it is a "
+            f"sensor.noise_std: is {scene.sensor.noise_std:g} times full scale, which hides the image; specify a "
             "fraction, 0.01 is 1 % of full scale"
         )
 
@@ -152,12 +152,12 @@ def _growth(scene: Scene) -> Iterator[str]:
         *given,
         *((f"plants.{index}.growth", plant.growth) for index, plant in enumerate(scene.plants)),
     ]:
-        # What is pulled gets narrower as it gets longer, at any rate.
+        # A stretched surface becomes narrower as it gets longer, possibly at a high rate.
         if not isinstance(entry, Growth) or not 0 <= (entry.along_share or 0) <= 1:
             continue
         if abs(entry.rate_per_hour) > _MOST_GROWTH_PER_HOUR:
             yield (
-                f"{path}.rate_per_hour: is {100 * entry.rate_per_hour:g} % per hour; it is a fraction of the area, "
+                f"{path}.rate_per_hour: is {100 * entry.rate_per_hour:g} % per hour; specify a fraction of the area, "
                 "0.03 is 3 %/h"
             )
 
@@ -166,6 +166,6 @@ def _focal_length(scene: Scene) -> Iterator[str]:
     camera = scene.camera
     if camera.focal_length_px is not None and camera.focal_length_px < _LEAST_FOCAL_WIDTHS * camera.width:
         yield (
-            f"camera.focal_length_px: is {camera.focal_length_px:g} px for an image of {camera.width} px, which sees "
-            "nearly half a turn; it is in px, not mm: give focal_length_mm with pixel_pitch_um for mm"
+            f"camera.focal_length_px: is {camera.focal_length_px:g} px for an image of {camera.width} px, a field of "
+            "view of nearly 180 degrees; the unit is px, not mm: for mm, specify focal_length_mm and pixel_pitch_um"
         )

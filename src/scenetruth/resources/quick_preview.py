@@ -1,4 +1,4 @@
-"""A quick preview of a scene in plain NumPy: coarse bodies at a few times, and a small depth image."""
+"""Quick preview of a scene in plain NumPy: coarse bodies at a few times, and a low-resolution depth image."""
 
 from __future__ import annotations
 
@@ -23,29 +23,27 @@ from scenetruth.scene.vertex_animation import VertexModel
 
 __all__ = ["QuickPreview", "make_quick_preview", "without_interior"]
 
-# Width of the small picture; where triangles lie many deep, it is the next one.
+# Widths of the preview image; where many triangles overlap, the next smaller width is used.
 _WIDTHS_PX = (96, 48, 24)
 _MOST_PIECES = 400_000
-# Bodies times moments that are looked at.
+# Number of bodies times number of evaluated times.
 _LOOKS = 300
 _FEWEST_MOMENTS = 3
 _MOST_BODIES = 100
-# Triangles of a mesh that is made in passing.
+# Largest number of triangles of a mesh that is built for the preview.
 _QUICKLY_MADE = 200_000
-# Bytes of files of nodes that are read in passing.
+# Largest size in bytes of vertex files that are read for the preview.
 _QUICKLY_READ = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class QuickPreview:
-    """What can be seen of a scene in passing.
+    """A coarse preview of a scene.
 
-    ``world``: Coarse bodies without textures; `scene.check` looks at them as at real ones.
-    ``times``: Moments to look at, in frames, with the first and the last.
-    ``left_out``: Names of the objects that are not there: too many, or from files that take long to read.
-    ``depth``, ``object_id``: What the reference camera sees at the reference frame: about the depth, NaN for nothing,
-      and the number of the body, -1 for none, shape (h, w), of an image that is `scale` times smaller.
-    ``scale``: Pixels of the camera per pixel of this picture, along both sides.
+    ``world``, ``times``: Coarse bodies without textures, and times to evaluate, in frames, including both ends.
+    ``left_out``: Names of the omitted objects: too many, or from files that take long to read.
+    ``depth``, ``object_id``: Approximate depth (NaN for background) and body index (-1 for background) in the
+      reference image, reduced by ``scale`` along both sides.
     """
 
     world: BuiltScene
@@ -57,14 +55,14 @@ class QuickPreview:
 
 
 def make_quick_preview(scene: Scene, parts: Sequence[ObjectWorkload], folder: Path = Path()) -> QuickPreview:
-    """Look at a scene in passing."""
+    """Compute the quick preview of a scene."""
     step = -(-len(parts) // _MOST_BODIES)
     chosen = [part for part in parts[::step] if part.sketch is not None and _is_quick(part, folder)]
     names = {part.item.name for part in chosen}
     times = _moments(scene, len(chosen))
     bodies, problems = [], []
     for part in chosen:
-        # What overflows is told of as a problem.
+        # Overflows are reported as problems.
         with np.errstate(all="ignore"):
             try:
                 body = _body(scene, part, folder)
@@ -84,7 +82,7 @@ def make_quick_preview(scene: Scene, parts: Sequence[ObjectWorkload], folder: Pa
 
 
 def without_interior(glimpse: QuickPreview, margin_px: float) -> list[str]:
-    """Return the names of the objects that are seen, but only near their edges, as far as a small picture shows it."""
+    """Return the names of the visible objects without interior pixels, at the resolution of the preview."""
     number = glimpse.object_id
     edges = np.zeros(number.shape, dtype=np.bool_)
     across, down = number[:, 1:] != number[:, :-1], number[1:] != number[:-1]
@@ -99,7 +97,7 @@ def without_interior(glimpse: QuickPreview, margin_px: float) -> list[str]:
 
 
 def _is_farther(edges: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
-    """Tell which pixels have no edge within a distance."""
+    """Return the pixels without an edge within a distance."""
     near = np.zeros(edges.shape, dtype=np.bool_)
     for up in range(-int(reach), int(reach) + 1):
         half = int(np.sqrt(reach**2 - up**2))
@@ -138,7 +136,7 @@ def _body(scene: Scene, part: ObjectWorkload, folder: Path) -> SceneBody:
 def _movement_problems(
     scene: Scene, part: ObjectWorkload, body: SceneBody, times: Sequence[float], folder: Path
 ) -> list[Problem]:
-    """Return what is wrong with an object's deformations; what a sketch shows is asked of the mesh itself."""
+    """Return the problems of an object's deformations; problems of the sketch are verified on the full mesh."""
 
     def found(one: SceneBody) -> list[Problem]:
         return find_motion_problems(scene, part.path, part.item, one.start, one.maps, one.mesh.faces, times)
@@ -154,7 +152,7 @@ def _unpainted(mesh: TriangleMesh) -> Painted:
 
 
 def _moments(scene: Scene, bodies: int) -> list[float]:
-    """Return some of the moments of a scene: the reference, the ends, and as many between as are cheap."""
+    """Return a selection of the times of a scene: the reference, both ends, and as many between as are cheap."""
     times = sorted(compute_image_times(scene))
     count = min(len(times), max(_FEWEST_MOMENTS, _LOOKS // max(bodies, 1)))
     chosen = {times[index] for index in np.linspace(0, len(times) - 1, count).round().astype(int).tolist()}
@@ -162,11 +160,11 @@ def _moments(scene: Scene, bodies: int) -> list[float]:
 
 
 _ALL_PIECES = 4_000_000
-"""So many fit into a gigabyte with all that is made of them."""
+"""Number of pieces that fit into 1 GB including all intermediate results."""
 
 
 def _picture(corners: Sequence[NDArray[np.float64]], camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the depth of what is nearest in every pixel of a small picture, and which body it is."""
+    """Return the depth and the body index of the nearest surface in every pixel of the preview."""
     for width_px in _WIDTHS_PX[:-1]:
         found = _drawn(corners, camera.shrunk_to(width_px), _MOST_PIECES)
         if found is not None:
@@ -179,10 +177,7 @@ def _picture(corners: Sequence[NDArray[np.float64]], camera: Camera) -> tuple[ND
 def _drawn(
     corners: Sequence[NDArray[np.float64]], camera: Camera, most_pieces: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
-    """Return depths and bodies, or None if there are too many pieces.
-
-    Triangles of many pixels are cut until their pieces are small; each piece counts by its middle.
-    """
+    """Return depths and body indices, or None if there are too many pieces of triangles, each drawn at its centroid."""
     parts = [part for part in corners if len(part)]
     body = np.repeat(np.arange(len(corners)), [len(part) for part in corners])
     pieces = np.concatenate(parts) if parts else np.empty((0, 3, 3))
@@ -199,7 +194,7 @@ def _drawn(
         if pieces_then > most_pieces:
             return None
         if pieces_then > _ALL_PIECES:
-            # Surfaces that begin at the camera have no end of them: the rest counts as it is.
+            # Surfaces that reach the camera would be subdivided without end: draw the remaining pieces as they are.
             large = np.zeros_like(large)
         small = seen & ~large
         middle = (pieces[small, 0] + pieces[small, 1] + pieces[small, 2]) / 3
@@ -212,7 +207,7 @@ def _drawn(
 
 
 def _ends(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and the largest of three columns, which takes NumPy a tenth of what its own reduction takes."""
+    """Return the minimum and maximum of three columns, ten times faster than a NumPy reduction."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
@@ -223,7 +218,7 @@ def _in_front(pieces: NDArray[np.float64], body: NDArray[Any]) -> tuple[NDArray[
 
 
 def _cut(pieces: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cut every triangle into four by the middles of its sides."""
+    """Cut every triangle into four at the midpoints of its sides."""
     a, b, c = pieces[:, 0], pieces[:, 1], pieces[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.concatenate([np.stack(each, axis=1) for each in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
@@ -236,7 +231,7 @@ def _splat(
     depth: NDArray[np.float64],
     object_id: NDArray[np.int64],
 ) -> None:
-    """Put points into a picture where they are nearer than what is there."""
+    """Draw points into a depth image with a depth test."""
     pixel = np.rint(camera.project(points)).astype(np.int64)
     inside = ((pixel >= 0) & (pixel < [camera.width, camera.height])).all(axis=1)
     place, z, number = (pixel[inside] @ [1, camera.width]), points[inside, 2], body[inside]

@@ -1,4 +1,4 @@
-"""The resources of this machine: memory, disk and processors for this process, and its speed."""
+"""Resources of this machine: memory, disk space and processors for this process, and its speed."""
 
 from __future__ import annotations
 
@@ -18,18 +18,16 @@ __all__ = ["Machine", "free_disk_bytes", "free_memory_bytes", "inspect_machine",
 _CGROUPS = Path("/sys/fs/cgroup")
 _MEMORY = Path("/proc/meminfo")
 _MINE = Path("/proc/self")
-# Limits of version 1 that are as large as can be written mean that there is none.
+# In cgroup version 1, values near the largest integer mean "unlimited".
 _NO_LIMIT = 1 << 60
 
 
 @dataclass(frozen=True)
 class Machine:
-    """What the machine has for this process; None where it does not tell.
+    """Resources available to this process; None where unknown to the operating system.
 
-    ``memory_bytes``: Memory that the process may have in all: what it has, and what can still be taken.
-    ``disk_bytes``: Space that is free where results go.
-    ``processors``: Processors that the process may run on.
-    ``unwritable``: The folder, of those that results go to, in which this process may not write; empty if it may.
+    ``memory_bytes``: Total memory: used by the process and still available.
+    ``unwritable``: The directory at the output path without write permission; empty if there is none.
     """
 
     memory_bytes: int | None
@@ -39,7 +37,7 @@ class Machine:
 
 
 def inspect_machine(output: Path) -> Machine:
-    """Return what the machine has."""
+    """Return the resources of this machine."""
     free = free_memory_bytes()
     pages = _text_of(_MINE / "statm").split()
     memory = free if free is None or len(pages) < 2 else free + int(pages[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -47,14 +45,14 @@ def inspect_machine(output: Path) -> Machine:
 
 
 def processors() -> int:
-    """Return how many processors this process may run on."""
+    """Return the number of processors this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return max(len(os.sched_getaffinity(0)), 1)
     return os.cpu_count() or 1
 
 
 def free_disk_bytes(output: Path) -> int | None:
-    """Return how much space is free in the file system that a path is, or will be, in."""
+    """Return the free space of the file system of an existing or future path."""
     place = Path(os.path.abspath(output))
     for folder in (place, *place.parents):
         try:
@@ -63,13 +61,13 @@ def free_disk_bytes(output: Path) -> int | None:
             continue
         except (OSError, AttributeError):
             return None
-        # What has no size, as /proc, is no disk, and others of that sort do not tell what they have.
+        # File systems without blocks, as /proc, do not report free space.
         return found.f_bavail * found.f_frsize if found.f_blocks else None
     return None
 
 
 def unwritable_folder(output: Path) -> str:
-    """Return the folder in which results cannot be made, because this process may not write there."""
+    """Return the directory that prevents writing to a path; empty if writing is possible."""
     place = Path(os.path.abspath(output))
     folder = next((one for one in (place, *place.parents) if os.path.lexists(one)), None)
     if folder is None or not os.path.isdir(folder):
@@ -78,7 +76,7 @@ def unwritable_folder(output: Path) -> str:
         try:
             if not hasattr(os, "statvfs") or os.statvfs(folder).f_blocks:
                 return ""
-            # Folders of the system say that root may write, and then let nobody.
+            # Virtual file systems report write permission for root, but reject every write.
             os.rmdir(tempfile.mkdtemp(dir=folder))
         except OSError:
             return str(folder)
@@ -87,7 +85,7 @@ def unwritable_folder(output: Path) -> str:
 
 
 def free_memory_bytes(mine: Path = _MINE, memory: Path = _MEMORY, groups: Path = _CGROUPS) -> int | None:
-    """Return how much memory this process can still take, by all that limits it."""
+    """Return the memory still available to this process, by all limits."""
     found = [
         _available(memory),
         *(_left_in(folder) for folder in _groups_of(mine, groups)),
@@ -106,7 +104,7 @@ def _available(memory: Path) -> int | None:
 
 
 def _groups_of(mine: Path, groups: Path) -> list[tuple[Path, str, str, str]]:
-    """Return folders of the groups that limit memory, with their files of the limit, the use and what can be freed."""
+    """Return memory control groups: folder, file of the limit, file of the usage, key of the reclaimable pages."""
     found = []
     for line in _text_of(mine / "cgroup").splitlines():
         number, _, rest = line.partition(":")
@@ -118,7 +116,7 @@ def _groups_of(mine: Path, groups: Path) -> list[tuple[Path, str, str, str]]:
         else:
             continue
         inner = Path(place.strip("/"))
-        # Where a group sees itself as the topmost one, its own path is not there.
+        # In a container, a group may be the root, and its own path does not exist.
         found += [(base / part, *files) for part in (inner, *inner.parents)]
     return found
 
@@ -128,7 +126,7 @@ def _left_in(group: tuple[Path, str, str, str]) -> int | None:
     limit, use = _text_of(folder / limit_file).strip(), _text_of(folder / use_file).strip()
     if not limit.isdigit() or not use.isdigit() or int(limit) >= _NO_LIMIT:
         return None
-    # Pages of files count as used, but are given up when memory is wanted.
+    # Cached file pages count as used, but are reclaimed on demand.
     pages = [line.split()[1] for line in _text_of(folder / "memory.stat").splitlines() if line.startswith(f"{freed} ")]
     return int(limit) - int(use) + (int(pages[0]) if pages else 0)
 
@@ -153,7 +151,7 @@ def _text_of(file: Path) -> str:
 
 
 def work_s() -> float:
-    """Return how long a small piece of work takes on this machine: measured once, and remembered by later processes."""
+    """Return the time in seconds of a small benchmark on this machine, measured once and cached."""
     key = entry_key("speed", platform.node(), _WORK_VERSION)
     return float(load_or_compute(key, lambda: {"seconds": np.array([_best_s()])})["seconds"][0])
 

@@ -1,4 +1,4 @@
-"""The workload of a scene, counted from its models alone: no mesh is made, no texture painted, no file decoded."""
+"""Workload of a scene, computed from its models without building meshes, painting textures or decoding files."""
 
 from __future__ import annotations
 
@@ -32,23 +32,20 @@ __all__ = [
 ]
 
 SKETCHED_FACES = 1_000
-"""Triangles of a sketch of an object."""
+"""Triangles of the sketch of an object."""
 
 _ALL_RUN: dict[str, bool | None] = {"pyrender": False, "auto": None}
 
 _AUTOMATIC_MOMENTS = 16
-"""Moments of an exposure that are assumed where motion decides: that of four pixels."""
+"""Assumed exposure samples where the number depends on motion: that of a motion of four pixels."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectWorkload:
-    """One object of a scene, a leaf too, as far as it is known without being made.
+    """Workload of an object or leaf, computed before it is built.
 
-    ``path``, ``item``: The object's path in the scene, and the object.
-    ``size``: How large its mesh will be.
-    ``sketch``: A coarse mesh of about its form; None if its file is too large to be read in passing.
-    ``texels``: Points of its texture.
-    ``painted``: Whether the finished texture is kept from an earlier run.
+    ``sketch``: A coarse mesh of similar shape; None if the mesh file is too large to read quickly.
+    ``painted``: Whether the finished texture is cached.
     """
 
     path: str
@@ -61,12 +58,10 @@ class ObjectWorkload:
 
 @dataclass(frozen=True)
 class MethodWorkload:
-    """What a method of estimation takes.
+    """Resources required by an estimation method.
 
-    ``in_memory``: Whether it holds all frames.
-    ``bytes_per_pixel``: Memory for a pixel of the frames that are estimated together.
-    ``pixels_at_once``: Pixels of all frames that are estimated together, if one frame has no more.
-    ``seconds_per_sample``: Time for a pixel of one image of an estimated frame, on two processors.
+    ``pixels_at_once``: Pixels of all frames that are estimated together, unless one frame has more.
+    ``seconds_per_sample``: Time per pixel and image of an estimated frame, on two processors.
     """
 
     in_memory: bool = False
@@ -77,14 +72,7 @@ class MethodWorkload:
 
 @dataclass(frozen=True)
 class RecordingWorkload:
-    """What the work on a recording grows with.
-
-    ``pixels``: Pixels of one image.
-    ``positions``: Cameras, of all rows.
-    ``frames``: Frames.
-    ``sample_bytes``: Bytes of a pixel.
-    ``effort``: What the method of estimation takes.
-    """
+    """Quantities that determine the cost of processing a recording; ``pixels`` is per image."""
 
     pixels: float
     positions: int
@@ -95,24 +83,16 @@ class RecordingWorkload:
 
 @dataclass(frozen=True, kw_only=True)
 class Workload(RecordingWorkload):
-    """What the work on a scene grows with, beside the recording that it gives.
+    """Quantities that determine the cost of rendering a scene.
 
-    ``fine_pixels``: Pixels of one sharp image: more than `pixels` where light is spread by a lens.
-    ``save_radiance``: Whether linear images are kept too.
-    ``sharp_images``: Sharp images that one image is the mean of.
-    ``supersampling``: Samples of a pixel of a sharp image along either side.
-    ``strips``: Parts of which an image consists, each with a time of its own: one, or with a rolling shutter its rows.
-    ``lamps``: Lights.
-    ``lit``: Whether light is computed.
-    ``vertices``, ``faces``: Of all meshes together.
-    ``leaf_faces``: Faces of leaves, which are meshed with more care.
-    ``texels``: Points of all textures together.
-    ``largest_texels``: Points of the largest texture.
-    ``noise_texels_to_paint``, ``leaf_texels_to_paint``: Points that are not kept from an earlier run.
-    ``views``: Cameras that a truth is made for.
-    ``complete``: Whether the truth has all maps.
-    ``narrow``: Whether the truth is stored in 32 bits.
-    ``rays``: Whether images are made by ray casting; None: by what runs.
+    ``fine_pixels``: Pixels of one sharp image: more than `pixels` with a point-spread function.
+    ``sharp_images``: Number of sharp images averaged to one image.
+    ``strips``: Parts of an image with separate times: one, or the rows with a rolling shutter.
+    ``leaf_faces``: Faces of leaves, whose meshing is more expensive.
+    ``noise_texels_to_paint``, ``leaf_texels_to_paint``: Texels that are not cached.
+    ``views``: Cameras with ground truth.
+    ``complete``, ``narrow``: Whether the ground truth has all maps, and is stored in 32 bits.
+    ``rays``: Whether images are rendered by ray casting; None: by the available backend.
     """
 
     fine_pixels: float
@@ -141,7 +121,7 @@ class Workload(RecordingWorkload):
 
 
 def list_object_workloads(scene: Scene, folder: Path = Path()) -> tuple[list[ObjectWorkload], list[Problem]]:
-    """Return all objects with their sizes, and what can be seen to be wrong with their meshes and textures."""
+    """Return all objects with their workloads, and the problems of their meshes and textures."""
     parts, problems = [], []
     for path, item in scene.parts:
         place = "mesh"
@@ -160,7 +140,7 @@ def list_object_workloads(scene: Scene, folder: Path = Path()) -> tuple[list[Obj
 
 
 def _texture(scene: Scene, item: SceneObject, sketch: TriangleMesh | None, folder: Path) -> tuple[int, bool]:
-    """Return the points of a texture, and whether it is there already."""
+    """Return the number of texels of a texture, and whether it is cached."""
     if sketch is None:
         return 0, False
     rows, columns = item.texture.raster_shape(sketch, folder)
@@ -169,7 +149,7 @@ def _texture(scene: Scene, item: SceneObject, sketch: TriangleMesh | None, folde
 
 
 def sharp_images(scene: Scene) -> int:
-    """Return of how many sharp images one image is the mean, by aperture and exposure."""
+    """Return the number of sharp images averaged to one image, by aperture and exposure."""
     shutter, defocus = scene.shutter, scene.optics.defocus
     moments = 1
     if shutter.exposure_time_s > 0:
@@ -178,7 +158,7 @@ def sharp_images(scene: Scene) -> int:
 
 
 def limit_problems(scene: Scene, limits: Limits) -> list[Problem]:
-    """Return which bounds a scene passes that are counted from its numbers alone."""
+    """Return the exceeded limits that follow from the numbers of a scene alone."""
     camera, stage = scene.camera, scene.stage
     images = stage.rows * stage.positions * scene.frames.count
     inner = -(-scene.render.supersampling // fine_parts(scene.optics.psf))
@@ -198,7 +178,7 @@ def limit_problems(scene: Scene, limits: Limits) -> list[Problem]:
 
 
 def object_problems(parts: Sequence[ObjectWorkload], limits: Limits) -> list[Problem]:
-    """Return which bounds the meshes and textures of a scene pass."""
+    """Return the limits exceeded by the meshes and textures of a scene."""
     vertices = [(f"{part.path}.mesh", float(part.size.vertices)) for part in parts]
     total = sum(count for _, count in vertices)
     if total > limits.vertices >= max((count for _, count in vertices), default=0.0):
@@ -220,7 +200,7 @@ def compute_workload(
     complete: bool = False,
     save_radiance: bool = False,
 ) -> Workload:
-    """Count what the work on a scene grows with."""
+    """Compute the workload of a scene."""
     camera, psf = scene.camera, scene.optics.psf
     fine, margin = fine_parts(psf), margin_px(psf)
     to_paint = [part for part in parts if not part.painted]

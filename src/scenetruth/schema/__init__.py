@@ -1,7 +1,4 @@
-"""The three data sets that all packages exchange, recording, truth and estimate.
-
-Names, dimensions, units, validation.
-"""
+"""Data model of recordings, ground truth and estimates: names, dimensions, units and validation."""
 
 from scenetruth.schema.attributes import (
     Intrinsics,

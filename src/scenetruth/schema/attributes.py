@@ -1,4 +1,4 @@
-"""The attributes of a data set: intrinsics, scene, object names, and the hashes that say to which run it belongs."""
+"""Attributes of a data set: intrinsics, scene, object names and identifying hashes."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """The numbers that lead from pixels to the world, as a data set's attributes carry them.
+    """Intrinsics and sampling intervals of a data set.
 
     ``focal_length_px``: f, in pixels.
     ``principal_point_px``: (c_x, c_y), in pixel indices.
-    ``baseline_mm``: V_X, the camera's displacement per step of s.
-    ``frame_interval_s``: Time between two frames.
+    ``baseline_mm``: V_X, the camera displacement per step of s.
+    ``frame_interval_s``: Time between consecutive frames.
     """
 
     focal_length_px: float
@@ -41,7 +41,7 @@ class Intrinsics:
     frame_interval_s: float = 1.0
 
     def to_attrs(self) -> dict[str, Any]:
-        """Return the attributes that hold these numbers."""
+        """Return the intrinsics as data-set attributes."""
         return {
             "focal_length_px": float(self.focal_length_px),
             "principal_point_px": [float(value) for value in self.principal_point_px],
@@ -51,7 +51,7 @@ class Intrinsics:
 
 
 def read_intrinsics(dataset: xr.Dataset) -> Intrinsics:
-    """Read the intrinsics from the attributes of a checked data set."""
+    """Read the intrinsics from the attributes of a validated data set."""
     attrs = dataset.attrs
     c_x, c_y = attrs["principal_point_px"]
     return Intrinsics(
@@ -63,13 +63,13 @@ def read_intrinsics(dataset: xr.Dataset) -> Intrinsics:
 
 
 def read_scene(dataset: xr.Dataset) -> dict[str, Any] | None:
-    """Return the scene that a data set was made from, as plain values, or None for data from elsewhere."""
+    """Return the scene of a simulated data set as a dictionary, or None for other data."""
     text = dataset.attrs.get("scene")
     return None if text is None else dict(json.loads(text))
 
 
 def read_object_names(dataset: xr.Dataset) -> list[str]:
-    """Return the names of the objects that ``object_id`` counts, from 0 on; empty for data from elsewhere.
+    """Return the object names in the order of ``object_id``; empty for data that were not simulated.
 
     >>> read_object_names(xr.Dataset(attrs={"object_names": '["leaf", "soil"]'}))
     ['leaf', 'soil']
@@ -81,7 +81,7 @@ _HASHES = ("recording_hash", "scene_hash")
 
 
 def digest(value: Any) -> str:
-    """Return a hash of plain values, the same on every machine: 16 hexadecimal digits.
+    """Return a platform-independent hash of JSON values: 16 hexadecimal digits.
 
     >>> digest({"b": 1, "a": [2, None]}) == digest({"a": [2, None], "b": 1})
     True
@@ -91,9 +91,9 @@ def digest(value: Any) -> str:
 
 
 def estimate_hash(estimate: xr.Dataset) -> str:
-    """Return a hash of what an estimate depends on: its recording, the method and the method's settings.
+    """Return a hash of the recording, method and settings of an estimate.
 
-    An estimate without settings was computed elsewhere: what its maps hold counts instead.
+    The hash of an estimate without settings (external method) covers the values of its maps instead.
     """
     attrs = estimate.attrs
     if "settings" in attrs:
@@ -105,16 +105,16 @@ def estimate_hash(estimate: xr.Dataset) -> str:
 
 
 def read_lineage(dataset: xr.Dataset) -> dict[str, str]:
-    """Return the hashes that a data set carries: ``recording_hash``, ``scene_hash``, of an estimate its own too.
+    """Return the hashes of a data set: ``recording_hash``, ``scene_hash`` and, for estimates, ``estimate_hash``.
 
-    ``scene_hash`` stands for everything in the scene that images and truth depend on, ``recording_hash`` for that and
-    for the backend that rendered. Data from elsewhere has none.
+    ``scene_hash`` covers all scene fields that affect images and ground truth; ``recording_hash`` also covers the
+      rendering backend. Data that were not simulated have no hashes.
     """
     return {name: str(dataset.attrs[name]) for name in (*_HASHES, "estimate_hash") if name in dataset.attrs}
 
 
 def check_same_run(parts: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse parts of different runs."""
+    """Raise a MismatchError if the data sets belong to different recordings or scenes."""
     problems = []
     names = list(parts)
     for name in names[1:]:

@@ -1,4 +1,4 @@
-"""Estimates from plain arrays."""
+"""Construction of estimates from arrays."""
 
 from __future__ import annotations
 
@@ -41,22 +41,23 @@ def make_estimate(
     t: ArrayLike | None = None,
     method: str = "external",
 ) -> xr.Dataset:
-    """Make an estimate from plain arrays of any origin, and derive what follows from them.
+    """Create an estimate from arrays and derive dependent quantities.
 
-    Maps have the shape (t, y, x), or (y, x) for one frame; flow has (dx, dy), velocity (X, Y, Z) before that. NaN is
-    unknown. Any subset of ``depth``, ``disparity``, ``flow`` and ``velocity`` will do, but at least one.
+    Arrays have the shape (t, y, x), or (y, x) for a single frame; the components of flow (dx, dy) and velocity (X, Y,
+    Z) form the first dimension. Invalid pixels are NaN. At least one of ``depth``, ``disparity``, ``flow`` and
+    ``velocity`` is required.
 
-    - Of depth and disparity, one follows from the other: d = f V_X / Z.
-    - With depth, velocity follows from flow and from the rate of depth: U_X = (Z u + x U_Z) / f and U_Y alike, with
-      x from the principal point. If ``depth_rate`` is not given, it is taken from the depths of neighbouring frames
-      along the flow, where there are any.
-    - With depth, flow follows from velocity.
+    - Depth and disparity are converted into each other: d = f V_X / Z.
+    - With depth, velocity is computed from flow and the rate of depth: U_X = (Z u + x U_Z) / f and likewise U_Y, with x
+      relative to the principal point. If ``depth_rate`` is not given, it is estimated from the depth of neighbouring
+      frames along the flow where available.
+    - With depth, flow is computed from velocity.
 
     Parameters
     ----------
     recording
-        The recording that the arrays were computed from: its frames, pixels and intrinsics hold. If it is a part of a
-        recording, or every n-th pixel of it, disparity and flow are in pixels of the camera all the same.
+        The recording that the arrays were computed from. It defines frames, pixels and intrinsics. For a cropped or
+        subsampled recording, disparity and flow remain in pixels of the full-resolution camera.
     depth
         Z along the optical axis in mm; positive.
     disparity
@@ -64,33 +65,32 @@ def make_estimate(
     flow
         (dx/dt, dy/dt) in px per frame; x to the right, y down.
     velocity
-        (U_X, U_Y, U_Z) in mm per frame; U_Z < 0 comes nearer.
+        (U_X, U_Y, U_Z) in mm per frame; U_Z < 0 is towards the camera.
     depth_rate
         U_Z alone, the rate of depth of the surface point in mm per frame.
     depth_std, disparity_std, velocity_std
         Standard deviations, in the same units; not negative.
     status
-        Status of each pixel: 0 invalid, 1 normal component only (aperture problem), 2 valid, 3 fallback. If not given,
-        all that is finite is valid.
+        Status of each pixel: 0 invalid, 1 normal component only (aperture problem), 2 valid, 3 fallback. By default,
+        all finite values are valid.
     t
-        The frames of the arrays. If not given: all frames of the recording if there are as many, the reference frame
-        for a single one.
+        Frame indices of the arrays. Default: all frames of the recording, or the reference frame for a single map.
     method
-        What to call the method that computed them.
+        Name of the method that computed the arrays.
 
     Returns
     -------
     xarray.Dataset
-        An estimate with coordinates, units and intrinsics, float32; its arrays are its own.
+        An estimate with coordinates, units and intrinsics, float32; the input arrays are copied.
 
     Raises
     ------
     RecordingError
-        With every array that does not fit: shape, type, sign, infinite values, frames.
+        If an array has an invalid shape, type, sign, frame or infinite values; lists every problem.
 
     See Also
     --------
-    estimate : Let an installed method estimate.
+    estimate : Run an installed method.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def make_estimate(
     """
     check_dataset(recording, "recording")
     if not isinstance(method, str) or not method.isprintable():
-        raise RecordingError([Problem("method", "must be a name", method)], source="arrays of an estimate")
+        raise RecordingError([Problem("method", "must be printable text", method)], source="arrays of an estimate")
     given = {
         "depth": depth,
         "disparity": disparity,
@@ -121,7 +121,7 @@ def make_estimate(
         if values is not None and (found := _array(name, values, size, problems)) is not None
     }
     if all(given[name] is None for name in ("depth", "disparity", "flow", "velocity")):
-        problems.append(Problem("", "at least one of depth, disparity, flow, velocity is needed"))
+        problems.append(Problem("", "at least one of depth, disparity, flow, velocity is required"))
     frames = _frames(recording, arrays, t, problems)
     if problems:
         raise RecordingError(problems, source="arrays of an estimate")
@@ -136,7 +136,7 @@ def make_estimate(
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         _derive(arrays, intrinsics, frames, rate, recording)
         for name, values in arrays.items():
-            # What follows from values near zero may be beyond all numbers: it is not known then.
+            # Values derived from near-zero inputs may overflow float32 and are then invalid.
             arrays[name] = np.where(np.abs(values) <= np.finfo(np.float32).max, values, np.nan)
     maps: dict[str, NDArray[Any]] = {name: values.astype(np.float32) for name, values in arrays.items()}
     x, y = (recording[name].values if name in recording.coords else None for name in ("x", "y"))
@@ -150,7 +150,7 @@ def make_estimate(
 
 
 def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[Problem]) -> Map | None:
-    """Return an array as float64 with its frames, or say what is wrong with it."""
+    """Return an array as float64 with a frame dimension, or None after appending a problem."""
     raw = real_array(name, values, problems, masked_is_nan=True)
     if raw is None:
         return None
@@ -163,9 +163,9 @@ def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[P
     if raw.ndim != len(lead) + 3 or raw.shape[: len(lead)] != lead or raw.shape[-2:] != size:
         message = f"must have the shape {names}, or that without t, with the recording's (y, x) = {size}"
         if count is not None and shape[-1:] == (count,) and shape[-3:-1] == size:
-            message += "; its components are last: move them to the front, np.moveaxis(array, -1, 0)"
+            message += "; components are in the last dimension: move them to the front with np.moveaxis(array, -1, 0)"
         elif raw.shape[-2:] == size[::-1] != size:
-            message += "; rows and columns seem to be exchanged"
+            message += "; rows and columns appear to be swapped"
         problems.append(Problem(name, message, shape))
         return None
     if raw.size == 0:
@@ -174,7 +174,9 @@ def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[P
     # Estimates are float32.
     infinite = int((np.abs(raw) > np.finfo(np.float32).max).sum())
     if infinite:
-        problems.append(Problem(name, f"holds {infinite} infinite values, or too large ones; unknown is NaN"))
+        problems.append(
+            Problem(name, f"holds {infinite} values that are infinite or exceed float32; mark invalid pixels as NaN")
+        )
         return None
     return raw.astype(np.float64)
 
@@ -185,28 +187,28 @@ def _frames(
     counts = {name: values.shape[-3] for name, values in arrays.items()}
     recorded = recording["t"].values
     if len(set(counts.values())) > 1:
-        problems.append(Problem("", "arrays hold different numbers of frames", counts))
+        problems.append(Problem("", "arrays have different numbers of frames", counts))
         return recorded[:0].astype(np.int64)
     count = next(iter(counts.values()), 0)
     if t is not None:
         given = real_array("t", t, problems)
         if given is None or given.dtype.kind == "f" or given.ndim > 1 or given.size == 0:
             if given is not None:
-                problems.append(Problem("t", "must be frame numbers: an integer, or a list of them", t))
+                problems.append(Problem("t", "must be a frame index or a list of frame indices", t))
             return recorded[:0].astype(np.int64)
         frames = np.array(np.atleast_1d(given), dtype=np.int64)
         if len(set(frames.tolist())) < len(frames):
-            problems.append(Problem("t", "names a frame twice", frames.tolist()))
+            problems.append(Problem("t", "contains duplicate frames", frames.tolist()))
         missing = sorted(set(frames.tolist()) - set(recorded.tolist()))
         if missing:
-            problems.append(Problem("t", f"the recording has no such frames; it has {recorded.tolist()}", missing))
+            problems.append(Problem("t", f"not in the recording, whose frames are {recorded.tolist()}", missing))
         if counts and len(frames) != count:
-            problems.append(Problem("t", f"names {len(frames)} frames, but the arrays hold {count}", frames.tolist()))
+            problems.append(Problem("t", f"has {len(frames)} frames, but the arrays have {count}", frames.tolist()))
         return frames
     if count == 1:
         return np.zeros(1, dtype=np.int64)
     if counts and count != len(recorded):
-        message = f"arrays hold {count} frames, the recording {len(recorded)}: say which by t="
+        message = f"arrays have {count} frames, the recording {len(recorded)}: specify the frames with t="
         problems.append(Problem("t", message))
     return np.asarray(recorded, dtype=np.int64)
 
@@ -215,15 +217,15 @@ def _sign_problems(arrays: dict[str, Map], intrinsics: Intrinsics) -> list[Probl
     problems = []
     if "depth" in arrays and (arrays["depth"] <= 0).any():
         count = int((arrays["depth"] <= 0).sum())
-        problems.append(Problem("depth", f"must be positive: {count} pixels are not; unknown is NaN"))
+        problems.append(Problem("depth", f"must be positive: {count} pixels are not; mark invalid pixels as NaN"))
     if "disparity" in arrays and intrinsics.baseline_mm != 0:
         wrong = arrays["disparity"] * np.sign(intrinsics.baseline_mm) <= 0
         count = int(wrong.sum())
         if count:
             sign = "positive" if intrinsics.baseline_mm > 0 else "negative"
             known = int(np.isfinite(arrays["disparity"]).sum())
-            message = f"must be {sign} (x_s = x_0 - disparity s): {count} of {known} known pixels are not"
-            message += "; change the sign" if count == known else "; unknown is NaN"
+            message = f"must be {sign} (x_s = x_0 - disparity s): {count} of {known} finite pixels are not"
+            message += "; change the sign" if count == known else "; mark invalid pixels as NaN"
             problems.append(Problem("disparity", message))
     problems += [
         Problem(name, f"must not be negative: {int((arrays[name] < 0).sum())} pixels are")
@@ -236,7 +238,7 @@ def _sign_problems(arrays: dict[str, Map], intrinsics: Intrinsics) -> list[Probl
         if both.any() and np.median(np.abs(follows[both] / arrays["depth"][both] - 1)) > 0.1:
             ratio = float(np.median(arrays["depth"][both] / follows[both]))
             message = (
-                f"contradicts disparity: it is {ratio:.4g} times f V_X / disparity; give one of them, or check units"
+                f"contradicts disparity: it is {ratio:.4g} times f V_X / disparity; specify only one or check the units"
             )
             problems.append(Problem("depth", message))
     return problems
@@ -248,7 +250,7 @@ def _rate(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) ->
         return None
     raw = given.astype(np.float64)
     if np.isinf(raw).any():
-        problems.append(Problem("depth_rate", "holds infinite values; unknown is NaN"))
+        problems.append(Problem("depth_rate", "holds infinite values; mark invalid pixels as NaN"))
         return None
     try:
         return np.broadcast_to(raw, shape)
@@ -273,10 +275,10 @@ def _status(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) 
 def _derive(
     arrays: dict[str, Map], intrinsics: Intrinsics, frames: NDArray[np.int64], rate: Map | None, recording: xr.Dataset
 ) -> None:
-    """Add what follows from the arrays."""
+    """Add the dependent quantities to the arrays, in place."""
     product = intrinsics.focal_length_px * intrinsics.baseline_mm
     if product != 0:
-        # Depth follows from disparity as disparity does from depth.
+        # The conversion is its own inverse.
         for one, other in (("depth", "disparity"), ("disparity", "depth")):
             if one in arrays and other not in arrays:
                 arrays[other] = depth_from_disparity(arrays[one], intrinsics)
@@ -301,7 +303,7 @@ def _derive(
 def _statuses(
     arrays: dict[str, Map], given: NDArray[np.uint8] | None, shape: tuple[int, ...]
 ) -> dict[str, NDArray[np.uint8]]:
-    """Return the status of disparity and of motion: as given, and invalid where the quantity is not finite."""
+    """Return ``status_disparity`` and ``status_motion``: as given, or invalid where the quantity is not finite."""
     wanted = np.full(shape, STATUS_VALID, dtype=np.uint8) if given is None else given
     found = {}
     for name, quantities in STATUS_SOURCES.items():

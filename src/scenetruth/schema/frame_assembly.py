@@ -1,4 +1,4 @@
-"""Data sets that are filled image by image, and estimates that are assembled frame by frame."""
+"""Incremental assembly of data sets, frame by frame."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ __all__ = ["IncrementalDataset", "Put", "blank_estimate", "blank_map", "compute_
 
 
 Put = Callable[[str, Mapping[str, int], NDArray[Any]], None]
-"""Takes an image or a map: the variable, the place along its leading dimensions from 0 on, the values. The values must
-not be changed afterwards."""
+"""Sink for one image or map: variable name, index along the leading dimensions (from 0) and values, which must not be
+modified afterwards.
+"""
 
 
 def blank_map(dtype: DTypeLike, shape: Sequence[int]) -> NDArray[Any]:
-    """Return an array that takes no memory: all of its values are one, a zero that cannot be written to.
+    """Return a read-only array of zeros that occupies no memory.
 
     >>> blank_map(np.uint8, (2, 3)).tolist()
     [[0, 0, 0], [0, 0, 0]]
@@ -33,9 +34,9 @@ def blank_map(dtype: DTypeLike, shape: Sequence[int]) -> NDArray[Any]:
 
 
 class IncrementalDataset:
-    """A data set in memory whose maps are put in one by one.
+    """A data set in memory that is filled map by map.
 
-    ``blank``: The data set with blank maps (`blank_map`); its other variables stay as they are.
+    ``blank``: Data set with blank maps (`blank_map`); other variables are kept.
 
     >>> filling = IncrementalDataset(xr.Dataset({"depth": (("t", "y", "x"), blank_map(float, (2, 1, 2)))}))
     >>> for t in (0, 1):
@@ -49,7 +50,7 @@ class IncrementalDataset:
         self._arrays: dict[str, NDArray[Any]] = {}
 
     def put(self, name: str, at: Mapping[str, int], values: NDArray[Any]) -> None:
-        """Put values in their place; see `Put`."""
+        """Store values at an index, see `Put`."""
         variable = self._blank.variables[name]
         if name not in self._arrays:
             self._arrays[name] = np.empty(variable.shape, dtype=variable.dtype)
@@ -57,7 +58,7 @@ class IncrementalDataset:
         self._arrays[name][place] = values
 
     def dataset(self) -> xr.Dataset:
-        """Return the filled data set; it shares the arrays."""
+        """Return the filled data set, which shares the arrays."""
         variables = {name: self._blank.variables[name] for name in self._arrays}
         return self._blank.assign(
             {name: (item.dims, self._arrays[name], item.attrs) for name, item in variables.items()}
@@ -68,7 +69,7 @@ Map = NDArray[np.float64]
 
 
 def blank_estimate(given: Iterable[str], *, recording: xr.Dataset, t: ArrayLike) -> xr.Dataset:
-    """Return an estimate with blank maps, of all variables that `make_estimate` makes of some quantities.
+    """Return an estimate with blank maps for all variables that `make_estimate` derives from the given quantities.
 
     >>> from scenetruth.schema import make_recording
     >>> recording = make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
@@ -76,7 +77,7 @@ def blank_estimate(given: Iterable[str], *, recording: xr.Dataset, t: ArrayLike)
     >>> sorted(blank.data_vars), blank["depth"].shape
     (['depth', 'disparity', 'invalid_reason', 'status', 'status_disparity', 'valid'], (2, 30, 40))
     """
-    # Which variables follow does not depend on how many pixels there are.
+    # The set of derived variables does not depend on the image size.
     corner = recording.isel(y=slice(0, 2), x=slice(0, 2))
     size = (1, corner.sizes["y"], corner.sizes["x"])
     unknown: dict[str, Any] = {name: np.full((*_components(name), *size), np.nan) for name in given}
@@ -94,14 +95,14 @@ def blank_estimate(given: Iterable[str], *, recording: xr.Dataset, t: ArrayLike)
 
 
 def put_estimate(found: xr.Dataset, first: int, put: Put) -> None:
-    """Put the maps of an estimate of successive frames into one of more frames."""
+    """Store the maps of an estimate from frame index ``first`` on."""
     for name, item in found.data_vars.items():
         for frame in range(found.sizes["t"]):
             put(str(name), {"t": first + frame}, item.isel(t=frame).values)
 
 
 def put_each(name: str, arrays: Iterable[Map], put: Put, *, recording: xr.Dataset) -> None:
-    """Put what `make_estimate` makes of one quantity, frame after frame, from the recording's first on."""
+    """Store the variables that `make_estimate` derives from one quantity, frame by frame from the first frame."""
     times = recording["t"].values
     for place, values in enumerate(arrays):
         given: dict[str, Any] = {name: values}
@@ -109,12 +110,12 @@ def put_each(name: str, arrays: Iterable[Map], put: Put, *, recording: xr.Datase
 
 
 def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, recording: xr.Dataset) -> Map:
-    """Return the rate of depth in a frame, as `make_estimate` takes it from neighbouring frames.
+    """Return the rate of depth in a frame from its neighbouring frames, as in `make_estimate`.
 
-    ``disparities``: Disparity in px per step in the frame (0), and in that before (-1) and behind it (1), as far as
-      there are such.
+    ``disparities``: Disparity in px per step in the frame (0) and, where available, in the previous (-1) and next (1)
+      frame.
     ``flow``: (dx/dt, dy/dt) in px per frame, shape (2, y, x).
-    Returns: dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
+    Returns: dZ/dt in mm per frame, shape (y, x); NaN where the point is visible in no neighbouring frame.
     """
     intrinsics = read_intrinsics(recording)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -124,6 +125,6 @@ def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, recording: 
 
 
 def _components(name: str) -> list[int]:
-    """Return the sizes that an array has before t."""
+    """Return the sizes of the dimensions before t."""
     entry = VARIABLES["estimate"].get(name)
     return [] if entry is None else [len(COMPONENTS[dim]) for dim in entry.dims if dim in COMPONENTS]

@@ -1,4 +1,4 @@
-"""Arrays, numbers, attributes and exclusion masks from the caller: validated and copied."""
+"""Validation and copying of user-supplied arrays, numbers, attributes and exclusion masks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = [
 
 
 def real_array(name: str, values: Any, problems: list[Problem], *, masked_is_nan: bool = False) -> NDArray[Any] | None:
-    """Return an array of real numbers as it was given, not yet copied; None, with a problem noted, if it is none."""
+    """Return an array of real numbers without copying, or None after appending a problem."""
     try:
         masked = np.ma.isMaskedArray(values) and bool(np.ma.getmaskarray(values).any())
         if masked and masked_is_nan and values.dtype.kind in "fiu":
@@ -35,34 +35,34 @@ def real_array(name: str, values: Any, problems: list[Problem], *, masked_is_nan
         raw = np.asarray(values)
     except MemoryError:
         raise
-    except Exception as error:  # whatever a foreign class raises; rows of different lengths, for one
+    except Exception as error:  # array-like classes may raise any exception, for example for rows of different lengths
         problems.append(Problem(name, f"cannot be made into an array of numbers: {' '.join(str(error).split())}"))
         return None
     if masked:
-        problems.append(Problem(name, "has masked values; fill them, or give a part without"))
+        problems.append(Problem(name, "has masked values; fill them or select a part without masked values"))
         return None
     if raw.dtype.kind not in "fiu":
         told = "None" if values is None else str(raw.dtype)
         problems.append(Problem(name, "must hold real numbers", told))
         return None
-    # What 64 bits cannot hold, no store can either.
+    # Stores support at most 64 bits.
     return raw.astype(np.float64) if raw.dtype.kind == "f" and raw.dtype.itemsize > 8 else raw
 
 
 def copy_array(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a copy; of a view that repeats its values by strides of zero, one of what it repeats."""
+    """Return a copy; dimensions with stride zero stay broadcast."""
     return np.broadcast_to(without_repeats(values).copy(), values.shape) if 0 in values.strides else values.copy()
 
 
 def without_repeats(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the part of a view that it repeats by strides of zero: every value once; other arrays as they are."""
+    """Return a view without the repetitions along dimensions with stride zero."""
     return values[tuple(slice(1) if stride == 0 else slice(None) for stride in values.strides)]
 
 
 def number_from(
     name: str, value: Any, problems: list[Problem], *, positive: bool = False, nonzero: bool = False
 ) -> float:
-    """Return a finite number; NaN, with a problem noted, if it is none."""
+    """Return a finite number, or NaN after appending a problem."""
     given = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "fiu" else value
     real = isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool)
     try:
@@ -70,7 +70,7 @@ def number_from(
     except OverflowError:
         number = np.inf
     if not np.isfinite(number):
-        # A problem shows no None.
+        # Problems do not display a value of None.
         problems.append(Problem(name, "must be a finite number", "None" if value is None else value))
         return np.nan
     if (positive and number <= 0) or (nonzero and number == 0):
@@ -80,7 +80,7 @@ def number_from(
 
 
 def pair_from(name: str, values: Any, problems: list[Problem]) -> tuple[float, float]:
-    """Return two finite numbers; NaN, with a problem noted, if they are none."""
+    """Return two finite numbers, or NaN after appending a problem."""
     listed = isinstance(values, list | tuple | np.ndarray) and getattr(values, "ndim", 1) == 1
     if not listed or len(values) != 2:
         problems.append(Problem(name, "must be two finite numbers", values))
@@ -90,7 +90,7 @@ def pair_from(name: str, values: Any, problems: list[Problem]) -> tuple[float, f
 
 
 def numbers_from(name: str, values: Any, count: int, of_what: str, problems: list[Problem]) -> NDArray[np.float64]:
-    """Return so many finite numbers as an array of its own; a problem is noted if they are none."""
+    """Return a copied array of ``count`` finite numbers, or append a problem."""
     raw = real_array(name, values, problems)
     if raw is None:
         return np.zeros(count)
@@ -103,26 +103,26 @@ def numbers_from(name: str, values: Any, count: int, of_what: str, problems: lis
 
 
 def attributes_from(values: Any, reserved: frozenset[str], problems: list[Problem]) -> dict[str, Any]:
-    """Return attributes as a copy; those of names that have a meaning of their own are refused."""
+    """Return a copy of the attributes; reserved names are rejected."""
     if values is None:
         return {}
     if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
-        problems.append(Problem("attrs", "must be a mapping from texts", values))
+        problems.append(Problem("attrs", "must be a mapping with string keys", values))
         return {}
     taken = sorted(reserved & set(values))
     if taken:
-        problems.append(Problem("attrs", f"must not hold {', '.join(taken)}: these are arguments of their own"))
+        problems.append(Problem("attrs", f"must not contain {', '.join(taken)}: use the arguments of these names"))
     return {name: deepcopy(value) for name, value in values.items() if name not in reserved}
 
 
-_BOOLEANS = "must hold booleans, True where a pixel must not be used; compare, as in exclusion_mask=values > 0"
+_BOOLEANS = "must be boolean, True where a pixel must not be used; use a comparison such as exclusion_mask=values > 0"
 
 
 def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Problem]) -> xr.Variable | None:
-    """Return a mask with the names of its dimensions, as a copy; None, with a problem noted, if it is none.
+    """Return a copy of an exclusion mask with named dimensions, or None after appending a problem.
 
-    ``values``: An array of shape (y, x), all of ``sizes`` but t, or all of them, where those before y may be 1; or a
-      DataArray of any dimensions of the images with y and x.
+    ``values``: Array of shape (y, x), of all ``sizes`` except t, or of all ``sizes``, where leading dimensions may be
+      1; or a DataArray with y, x and any other image dimensions.
 
     >>> sizes = {"s": 2, "t": 9, "y": 3, "x": 4}
     >>> exclusion_mask_from(np.zeros((2, 3, 4), dtype=bool), sizes, []).dims
@@ -138,7 +138,7 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
         unknown = sorted(str(dim) for dim in values.dims if dim not in every)
         if unknown or dims[-2:] != every[-2:]:
             problems.append(
-                Problem("exclusion_mask", f"must have the dimensions y and x, and of {every} any", values.dims)
+                Problem("exclusion_mask", f"must have the dimensions y and x, and any of {every}", values.dims)
             )
             return None
         found = np.array(values.transpose(*dims).values)
@@ -155,7 +155,7 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
             return None
         dims = forms[found.ndim]
         if found.ndim == len(every):
-            # Along what has a single value for all, it is the same.
+            # A dimension of size 1 is constant along that dimension.
             same = [n for n, dim in enumerate(every[:-2]) if found.shape[n] == 1 and sizes[dim] > 1]
             found, dims = found.squeeze(tuple(same)), tuple(dim for n, dim in enumerate(every) if n not in same)
     if found.dtype != np.bool_:
@@ -164,20 +164,24 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
     expected = tuple(sizes[dim] for dim in dims)
     if found.shape != expected:
         problems.append(
-            Problem("exclusion_mask", f"must have the shape {expected} of the images along {dims}", found.shape)
+            Problem(
+                "exclusion_mask",
+                f"must have the shape {expected} of the images in {dims}",
+                found.shape,
+            )
         )
         return None
     return xr.Variable(dims, found, attrs)
 
 
 def exclusion_mask_problems(recording: xr.Dataset) -> list[Problem]:
-    """Return what is wrong with the mask of a recording that has one."""
+    """Return the problems of a recording's exclusion mask."""
     mask = recording.variables["exclusion_mask"]
     problems = []
     if mask.dtype != np.bool_:
         problems.append(Problem("exclusion_mask", _BOOLEANS, str(mask.dtype)))
     image = recording.variables["image"].dims if "image" in recording else ("s_y", "s", "t", "y", "x")
-    # A single image that was selected has no s and t any more.
+    # A single selected image lacks the dimensions s and t.
     allowed = tuple(dim for dim in image if dim != "channel")
     if tuple(dim for dim in allowed if dim in mask.dims) != mask.dims or not {"y", "x"} <= set(mask.dims):
         message = f"must have the dimensions y and x, and any others of {allowed}, in this order"

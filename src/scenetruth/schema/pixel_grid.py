@@ -1,4 +1,4 @@
-"""The pixels of the camera that a data set holds: all of them, a part, or every n-th."""
+"""Pixel grid of a data set: the full image, a crop or a subsampled image."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from scenetruth.schema.attributes import Intrinsics
 
 __all__ = ["PixelGrid", "compute_pixel_grid", "pixel_grid_problems"]
 
-# Steps may differ by this share of the step: coordinates may once have been float32.
+# Relative tolerance of the steps, for coordinates stored as float32.
 _TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Where the columns and rows of an array stand among the camera's pixels.
+    """Mapping from array columns and rows to camera pixels.
 
-    ``first_x``, ``first_y``: Pixel index of the first column and of the first row.
-    ``step_px``: Distance of two neighbouring columns, and of two rows, in px.
+    ``first_x``, ``first_y``: Pixel index of the first column and row.
+    ``step_px``: Distance between neighbouring columns and rows, in px.
     """
 
     first_x: float = 0.0
@@ -30,12 +30,12 @@ class PixelGrid:
     step_px: float = 1.0
 
     def positions(self, height: int, width: int) -> list[NDArray[np.float64]]:
-        """Return column and row of every pixel of an array among the camera's pixels, each of shape (y, x)."""
+        """Return the column and row index of every pixel in camera pixels, each of shape (y, x)."""
         columns = self.first_x + self.step_px * np.arange(width)
         return list(np.meshgrid(columns, self.first_y + self.step_px * np.arange(height)))
 
     def in_columns(self, intrinsics: Intrinsics) -> Intrinsics:
-        """Return intrinsics of the camera's pixels, counted in columns and rows of the array."""
+        """Convert intrinsics from camera pixels to array columns and rows."""
         c_x, c_y = intrinsics.principal_point_px
         return replace(
             intrinsics,
@@ -45,10 +45,10 @@ class PixelGrid:
 
 
 def compute_pixel_grid(dataset: xr.Dataset) -> PixelGrid:
-    """Read the grid of pixels from the coordinates ``x`` and ``y``; pixels count from 0 where there are none.
+    """Compute the pixel grid from the coordinates ``x`` and ``y``; default: pixels from 0 on.
 
-    The intrinsics of a data set hold for the camera's pixels, whichever of them it still has: a crop keeps its
-    principal point, and of every second pixel the distance in the array is two pixels.
+    The intrinsics of a data set always refer to camera pixels: a crop keeps its principal point, and a data set of
+    every second pixel has a step of two pixels.
 
     >>> images = xr.Dataset(coords={"x": np.arange(20, 60, 2), "y": np.arange(0, 40, 2)})
     >>> compute_pixel_grid(images)
@@ -62,7 +62,7 @@ def compute_pixel_grid(dataset: xr.Dataset) -> PixelGrid:
 
 
 def pixel_grid_problems(dataset: xr.Dataset) -> list[Problem]:
-    """Return what keeps the coordinates ``x`` and ``y`` from being a grid of square pixels."""
+    """Return the problems of the coordinates ``x`` and ``y`` as a grid of square pixels."""
     problems = []
     for name in ("x", "y"):
         values = _values(dataset, name)
@@ -71,12 +71,12 @@ def pixel_grid_problems(dataset: xr.Dataset) -> list[Problem]:
         gaps = np.diff(values)
         even = np.all(gaps > 0) and np.allclose(gaps, gaps[:1], rtol=_TOLERANCE, atol=0)
         if not np.all(np.isfinite(values)) or not even:
-            message = "must be pixel indices that grow in even steps; select with a slice of a positive step"
+            message = "must be equally spaced, increasing pixel indices; select with a slice of positive step"
             problems.append(Problem(name, message, values.tolist()))
     if not problems:
         step_x, step_y = _step(dataset, "x"), _step(dataset, "y")
         if step_x is not None and step_y is not None and not np.isclose(step_x, step_y, rtol=_TOLERANCE, atol=0):
-            message = f"has steps of {step_y:g} px, x of {step_x:g} px; take every n-th pixel along both or neither"
+            message = f"has a step of {step_y:g} px, but x of {step_x:g} px; subsample both dimensions equally"
             problems.append(Problem("y", message))
     return problems
 
@@ -96,7 +96,7 @@ def _first(dataset: xr.Dataset, name: str) -> float:
 
 
 def _step(dataset: xr.Dataset, name: str) -> float | None:
-    """Return the mean step of a coordinate, None for a single pixel."""
+    """Return the mean step of a coordinate, or None for a single pixel."""
     values = _values(dataset, name)
     if values is None:
         return 1.0 if dataset.sizes.get(name, 1) > 1 else None

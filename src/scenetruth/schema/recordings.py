@@ -1,4 +1,4 @@
-"""Recordings from images of any origin."""
+"""Construction of recordings from image arrays."""
 
 from __future__ import annotations
 
@@ -42,38 +42,36 @@ def make_recording(
     attrs: Mapping[str, Any] | None = None,
     copy: bool = True,
 ) -> xr.Dataset:
-    """Make a recording from images of any origin.
+    """Create a recording from image arrays.
 
     Parameters
     ----------
     images
-        Grey values, shape (s, t, y, x), or colours, (s, t, y, x, channel); integers are digital numbers, floats linear
-        radiance. With ``stage_y_mm``, the cameras stand in a grid, and ``s_y`` comes before ``s``.
+        Grey values, shape (s, t, y, x), or colours, shape (s, t, y, x, channel); integers are digital numbers, floats
+        linear radiance. With ``stage_y_mm``, the cameras form a grid, and ``s_y`` precedes ``s``.
     focal_length_px
         f, in pixels.
     baseline_mm
-        V_X, the camera's displacement in mm per step of s; positive when larger s stands further to the right.
+        V_X, the camera displacement in mm per step of s; positive if larger s is further to the right.
     principal_point_px
-        (c_x, c_y), in pixel indices; the image's centre ((W-1)/2, (H-1)/2) if not given.
+        (c_x, c_y), in pixel indices; default: the image centre ((W-1)/2, (H-1)/2).
     frame_interval_s
-        Time between two frames.
+        Time between consecutive frames.
     stage_x_mm
-        The camera's position for every s, 0 at the reference; ``baseline_mm * s`` if not given.
+        Camera position for every s, 0 at the reference; default: ``baseline_mm * s``.
     stage_y_mm
-        The position of every row of a grid of cameras, 0 at the reference, the middle row; one row if not given.
+        Position of every row of a camera grid, 0 at the reference (middle) row; default: a single row.
     full_scale
-        The largest value that an image can hold; if not given, 1 for floats, which must then lie in [-1, 1], and the
-        type's largest for integers.
-        The grey values of the paper, in [-1, 1], are ``2 image / full_scale - 1``.
+        Largest value of an image; default: 1 for floats, which must then lie in [-1, 1], and the largest value of the
+        data type for integers. Grey values in [-1, 1] (paper) are ``2 image / full_scale - 1``.
     exclusion_mask
-        Pixels that must not be used, as booleans: True where an image must not be trusted, as in NumPy's masked arrays.
-        Of shape (y, x) for all images, (s, y, x) for each camera, or (s, t, y, x), where s and t may be 1; in a grid,
-        ``s_y`` comes before ``s``. A DataArray says by its own names which of these dimensions it has.
+        Boolean array, True where a pixel must not be used, as in NumPy's masked arrays. Shape (y, x) for all images,
+        (s, y, x) for each camera, or (s, t, y, x), where s and t may be 1; in a grid, ``s_y`` precedes ``s``. A
+        DataArray may have any of these dimensions.
     attrs
-        More attributes to keep with the recording.
+        Additional attributes of the recording.
     copy
-        Whether the recording has an array of its own, so that what is changed later in ``images`` does not change the
-        recording, nor the other way round. False saves the memory where nobody else has the array.
+        Copy ``images``. With False the recording shares memory with ``images``.
 
     Returns
     -------
@@ -83,12 +81,12 @@ def make_recording(
     Raises
     ------
     RecordingError
-        If the images or the numbers do not have the agreed form; lists all that is wrong.
+        If the images or parameters are invalid; lists every problem.
 
     See Also
     --------
-    simulate : A recording of a scene, with its truth.
-    estimate : Depth and motion from a recording.
+    simulate : Simulate a scene: recording and ground truth.
+    estimate : Estimate depth and motion from a recording.
 
     Examples
     --------
@@ -102,7 +100,7 @@ def make_recording(
     values, grid = real_array("images", images, problems), stage_y_mm is not None
     if values is not None and (values.ndim - grid not in (4, 5) or 0 in values.shape):
         names = "s_y, s, t, y, x" if grid else "s, t, y, x"
-        message = f"must be a non-empty array with the dimensions ({names}), or ({names}, channel)"
+        message = f"must be a non-empty array with the dimensions ({names}) or ({names}, channel)"
         problems.append(Problem("images", message, values.shape))
     focal = number_from("focal_length_px", focal_length_px, problems, positive=True)
     baseline = number_from("baseline_mm", baseline_mm, problems)
@@ -111,12 +109,12 @@ def make_recording(
     scale = None if full_scale is None else number_from("full_scale", full_scale, problems, positive=True)
     more = attributes_from(attrs, _RESERVED, problems)
     if baseline == 0 and values is not None and values.ndim > grid and values.shape[int(grid)] > 1:
-        problems.append(Problem("baseline_mm", "must not be zero: depth cannot be seen without a baseline", baseline))
+        problems.append(Problem("baseline_mm", "must not be zero; depth needs a baseline", baseline))
     if values is None or problems:
         raise RecordingError(problems, source="images of a recording")
     count_s, count_t, height, width = values.shape[int(grid) :][:4]
     if scale is None and values.dtype.kind == "f" and (largest := _largest(values)) > 1:
-        message = f"floats reach {largest:.6g}, beyond [-1, 1]: say by full_scale= which value is full scale"
+        message = f"floats reach {largest:.6g}, outside [-1, 1]: specify full_scale="
         problems.append(Problem("images", message))
     positions = None if stage_x_mm is None else numbers_from("stage_x_mm", stage_x_mm, count_s, "cameras", problems)
     rows = None if stage_y_mm is None else numbers_from("stage_y_mm", stage_y_mm, len(values), "rows", problems)
@@ -156,15 +154,15 @@ _RESERVED = frozenset(
 
 def _largest(values: NDArray[Any]) -> float:
     """Return the largest magnitude of finite values."""
-    # A view of one value that stands for all need not be gone through.
+    # Broadcast views are reduced to their distinct values.
     values = without_repeats(values)
     finite = values[np.isfinite(values)]
-    # A render may exceed full scale by rounding.
+    # Rendered values may exceed full scale by rounding.
     return float(np.abs(finite).max(initial=0.0)) / (1 + 1e-6)
 
 
 def image_to_grey(recording: xr.Dataset) -> NDArray[np.float32]:
-    """Return the images as the paper's grey values: [0, full scale] becomes [-1, 1].
+    """Return the images as grey values (paper): [0, full scale] maps to [-1, 1].
 
     Returns: float32, shape (s, t, y, x[, channel]).
     """

@@ -1,4 +1,4 @@
-"""Conversions between optical flow, depth and velocity (paper, eq. 2 to 5)."""
+"""Conversion between optical flow, depth and velocity (paper, eq. 2 to 5)."""
 
 from __future__ import annotations
 
@@ -15,17 +15,14 @@ Map = NDArray[np.float64]
 
 
 def depth_from_disparity(disparity: Map, intrinsics: Intrinsics) -> Map:
-    """Return Z = f V_X / d in mm from disparity d in px per step; the same of depth is disparity.
-
-    ``disparity``: In px per step of s, of any shape.
-    """
+    """Return Z = f V_X / d in mm from disparity d in px per step of s; also converts depth into disparity."""
     return intrinsics.focal_length_px * intrinsics.baseline_mm / disparity
 
 
 def velocity_from_flow(flow: Map, depth: Map, depth_rate: Map, grid: Sequence[Map], intrinsics: Intrinsics) -> Map:
-    """Return the velocity of surface points from their flow, depth and rate of depth.
+    """Return the velocity of surface points from flow, depth and rate of depth.
 
-    U_X = (Z dx/dt + x U_Z) / f, U_Y alike: the derivative of x = f X / Z.
+    The derivative of x = f X / Z gives U_X = (Z dx/dt + x U_Z) / f, and likewise U_Y.
 
     ``flow``: (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
     ``depth``, ``depth_rate``: Z in mm and U_Z in mm per frame, shape (t, y, x).
@@ -41,7 +38,7 @@ def velocity_from_flow(flow: Map, depth: Map, depth_rate: Map, grid: Sequence[Ma
 
 
 def flow_from_velocity(velocity: Map, depth: Map, grid: Sequence[Map], intrinsics: Intrinsics) -> Map:
-    """Return the flow of surface points, dx/dt = (f U_X - x U_Z) / Z and dy/dt alike: the inverse of the above.
+    """Return the flow of surface points, dx/dt = (f U_X - x U_Z) / Z and likewise dy/dt.
 
     ``velocity``: (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
     Returns: (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
@@ -54,12 +51,12 @@ def flow_from_velocity(velocity: Map, depth: Map, grid: Sequence[Map], intrinsic
 
 
 def depth_rate_along(depth: Map, flow: Map, frames: NDArray[np.int64], grid: Sequence[Map]) -> Map:
-    """Return the rate of depth of surface points in every frame; see `depth_rate_at`.
+    """Return the rate of depth of surface points in every frame, see `depth_rate_at`.
 
     ``depth``, ``flow``: Z in mm, shape (t, y, x); (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
-    ``frames``: Their frame indices.
+    ``frames``: Frame indices.
     ``grid``: Column and row of every pixel in px, equally spaced, each of shape (y, x).
-    Returns: dZ/dt in mm per frame, shape (t, y, x); NaN where no neighbour shows the point.
+    Returns: dZ/dt in mm per frame, shape (t, y, x); NaN where the point is visible in no neighbouring frame.
     """
     depths = dict(zip(frames.tolist(), depth, strict=True))
     rate = np.empty_like(depth)
@@ -70,15 +67,15 @@ def depth_rate_along(depth: Map, flow: Map, frames: NDArray[np.int64], grid: Seq
 
 
 def depth_rate_at(depth: Map, flow: Map, near: Mapping[int, Map], grid: Sequence[Map]) -> Map:
-    """Return the rate of depth of surface points, from the depths of neighbouring frames along the flow.
+    """Return the rate of depth of surface points from the depth of neighbouring frames along the flow.
 
-    The point that a pixel shows at t is sought at (x, y) + flow in frame t + 1 and at (x, y) - flow in frame t - 1, by
-    bilinear interpolation; the difference of the two depths is halved, or that to the only neighbour is taken. For
-    steady flow the error is of second order in the frame interval with both neighbours, of first order with one.
+    Depth is interpolated bilinearly at (x, y) + flow in frame t + 1 and at (x, y) - flow in frame t - 1. The rate is
+    the central difference, or a one-sided difference with a single neighbour. For steady flow the error is of second
+    order in the frame interval for the central and of first order for the one-sided difference.
 
     ``depth``, ``flow``: Z in mm, shape (y, x); (dx/dt, dy/dt) in px per frame, shape (2, y, x).
     ``grid``: Column and row of every pixel in px, equally spaced, each of shape (y, x).
-    Returns: dZ/dt in mm per frame, shape (y, x); NaN where no neighbour shows the point.
+    Returns: dZ/dt in mm per frame, shape (y, x); NaN where the point is visible in no neighbouring frame.
     """
     from scipy.ndimage import map_coordinates
 

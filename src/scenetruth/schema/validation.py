@@ -1,4 +1,4 @@
-"""Validation of a data set: variables, dimensions, coordinates, and the types of its attributes."""
+"""Validation of data sets: variables, dimensions, coordinates and attribute types."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _TEXTS = ("scene_hash", "recording_hash", "estimate_hash", "method", "render_bac
 
 
 def attribute_problems(dataset: xr.Dataset) -> list[Problem]:
-    """Return which attributes are not what they should be; those that are missing are not looked for."""
+    """Return the problems of the optional attributes that are present."""
     attrs = dataset.attrs
     problems = [
-        Problem(f"attrs.{name}", "must be a text", attrs[name])
+        Problem(f"attrs.{name}", "must be text", attrs[name])
         for name in _TEXTS
         if name in attrs and not isinstance(attrs[name], str)
     ]
@@ -36,9 +36,9 @@ def attribute_problems(dataset: xr.Dataset) -> list[Problem]:
         problems += _json_problems("attrs.object_names", attrs["object_names"], list)
     reason, seed = attrs.get("render_fallback_reason"), attrs.get("seed")
     if not (reason is None or isinstance(reason, str)):
-        problems.append(Problem("attrs.render_fallback_reason", "must be a text", reason))
+        problems.append(Problem("attrs.render_fallback_reason", "must be text", reason))
     if not (seed is None or (isinstance(seed, int | np.integer) and not isinstance(seed, bool) and seed >= 0)):
-        problems.append(Problem("attrs.seed", "must be an integer that is not negative", seed))
+        problems.append(Problem("attrs.seed", "must be a non-negative integer", seed))
     distortion = attrs.get("distortion")
     listed = isinstance(distortion, list | tuple | np.ndarray) and getattr(distortion, "ndim", 1) == 1
     if distortion is not None and not (listed and all(map(is_finite_number, distortion))):
@@ -47,7 +47,7 @@ def attribute_problems(dataset: xr.Dataset) -> list[Problem]:
 
 
 def is_finite_number(value: Any) -> bool:
-    """Tell whether a value is a real number, neither infinite nor too large for a float."""
+    """Return whether a value is a finite real number representable as a float."""
     if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
         return False
     try:
@@ -63,7 +63,7 @@ def _json_problems(path: str, text: Any, kind: type[Any]) -> list[Problem]:
     try:
         content = parse_json(text)
     except ValueError as error:
-        return [Problem(path, f"must be {named} in JSON, and cannot be read: {error}", text)]
+        return [Problem(path, f"must be {named} in JSON, but cannot be read: {error}", text)]
     if not isinstance(content, kind):
         return [Problem(path, f"must be {named} in JSON", text)]
     if kind is list and not all(isinstance(item, str) for item in content):
@@ -71,7 +71,7 @@ def _json_problems(path: str, text: Any, kind: type[Any]) -> list[Problem]:
     problems = [Problem(f"{path}.{item.path}", item.message, item.value) for item in plain_problems(content)]
     if path.endswith(".scene"):
         problems += [
-            Problem(f"{path}.{name}", f"must be a {'mapping' if wanted is Mapping else 'text'}", content[name])
+            Problem(f"{path}.{name}", f"must be {'a mapping' if wanted is Mapping else 'text'}", content[name])
             for name, wanted in (("estimate", Mapping), ("score", Mapping), ("description", str))
             if content.get(name) is not None and not isinstance(content[name], wanted)
         ]
@@ -79,7 +79,7 @@ def _json_problems(path: str, text: Any, kind: type[Any]) -> list[Problem]:
 
 
 def check_dataset(dataset: xr.Dataset, kind: str) -> None:
-    """Check that a data set has the agreed form."""
+    """Raise a RecordingError that lists every violation of the data model."""
     if not isinstance(dataset, xr.Dataset):
         raise RecordingError([Problem("", "must be an xarray.Dataset", type(dataset).__name__)], source=kind)
     problems = [*_variable_problems(dataset, kind), *_intrinsics_problems(dataset), *attribute_problems(dataset)]
@@ -91,7 +91,7 @@ def check_dataset(dataset: xr.Dataset, kind: str) -> None:
 
 def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
     problems = [
-        Problem(name, f"is missing; a {kind} must have it", sorted(map(str, dataset.data_vars)))
+        Problem(name, f"is missing; required in a {kind}", sorted(map(str, dataset.data_vars)))
         for name in REQUIRED[kind]
         if name not in dataset
     ]
@@ -101,7 +101,7 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         problems.append(
             Problem(
                 "variables",
-                f"hold neither {', '.join(most)} nor {last}; at least one of them must be there",
+                f"hold neither {', '.join(most)} nor {last}; at least one is required",
                 sorted(map(str, dataset.data_vars)),
             )
         )
@@ -114,7 +114,7 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         dims = tuple(map(str, dataset.variables[name].dims))
         if kind == "recording" and dims[-1:] == ("channel",):
             dims = dims[:-1]
-        # A truth may be that of one camera or of all; a recording needs its cameras.
+        # Ground truth may have one camera or all; a recording requires the camera dimension.
         views = ("s_y",) if kind == "recording" else ("s_y", "s")
         found, needed = (tuple(dim for dim in names if dim not in views) for names in (dims, entry.dims))
         if found != needed:
@@ -126,7 +126,7 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         if name in dataset.coords:
             numbers = dataset.variables[name]
             if numbers.dtype.kind not in "iu" or numbers.ndim > 1:
-                problems.append(Problem(name, "must hold integers, 0 the reference", str(numbers.dtype)))
+                problems.append(Problem(name, "must hold integers with 0 as the reference", str(numbers.dtype)))
     return problems
 
 
@@ -139,9 +139,7 @@ def _intrinsics_problems(dataset: xr.Dataset) -> list[Problem]:
         elif positive and float(value or 0) <= 0:
             problems.append(Problem(f"attrs.{name}", "must be positive", value))
         elif value == 0 and dataset.sizes.get("s", 1) > 1:
-            problems.append(
-                Problem(f"attrs.{name}", "must not be zero: depth cannot be seen without a baseline", value)
-            )
+            problems.append(Problem(f"attrs.{name}", "must not be zero; depth needs a baseline", value))
     point: Any = dataset.attrs.get("principal_point_px")
     two = isinstance(point, list | tuple | np.ndarray) and getattr(point, "ndim", 1) == 1 and len(point) == 2
     if not (two and all(map(is_finite_number, point))):
@@ -158,7 +156,7 @@ def _image_problems(dataset: xr.Dataset) -> list[Problem]:
         return problems
     image = dataset.variables["image"]
     problems += [
-        Problem(name, "is missing; the images need this coordinate", sorted(map(str, dataset.coords)))
+        Problem(name, "is missing; coordinate required for the images", sorted(map(str, dataset.coords)))
         for name in ("s", "t", "stage_x_mm", *(("s_y", "stage_y_mm") if "s_y" in image.dims else ()))
         if name not in dataset.coords
     ]
@@ -168,7 +166,7 @@ def _image_problems(dataset: xr.Dataset) -> list[Problem]:
         if name in dataset.coords and name in image.dims:
             values = dataset.variables[name].values
             if values.dtype.kind in "iu" and (0 not in values or np.any(np.diff(values.astype(np.int64)) != 1)):
-                problems.append(Problem(name, "must be consecutive integers with 0 the reference", values.tolist()))
+                problems.append(Problem(name, "must be consecutive integers with 0 as the reference", values.tolist()))
     for name in ("stage_x_mm", "stage_y_mm"):
         if name in dataset.coords:
             values = dataset.variables[name].values

@@ -1,4 +1,4 @@
-"""Status, validity and reason for invalidity of every pixel of an estimate, from its maps."""
+"""Status, validity and reason for invalidity of every pixel of an estimate."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ __all__ = [
 Flags = NDArray[np.uint8]
 
 VALIDITY_MAPS = ("status", "valid", "invalid_reason")
-"""The variables that every estimate has."""
+"""Variables that every estimate has."""
 
 STATUS_SOURCES = {"status_disparity": ("disparity", "depth"), "status_motion": ("flow", "velocity")}
-"""The quantities from which a status follows if a method does not give it; the first that there is."""
+"""Quantities that define a status not supplied by the method; the first available quantity is used."""
 
 # From the lowest status to the highest.
 _ORDER = (STATUS_INVALID, STATUS_FALLBACK, STATUS_NORMAL, STATUS_VALID)
@@ -44,7 +44,7 @@ _NOT_DETERMINED, _AMBIGUOUS, _MASKED = (REASONS.index(name) for name in ("not_de
 
 
 def lower_status(*maps: NDArray[Any]) -> Flags:
-    """Return the lowest status of every pixel: invalid, fallback, normal component only, valid.
+    """Return the lowest status per pixel in the order invalid, fallback, normal component only, valid.
 
     >>> lower_status(np.array([2, 3, 2]), np.array([1, 2, 0])).tolist()
     [1, 3, 0]
@@ -54,13 +54,13 @@ def lower_status(*maps: NDArray[Any]) -> Flags:
 
 
 def status_of_quantity(values: NDArray[Any], *, components: bool) -> Flags:
-    """Return valid where all components of a quantity are finite, which come first, and invalid elsewhere."""
+    """Return valid where a quantity (all components, first dimension) is finite, and invalid elsewhere."""
     finite = np.isfinite(values)
     return np.where(finite.all(axis=0) if components else finite, STATUS_VALID, STATUS_INVALID).astype(np.uint8)
 
 
 def compute_validity(maps: Mapping[str, NDArray[Any]], excluded: NDArray[np.bool_] | None = None) -> dict[str, Any]:
-    """Return the status, the validity and the reason for invalidity of every pixel.
+    """Return the status, validity and reason for invalidity of every pixel.
 
     >>> found = compute_validity({"depth": np.array([1.0, np.nan, np.nan])}, np.array([True, True, False]))
     >>> found["status"].tolist(), found["valid"].tolist(), [REASONS[code] for code in found["invalid_reason"]]
@@ -88,7 +88,7 @@ def compute_validity(maps: Mapping[str, NDArray[Any]], excluded: NDArray[np.bool
 
 
 def complete_validity(estimate: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
-    """Return an estimate with the variables of `VALIDITY_MAPS`, as of `compute_validity`."""
+    """Return an estimate with the variables of `VALIDITY_MAPS` added, see `compute_validity`."""
     names = [name for name in ("status", "invalid_reason", *STATUS_SOURCES) if name in estimate]
     names += [name for quantities in STATUS_SOURCES.values() for name in quantities if name in estimate]
     found = compute_validity(
@@ -105,7 +105,7 @@ def validity_variable(name: str, values: NDArray[Any]) -> xr.Variable:
 
 
 def excluded_pixels(recording: xr.Dataset, t: ArrayLike) -> NDArray[np.bool_] | None:
-    """Return the pixels of the reference camera that the exclusion mask marks, shape (t, y, x); None without a mask."""
+    """Return the exclusion mask of the reference camera, shape (t, y, x), or None without a mask."""
     if "exclusion_mask" not in recording:
         return None
     frames = np.atleast_1d(np.asarray(t))

@@ -1,7 +1,4 @@
-"""The variables of recording, truth and estimate.
-
-Names, dimensions, units and meanings, and how plain arrays are labelled with them.
-"""
+"""Variables of recordings, ground truth and estimates: names, dimensions, units and meanings."""
 
 from __future__ import annotations
 
@@ -39,14 +36,15 @@ __all__ = [
 
 
 FORMAT_VERSION = 2
-"""Version of the data sets' layout, kept in their attribute ``format``."""
+"""Version of the data-set layout, stored in the attribute ``format``."""
 
 NO_SURFACE = -1
-"""Value of ``object_id`` and ``face_id`` where no surface is seen."""
+"""Value of ``object_id`` and ``face_id`` where no surface is visible."""
 
 STATUS_INVALID, STATUS_NORMAL, STATUS_VALID, STATUS_FALLBACK = range(4)
-"""Values of ``status``: no estimate; the component along the grey-value gradient only (aperture problem); valid; a
-coarser value that is not valid and is not scored."""
+"""Values of ``status``: invalid; component along the grey-value gradient only (aperture problem); valid; fallback
+(coarser value, not valid and not scored).
+"""
 
 REASONS = (
     "none",
@@ -63,13 +61,14 @@ REASONS = (
 """Meanings of the values of ``invalid_reason``, from 0 on; ``none`` exactly where the estimate is valid."""
 
 MOTION_NONE, MOTION_PLAIN, MOTION_AFFINE, MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART = range(5)
-"""Values of ``motion_model``: nothing known; as the settings say; any velocity gradient; accelerated, over all frames;
-over fewer."""
+"""Values of ``motion_model``: none; as specified by the settings; general velocity gradient; accelerated over all
+frames; accelerated over fewer frames.
+"""
 
 
 @dataclass(frozen=True)
 class Variable:
-    """What a variable of a data set is."""
+    """Definition of a variable of a data set."""
 
     dims: tuple[str, ...]
     units: str
@@ -96,16 +95,16 @@ _ELEMENT = {
     "rotation_rate": Variable(("component", *_MAP), "rad/frame", "rotation vector per frame of the surface element"),
     "growth_rate": Variable(_MAP, "1/frame", "relative rate of growth of the area of the surface element"),
     "principal_growth_rates": Variable(
-        ("principal", *_MAP), "1/frame", "relative rates of growth of length, the largest and the least"
+        ("principal", *_MAP), "1/frame", "largest and smallest rate of relative length change"
     ),
     "principal_growth_direction": Variable(
-        ("component", *_MAP), "1", "unit vector along which length grows most; either sign stands for both"
+        ("component", *_MAP), "1", "unit vector along the largest growth rate; the sign is arbitrary"
     ),
 }
 
 
 def _std(dims: tuple[str, ...], units: str, what: str) -> Variable:
-    return Variable(dims, units, f"standard deviation of {what} that follows from the images' noise")
+    return Variable(dims, units, f"standard deviation of {what} due to image noise")
 
 
 _STATUS = {
@@ -148,17 +147,19 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         ),
         "uv": Variable(("texture_component", *_MAP), "1", "coordinates of the surface point in a texture image"),
         "material_coordinates_mm": Variable(
-            ("texture_component", *_MAP), "mm", "coordinates of the surface point on the surface, laid flat; they stay"
+            ("texture_component", *_MAP),
+            "mm",
+            "material coordinates of the surface point, constant in time",
         ),
         "visible": Variable(
             ("s", *_MAP), "1", "whether image (s, t) shows the surface point that the reference pixel shows at t = 0"
         ),
-        "view_count": Variable(_MAP, "1", "number of cameras that see the surface point at this frame"),
+        "view_count": Variable(_MAP, "1", "number of cameras in which the surface point is visible at this frame"),
         "occluded_across_cameras": Variable(
-            _MAP, "1", "whether some camera does not see the surface point at this frame"
+            _MAP, "1", "whether the surface point is not visible in all cameras at this frame"
         ),
         "occluded_in_time": Variable(
-            _MAP, "1", "whether this camera does not see the surface point at the frame before or after"
+            _MAP, "1", "whether the surface point is not visible in this camera at the previous or next frame"
         ),
         "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
         "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a sharp edge"),
@@ -166,7 +167,7 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "camera_rotation_rad": Variable(
             ("s", "t", "component"), "rad", "true rotation of the camera (rotation vector): pitch, yaw, roll"
         ),
-        "image_time_s": Variable(("s", "t"), "s", "true time at which the image was taken"),
+        "image_time_s": Variable(("s", "t"), "s", "actual acquisition time of the image"),
     },
     "estimate": {
         **_SURFACE,
@@ -188,13 +189,13 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "surface_model": Variable(
             _MAP,
             "1",
-            "order of the surface that was fitted",
+            "order of the fitted surface",
             {"flag_values": [0, 1, 2, 3], "flag_meanings": "none constant plane curved"},
         ),
         "motion_model": Variable(
             _MAP,
             "1",
-            "motion that was fitted",
+            "fitted motion model",
             {
                 "flag_values": [
                     MOTION_NONE,
@@ -207,14 +208,16 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             },
         ),
         "image_shift": Variable(
-            ("image_component", "s", "t"), "px", "how far an image is from where it should be beside the reference's"
+            ("image_component", "s", "t"),
+            "px",
+            "shift of an image from its expected position, relative to the reference image",
         ),
-        "image_roll": Variable(("s", "t"), "rad", "how far an image is turned from x to y beside the reference's"),
-        "image_scale": Variable(("s", "t"), "1", "by what share an image is larger than it should be"),
+        "image_roll": Variable(("s", "t"), "rad", "rotation of an image from x to y relative to the reference image"),
+        "image_scale": Variable(("s", "t"), "1", "relative deviation of an image from its expected scale"),
         "image_shift_std": _std(("image_component", "s", "t"), "px", "the shift of the image"),
         "image_roll_std": _std(("s", "t"), "rad", "the roll of the image"),
         "image_scale_std": _std(("s", "t"), "1", "the scale of the image"),
-        "image_count": Variable(_MAP, "1", "mean number of images that show the pixels of the window"),
+        "image_count": Variable(_MAP, "1", "mean number of images that contribute to the pixels of the window"),
         "residual": Variable(
             _MAP,
             "1",
@@ -241,18 +244,19 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "eigenvalues": Variable(("rank", *_MAP), "1", "eigenvalues l1 >= ... >= l5 of the structure tensor"),
     },
 }
-"""Every variable of the three data sets. A truth for all cameras has ``s`` before ``t``. Where cameras stand in rows,
-``s_y`` comes before ``s``. The exclusion mask of a recording may lack dimensions along which it is the same."""
+"""All variables of the three data sets. Ground truth for all cameras has ``s`` before ``t``. In a grid of cameras,
+``s_y`` precedes ``s``. The exclusion mask of a recording may lack dimensions along which it is constant.
+"""
 
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     "recording": ("image",),
     "truth": ("depth", "velocity", "disparity", "flow", "mixed"),
     "estimate": (),
 }
-"""The variables that a data set must have, all of them."""
+"""Required variables of each data set."""
 
 REQUIRED_ANY: Mapping[str, tuple[str, ...]] = {"estimate": tuple(_SURFACE)}
-"""The variables of which a data set must have at least one: stereo gives no motion, optical flow no depth."""
+"""Variables of which at least one is required: stereo methods give no motion, optical-flow methods no depth."""
 
 COORDINATES = {
     "s": ("1", "camera position on the stage, 0 is the reference"),
@@ -270,7 +274,7 @@ COORDINATES = {
     "image_component": ("1", "component in the image"),
     "rank": ("1", "rank of the eigenvalue, 1 is the largest"),
     "slope_component": ("1", "direction of the slope along the axes of the camera"),
-    "principal": ("1", "1 is the larger, 2 the lesser of two principal values"),
+    "principal": ("1", "1 is the larger, 2 the smaller of two principal values"),
     "corner": ("1", "corner of the triangle"),
     "texture_component": ("1", "u to the right, v down"),
 }
@@ -299,11 +303,10 @@ def label(
     y: ArrayLike | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Put names, coordinates and units on plain arrays.
+    """Return a data set with names, coordinates and units from plain arrays.
 
-    ``t``, ``s``: The frame and camera indices, 0 the reference.
-    ``x``, ``y``: Pixel indices of the columns and rows; all pixels from 0 on if not given. The intrinsics hold for
-      these indices.
+    ``t``, ``s``: Frame and camera indices, 0 at the reference.
+    ``x``, ``y``: Pixel indices of the columns and rows, to which the intrinsics refer; default: from 0 on.
     """
     variables: dict[str, xr.Variable] = {}
     for name, array in arrays.items():
@@ -314,7 +317,7 @@ def label(
             dims, values, {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
         )
     sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
-    # Coordinates are copies: what a caller changes later is not ours, and the other way round.
+    # Coordinates are copied so that they share no memory with the caller's arrays.
     frames = np.array(t, dtype=np.int64)
     coordinates: dict[str, tuple[str, ArrayLike]] = {
         "t": ("t", frames),
@@ -351,7 +354,7 @@ def label(
 
 
 def _list_dims(kind: str, entry: Variable, count: int, *, rows: bool) -> tuple[str, ...]:
-    """Return the names of an array's dimensions, from how many it has."""
+    """Return the dimension names of an array from its number of dimensions."""
     dims = entry.dims
     if rows and "s" in dims:
         at = dims.index("s")

@@ -1,4 +1,4 @@
-"""Estimates compared with the truth: statistics, figures and a report; figures and a report without a truth too."""
+"""Scoring of estimates against ground truth: statistics, figures and reports."""
 
 from scenetruth.scoring.convention_check import detect_convention_mismatches
 from scenetruth.scoring.convention_hypotheses import ConventionMismatch

@@ -1,7 +1,4 @@
-"""Detection of convention mismatches in an estimate.
-
-Wrong sign, unit, origin or order, and shifts by a whole or half a pixel.
-"""
+"""Detection of convention mismatches: wrong sign, unit, origin or order, and shifts by one or half a pixel."""
 
 from __future__ import annotations
 
@@ -39,50 +36,47 @@ __all__ = ["MismatchVerdict", "ShiftFit", "detect_convention_mismatches", "fit_s
 Map = NDArray[np.float64]
 
 LEAST_PIXELS = 50
-"""With fewer pixels that tell of a slip, chance may name one."""
+"""Minimum number of valid pixels; with fewer, a mismatch could be detected by chance."""
 
 _PIXELS = 1500
-"""How many pixels are looked at."""
+"""Maximum number of pixels that are evaluated."""
 
 _LEAST_EXPLAINED = 0.6
-"""Least share of the misfit that undoing a slip takes away. Where an estimate is right, undoing what is not there adds
-to the misfit; only errors that look like the slip itself are taken away, and of the rest there is more than of them."""
+"""Minimum fraction of the residual that undoing a mismatch removes; undoing an absent mismatch increases it."""
 
 _LEAST_SHARE = 0.75
-"""Least share of the change that a slip makes at pixels where the estimate is nearer to the slip than to the truth. A
-tenth of outliers on each side leaves nine tenths; errors that know nothing of the slip leave less than half."""
+"""Minimum fraction of the change by a mismatch at pixels closer to the mismatch than to the truth; random: < 0.5."""
 
 _GLANCED = 500
 _GLANCED_SHARE = 0.4
-"""Of so many pixels, hypotheses with a lesser share are left out before they are looked at closely."""
+"""Of at most ``_GLANCED`` pixels; hypotheses with a smaller fraction are rejected before the full evaluation."""
 
 _GAIN = 0.05
-"""Biases of methods, as a share of the value, that say nothing for or against a slip. What a slip explains beyond a
-gain in this range is counted: a surface that comes nearer by 1 % per frame is not told from a bias of 1 %."""
+"""Range of method bias, as a fraction of the value, that is evidence neither for nor against a mismatch. Only what a
+mismatch explains beyond a gain in this range counts: an approach by 1 % per frame is equivalent to a bias of 1 %."""
 
 _LEAST_CHANGE = 1e-4
-"""Least change by a slip, as a share of the values: what changes nothing but the last digits cannot be seen."""
+"""Smallest change by a mismatch, as a fraction of the values; smaller changes are rounding errors."""
 
 _LARGEST_GAIN = 0.2
-"""Largest logarithm of the gain that a slip may leave: if values still are far too large, the slip is another one."""
+"""Largest logarithm of the gain that may remain after a mismatch; a larger gain indicates another mismatch."""
 
 _OF_VALUES = 0.5
-"""Largest misfit that a slip may leave, as a share of the values: an estimate must be more than noise."""
+"""Largest residual that may remain after a mismatch, as a fraction of the values; noise alone exceeds it."""
 
 _TRUSTED_SCALE = (0.8, 1.25)
-"""Where an estimate is so many times the truth, its unit is not in question."""
+"""Range of the ratio of estimate to truth within which the unit is not tested."""
 
 _EQUAL = 1.1
-"""Up to this ratio of misfits, the explanation that is preferred is taken."""
+"""Ratio of residuals up to which the preferred explanation is chosen."""
 
 
 @dataclass(frozen=True)
 class MismatchVerdict:
-    """Slips that are likely, and how much they explain.
+    """Detected mismatches.
 
-    ``hypothesis``: The slips.
-    ``explained``: Share of the misfit that undoing them takes away.
-    ``errors``: What is left at every pixel that was looked at, in the units of the truth; NaN where it is not known.
+    ``explained``: Fraction of the residual that is removed by undoing them.
+    ``errors``: Remaining error at every evaluated pixel, in the units of the truth; NaN where undefined.
     """
 
     hypothesis: MismatchHypothesis
@@ -91,22 +85,21 @@ class MismatchVerdict:
 
 
 def search_mismatches(material: MismatchSamples) -> MismatchVerdict | None:
-    """Return the slips that explain most of an estimate's misfit, or None.
+    """Return the mismatches that explain most of an estimate's residual, or None.
 
-    All combinations of one slip of place, one of meaning and one of scale are compared with the estimate being right,
-    with weights: the change that the slips would make.
+    Every combination of one mismatch of position, meaning and scale each is compared with a correct estimate.
     """
     places = material.drawn(_PIXELS)
     found, truth = material.estimate_at(places), material.truth_at(places)
     if found.shape[1] < LEAST_PIXELS:
         return None
-    # The truth in whatever unit the estimate has: its size alone is no sign of anything but a scale.
+    # The truth, scaled to the size of the estimate: size alone is evidence of a scale mismatch only.
     rescaled = fit_factor(lengths(found)[np.newaxis], lengths(truth)[np.newaxis]) * truth
     right, verdicts = fit_factor(found, truth), []
     for hypothesis, expected in _hypotheses(material, places, found, right):
         verdict = _judged(hypothesis, found, truth, expected, right)
         if verdict is not None and hypothesis.scaled is not None and hypothesis.parts > 1:
-            # With maps upside down the scale that fits best may happen to be a whole number.
+            # With flipped maps the best-fitting scale may be an integer by chance.
             verdict = verdict if _judged(hypothesis, found, rescaled, expected, 1.0) is not None else None
         if verdict is not None:
             verdicts.append(verdict)
@@ -116,7 +109,7 @@ def search_mismatches(material: MismatchSamples) -> MismatchVerdict | None:
 def _hypotheses(
     material: MismatchSamples, places: SamplePositions, found: Map, right: float
 ) -> Iterator[tuple[MismatchHypothesis, Map]]:
-    """Give all hypotheses but that of no slip, and what the estimate would show of each."""
+    """Yield every hypothesis except that of no mismatch, and the values that it predicts for the estimate."""
     low, high = _TRUSTED_SCALE
     suspicious = not low <= right <= high
     for move in (None, *POSITION_HYPOTHESES):
@@ -140,7 +133,7 @@ def _hypotheses(
 def _judged(
     hypothesis: MismatchHypothesis, found: Map, truth: Map, expected: Map, right: float
 ) -> MismatchVerdict | None:
-    """Return what a hypothesis explains, or None where that is not enough; ``right`` is the gain beside the truth."""
+    """Return the verdict on a hypothesis, or None if it explains too little; ``right`` is the gain for the truth."""
     if not _is_near(found, truth, expected):
         return None
     known = np.asarray(np.isfinite(expected).all(axis=0))
@@ -176,7 +169,7 @@ def _step_of(values: Map) -> int:
 
 
 def _is_near(found: Map, truth: Map, expected: Map) -> bool:
-    """Return whether an estimate may be nearer to what is expected than to the truth; most hypotheses end here."""
+    """Return whether an estimate may be closer to a prediction than to the truth; rejects most hypotheses early."""
     step = _step_of(found)
     found, truth, expected = found[:, ::step], truth[:, ::step], expected[:, ::step]
     change = lengths(expected - truth)
@@ -188,19 +181,19 @@ def _is_near(found: Map, truth: Map, expected: Map) -> bool:
 
 
 def _unit(expected: Map, truth: Map) -> float:
-    """Return how large values with the slips are beside the true ones: errors are compared in the truth's units."""
+    """Return the ratio of predicted to true magnitude, which converts errors to the units of the truth."""
     ratio = float(np.abs(expected).sum() / np.abs(truth).sum()) if truth.any() else 1.0
-    # Another part of the scene may have somewhat larger values.
+    # Values elsewhere in the scene may be moderately larger.
     return ratio if ratio > 0 and abs(math.log(ratio)) > math.log(LEAST_RATIO) else 1.0
 
 
 def _bias(gain: float) -> float:
-    """Return the part of a gain that may be a method's bias."""
+    """Return the part of a gain that is attributed to method bias."""
     return min(max(gain, 1 - _GAIN), 1 + _GAIN) if math.isfinite(gain) else 1.0
 
 
 def _best(verdicts: Sequence[MismatchVerdict], truth: Map) -> MismatchVerdict | None:
-    """Return the one that leaves the least misfit where they differ; a further slip must explain most of the rest."""
+    """Return the verdict with the smallest residual; each further mismatch must explain most of what remains."""
     if len(verdicts) < 2:
         return verdicts[0] if verdicts else None
     errors = np.stack([verdict.errors for verdict in verdicts])
@@ -208,7 +201,7 @@ def _best(verdicts: Sequence[MismatchVerdict], truth: Map) -> MismatchVerdict | 
     if errors.shape[1] < LEAST_PIXELS:
         return max(verdicts, key=lambda verdict: verdict.explained)
     values = lengths(truth)
-    # Outliers count alike for all.
+    # Outliers contribute equally to all.
     errors = np.minimum(errors, 3 * np.median(values[values > 0])) if (values > 0).any() else errors
     apart = np.ptp(errors, axis=0)
     left = errors @ apart / apart.sum() if apart.any() else np.zeros(len(errors))
@@ -226,45 +219,43 @@ Indices = NDArray[np.intp]
 
 _SHIFT_PIXELS = 4000
 _SHARE = 1 / 16
-"""So many pixels, or this share of a map if that is more, are looked at: in larger images slopes per pixel are less."""
+"""Number of pixels, or fraction of a map if larger, that are evaluated: larger images have smaller slopes per pixel."""
 
 _LEAST_SHIFT_PIXELS = 200
 _LEAST_BLOCKS = 12
-"""With fewer, the standard error is not known."""
+"""With fewer blocks the standard error is undefined."""
 
 _BLOCKS = 8
-"""Blocks along each side of the map, for the standard error; errors of methods reach over windows, not over blocks."""
+"""Blocks along each side of the map, for the standard error; method errors correlate within windows, not blocks."""
 
 _LARGEST_STD_PX = 0.06
-"""Largest standard error: half a pixel is eight of it from zero."""
+"""Largest standard error, px; half a pixel is eight times as large."""
 
 _REACH_PX = 0.15
-"""How far a measured shift may be from a half or a whole pixel: 2.5 of the largest standard errors."""
+"""Largest deviation of a measured shift from a multiple of half a pixel: 2.5 times the largest standard error."""
 
 _LEAST_SHIFT_EXPLAINED = 0.05
-"""Least share of the squared misfit away from edges. A shift changes little there beside a method's noise, so that its
-standard error decides; this leaves out what explains nothing to speak of."""
+"""Minimum explained fraction of the squared residual; the change by a shift is small compared with noise."""
 
 _LEAST_OWN = 0.01
-"""Least share of a gradient's variance that an offset, a gain, blur and the other gradient do not account for."""
+"""Minimum fraction of a gradient's variance that is independent of offset, gain, blur and the other gradient."""
 
 _FLOOR_PX = 0.02
-"""Errors smaller than those of such a shift are taken as equally good."""
+"""Errors smaller than those of such a shift are treated as equal."""
 
 _ROUNDS = 4
 _TUKEY = 4.685
 _OF_MEDIAN = 1 / 0.6745
-"""Standard deviation of normal errors over the median of their absolute values; Tukey's limit of outliers in it."""
+"""Standard deviation of normal errors over their median absolute value; ``_TUKEY`` counts such standard deviations."""
 
 
 @dataclass(frozen=True)
 class ShiftFit:
-    """What a shift explains.
+    """A measured shift.
 
-    ``right``, ``down``: By how many pixels the maps are shifted: 0, 1/2 or 1 in both directions, or None where that is
-      not known.
-    ``explained``: Share of the squared misfit away from edges that undoing the shift takes away.
-    ``left``: Median of the misfit that is left.
+    ``right``, ``down``: 0, 1/2 or 1 px in either direction, or None where undetermined.
+    ``explained``: Fraction of the squared residual in the interior that is removed by undoing the shift.
+    ``left``: Median of the remaining error.
     """
 
     right: float | None
@@ -278,7 +269,7 @@ class ShiftFit:
         return bool(self.right or self.down) and self.explained >= _LEAST_SHIFT_EXPLAINED
 
     def slips(self, quantity: str) -> list[ConventionMismatch]:
-        """Return what is told of a quantity."""
+        """Return the mismatches of a quantity that the shift implies."""
         if not self.is_slip:
             return []
         ways = [
@@ -295,12 +286,11 @@ class ShiftFit:
 
 
 def fit_shift(material: MismatchSamples, hypothesis: MismatchHypothesis) -> ShiftFit | None:
-    """Return the shift that explains most of what slips leave, or None where it cannot be measured.
+    """Return the shift that explains most of the residual after other mismatches, or None where undetermined.
 
-    Errors are fitted by the gradients of the truth with its slips, by robust least squares together with an offset, a
-    gain and blur (the Laplacian) of every component, which thus are never taken for a shift. On a plane of constant
-    slope an offset looks like a shift, so that none is measured there. The standard error is that of the jackknife
-    over blocks of the map.
+    Robust least squares fits the errors by the gradients of the predicted values, together with an offset, a gain and
+    a blur (the Laplacian) of every component. On a plane of constant slope no shift is measured. The standard error is
+    the jackknife estimate over blocks of the map.
     """
     grid = material.grid
     places = material.drawn(max(_SHIFT_PIXELS, int(_SHARE * grid.rows * grid.columns)), inner=True)
@@ -325,9 +315,9 @@ def fit_shift(material: MismatchSamples, hypothesis: MismatchHypothesis) -> Shif
 class _Rows:
     """The linear model of a quantity's errors.
 
-    ``error``: Errors in units of their spread, shape (n * component,): those of a pixel follow each other.
-    ``columns``: What they may follow from, shape (n * component, k): the two gradients, then what is no shift.
-    ``size``: The units, shape (component,).
+    ``error``: Errors in units of their spread, shape (n * component,), grouped by pixel.
+    ``columns``: Regressors, shape (n * component, k): the two gradients first, then offset, gain and blur.
+    ``size``: Spread of every component, shape (component,).
     """
 
     error: Map
@@ -336,7 +326,7 @@ class _Rows:
 
     @classmethod
     def of(cls, error: Map, middle: Map, gradients: Map, blur: Map) -> _Rows | None:
-        """Return the model, or None where nothing has a gradient; all arrays have the shape (..., component, n)."""
+        """Return the model, or None where all gradients vanish; all arrays have the shape (..., component, n)."""
         steepest = np.median(np.abs(gradients), axis=2).max()
         spread = _OF_MEDIAN * np.median(np.abs(error - np.median(error, axis=1, keepdims=True)), axis=1)
         size = np.maximum(spread, _FLOOR_PX * steepest)
@@ -350,7 +340,7 @@ class _Rows:
             columns[:, place, 3 + 3 * place] = middle[place] - middle[place].mean()
             columns[:, place, 4 + 3 * place] = blur[place]
         columns /= size[:, np.newaxis]
-        # Columns of one size: products of small and large ones would be lost in rounding.
+        # Normalised columns keep the normal equations well conditioned.
         lengths_of = np.sqrt(np.square(columns[..., 2:]).sum(axis=(0, 1)))
         columns[..., 2:] /= np.where(lengths_of > 0, lengths_of, 1.0)
         return cls((error.T / size).ravel(), columns.reshape(n * count, -1), size)
@@ -360,22 +350,22 @@ class _Rows:
         return replace(self, columns=np.delete(self.columns, dropped, axis=1)) if dropped else self
 
     def normal(self, weights: Map) -> tuple[Map, Map]:
-        """Return matrix and right side of the normal equations, with a weight for every pixel."""
+        """Return the matrix and right-hand side of the normal equations with a weight for every pixel."""
         weighted = self.columns * np.repeat(weights, len(self.size))[:, np.newaxis]
         return self.columns.T @ weighted, weighted.T @ self.error
 
     def left(self, solution: Map) -> Map:
-        """Return what a solution leaves, shape (component, n)."""
+        """Return the residuals of a solution, shape (component, n)."""
         return np.asarray((self.error - self.columns @ solution).reshape(-1, len(self.size)).T)
 
     def misfit(self, solution: Map) -> float:
-        """Return the median of what a solution leaves, in the units of the quantity."""
+        """Return the median residual of a solution, in the units of the quantity."""
         return float(np.median(lengths(self.left(solution) * self.size[:, np.newaxis])))
 
 
 def _measured(rows: _Rows, blocks: Indices) -> ShiftFit | None:
     weights = _first_weights(rows)
-    # A gradient that follows from offset, gain and blur tells nothing.
+    # A gradient that depends linearly on offset, gain and blur provides no information.
     own = _own_shares(rows, weights)
     axes = [axis for axis in (0, 1) if own[axis] >= _LEAST_OWN]
     if not axes:
@@ -405,7 +395,7 @@ def _first_weights(rows: _Rows) -> Map:
 
 
 def _fit(rows: _Rows, weights: Map) -> tuple[Map, Map]:
-    """Return the solution of robust least squares (Tukey's weights), and its weights."""
+    """Return the solution of robust least squares with Tukey's biweight, and its weights."""
     solution = _solved(*rows.normal(weights))
     for _ in range(_ROUNDS):
         size = lengths(rows.left(solution))
@@ -416,7 +406,7 @@ def _fit(rows: _Rows, weights: Map) -> tuple[Map, Map]:
 
 
 def _solved(matrix: Map, side: Map) -> Map:
-    """Return the solutions of normal equations whose columns may depend on each other; shapes (..., k, k), (..., k)."""
+    """Return the solutions of normal equations of possibly dependent columns; shapes (..., k, k), (..., k)."""
     scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), np.finfo(float).tiny))
     ridge = 1e-10 * np.eye(side.shape[-1])
     even = matrix / (scale[..., np.newaxis] * scale[..., np.newaxis, :]) + ridge
@@ -424,7 +414,7 @@ def _solved(matrix: Map, side: Map) -> Map:
 
 
 def _own_shares(rows: _Rows, weights: Map) -> list[float]:
-    """Return by axis the share of the gradient's square that no other column accounts for."""
+    """Return for each axis the fraction of the gradient's sum of squares that is independent of the other columns."""
     matrix, _ = rows.normal(weights)
     scale = np.sqrt(np.diag(matrix))
     shares = []
@@ -440,7 +430,7 @@ def _own_shares(rows: _Rows, weights: Map) -> list[float]:
 
 
 def _jackknife(rows: _Rows, weights: Map, blocks: Indices) -> Map:
-    """Return the standard errors of a solution, from leaving out one block after the other."""
+    """Return the jackknife standard errors of a solution, leaving out one block at a time."""
     names = np.unique(blocks[weights > 0])
     if len(names) < _LEAST_BLOCKS:
         return np.full(rows.columns.shape[1], math.inf)
@@ -457,7 +447,7 @@ def _jackknife(rows: _Rows, weights: Map, blocks: Indices) -> Map:
 
 
 def _block_indices(places: SamplePositions, material: MismatchSamples) -> Indices:
-    """Return the number of the block of the map that every pixel lies in; frames share them."""
+    """Return the block index of every pixel; all frames share the blocks."""
     grid = material.grid
     return np.asarray((places.y * _BLOCKS // grid.rows) * _BLOCKS + places.x * _BLOCKS // grid.columns)
 
@@ -468,47 +458,47 @@ _COMPONENTS = {"flow": 2, "velocity": 3}
 def detect_convention_mismatches(
     estimate: xr.Dataset | Mapping[str, ArrayLike], truth: xr.Dataset
 ) -> list[ConventionMismatch]:
-    """Return the likely slips of convention in an estimate: signs, units, order, origin, one frame or pixel off.
+    """Return the likely convention mismatches of an estimate: wrong sign, unit, order, origin, frame or pixel shift.
 
-    Every combination of a slip of place (maps upside down, mirrored, transposed, of another frame), one of meaning
-    (signs, order of components, the distance along the ray, disparity for depth) and one of scale (units, steps, time)
-    is compared with the estimate being right, for each of depth, disparity, flow and velocity. One is named where
-    undoing it takes away most of the misfit at the pixels that it changes, beyond what a gain of up to 5 % does: errors
-    of a method, as noise, blur, outliers and bias, are not taken away so. Of several that explain alike the simplest is
-    named. Shifts by one and by half a pixel are measured from the gradients of the truth away from edges, and named
-    where they are many standard errors from zero.
+    Every combination of a mismatch of position (maps flipped, mirrored, transposed, of another frame), of meaning
+    (signs, order of components, the distance along the ray, disparity for depth) and of scale (units, steps, time) is
+    compared with a correct estimate, for each of depth, disparity, flow and velocity. A mismatch is reported where
+    undoing it removes most of the residual at the pixels that it changes, beyond the effect of a gain of up to 5 %.
+    Errors of a method, such as noise, blur, outliers and bias, are not removed. Of several equivalent
+    explanations the simplest is reported. Shifts by one and by half a pixel are measured from the gradients of the
+    truth in the interior, and reported where they exceed many standard errors.
 
-    What does not show is not named: the sign of a motion that is zero, a plane that is the same upside down. Of large
-    data sets, three frames and some thousand pixels are looked at.
+    Undetectable mismatches are not reported: the sign of zero motion, a flipped plane that is symmetric. Of large
+    data sets, three frames and 1500 to 4000 pixels (1/16 of large maps) are evaluated.
 
     Parameters
     ----------
     estimate
-        The estimate, dimensions (t, y, x); the sign of depth and disparity may be any. Or plain arrays, which
-        `make_estimate` may refuse, by name: ``depth`` in mm and ``disparity`` in px per step of s, shape (t, y, x) or
-        (y, x); ``flow`` in px and ``velocity`` in mm per frame, shapes (2, ...) and (3, ...); ``t``, their frames. If
-        frames are not given: all of the truth if there are as many, the reference frame for a single one.
+        The estimate, dimensions (t, y, x); depth and disparity may have either sign. Alternatively a mapping of plain
+        arrays, which `make_estimate` may reject: ``depth`` in mm and ``disparity`` in px/step, shape (t, y, x) or
+        (y, x); ``flow`` in px/frame and ``velocity`` in mm/frame, shapes (2, ...) and (3, ...); ``t``, their frames,
+        default: all frames of the truth if their number agrees, the reference frame for a single one.
     truth
-        The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is taken; it may have more frames and pixels.
+        The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is used; it may have more frames and pixels.
 
     Returns
     -------
-    list of Slip
-        By quantity; empty if the estimate shows none.
+    list of ConventionMismatch
+        By quantity; empty if no mismatch is detected.
 
     Raises
     ------
     ScoreError
-        If the data sets cannot be compared; lists what is wrong.
+        If the data sets cannot be compared; lists every problem.
 
     See Also
     --------
-    make_estimate : An estimate from plain arrays.
-    score : How large the errors are.
+    make_estimate : Estimate from plain arrays.
+    score : Statistics of the errors.
 
     Examples
     --------
-    A tilted plane, and a method that tells depth in metres:
+    A tilted plane, and a method that returns depth in metres:
 
     >>> from scenetruth.schema import Intrinsics, label
     >>> camera = Intrinsics(focal_length_px=100.0, principal_point_px=(15.5, 11.5), baseline_mm=5.0)
@@ -541,7 +531,7 @@ _ARRAYS = ("depth", "disparity", "flow", "velocity")
 
 
 def _arrange_arrays(given: Mapping[str, ArrayLike | None], truth: xr.Dataset) -> xr.Dataset:
-    """Return an estimate of plain arrays, however they are."""
+    """Return an estimate built from plain arrays."""
     if not isinstance(truth, xr.Dataset):
         raise ScoreError([Problem("truth", "must be an xarray.Dataset", type(truth).__name__)])
     size = tuple(truth.sizes[dim] for dim in ("y", "x") if dim in truth.sizes)
@@ -557,14 +547,14 @@ def _arrange_arrays(given: Mapping[str, ArrayLike | None], truth: xr.Dataset) ->
             if found is None:
                 lead = f"{_COMPONENTS[name]}, " if name in _COMPONENTS else ""
                 message = (
-                    f"must hold real numbers in the shape ({lead}t, y, x), or that without t, with (y, x) = {size}"
+                    f"must hold real numbers in the shape ({lead}t, y, x), or the same without t, with (y, x) = {size}"
                 )
                 problems.append(Problem(name, message, np.shape(values)))
             else:
                 arrays[name] = found
     counts = {name: values.shape[-3] for name, values in arrays.items()}
     if not (arrays or problems):
-        problems.append(Problem("", "at least one of depth, disparity, flow, velocity is needed"))
+        problems.append(Problem("", "at least one of depth, disparity, flow, velocity is required"))
     if len(set(counts.values())) > 1:
         problems.append(Problem("", "arrays hold different numbers of frames", counts))
     if problems:
@@ -575,13 +565,13 @@ def _arrange_arrays(given: Mapping[str, ArrayLike | None], truth: xr.Dataset) ->
     else:
         frames = np.atleast_1d(np.asarray(t))
     if len(frames) != count:
-        raise ScoreError([Problem("t", f"the arrays hold {count} frames, not these: say which by t=", frames.tolist())])
+        raise ScoreError([Problem("t", f"the arrays hold {count} frames; specify as many with t=", frames.tolist())])
     x, y = (truth[name].values if name in truth.coords else None for name in ("x", "y"))
     return label("estimate", arrays, read_intrinsics(truth), t=frames, x=x, y=y)
 
 
 def _with_frames(values: ArrayLike, components: int | None, size: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Return an array with its frames, or None if it has another shape, or holds no real numbers."""
+    """Return an array with a frame axis, or None if its shape or type is invalid."""
     raw = np.asarray(values)
     if raw.dtype.kind not in "fiu" or raw.size == 0:
         return None
@@ -601,7 +591,7 @@ def _detect_in_samples(material: MismatchSamples) -> list[ConventionMismatch]:
     if verdict is None:
         return [] if shift is None else shift.slips(quantity)
     if hypothesis.parts == 1 and hypothesis.move is not None:
-        # Of a surface that moves by a pixel per frame, one frame off looks nearly as one pixel off.
+        # For a surface that moves by about a pixel per frame, a wrong frame resembles a shift by one pixel.
         alone = fit_shift(material, NO_MISMATCH)
         if alone is not None and alone.is_slip and shift is not None and alone.left < shift.left:
             return alone.slips(quantity)

@@ -1,7 +1,4 @@
-"""Hypotheses of convention mismatches.
-
-Of scale (units, steps), of meaning (sign, order, inverse), and their combinations with those of position.
-"""
+"""Hypotheses of convention mismatches: scale (units, steps), meaning (sign, order, inverse), and combinations."""
 
 from __future__ import annotations
 
@@ -35,14 +32,13 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ConventionMismatch:
-    """A likely slip of convention in an estimate.
+    """A likely convention mismatch of an estimate.
 
-    ``kind``: Short and stable name, such as ``"sign"`` or ``"metres"``.
+    ``kind``: Short, stable name, such as ``"sign"`` or ``"metres"``.
     ``quantity``: The variable of the estimate, such as ``"disparity"``.
-    ``message``: One sentence: what is likely wrong, and the remedy.
-    ``explained``: The share of the misfit that undoing the slip takes away, 0 to 1: of the median error, weighted by
-      the change that the slip makes; of shifts by pixels, of its square away from edges. Of slips that are there
-      together, each has the share of all of them.
+    ``message``: One sentence: the likely cause and its correction.
+    ``explained``: Fraction of the residual that is removed by undoing it and all simultaneous mismatches, 0 to 1: of
+      the weighted median error; for pixel shifts, of the squared error in the interior.
     """
 
     kind: str
@@ -52,30 +48,28 @@ class ConventionMismatch:
 
 
 LEAST_RATIO = 1.4
-"""A scale nearer to 1 than this is no slip of units; the estimate may just be biased."""
+"""A scale closer to 1 than this is attributed to bias, not to a unit."""
 
 _SHARE = 0.05
-"""By which share of its own logarithm a scale may be missed: a biased estimate whose unit is wrong still is named."""
+"""Tolerance of a scale, as a fraction of its logarithm: the wrong unit of a biased estimate is still identified."""
 
 _LARGEST = 0.2
-"""The most that a scale may be missed by, as a logarithm: methods that are wrong by more are wrong in other ways."""
+"""Largest tolerance of a scale, as a logarithm; larger deviations have other causes."""
 
 _BETWEEN = 0.35
-"""By which share of the logarithmic distance to the next whole number one may be missed: 2.5 is neither 2 nor 3."""
+"""Tolerance of an integer scale, as a fraction of the logarithmic distance to the next: 2.5 is neither 2 nor 3."""
 
 _NAMED_APART = 10
-"""Up to here whole numbers are told apart; beyond, they are closer than an estimate's bias, and are called about n."""
+"""Largest integer that is distinguished from its neighbours; larger integers differ by less than typical bias."""
 
 
 @dataclass(frozen=True)
 class ScaleHypothesis:
-    """A slip of scale.
+    """A scale mismatch.
 
-    ``kind``: Its name.
-    ``quantities``: The variables that it belongs to.
-    ``message``: What is told, with ``{quantity}``, ``{factor}`` (by how much values are too large) and ``{inverse}``.
-    ``factors``: Gives the factors by which values with the slip are too large.
-    ``whole``: Whether the factors are whole numbers that follow each other.
+    ``message``: With ``{quantity}``, ``{factor}`` (ratio of estimate to truth) and ``{inverse}``.
+    ``factors``: Returns the possible ratios of estimate to truth.
+    ``whole``: Whether the factors are consecutive integers.
     """
 
     kind: str
@@ -85,7 +79,7 @@ class ScaleHypothesis:
     whole: bool = False
 
     def reach(self, factor: float) -> float:
-        """Return by how much the logarithm of a measured factor may miss one of `factors`."""
+        """Return the tolerance of the logarithm of a measured factor."""
         reach = min(_SHARE * abs(math.log(factor)), _LARGEST)
         if self.whole and factor <= _NAMED_APART:
             reach = min(reach, _BETWEEN * math.log1p(1 / factor))
@@ -94,20 +88,20 @@ class ScaleHypothesis:
 
 @dataclass(frozen=True)
 class MatchedScale:
-    """A slip of scale, and by how much values are too large."""
+    """A scale mismatch and its ratio of estimate to truth."""
 
     scale: ScaleHypothesis
     factor: float
 
     def message(self, quantity: str) -> str:
-        """Return what is told."""
+        """Return the message."""
         return self.scale.message.format(
             quantity=quantity, factor=f"{self.factor:.4g}", inverse=f"{1 / self.factor:.4g}"
         )
 
 
 def nearest_scale(quantity: str, factor: float, facts: AcquisitionParameters) -> MatchedScale | None:
-    """Return the slip of scale that a measured factor belongs to, or None.
+    """Return the scale mismatch that matches a measured factor, or None.
 
     >>> facts = AcquisitionParameters(500.0, 5.0, 1.0, 5, 1.0, 640.0)
     >>> nearest_scale("depth", 0.00102, facts).scale.kind, nearest_scale("disparity", 3.97, facts).factor
@@ -171,32 +165,32 @@ SCALE_HYPOTHESES = (
     ScaleHypothesis(
         "metres",
         ("depth", "velocity"),
-        "{quantity} is in metres: multiply it by 1000; lengths are in mm here",
+        "{quantity} is in metres: multiply it by 1000; lengths are in mm",
         _constant(1e-3),
     ),
     ScaleHypothesis(
         "centimetres",
         ("depth", "velocity"),
-        "{quantity} is in centimetres: multiply it by 10; lengths are in mm here",
+        "{quantity} is in centimetres: multiply it by 10; lengths are in mm",
         _constant(0.1),
     ),
     ScaleHypothesis(
         "micrometres",
         ("depth", "velocity"),
-        "{quantity} is in micrometres: divide it by 1000; lengths are in mm here",
+        "{quantity} is in micrometres: divide it by 1000; lengths are in mm",
         _constant(1e3),
     ),
     ScaleHypothesis(
         "whole_baseline",
         ("disparity",),
-        "disparity is that between the outermost cameras: divide it by {factor}; it is per step of s here",
+        "disparity is between the outermost cameras: divide it by {factor}; it is specified per step of s",
         _full_baseline,
         whole=True,
     ),
     ScaleHypothesis(
         "several_steps",
         ("disparity",),
-        "disparity is that over {factor} steps of the stage: divide it by {factor}; it is per step of s here",
+        "disparity is over {factor} steps of the stage: divide it by {factor}; it is specified per step of s",
         _integers(2, 8),
         whole=True,
     ),
@@ -210,37 +204,37 @@ SCALE_HYPOTHESES = (
         "metres_per_second",
         ("velocity",),
         "velocity is in metres per second: multiply it by {inverse}, that is, by 1000 and frame_interval_s; "
-        "it is in mm per frame here",
+        "it is specified in mm per frame",
         _metres_per_second,
     ),
     ScaleHypothesis(
         "baselines",
         ("velocity",),
-        "velocity is in baselines per frame: multiply it by baseline_mm; it is in mm per frame here",
+        "velocity is in baselines per frame: multiply it by baseline_mm; it is specified in mm per frame",
         _in_baselines,
     ),
     ScaleHypothesis(
         "pixels_of_the_map",
         ("disparity", "flow"),
-        "{quantity} is in pixels of the thinned image: multiply it by {inverse}; it is in pixels of the camera here",
+        "{quantity} is in pixels of the subsampled image: multiply it by {inverse}; it is specified in camera pixels",
         _in_pixels_of_the_map,
     ),
     ScaleHypothesis(
         "image_widths",
         ("disparity", "flow"),
-        "{quantity} is in widths of the image: multiply it by {inverse}; it is in pixels here",
+        "{quantity} is in image widths: multiply it by {inverse}; it is specified in pixels",
         _in_widths,
     ),
     ScaleHypothesis(
         "several_frames",
         ("flow", "velocity"),
         "{quantity} is {factor} times too large, as over {factor} frames or in another unit of time: divide it by "
-        "{factor}; it is per frame here",
+        "{factor}; it is specified per frame",
         _integers(2, 64),
         whole=True,
     ),
 )
-"""All slips of scale in the order in which they are preferred; a new one is an entry here."""
+"""All scale mismatches in order of preference."""
 
 
 Map = NDArray[np.float64]
@@ -248,14 +242,7 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MeaningHypothesis:
-    """A slip of meaning.
-
-    ``kind``: Its name.
-    ``quantity``: The variable that it belongs to.
-    ``message``: What is told.
-    ``apply``: Gives the values with the slip from the true ones, shape (component, n), and the lengths of the rays
-      there, scaled to Z = 1, shape (n,).
-    """
+    """A mismatch of meaning; ``apply`` maps true values (component, n) and ray lengths (n,) at Z = 1 to its values."""
 
     kind: str
     quantity: str
@@ -264,7 +251,7 @@ class MeaningHypothesis:
 
 
 def select_meaning_hypotheses(quantity: str) -> tuple[MeaningHypothesis, ...]:
-    """Return the slips of meaning that a quantity can have."""
+    """Return the mismatches of meaning that apply to a quantity."""
     return tuple(turn for turn in MEANING_HYPOTHESES if turn.quantity == quantity)
 
 
@@ -285,7 +272,7 @@ def _order(places: Sequence[int]) -> Callable[[Map, Map, AcquisitionParameters],
 
 
 def _over(values: Map, factor: float) -> Map:
-    # Where depth or disparity is zero, nothing is known of the other.
+    # Zero depth or disparity leaves the other undefined.
     return np.asarray(np.divide(factor, values, out=np.full(values.shape, np.nan), where=values != 0))
 
 
@@ -309,59 +296,59 @@ def _inverse_of_disparity(unit_mm: float) -> Callable[[Map, Map, AcquisitionPara
     def apply(values: Map, rays: Map, facts: AcquisitionParameters) -> Map:
         product = facts.focal_length_px * facts.baseline_mm
         ratio = unit_mm / product if product else np.nan
-        # Where 1 / Z is nearly as large as disparity is, the estimate may just be biased.
+        # If 1 / Z is nearly equal to the disparity, the estimate may only be biased.
         return values * (ratio if abs(np.log(abs(ratio))) >= np.log(LEAST_RATIO) else np.nan)
 
     return apply
 
 
 def _component_signs(quantity: str, axes: str, *, right: str) -> tuple[MeaningHypothesis, ...]:
-    """Return the slips of sign of single components, and of several but not all."""
+    """Return the sign mismatches of every proper subset of components."""
     count = len(axes)
     found = []
     for wrong in sorted(range(1, 2**count - 1), key=int.bit_count):
         named = [axes[place] for place in range(count) if wrong >> place & 1]
         signs = [-1 if wrong >> place & 1 else 1 for place in range(count)]
         plural = f"components of {quantity} have" if len(named) > 1 else f"component of {quantity} has"
-        message = f"the {' and '.join(named)} {plural} the other sign: change it; {right}"
+        message = f"the {' and '.join(named)} {plural} the opposite sign: change it; {right}"
         found.append(MeaningHypothesis(f"sign_{''.join(named).lower()}", quantity, message, _signs(*signs)))
     return tuple(found)
 
 
 MEANING_HYPOTHESES = (
     MeaningHypothesis(
-        "sign", "depth", "depth has the other sign: give -depth; Z is positive in front of the camera", _signs(-1)
+        "sign", "depth", "depth has the opposite sign: use -depth; Z is positive in front of the camera", _signs(-1)
     ),
     MeaningHypothesis(
         "range",
         "depth",
         "depth is the distance along the ray: divide it by the ray's length, sqrt(1 + x'^2 + y'^2) with "
-        "x' = (x - c_x) / f; depth is Z along the optical axis here",
+        "x' = (x - c_x) / f; depth is Z along the optical axis",
         _range,
     ),
     MeaningHypothesis(
-        "disparity", "depth", "depth holds disparity: give it as disparity=, or f V_X / disparity as depth=", _other
+        "disparity", "depth", "depth holds disparity: pass it as disparity=, or f V_X / disparity as depth=", _other
     ),
     MeaningHypothesis(
         "inverse_depth",
         "depth",
-        "depth holds the inverse of depth in 1/mm: give its inverse, 1 / depth",
+        "depth holds the inverse of depth in 1/mm: use 1 / depth",
         _inverse(1.0),
     ),
     MeaningHypothesis(
         "inverse_depth_in_metres",
         "depth",
-        "depth holds the inverse of depth in 1/m: give 1000 / depth, which is in mm",
+        "depth holds the inverse of depth in 1/m: use 1000 / depth, in mm",
         _inverse(1000.0),
     ),
     MeaningHypothesis(
         "sign",
         "disparity",
-        "disparity has the other sign, or the cameras the opposite order: give -disparity; x_s = x_0 - disparity s",
+        "disparity has the opposite sign, or the camera order is reversed: use -disparity; x_s = x_0 - disparity s",
         _signs(-1),
     ),
     MeaningHypothesis(
-        "depth", "disparity", "disparity holds depth: give it as depth=, or f V_X / depth as disparity=", _other
+        "depth", "disparity", "disparity holds depth: pass it as depth=, or f V_X / depth as disparity=", _other
     ),
     MeaningHypothesis(
         "inverse_depth",
@@ -378,46 +365,43 @@ MEANING_HYPOTHESES = (
     MeaningHypothesis(
         "sign",
         "flow",
-        "flow has the other sign, as if time ran backwards: give -flow; it points to where the point is at t + 1 here",
+        "flow has the opposite sign, as with reversed time: use -flow; it points to the position of the point at t + 1",
         _signs(-1, -1),
     ),
-    *_component_signs("flow", "xy", right="x counts to the right and y downwards"),
+    *_component_signs("flow", "xy", right="x points to the right and y downwards"),
     MeaningHypothesis(
         "components_exchanged",
         "flow",
-        "the components of flow are exchanged: x comes first, then y; give array[::-1]",
+        "the components of flow are exchanged: x comes first, then y; use array[::-1]",
         _order((1, 0)),
     ),
     MeaningHypothesis(
         "sign",
         "velocity",
-        "velocity has the other sign, as if time ran backwards or the camera moved: give -velocity; it is that of the "
-        "surface, and U_Z < 0 comes nearer",
+        "velocity has the opposite sign, as with reversed time or of the camera: use -velocity; it is the velocity of "
+        "the surface, and U_Z < 0 approaches the camera",
         _signs(-1, -1, -1),
     ),
     *_component_signs("velocity", "XYZ", right="X points to the right, Y down and Z away from the camera"),
     MeaningHypothesis(
         "components_exchanged",
         "velocity",
-        "the X and Y components of velocity are exchanged: their order is X, Y, Z; give array[[1, 0, 2]]",
+        "the X and Y components of velocity are exchanged: their order is X, Y, Z; use array[[1, 0, 2]]",
         _order((1, 0, 2)),
     ),
     MeaningHypothesis(
         "components_reversed",
         "velocity",
-        "the components of velocity are in the order Z, Y, X: their order is X, Y, Z; give array[::-1]",
+        "the components of velocity are in the order Z, Y, X: their order is X, Y, Z; use array[::-1]",
         _order((2, 1, 0)),
     ),
 )
-"""All slips of meaning, by quantity in the order in which they are preferred; a new one is an entry here."""
+"""All mismatches of meaning, by quantity in order of preference."""
 
 
 @dataclass(frozen=True)
 class MismatchHypothesis:
-    """Up to one slip of place, of meaning and of scale each.
-
-    ``move``, ``turn``, ``scaled``: The slips, or None.
-    """
+    """At most one mismatch of position (``move``), of meaning (``turn``) and of scale (``scaled``) each."""
 
     move: PositionHypothesis | None = None
     turn: MeaningHypothesis | None = None
@@ -425,16 +409,16 @@ class MismatchHypothesis:
 
     @property
     def parts(self) -> int:
-        """How many slips there are."""
+        """The number of mismatches."""
         return sum(part is not None for part in (self.move, self.turn, self.scaled))
 
     @property
     def factor(self) -> float:
-        """By how much values are too large."""
+        """The ratio of estimate to truth."""
         return 1.0 if self.scaled is None else self.scaled.factor
 
     def predicted(self, material: MismatchSamples, places: SamplePositions) -> Map:
-        """Return what the estimate would show at some places, shape (component, n); NaN where that is not known."""
+        """Return the values that an estimate would have, shape (component, n); NaN where undefined."""
         source = places if self.move is None else self.move.source(places, material.grid)
         if source is None:
             return np.full((len(material.truth), len(places.y)), np.nan)
@@ -444,7 +428,7 @@ class MismatchHypothesis:
         return self.factor * values
 
     def slips(self, quantity: str, explained: float) -> list[ConventionMismatch]:
-        """Return what is told of a quantity."""
+        """Return the mismatches of a quantity."""
         told = []
         if self.turn is not None:
             told.append((self.turn.kind, self.turn.message))
@@ -456,4 +440,4 @@ class MismatchHypothesis:
 
 
 NO_MISMATCH = MismatchHypothesis()
-"""No slip."""
+"""The hypothesis of a correct estimate."""

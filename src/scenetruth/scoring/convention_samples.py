@@ -1,7 +1,4 @@
-"""The sampled pixels on which convention mismatches are tested.
-
-Estimates and truths of one quantity, their positions, and the acquisition parameters.
-"""
+"""The sampled pixels on which convention mismatches are tested, their positions, and the acquisition parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ Map = NDArray[np.float64]
 
 
 def weighted_median(values: Map, weights: Map) -> float:
-    """Return the value that half of the weight lies below; NaN without any weight.
+    """Return the weighted median; NaN where the weights sum to zero.
 
     >>> weighted_median(np.array([5.0, 1.0, 2.0]), np.array([1.0, 1.0, 3.0]))
     2.0
@@ -54,7 +51,7 @@ def lengths(vectors: Map) -> Map:
 
 
 def fit_factor(found: Map, expected: Map) -> float:
-    """Return the factor a for which the sum of abs(found - a expected) is least; NaN where nothing is expected."""
+    """Return the factor a that minimises the sum of ``abs(found - a expected)``; NaN where all expected are zero."""
     there = expected != 0
     expected = expected[there]
     return weighted_median(found[there] / expected, np.abs(expected))
@@ -62,12 +59,10 @@ def fit_factor(found: Map, expected: Map) -> float:
 
 @dataclass(frozen=True)
 class AcquisitionParameters:
-    """What slips of scale and of meaning depend on.
+    """The acquisition parameters that mismatches of scale and meaning depend on.
 
-    ``focal_length_px``, ``baseline_mm``, ``frame_interval_s``: As of `scenetruth.schema.Intrinsics`.
-    ``positions``: How many positions the camera has on its stage, or None if the truth does not tell.
-    ``step_px``: Distance of neighbouring pixels of the map, in px of the camera: 2 if every other pixel was taken.
-    ``width_px``: Width of the map, in px of the camera.
+    ``positions``: Number of stage positions, or None if the truth does not specify it.
+    ``step_px``, ``width_px``: Pixel distance and width of the map, in camera px.
     """
 
     focal_length_px: float
@@ -79,7 +74,7 @@ class AcquisitionParameters:
 
 
 def read_acquisition_parameters(estimate: xr.Dataset, truth: xr.Dataset) -> AcquisitionParameters:
-    """Read the facts of an estimate, and of the whole truth that belongs to it."""
+    """Read the parameters of an estimate and its full truth."""
     camera = read_intrinsics(truth)
     _, step_px = compute_pixel_coordinates(estimate).step_px
     return AcquisitionParameters(
@@ -97,29 +92,20 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class SamplePositions:
-    """Some pixels of some frames, by their places in the arrays, each of shape (n,).
-
-    ``frame``: Place along the frames of a `SampleGrid`; negative where there is no such frame.
-    ``y``, ``x``: Row and column.
-    """
+    """Array indices of sampled pixels, shape (n,); ``frame`` is that of a `SampleGrid`, negative if missing."""
 
     frame: Indices
     y: Indices
     x: Indices
 
     def shifted(self, down: int = 0, right: int = 0) -> SamplePositions:
-        """Return the places so many pixels further down and to the right."""
+        """Return the positions shifted by whole pixels."""
         return replace(self, y=self.y + down, x=self.x + right)
 
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """The frames and pixels of the maps.
-
-    ``rows``, ``columns``: Size of the maps.
-    ``following``, ``preceding``, ``opposite``: By frame: the place of the frame after it, before it, and of the one as
-      far from the last as it is from the first; negative where there is none. Each has the shape (frame,).
-    """
+    """Size of the maps, and for each frame the index of the next, the previous and the time-reversed frame, or -1."""
 
     rows: int
     columns: int
@@ -130,12 +116,7 @@ class SampleGrid:
 
 @dataclass(frozen=True)
 class PositionHypothesis:
-    """A slip of place.
-
-    ``kind``: Its name.
-    ``message``: What is told, with ``{quantity}``.
-    ``source``: Gives the places whose values a map with the slip shows at some places; None where the slip cannot be.
-    """
+    """A mismatch of position; ``source`` returns the true positions of the values, or None where not applicable."""
 
     kind: str
     message: str
@@ -178,17 +159,17 @@ def _previous(places: SamplePositions, grid: SampleGrid) -> SamplePositions | No
 POSITION_HYPOTHESES = (
     PositionHypothesis(
         "rows_upside_down",
-        "the maps of {quantity} are upside down: flip them, array[..., ::-1, :]; row 0 is at the top here",
+        "the maps of {quantity} are upside down: flip them, array[..., ::-1, :]; row 0 is at the top",
         _upside_down,
     ),
     PositionHypothesis(
         "columns_mirrored",
-        "the maps of {quantity} are mirrored: flip them, array[..., ::-1]; column 0 is at the left here",
+        "the maps of {quantity} are mirrored: flip them, array[..., ::-1]; column 0 is at the left",
         _mirrored,
     ),
     PositionHypothesis(
         "maps_turned",
-        "the maps of {quantity} are turned by 180 degrees: flip both axes, array[..., ::-1, ::-1]",
+        "the maps of {quantity} are rotated by 180 degrees: flip both axes, array[..., ::-1, ::-1]",
         _turned,
     ),
     PositionHypothesis(
@@ -198,50 +179,46 @@ POSITION_HYPOTHESES = (
     ),
     PositionHypothesis(
         "frames_reversed",
-        "the frames of {quantity} are in reversed order: give the earliest first",
+        "the frames of {quantity} are in reverse order: the earliest comes first",
         _reversed,
     ),
     PositionHypothesis(
         "frame_after",
-        "{quantity} is one frame off: the map of t + 1 is given for t; give the frames by t=",
+        "{quantity} is shifted by one frame: the map of t + 1 is given for t; specify the frames with t=",
         _next,
     ),
     PositionHypothesis(
         "frame_before",
-        "{quantity} is one frame off: the map of t - 1 is given for t; give the frames by t=",
+        "{quantity} is shifted by one frame: the map of t - 1 is given for t; specify the frames with t=",
         _previous,
     ),
 )
-"""All slips of place by whole frames and maps, in the order in which they are preferred; a new one is an entry here."""
+"""All mismatches of position by frames and whole maps, in order of preference."""
 
 
 Mask = NDArray[np.bool_]
 
 MISMATCH_VARIABLES = ("depth", "disparity", "flow", "velocity")
-"""The variables whose slips are looked for."""
+"""The variables that are tested for mismatches."""
 
 _STATUSES = ("status", "status_disparity", "status_motion")
 _NEEDED = (*MISMATCH_VARIABLES, "mixed", "boundary_distance")
 
 _FRAMES = 3
-"""How many frames are looked at: a slip is in all of them."""
+"""Maximum number of frames that are evaluated; a mismatch affects all frames."""
 
 _EDGE_PX = 4.0
-"""Closer to edges than this, a window mixes surfaces, and derivatives of the truth are none of the surface."""
+"""Closer to discontinuities, windows mix surfaces and derivatives of the truth are not those of a surface."""
 
 
 @dataclass(frozen=True)
 class MismatchSamples:
     """The maps of one quantity.
 
-    ``quantity``: The variable.
-    ``facts``: Of the camera and the maps.
-    ``estimate``: Shape (component, t, y, x); NaN where the estimate does not claim to know it.
-    ``truth``: Shape (component, frame, y, x). The first frames are those of the estimate, in their order; the others
-      are beside them. NaN where there is no surface.
-    ``grid``: How frames follow each other.
+    ``estimate``: Shape (component, t, y, x); NaN where invalid.
+    ``truth``: Shape (component, frame, y, x), with the frames of the estimate first; NaN where there is no surface.
     ``rays``: Length of the ray of every pixel, scaled to Z = 1; shape (y, x).
-    ``smooth``: Where the true surface has no edge near, shape (t, y, x).
+    ``smooth``: True where no discontinuity of the true surface is near, shape (t, y, x).
     """
 
     quantity: str
@@ -263,7 +240,7 @@ class MismatchSamples:
         return values
 
     def drawn(self, count: int, *, inner: bool = False) -> SamplePositions:
-        """Return pixels where estimate and truth are known, evenly spread; at most ``count``."""
+        """Return at most ``count`` evenly spread pixels where estimate and truth are valid."""
         frames = self.estimate.shape[1]
         known = np.asarray(np.isfinite(self.estimate).all(axis=0))
         known &= np.isfinite(self.truth[:, :frames]).all(axis=0)
@@ -277,7 +254,7 @@ class MismatchSamples:
 
 
 def read_mismatch_samples(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[MismatchSamples]:
-    """Give what is compared, quantity by quantity, of some frames of an estimate."""
+    """Yield the samples of each quantity, from selected frames of an estimate."""
     check_alignable(estimate, truth)
     count = estimate.sizes["t"]
     held = [name for name in MISMATCH_VARIABLES if name in estimate]
@@ -303,7 +280,7 @@ def read_mismatch_samples(estimate: xr.Dataset, truth: xr.Dataset) -> Iterator[M
 def _neighbouring_frames(
     estimate: xr.Dataset, truth: xr.Dataset, chosen: NDArray[np.intp]
 ) -> tuple[list[int], SampleGrid]:
-    """Return the frames of the truth that are needed besides the chosen ones, and how they all follow each other."""
+    """Return the additional frames of the truth that are needed, and the order of all frames."""
     times = [int(t) for t in estimate["t"].values]
     there = {int(t) for t in truth["t"].values}
     own = [times[place] for place in chosen]
@@ -319,7 +296,7 @@ def _neighbouring_frames(
 
 
 def _maps(array: xr.DataArray) -> Map:
-    """Return maps of the shape (component, t, y, x); NaN where they are not finite."""
+    """Return maps of the shape (component, t, y, x); NaN where not finite."""
     values = np.array(array.transpose(..., "t", "y", "x").values, dtype=np.float64)
     values[~np.isfinite(values)] = np.nan
     return values if values.ndim == 4 else values[np.newaxis]

@@ -35,31 +35,26 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PixelCoordinates:
-    """The pixels of a map, which may show a part of the image, or every other pixel of it, along x and y differently.
-
-    `scenetruth.schema.PixelGrid` is the even and square grid that methods ask of a recording.
-
-    ``y``, ``x``: The rows and columns of the whole image, shapes (y,) and (x,), in px.
-    """
+    """Rows ``y`` and columns ``x`` of a map in px of the full image; steps may differ, unlike in a `PixelGrid`."""
 
     y: Map
     x: Map
 
     @property
     def step_px(self) -> tuple[float, float]:
-        """The distances between neighbouring pixels of the map, along y and along x, in px of the whole image."""
+        """Distances between neighbouring pixels of the map, along y and along x, in px of the full image."""
         return _step(self.y), _step(self.x)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """The outer borders of the map's left, right, lower and upper pixels, in px of the whole image."""
+        """Left, right, lower and upper border of the map, in px of the full image."""
         (height, width) = (0.5 * step for step in self.step_px)
         x, y = self.x, self.y
         return float(x[0] - width), float(x[-1] + width), float(y[-1] + height), float(y[0] - height)
 
 
 def compute_pixel_coordinates(dataset: xr.Dataset) -> PixelCoordinates:
-    """Return the pixels of a data set, from its coordinates y and x; counted from 0 where it has none."""
+    """Return the pixel coordinates y and x of a data set, by default counted from 0."""
     y, x = (
         np.asarray(dataset[dim].values if dim in dataset.coords else np.arange(dataset.sizes[dim]), dtype=np.float64)
         for dim in ("y", "x")
@@ -68,11 +63,7 @@ def compute_pixel_coordinates(dataset: xr.Dataset) -> PixelCoordinates:
 
 
 def compute_surface_points(depth: Map, intrinsics: Intrinsics, grid: PixelCoordinates | None = None) -> Map:
-    """Return the surface points that pixels see.
-
-    ``depth``: Depth in mm, shape (y, x).
-    Returns: X, Y and Z in mm in the camera's frame, shape (3, y, x).
-    """
+    """Return the surface points X, Y, Z in mm, camera frame, shape (3, y, x), from depth in mm, shape (y, x)."""
     c_x, c_y = intrinsics.principal_point_px
     y, x = (np.arange(size, dtype=np.float64) for size in depth.shape) if grid is None else (grid.y, grid.x)
     scale = depth / intrinsics.focal_length_px
@@ -84,7 +75,7 @@ def _step(places: Map) -> float:
 
 
 def _slope_of(normal: Map) -> Map:
-    # Of a face seen edge-on the slope is infinite.
+    # The slope of a face seen edge-on is infinite.
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(-normal[:2] / normal[2])
 
@@ -102,28 +93,24 @@ _FOLLOWS: Mapping[str, tuple[str, Callable[[Map], Map]]] = {
     "mean_curvature": ("curvature", _mean_of),
     "gaussian_curvature": ("curvature", _product_of),
 }
-"""Variables that follow from another one, which a truth may have instead."""
+"""Variables that can be computed from another variable of a truth."""
 
 
 def list_quantities(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Return those scalars of `QUANTITIES` whose variable a data set has, in the order of the table."""
+    """Return the scalar quantities of `QUANTITIES` whose variable is in a data set, in the order of the table."""
     return tuple(
         name for name, entry in QUANTITIES.items() if entry.variable in dataset and entry.error == "difference"
     )
 
 
 def has_quantity(truth: xr.Dataset, name: str) -> bool:
-    """Return whether a truth has a quantity, a key of `QUANTITIES`, or what it follows from."""
+    """Return whether a truth has a quantity, a key of `QUANTITIES`, or the variable from which it is computed."""
     variable = QUANTITIES[name].variable
     return variable in truth or (variable in _FOLLOWS and _FOLLOWS[variable][0] in truth)
 
 
 def read_quantity(dataset: xr.Dataset, name: str) -> Map:
-    """Read one quantity of a truth or an estimate.
-
-    Returns: float64, shape (t, y, x), of whole vectors (component, t, y, x); NaN where there is none. Growth is in %
-    per hour, all else in the units of the variable.
-    """
+    """Return a quantity in its units, growth in %/h; float64, shape (t, y, x), vectors (component, t, y, x)."""
     entry = QUANTITIES[name]
     if entry.variable in dataset:
         values = _read(dataset, entry.variable, entry.component)
@@ -135,11 +122,7 @@ def read_quantity(dataset: xr.Dataset, name: str) -> Map:
 
 
 def read_std(estimate: xr.Dataset, name: str) -> Map | None:
-    """Read the standard deviation that an estimate states for one quantity.
-
-    Returns: float64, shape (t, y, x), in the quantity's units, NaN where there is none; None where the estimate has no
-    standard deviation of this quantity.
-    """
+    """Return the stated standard deviation of a quantity, in its units, float64, shape (t, y, x); None if missing."""
     if not has_std(estimate, name):
         return None
     entry = QUANTITIES[name]
@@ -153,23 +136,20 @@ def read_std(estimate: xr.Dataset, name: str) -> Map | None:
 def has_std(estimate: xr.Dataset, name: str) -> bool:
     """Return whether an estimate states the standard deviation of a quantity, a key of `QUANTITIES`."""
     variable = f"{QUANTITIES[name].variable}_std"
-    # Only the agreed variables have been checked to have the quantity's dimensions. A distance has none.
+    # Only the variables of the data model have been checked for their dimensions. A distance has no standard deviation.
     return variable in estimate and variable in VARIABLES["estimate"] and QUANTITIES[name].error != "distance"
 
 
 def percent_per_hour(intrinsics: Intrinsics) -> float:
-    """Return the factor from 1/frame to % per hour."""
+    """Return the factor from 1/frame to %/h."""
     return 100.0 * 3600.0 / intrinsics.frame_interval_s
 
 
 def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
-    """Return where an estimate of a variable is valid.
+    """Return where an estimate of a variable is valid; bool, shape (t, y, x).
 
-    Depth, disparity and the shape of the surface are valid where ``status_disparity`` is valid, flow where
-    ``status_motion`` is, velocity, growth and rotation where both are. Where the estimate lacks one of the two,
-    ``status`` takes its place; without ``status``, every pixel counts as valid.
-
-    Returns: bool, shape (t, y, x).
+    ``status_disparity`` applies to depth, disparity and surface shape, ``status_motion`` to flow, and both to
+    velocity, growth and rotation. A missing map is replaced by ``status``; without ``status`` all pixels are valid.
     """
     needs = next(entry.needs for entry in QUANTITIES.values() if entry.variable == variable)
     statuses = [f"status_{need}" for need in needs]
@@ -181,11 +161,9 @@ def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class EstimateTruthPair:
-    """What is compared of one quantity; all arrays have the same shape.
+    """Estimated and true values of one quantity in the same units and shape, components first; NaN where undefined.
 
-    ``estimate``, ``truth``: The two maps, in the same units; NaN where there is none. Of vectors, the components come
-      first.
-    ``full``: Where the estimate claims to know the quantity; everywhere if None.
+    ``full``: Where the estimate is valid; everywhere if None.
     ``std``: The standard deviation that the estimate states, or None.
     """
 
@@ -195,7 +173,7 @@ class EstimateTruthPair:
     std: Map | None = None
 
     def at(self, region: NDArray[np.bool_]) -> EstimateTruthPair:
-        """Return the values in a region, as one row."""
+        """Return the values in a region as one-dimensional arrays."""
         return EstimateTruthPair(
             self.estimate[region],
             self.truth[region],
@@ -205,7 +183,7 @@ class EstimateTruthPair:
 
 
 def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> EstimateTruthPair:
-    """Read one quantity of an estimate, and its truth, as arrays of the shape (t, y, x)."""
+    """Return one quantity of an estimate and its truth as arrays of the shape (t, y, x)."""
     return EstimateTruthPair(
         read_quantity(estimate, name),
         read_quantity(truth, name),
@@ -215,11 +193,7 @@ def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> EstimateTru
 
 
 class EstimateTruthPairs(Mapping[str, EstimateTruthPair]):
-    """The quantities of an estimate that its truth tells, by the keys of `QUANTITIES`; read when they are looked up.
-
-    ``estimate``, ``truth``: Aligned data sets.
-    ``further``: More quantities, of which the estimate itself has none.
-    """
+    """Common quantities of aligned data sets, and ``further`` quantities, by keys of `QUANTITIES`; read on access."""
 
     def __init__(
         self, estimate: xr.Dataset, truth: xr.Dataset, further: Mapping[str, EstimateTruthPair] | None = None
@@ -245,7 +219,7 @@ class EstimateTruthPairs(Mapping[str, EstimateTruthPair]):
 
 
 def stacked(pairs: Mapping[str, EstimateTruthPair], names: Sequence[str]) -> EstimateTruthPair:
-    """Return several quantities as vectors: estimate and truth of the shape (component, ...), known where all are."""
+    """Return several quantities as vectors of the shape (component, ...), valid where all components are valid."""
     some = [pairs[name] for name in names]
     known = [pair.full for pair in some if pair.full is not None]
     return EstimateTruthPair(

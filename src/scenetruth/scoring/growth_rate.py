@@ -1,7 +1,4 @@
-"""The areal growth rate of a surface, from maps of its depth and velocity.
-
-Per pixel, and from affine fits in Gaussian windows.
-"""
+"""The areal growth rate of a surface, from affine fits to depth and velocity in Gaussian windows."""
 
 from __future__ import annotations
 
@@ -49,17 +46,13 @@ def label_depth_segments(
     objects: NDArray[np.generic] | None = None,
     step_px: tuple[float, float] = (1.0, 1.0),
 ) -> Labels:
-    """Give numbers to the connected pieces of a depth map.
+    """Label the connected surface segments of a depth map (y, x) in mm: int32, 0, 1, ..., and -1 where undefined.
 
-    Two pixels side by side belong to one surface if their depths differ by no more than
-    tan(``max_slope_deg``) Z / f, with Z the nearer of both: by what a surface of that slope does over one pixel. Where
-    it is known which object each pixel shows, they must also show the same one.
+    Neighbouring pixels belong to one segment if their depths differ by at most tan(``max_slope_deg``) Z / f, with Z the
+    smaller depth, and if they show the same object.
 
-    ``depth``: Depth in mm, shape (y, x); NaN where there is none.
-    ``max_slope_deg``: The steepest slope of one surface, in degrees.
-    ``objects``: The number of the object that each pixel shows, shape (y, x); of one object if not given.
-    ``step_px``: The distances between neighbouring pixels of the map, along y and along x, in px.
-    Returns: int32, shape (y, x): 0, 1, ... for the pieces, and -1 where there is no depth.
+    ``objects``: Object index of every pixel, shape (y, x); default: a single object.
+    ``step_px``: Distances between neighbouring pixels of the map, along y and along x, in px.
     """
     steepest = math.tan(math.radians(max_slope_deg)) / focal_length_px
     index = np.arange(depth.size).reshape(depth.shape)
@@ -67,7 +60,7 @@ def label_depth_segments(
     sides = (((..., slice(-1)), (..., slice(1, None)), step_px[1]), (slice(-1), slice(1, None), step_px[0]))
     for one, other, step in sides:
         near, far = np.minimum(depth[one], depth[other]), np.maximum(depth[one], depth[other])
-        # NaN compares as false, so that missing pixels touch nothing.
+        # Comparisons with NaN are false, so missing pixels connect to nothing.
         joined = far - near <= steepest * step * near
         if objects is not None:
             joined &= objects[one] == objects[other]
@@ -86,26 +79,24 @@ Mask = NDArray[np.bool_]
 Moments = tuple[Map, Map, Map]
 
 _TRUNCATE = 3.0
-"""Reach of the window in standard deviations. The fit of affine fields is exact for any weights."""
+"""Extent of the window in standard deviations. The fit of affine fields is exact for any weights."""
 
 _FLAT = 1e-6
-"""Least determinant of a window's covariance, in units of sigma^4, that tells x from y."""
+"""Minimum determinant of a window's covariance, in units of sigma^4, below which x and y are not separable."""
 
 
 def compute_windowed_growth(
     points: Map, velocity: Map, patches: Labels, window_px: float | tuple[float, float], min_coverage: float = 0.5
 ) -> Map:
-    """Return the areal growth rate of one frame; see `scenetruth.scoring.compute_growth_rate` for the formula.
+    """Return the areal growth rate of one frame in 1/frame, shape (y, x); NaN where the coverage is too small.
 
-    ``points``, ``velocity``: Surface points in mm and their velocities in mm per frame, shape (3, y, x).
-    ``patches``: The piece of surface that each pixel belongs to, shape (y, x); windows take pixels of their centre's
-      piece only, and none where it is negative.
-    Returns: In 1/frame, shape (y, x); NaN off all pieces, and where the window holds too little.
+    ``points``, ``velocity``: Surface points in mm and their velocities in mm/frame, shape (3, y, x).
+    ``patches``: Segment label of every pixel, negative outside; a window uses only the segment of its centre.
     """
     growth = np.full(patches.shape, np.nan)
     sigma_y, sigma_x = window_px if isinstance(window_px, tuple) else (window_px, window_px)
     window = _Window(_moments(sigma_y), _moments(sigma_x), _FLAT * (sigma_y * sigma_x) ** 2, min_coverage)
-    # A piece smaller than this fills no window.
+    # A segment with fewer pixels cannot reach the minimum coverage.
     least = min_coverage / (window.along_y[0].max() * window.along_x[0].max())
     sizes = np.bincount(patches[patches >= 0].ravel(), minlength=1)
     for number, box in enumerate(ndimage.find_objects(patches + 1)):
@@ -120,7 +111,7 @@ def compute_windowed_growth(
 
 @dataclass(frozen=True)
 class _Window:
-    """Gaussian weights along y and x (see `_moments`), and the least that a window must hold."""
+    """Gaussian weights along y and x (see `_moments`), and the minimum determinant and coverage of a window."""
 
     along_y: Moments
     along_x: Moments
@@ -129,7 +120,7 @@ class _Window:
 
 
 def _growth_of_segment(fields: Map, inside: Mask, window: _Window) -> Map:
-    """Return the growth rate of one piece, from its points and velocities (6, y, x), zero off it."""
+    """Return the growth rate of one segment from its points and velocities (6, y, x), which are zero outside."""
     one_y, first_y, second_y = window.along_y
     one_x, first_x, second_x = window.along_x
     mask = inside.astype(np.float64)
@@ -137,7 +128,7 @@ def _growth_of_segment(fields: Map, inside: Mask, window: _Window) -> Map:
     weight = _filtered(plain, one_y, -2)
     with np.errstate(divide="ignore", invalid="ignore"):
         mean_x, mean_y = _filtered(along_x, one_y, -2) / weight, _filtered(plain, first_y, -2) / weight
-        # Covariance of the pixels' places in the window.
+        # Covariance of the pixel positions in the window.
         c_xx = _filtered(_filtered(mask, second_x, -1), one_y, -2) / weight - mean_x**2
         c_xy = _filtered(along_x, first_y, -2) / weight - mean_x * mean_y
         c_yy = _filtered(plain, second_y, -2) / weight - mean_y**2
@@ -156,7 +147,7 @@ def _growth_of_segment(fields: Map, inside: Mask, window: _Window) -> Map:
 
 
 def _moments(window_px: float) -> Moments:
-    """Return Gaussian weights over an offset u, of sum 1, and these times u and u²."""
+    """Return Gaussian weights over an offset u, with sum 1, and their products with u and u²."""
     reach = max(1, math.ceil(_TRUNCATE * window_px))
     offset = np.arange(-reach, reach + 1, dtype=np.float64)
     weight = np.exp(-0.5 * (offset / window_px) ** 2)
@@ -170,34 +161,34 @@ def _filtered(values: Map, kernel: Map, axis: int) -> Map:
 
 
 def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = None) -> xr.DataArray:
-    """Return the relative areal growth rate that follows from a data set's depth and velocity.
+    """Return the relative areal growth rate computed from depth and velocity.
 
     At every pixel, the surface point P = Z ray and the velocity U are fitted as affine functions of the pixel's x and
-    y, by least squares with Gaussian weights. With their derivatives, an element of the surface has the area
+    y, by least squares with Gaussian weights. From their derivatives, a surface element has the area
     abs(P_x × P_y) dx dy, and it grows at the relative rate
 
         g = n · (U_x × P_y + P_x × U_y) / abs(P_x × P_y),    n = (P_x × P_y) / abs(P_x × P_y),
 
-    which is the divergence of U along the surface. U belongs to the point that a pixel sees, so that U_x dx is the
-    rate at which the material line P_x dx changes, however the image moves. The rate is exact, whatever the window,
-    where U is an affine function of P on a plane, and for rigid motions and similar growth of any surface.
+    which is the divergence of U along the surface. U belongs to the surface point at a pixel, so that U_x dx is the
+    rate of change of the material line P_x dx, independent of the motion in the image. The rate is exact for any
+    window where U is an affine function of P on a plane, and for rigid motions and similar growth of any surface.
 
-    A window takes pixels of one surface only. Neighbours are on two surfaces where depth jumps, and where the data set
-    has ``object_id``, as truths do, also where it changes.
+    A window uses pixels of one surface only. Surfaces are separated at depth discontinuities and, if the data set has
+    ``object_id`` as truths do, at object boundaries.
 
     Parameters
     ----------
     dataset
         An estimate with depth and velocity, or a truth of one camera; dimensions (t, y, x). Of an estimate, only pixels
-        whose velocity is full are used.
+        with valid velocity are used.
     settings
-        Of which ``growth_window_px``, ``growth_min_coverage`` and ``growth_max_slope_deg`` are used; the defaults if
-        not given.
+        Window and segmentation: ``growth_window_px``, ``growth_min_coverage`` and ``growth_max_slope_deg``; default:
+        the defaults of `ScoreSettings`.
 
     Returns
     -------
     xarray.DataArray
-        ``growth_rate``, float64, dimensions (t, y, x), in 1/frame; NaN where the window holds too little.
+        ``growth_rate``, float64, dimensions (t, y, x), in 1/frame; NaN where the coverage of the window is too small.
 
     Raises
     ------
@@ -206,12 +197,12 @@ def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = No
 
     See Also
     --------
-    score : Scores growth with all else.
-    estimate : The refined method tells growth of its own, ``growth_rate``.
+    score : Statistics of the errors of all quantities.
+    estimate : The refined method estimates ``growth_rate`` directly.
 
     Examples
     --------
-    A plane 500 mm away that expands by 0.1 % per frame along both X and Y:
+    A plane at a depth of 500 mm that expands by 0.1 % per frame along both X and Y:
 
     >>> from scenetruth.schema import Intrinsics, label
     >>> y, x = np.mgrid[:24, :32] - 10.0
@@ -228,7 +219,7 @@ def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = No
     if not isinstance(chosen, ScoreSettings):
         raise ScoreError([Problem("settings", "must be ScoreSettings", settings)])
     problems = [
-        Problem(name, "is missing; growth follows from depth and velocity", sorted(map(str, dataset.data_vars)))
+        Problem(name, "is missing; growth is computed from depth and velocity", sorted(map(str, dataset.data_vars)))
         for name in ("depth", "velocity")
         if name not in dataset
     ]
@@ -243,12 +234,9 @@ def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = No
 
 @dataclass(frozen=True)
 class GrowthMaps:
-    """Growth rates that are compared with each other, in 1/frame, shape (t, y, x), NaN where there is none.
+    """Growth rates of the estimate, of the truth at every pixel, and of the truth in the same windows.
 
-    ``estimate``: What follows from the estimate's depth and velocity.
-    ``truth``: The true growth rate of every pixel's own surface element.
-    ``truth_windowed``: What follows from the true depth and velocity in the same way, with the same windows over the
-      pixels that the estimate knows. What belongs to one surface is told by the truth itself.
+    In 1/frame, shape (t, y, x), NaN where undefined; in the windowed truth, surfaces are those of the truth.
     """
 
     estimate: Map
@@ -271,7 +259,7 @@ def _maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> G
 
 
 def has_growth_rate(estimate: xr.Dataset, truth: xr.Dataset) -> bool:
-    """Return whether the truth has ``growth_rate``, and the estimate knows depth and velocity of any pixel."""
+    """Return whether the truth has ``growth_rate`` and the estimate any pixel with valid depth and velocity."""
     if "growth_rate" not in truth or not {"depth", "velocity"} <= set(estimate):
         return False
     return bool(_valid(estimate).any())
@@ -280,11 +268,10 @@ def has_growth_rate(estimate: xr.Dataset, truth: xr.Dataset) -> bool:
 def compute_growth_pairs(
     estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings
 ) -> dict[str, EstimateTruthPair]:
-    """Return what is scored of the growth rate that follows from depth and velocity, in % per hour.
+    """Return the pairs of the growth rate computed from depth and velocity, in %/h.
 
-    ``growth_rate`` compares with the truth of every pixel, ``growth_rate_windowed`` with the truth in the same window:
-    the error of the former is that of the latter plus the bias of the window. (Of an estimate with a growth rate of its
-    own, `EstimateTruthPairs` takes that for the former.)
+    ``growth_rate`` is compared with the truth of every pixel, ``growth_rate_windowed`` with the truth in the same
+    window, which excludes the bias of the window.
     """
     maps = _maps(estimate, truth, settings)
     factor = percent_per_hour(read_intrinsics(estimate))
@@ -296,7 +283,7 @@ def compute_growth_pairs(
 
 
 def _valid(dataset: xr.Dataset) -> Mask:
-    """Return where a data set knows depth and velocity, shape (t, y, x)."""
+    """Return where depth and velocity are valid, shape (t, y, x)."""
     return _finite(dataset) & find_valid_pixels(dataset, "velocity")
 
 
@@ -306,11 +293,7 @@ def _finite(dataset: xr.Dataset) -> Mask:
 
 
 def _rates(dataset: xr.Dataset, used: Mask, connected: Mask, settings: ScoreSettings) -> Map:
-    """Return the growth rate of every frame of a data set.
-
-    ``used``: The pixels that windows may take, shape (t, y, x).
-    ``connected``: The pixels that connect surfaces, same shape: two used pixels may be connected by others.
-    """
+    """Return the growth rate of every frame from the ``used`` pixels; ``connected`` pixels join segments, (t, y, x)."""
     intrinsics, grid = read_intrinsics(dataset), compute_pixel_coordinates(dataset)
     step_y, step_x = grid.step_px
     window = settings.growth_window_px / step_y, settings.growth_window_px / step_x

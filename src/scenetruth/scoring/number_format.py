@@ -1,4 +1,4 @@
-"""Numbers and names as text for people."""
+"""Formatting of numbers and names for readers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def format_number(value: float | None, digits: int = 3) -> str:
-    """Spell a number with so many significant digits; a dash where it is undefined.
+    """Format a number with the given significant digits; a dash where undefined.
 
     >>> format_number(0.012345), format_number(-1.5e-7), format_number(None)
     ('0.0123', '−1.50 × 10⁻⁷', '–')
@@ -32,7 +32,7 @@ def format_number(value: float | None, digits: int = 3) -> str:
 
 
 def format_percent(fraction: float | None) -> str:
-    """Spell a fraction as a number of per cent; shares near the ends keep what sets them apart from 0 and 100.
+    """Format a fraction as a percentage, with enough digits to distinguish it from 0 and 100.
 
     >>> format_percent(0.5), format_percent(0.9999), format_percent(1.0), format_percent(0.0004)
     ('50.0', '99.9900', '100', '0.0400')
@@ -47,12 +47,12 @@ def format_percent(fraction: float | None) -> str:
 
 
 def format_count(value: float | None) -> str:
-    """Spell a count with narrow spaces between thousands."""
+    """Format a count with narrow spaces between thousands."""
     return UNDEFINED if value is None else f"{int(value):,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
 def humanise(key: str) -> str:
-    """Turn a key into words, with its unit in brackets: ``timings_s`` becomes ``timings [s]``."""
+    """Return a key as words, with its unit in brackets: ``timings_s`` becomes ``timings [s]``."""
     for unit in ("s", "px", "mm"):
         if key.endswith(f"_{unit}"):
             return f"{key.removesuffix(f'_{unit}').replace('_', ' ')} [{unit}]"
@@ -60,7 +60,7 @@ def humanise(key: str) -> str:
 
 
 def flatten(value: Any) -> str:
-    """Spell a plain JSON value on one line."""
+    """Format a plain JSON value on one line."""
     return ", ".join(_entries(value)) or UNDEFINED
 
 

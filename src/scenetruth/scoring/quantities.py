@@ -1,4 +1,4 @@
-"""The quantities that are scored: names, units, symbols, type of error, and the variable that holds each."""
+"""The scored quantities: names, units, symbols, type of error, and the variable that holds each."""
 
 from __future__ import annotations
 
@@ -18,28 +18,24 @@ __all__ = [
 ]
 
 ENDPOINT = "velocity_epe"
-"""Name of the Euclidean distance between the estimated and the true velocity."""
+"""Name of the velocity endpoint error, the Euclidean distance between estimated and true velocity."""
 
 OUTLIERS = "outliers"
-"""Name of the rates of outliers."""
+"""Name of the outlier rates."""
 
 ErrorKind = Literal["difference", "distance", "angle", "axis_angle"]
-"""How the error of a quantity is taken: estimate - truth of a scalar; of vectors the distance, the angle in degrees, or
-the angle in degrees between lines, which have no sign."""
+"""Type of error: estimate - truth for scalars; for vectors the distance, the angle in degrees, or the angle in degrees
+between undirected lines."""
 
 
 @dataclass(frozen=True)
 class Quantity:
     """A map of an estimate that is compared with the truth.
 
-    ``variable``: The variable of the data set that holds it.
-    ``component``: Index along the variable's first dimension, or None for a scalar variable and for whole vectors.
-    ``units``: Units of its errors, in plain text. Of what has % per hour, data sets have 1/frame; of angles, vectors.
-    ``symbol``: Its symbol, in plain text.
-    ``title``: What it is, in words.
-    ``group``: What it belongs to; a score has the errors of all of a group or of none.
-    ``needs``: What must be known: depth ("disparity"), the motion in the image ("motion"), or both.
-    ``error``: How its error is taken.
+    ``component``: Index along the variable's first dimension, or None for scalars and whole vectors.
+    ``units``: Units of its errors; differ from the stored unit for growth (1/frame) and angles.
+    ``group``: Its group; a score has either all or no quantities of a group.
+    ``needs``: The required estimate: depth ("disparity"), image motion ("motion"), or both.
     """
 
     variable: str
@@ -53,7 +49,7 @@ class Quantity:
 
     @property
     def is_growth(self) -> bool:
-        """Whether it tells how something grows: what does not is not worth showing it."""
+        """Whether it is a growth quantity, which is omitted for rigid scenes."""
         return "growth" in self.group
 
 
@@ -71,13 +67,13 @@ QUANTITIES: Mapping[str, Quantity] = {
     "flow_y": Quantity("flow", 1, "px/frame", "dy/dt", "Optical flow in y", "flow", ("motion",)),
     ENDPOINT: Quantity("velocity", None, "mm/frame", "U", "Velocity endpoint", "velocity", _BOTH, "distance"),
     "growth_rate": Quantity("growth_rate", None, "%/h", "g", "Growth rate", "growth", _BOTH),
-    # Follows from depth and velocity; no variable holds it.
+    # Computed from depth and velocity; no variable holds it.
     "growth_rate_windowed": Quantity("", None, "%/h", "g", "Growth rate, windowed", "windowed growth", _BOTH),
     "growth_principal_1": Quantity(
-        "principal_growth_rates", 0, "%/h", "g_1", "Largest growth of length", "principal growth", _BOTH
+        "principal_growth_rates", 0, "%/h", "g_1", "Largest principal growth rate", "principal growth", _BOTH
     ),
     "growth_principal_2": Quantity(
-        "principal_growth_rates", 1, "%/h", "g_2", "Least growth of length", "principal growth", _BOTH
+        "principal_growth_rates", 1, "%/h", "g_2", "Smallest principal growth rate", "principal growth", _BOTH
     ),
     "growth_direction": Quantity(
         "principal_growth_direction", None, "°", "e_1", "Direction of growth", "growth direction", _BOTH, "axis_angle"
@@ -99,14 +95,14 @@ QUANTITY_GROUPS: Mapping[str, tuple[str, ...]] = {
     group: tuple(name for name, entry in QUANTITIES.items() if entry.group == group)
     for group in dict.fromkeys(entry.group for entry in QUANTITIES.values())
 }
-"""What is scored, and the names under which a score has its errors: all of them or none."""
+"""Groups of quantities and their members; a score has either all or no members of a group."""
 
 
 def get_title(name: str) -> str:
-    """Return what a scored quantity is, in words."""
+    """Return the title of a scored quantity."""
     return "Outliers" if name == OUTLIERS else QUANTITIES[name].title
 
 
 def get_units(name: str) -> str:
-    """Return the units of a scored quantity's errors, in plain text; ``"1"`` for rates of outliers."""
+    """Return the units of a scored quantity's errors, in plain text; ``"1"`` for outlier rates."""
     return QUANTITIES[name].units if name in QUANTITIES else "1"

@@ -29,7 +29,7 @@ __all__ = [
 Mask = NDArray[np.bool_]
 
 REGIONS = ("all", "interior")
-"""The names of the regions that every score has, in the order in which they are reported."""
+"""Names of the regions of every score, in the order of reports."""
 
 _NUMBER = r"[0-9][0-9.e+-]*"
 _FURTHER = re.compile(
@@ -43,18 +43,15 @@ def region_masks(
     margin_px: float = 20.0,
     distance_px: NDArray[np.floating] | None = None,
 ) -> dict[str, Mask]:
-    """Return where each region lies.
+    """Return the boolean masks of the regions ``all`` and ``interior`` by name, each of the shape (..., y, x).
 
-    ``all`` holds every pixel with a surface in the truth. ``interior`` holds those of them whose centre is at least
-    ``margin_px`` away from the centre of every mixed pixel of the same frame, that is, away from silhouettes and from
-    sharp edges. The border of the image is neither.
+    ``all`` holds every pixel with a surface in the truth. ``interior`` holds those whose centre is at least
+    ``margin_px`` from the centre of every mixed pixel of the same frame, that is, from silhouettes and creases. The
+    image border is not excluded.
 
-    ``depth``: The true depth in mm, shape (..., y, x); NaN where there is no surface.
-    ``mixed``: True where a pixel's footprint crosses a silhouette or such an edge, same shape.
-    ``margin_px``: The least distance from mixed pixels, in px; not negative.
-    ``distance_px``: The distance of every pixel to the nearest mixed pixel, in px, same shape, if it is known. It is
-      needed for a part of an image, and for every other pixel; without it, it is measured in ``mixed``.
-    Returns: The region's name to a boolean array of the same shape.
+    ``depth``: True depth in mm; NaN where there is no surface.
+    ``distance_px``: Distance of every pixel to the nearest mixed pixel; default: computed from ``mixed``. Required for
+      parts of an image and for subsampled images.
 
     >>> depth, mixed = np.ones((1, 5)), np.array([[True, False, False, False, False]])
     >>> region_masks(depth, mixed, margin_px=3)["interior"]
@@ -68,36 +65,29 @@ def region_masks(
 
 
 def main_regions(truth: xr.Dataset, margin_px: float) -> dict[str, Mask]:
-    """Return `region_masks` of an aligned truth, which may show a part of the image only."""
+    """Return `region_masks` of an aligned truth, which may cover only a part of the image."""
     mixed = truth["mixed"].values.astype(bool)
     return region_masks(truth["depth"].values, mixed, margin_px, truth["boundary_distance"].values)
 
 
 def edge_distance(mixed: Mask) -> NDArray[np.float64]:
-    """Return the Euclidean distance from every pixel's centre to that of the nearest mixed pixel of its frame.
-
-    ``mixed``: True at mixed pixels, shape (..., y, x).
-    Returns: Distances in px, same shape; 0 at mixed pixels and infinite in a frame that has none.
-    """
+    """Return the distance in px from every pixel centre to the nearest mixed pixel centre of its frame, or infinity."""
     edges = np.asarray(mixed, dtype=bool)
     distance = np.full(edges.shape, np.inf)
     for frame in np.ndindex(edges.shape[:-2]):
-        # Without any mixed pixel the transform would measure from nowhere.
+        # The distance transform is undefined without mixed pixels.
         if edges[frame].any():
             distance[frame] = ndimage.distance_transform_edt(~edges[frame])
     return distance
 
 
 def is_further_region(name: str) -> bool:
-    """Return whether a name is one of those that `further_regions` gives."""
+    """Return whether a name belongs to a region of `further_regions`."""
     return _FURTHER.fullmatch(name) is not None
 
 
 def visible_throughout(truth: xr.Dataset) -> Mask | None:
-    """Return which reference pixels see a point at t = 0 that all cameras see at all frames.
-
-    Returns: bool, shape (y, x); None if the truth has no ``visible``.
-    """
+    """Return where the point at t = 0 is visible to all cameras in all frames, (y, x); None without ``visible``."""
     if "visible" not in truth:
         return None
     visible = truth["visible"]
@@ -116,25 +106,17 @@ def further_regions(
     throughout: Mask | None = None,
     contrast: NDArray[np.float64] | None = None,
 ) -> dict[str, Mask]:
-    """Return where the regions lie that only some truths tell.
+    """Return the masks of the regions that depend on the content of the truth.
 
-    - ``nonoccluded`` and ``occluded`` need ``occluded_across_cameras`` and ``occluded_in_time``. Of the pixels with
-      a surface, ``nonoccluded`` holds those whose point all cameras see at this frame and the reference camera at the
-      frames before and after; at t = 0, where ``throughout`` is known, that all cameras see at all frames.
-      ``occluded`` has the others.
-    - ``slope_LOW_HIGH`` (degrees) are classes of the angle between ``normal`` and the optical axis, from LOW on and
-      below HIGH, over the visible pixels of the interior, so that edges are not taken for slopes.
-    - ``boundary_LOW_HIGH`` (px) are classes of the distance to the nearest mixed pixel, over all visible pixels.
-    - ``contrast_low``, ``contrast_mid`` and ``contrast_high`` are classes of the texture's contrast, over the same
-      pixels as slopes.
-    - ``object_NAME`` are the objects, over the same pixels as slopes, that have any of them; of a truth of several
-      objects (``object_id`` and the attribute ``object_names``).
+    - ``nonoccluded``: pixels whose point is visible to all cameras in this frame and to the reference camera in the
+      frames before and after; at t = 0, if ``throughout`` is given, to all cameras in all frames. ``occluded``: the
+      other pixels with a surface.
+    - ``slope_LOW_HIGH`` (degrees): classes LOW ≤ angle < HIGH of the angle between ``normal`` and the optical axis,
+      over the visible pixels of the interior; ``contrast_low``, ``contrast_mid``, ``contrast_high`` (of the texture)
+      and ``object_NAME`` (if there are several) over the same pixels.
+    - ``boundary_LOW_HIGH`` (px): classes of the distance to the nearest mixed pixel, over all visible pixels.
 
-    Where the truth does not tell which pixels are visible, all are taken as such.
-
-    ``interior``: The region ``interior``, shape (t, y, x).
-    ``contrast``: Contrast of the reference images as a fraction of full scale, shape (t, y, x); without it there are no
-      classes of it.
+    Without occlusion maps all pixels are treated as visible. ``contrast`` is a fraction of full scale, (t, y, x).
     """
     seen = np.isfinite(truth["depth"].values)
     visible = seen
@@ -148,14 +130,14 @@ def further_regions(
     if "normal" in truth:
         facing = np.abs(truth["normal"].sel(component="Z").values)
         angle = np.degrees(np.arccos(np.minimum(facing, 1.0)))
-        # An angle of 90 degrees, seen edge on, belongs to the last class.
+        # An angle of 90 degrees (edge-on) belongs to the last class.
         bounds = settings.slope_classes_deg
         regions |= _classes("slope", np.where(angle == bounds[-1], np.nextafter(bounds[-1], 0), angle), bounds, inner)
     if "boundary_distance" in truth:
         distance = truth["boundary_distance"].values
     else:
         distance = edge_distance(truth["mixed"].values.astype(bool))
-    regions |= _classes("boundary", distance, (*settings.edge_classes_px, math.inf), visible)
+    regions |= _classes("boundary", distance, (*settings.boundary_classes_px, math.inf), visible)
     if contrast is not None:
         low, high = settings.contrast_classes
         regions |= {
@@ -170,7 +152,7 @@ def _objects(truth: xr.Dataset, among: Mask) -> dict[str, Mask]:
     names = read_object_names(truth)
     if "object_id" not in truth or len(names) < 2:
         return {}
-    # Numbers that have been read as floats are NaN where there is no object.
+    # Indices read as floats are NaN where there is no object.
     number = np.nan_to_num(truth["object_id"].values.astype(np.float64), nan=-1)
     masks = {f"object_{name}": among & (number == index) for index, name in enumerate(names)}
     return {region: mask for region, mask in masks.items() if mask.any()}
@@ -184,5 +166,5 @@ def _classes(name: str, values: NDArray[np.float64], bounds: Sequence[float], am
 
 
 def _flags(values: xr.DataArray) -> Mask:
-    """Return flags that may have been read as numbers, NaN where there is none."""
+    """Return flags as booleans; flags read as floats are NaN where undefined."""
     return np.asarray(np.nan_to_num(values.values).astype(bool))

@@ -1,4 +1,4 @@
-"""The score of an estimate: its statistics, and their spellings as JSON, table, CSV, HTML and one line of text."""
+"""The score of an estimate: its statistics, and their output as JSON, table, CSV, HTML and one line of text."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Values = Mapping[str, float | int | None]
 Regions = Mapping[str, Mapping[str, Values]]
 
 _MAIN = (("depth", "disparity"), (ENDPOINT, "flow_x"), ("growth_rate_windowed",))
-"""Of each of these, the first that a score has is in its line."""
+"""Main quantities; the summary line has the first of each group that the score contains."""
 
 _SUMMARY_COLUMNS: Mapping[str, tuple[str, Callable[[float | None], str]]] = {
     "bias": ("bias", format_number),
@@ -46,12 +46,12 @@ _SUMMARY_COLUMNS: Mapping[str, tuple[str, Callable[[float | None], str]]] = {
 
 
 def select_summary_quantities(regions: Regions, *, grows: bool) -> list[str]:
-    """Return the quantities of a score that have errors; growth only where something grows."""
+    """Return the quantities with errors in a score; growth only where a true growth rate is nonzero."""
     return [name for name in regions["all"] if name != OUTLIERS and (grows or not QUANTITIES[name].is_growth)]
 
 
 def line_summary(regions: Regions, *, grows: bool) -> str:
-    """Return one line that tells regions, quantities and the main errors of a score."""
+    """Return a one-line summary: regions, quantities and main errors of a score."""
     shown = select_summary_quantities(regions, grows=grows)
     groups = [name for name, members in QUANTITY_GROUPS.items() if set(members) & set(shown)]
     interior = regions["interior"]
@@ -66,7 +66,7 @@ def line_summary(regions: Regions, *, grows: bool) -> str:
 
 
 def html_summary(regions: Regions, *, grows: bool) -> str:
-    """Return the errors in the regions that every score has as a table in HTML."""
+    """Return an HTML table of the errors in the regions of every score."""
     names = select_summary_quantities(regions, grows=grows)
     heads = _row("th", ["region", "quantity", "unit", *(heading for heading, _ in _SUMMARY_COLUMNS.values())])
     rows = [
@@ -97,27 +97,27 @@ _IN_UNITS = ("bias", "rmse", "median_abs_error", "p95_abs_error")
 """Statistics in the unit of the quantity; the others are ratios."""
 
 _ROUNDING = 1e9
-"""Errors that are so many times larger than the truth have only roundings for a truth."""
+"""Relative RMSE of growth beyond which the true growth rate consists of rounding errors."""
 
 
 @dataclass(frozen=True, repr=False)
 class Score(Result):
-    """The figures of merit of one estimate.
+    """The error statistics of one estimate.
 
     Parameters
     ----------
     regions
-        Region to quantity to statistic to value; None where a value is undefined. Errors are estimate minus truth, in
-        the units of the quantity; ``density``, ``relative_rmse``, ``coverage_2_std`` and rates are fractions, and
-        ``rms_z`` is a ratio. ``all`` and ``interior`` come first; which others there are depends on the truth.
-        All regions have the same quantities: those that the estimate has.
+        Mapping of region to quantity to statistic to value; None where a value is undefined. Errors are estimate minus
+        truth, in the units of the quantity; ``density``, ``relative_rmse``, ``coverage_2_std`` and outlier rates are
+        fractions, and ``rms_z`` is a ratio. ``all`` and ``interior`` come first; further regions depend on the truth.
+        All regions have the same quantities, those of the estimate.
     metadata
-        What the score was made from, as plain JSON values.
+        Origin of the score, as plain JSON values.
 
     See Also
     --------
-    score : Makes it.
-    write_report : Shows it with pictures.
+    score : Compute a score.
+    write_report : Write a report with figures.
 
     Examples
     --------
@@ -141,7 +141,7 @@ class Score(Result):
 
     @property
     def grows(self) -> bool:
-        """Whether any true growth rate is more than rounding; of what moves rigidly, growth is not worth showing."""
+        """Whether any true growth rate exceeds rounding errors; growth is omitted for rigid motion."""
         error = self.regions["all"].get("growth_rate", {}).get("relative_rmse")
         return error is not None and error < _ROUNDING
 
@@ -149,7 +149,7 @@ class Score(Result):
         return line_summary(self.regions, grows=self.grows)
 
     def _repr_html_(self) -> str:
-        """Return the main table, as notebooks show it."""
+        """Return the main table for notebooks."""
         return html_summary(self.regions, grows=self.grows)
 
     def value(self, quantity: str, statistic: str = "rmse", *, region: str = "interior") -> QuantityValue:
@@ -231,31 +231,30 @@ class Score(Result):
         Raises
         ------
         StoreError
-            If it cannot be read, or is no score; names the file and what is wrong.
+            If the file cannot be read or does not hold a score.
         """
         file = Path(path)
         try:
             regular_file_size(file)
             return cls.from_json(file.read_bytes())
         except ValueError as error:
-            raise StoreError(file, f"{error}; make it with `scenetruth score`") from error
+            raise StoreError(file, f"{error}; create it with `scenetruth score`") from error
         except OSError as error:
-            raise StoreError(file, f"cannot be read ({error.strerror}); make it with `scenetruth score`") from error
+            raise StoreError(file, f"cannot be read ({error.strerror}); create it with `scenetruth score`") from error
         except ScoreError as error:
             raise StoreError(
-                file, f"is damaged, or no score; make it again with `scenetruth score`: {error}"
+                file, f"is damaged or not a score; create it again with `scenetruth score`: {error}"
             ) from error
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Score:
-        """Read what `to_json` wrote.
+        """Read a score from the output of `to_json`.
 
         Raises
         ------
         ScoreError
-            If the text is not JSON, lacks ``all`` or ``interior``, a statistic, or a quantity in one region that
-            another region has, has values that are no finite numbers, or keys that are no region's name; lists all
-            that is wrong.
+            If the text is not JSON, lacks ``all``, ``interior``, a statistic, or a quantity of another region, or has
+            values that are not finite or unknown region names; lists every problem.
         """
         try:
             content = parse_json(text)
@@ -266,13 +265,13 @@ class Score(Result):
         return cls.from_dict(content)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return a table.
+        """Return the score as a table.
 
         Returns
         -------
         pandas.DataFrame
             One row for each region and quantity (its two index levels), a column ``units``, and one column for each
-            statistic; NaN where a statistic is undefined or does not belong to the quantity.
+            statistic; NaN where a statistic is undefined or does not apply to the quantity.
         """
         import pandas as pd
 
@@ -286,16 +285,16 @@ class Score(Result):
         return pd.DataFrame(list(rows.values()), index=index, columns=["units", *_COLUMNS])
 
     def to_csv(self) -> str:
-        """Return the table of `to_dataframe` as comma-separated values with a header, undefined values left empty."""
+        """Return the table of `to_dataframe` as comma-separated values with a header; undefined values are empty."""
         return str(self.to_dataframe().to_csv(lineterminator="\n"))
 
 
 def _problems(content: Mapping[str, Any]) -> Iterator[Problem]:
-    """Tell what keeps parsed JSON from being a score."""
+    """Report the problems of parsed JSON as a score."""
     keys = (*REGIONS, "metadata")
     for key in dict.fromkeys((*keys, *content)):
         if key not in keys and not is_further_region(key):
-            yield Problem(key, f"is not one of the keys {keys}, and no further region")
+            yield Problem(key, f"is neither one of the keys {keys} nor a region")
         elif not isinstance(content.get(key), dict):
             yield Problem(key, "must be a JSON object", content.get(key))
     regions = {key: value for key, value in content.items() if key != "metadata" and isinstance(value, dict)}
@@ -312,7 +311,7 @@ def _problems(content: Mapping[str, Any]) -> Iterator[Problem]:
                     yield Problem(f"{region}.{quantity}.{statistic}", "is missing")
         for quantity, values in quantities.items():
             if quantity not in expected:
-                yield Problem(f"{region}.{quantity}", f"is no quantity; known are {', '.join(expected)}")
+                yield Problem(f"{region}.{quantity}", f"is not a quantity of the score; use {', '.join(expected)}")
             elif isinstance(values, dict):
                 yield from _value_problems(f"{region}.{quantity}", values)
     if isinstance(content.get("metadata"), dict):
@@ -323,7 +322,7 @@ def _value_problems(path: str, values: Mapping[str, Any]) -> Iterator[Problem]:
     for statistic, value in values.items():
         if statistic == "count":
             if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-                yield Problem(f"{path}.count", "must be an integer that is not negative", value)
+                yield Problem(f"{path}.count", "must be a non-negative integer", value)
         elif value is not None and not _is_number(value):
             yield Problem(f"{path}.{statistic}", "must be a finite number or null", value)
 
@@ -333,7 +332,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _metadata_problems(metadata: Mapping[str, Any]) -> Iterator[Problem]:
-    """Tell what the readers of metadata cannot take."""
+    """Report invalid values of the metadata."""
     if not _is_number(metadata.get("margin_px", 0)):
         yield Problem("metadata.margin_px", "must be a finite number", metadata["margin_px"])
     settings = metadata.get("score_settings")
@@ -341,14 +340,14 @@ def _metadata_problems(metadata: Mapping[str, Any]) -> Iterator[Problem]:
         try:
             ScoreSettings.model_validate(settings)
         except ValidationError as error:
-            yield Problem("metadata.score_settings", f"are none: {error.errors(include_url=False)[0]['msg']}", settings)
+            yield Problem("metadata.score_settings", f"invalid: {error.errors(include_url=False)[0]['msg']}", settings)
     warnings = metadata.get("warnings")
     if warnings is not None and not isinstance(warnings, str | list):
         yield Problem("metadata.warnings", "must be a list of texts", warnings)
 
 
 def _expected(regions: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
-    """Return the statistics by quantity that every region must have, as any of them has some."""
+    """Return the statistics by quantity that every region must have."""
     there = {name for quantities in regions.values() for name in quantities}
     names = [name for group in QUANTITY_GROUPS.values() if there & set(group) for name in group]
     expected: dict[str, tuple[str, ...]] = dict.fromkeys(names, STATISTICS)

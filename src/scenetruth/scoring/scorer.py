@@ -1,7 +1,4 @@
-"""Scoring of an estimate against the truth.
-
-Local contrast, and statistics of all quantities in all regions, block by block.
-"""
+"""Scoring of an estimate against the truth: statistics of all quantities in all regions."""
 
 from __future__ import annotations
 
@@ -48,15 +45,11 @@ Map = NDArray[np.float64]
 
 
 def local_contrast(image: Map, window_px: float) -> Map:
-    """Return the rms contrast: the standard deviation of the grey values in a Gaussian window around every pixel.
+    """Return the RMS contrast: the standard deviation of grey values in a Gaussian window around every pixel.
 
-    Noise of the images is part of it, and adds its variance. Images end at their border; the window is reflected there.
-
-    ``image``: Grey values, shape (..., y, x); the images are independent.
-    ``window_px``: Standard deviation of the window, in px.
-    Returns: In the units of the grey values, same shape.
+    Image noise contributes its variance. The window is reflected at the image border.
     """
-    # Without the mean, the difference of squares keeps its digits.
+    # Subtracting the mean avoids cancellation in the difference of squares.
     centred = image - image.mean(axis=(-2, -1), keepdims=True)
     sigma = (*(0.0,) * (image.ndim - 2), window_px, window_px)
     mean = ndimage.gaussian_filter(centred, sigma)
@@ -65,10 +58,7 @@ def local_contrast(image: Map, window_px: float) -> Map:
 
 
 def reference_images(recording: xr.Dataset, frames: NDArray[np.integer]) -> Map:
-    """Return the reference camera's images at some frames, as fractions of full scale; of colours the mean.
-
-    Returns: float64, shape (t, y, x).
-    """
+    """Return images of the reference camera as fractions of full scale, colours averaged, float64, shape (t, y, x)."""
     image = recording["image"].sel({dim: 0 for dim in ("s_y", "s") if dim in recording["image"].dims} | {"t": frames})
     values = image.values.astype(np.float64) / float(recording.attrs["full_scale"])
     return np.asarray(values.mean(axis=-1) if "channel" in image.dims else values)
@@ -78,11 +68,7 @@ Mask = NDArray[np.bool_]
 
 
 class StatisticsAggregator:
-    """Gathers the statistics of every quantity in every region.
-
-    ``rates``: The rates of outliers to report: what `meaningful_rates` returns.
-    ``single``: Whether there is one part only; see `StatisticsAccumulator`.
-    """
+    """Accumulates the statistics and outlier rates in every region; ``single``: whether there is only one block."""
 
     def __init__(self, rates: Sequence[str], *, single: bool) -> None:
         self._rates, self._single = rates, single
@@ -90,10 +76,7 @@ class StatisticsAggregator:
         self._outliers: dict[str, OutlierAccumulator] = {}
 
     def add(self, pairs: Mapping[str, EstimateTruthPair], regions: Mapping[str, Mask]) -> None:
-        """Count a part.
-
-        ``regions``: Where each region lies, shape (t, y, x).
-        """
+        """Accumulate a block with region masks of the shape (t, y, x)."""
         for quantity, pair in pairs.items():
             scored = ErrorSamples.of(pair, QUANTITIES[quantity].error)
             for name, region in regions.items():
@@ -102,7 +85,7 @@ class StatisticsAggregator:
                 assert isinstance(tally, StatisticsAccumulator)
                 tally.add(scored, region)
                 if self._single:
-                    # Its values need not be kept beside those of all others.
+                    # Frees its values before the next quantity.
                     own[quantity] = tally.statistics()
         if self._rates:
             outliers = Outliers.of(pairs, self._rates)
@@ -110,10 +93,7 @@ class StatisticsAggregator:
                 self._outliers.setdefault(name, OutlierAccumulator(self._rates)).add(outliers, region)
 
     def regions(self) -> dict[str, dict[str, Statistics]]:
-        """Return the statistics by region and quantity.
-
-        Quantities are those that were counted, and ``outliers`` if there are rates to report.
-        """
+        """Return the statistics by region and quantity, with ``outliers`` if there are rates to report."""
         found = {
             region: {
                 name: item.statistics() if isinstance(item, StatisticsAccumulator) else item
@@ -149,66 +129,63 @@ def score(
 ) -> Score:
     """Score an estimate against the truth.
 
-    An estimate may hold any of depth, disparity, velocity and flow; what it holds is scored. The errors
-    e = estimate - truth are summed up over all frames of the estimate, in the regions ``all`` and ``interior`` (see
-    `region_masks`), and in those of visibility, slope, distance to edges, contrast and objects that the truth can tell
-    (see `further_regions`):
+    All quantities that the estimate contains are scored. The errors e = estimate - truth are evaluated over all frames
+    of the estimate in the regions ``all`` and ``interior`` (see `region_masks`), and in regions by visibility, slope,
+    distance to discontinuities, contrast and object as far as the truth defines them (see `further_regions`):
 
-    - depth, disparity, the three components of velocity and the two of optical flow, as bias, rms, median and 95th
-      percentile of abs(e), relative RMSE, density and count (see `error_statistics`);
-    - ``velocity_epe``, the same of the distance ‖U_estimate - U_truth‖ (see `endpoint_statistics`);
-    - ``rms_z`` and ``coverage_2_std``, where the estimate states standard deviations (``depth_std``,
-      ``velocity_std``, ``growth_rate_std`` and so on): whether the errors are as large as they say;
-    - ``outliers``, the shares of gross errors, where they can tell a good estimate from a poor one (see `outlier_rates`
-      and `meaningful_rates`);
-    - slopes, the angle between the normals, mean and Gaussian curvature, the rotation rate, and the largest and least
-      growth of length and its direction, where the estimate has them and the truth tells them (see `QUANTITIES`);
-    - ``growth_rate`` and ``growth_rate_windowed`` in % per hour, where the truth has ``growth_rate`` and the estimate
-      depth and velocity (see `compute_growth_rate` and `compute_growth_pairs`), or a growth rate of its own, which then
-      is the former.
+    - depth, disparity, the components of velocity and of optical flow: bias, RMSE, median and 95th percentile of
+      abs(e), relative RMSE, density and count (see `error_statistics`);
+    - ``velocity_epe``: the same statistics of the distance ‖U_estimate - U_truth‖ (see `endpoint_statistics`);
+    - ``rms_z`` and ``coverage_2_std`` of the stated standard deviations (``depth_std``, ``velocity_std``,
+      ``growth_rate_std``, ...);
+    - ``outliers``: the outlier rates, where they are meaningful (see `outlier_rates` and `meaningful_rates`);
+    - slopes, the angle between the normals, mean and Gaussian curvature, the rotation rate, and the principal growth
+      rates and their direction, if both data sets have them (see `QUANTITIES`);
+    - ``growth_rate`` and ``growth_rate_windowed`` in %/h, if the truth has ``growth_rate`` and the estimate has depth
+      and velocity (see `compute_growth_rate` and `compute_growth_pairs`); a ``growth_rate`` variable of the estimate
+      takes precedence for the former.
 
-    A pixel counts where truth and estimate are finite and the estimate is valid: ``status_disparity`` for depth and
-    disparity, ``status_motion`` for optical flow, both for velocity and outliers. Where the estimate has no
-    status, every finite pixel counts (see `find_valid_pixels`). The density is the share of the pixels
-    with a finite truth that count.
+    A pixel is scored where truth and estimate are finite and the estimate is valid: ``status_disparity`` for depth and
+    disparity, ``status_motion`` for optical flow, both for velocity and outliers. Without a status every finite pixel
+    is scored (see `find_valid_pixels`). The density is the fraction of the pixels with a finite truth that are scored.
 
-    Pixels are matched by their coordinates: the estimate may belong to a part of the truth's image (see `align`).
+    Pixels are matched by their coordinates: the estimate may cover a part of the truth's image (see `align`).
 
     Parameters
     ----------
     estimate
         The estimate, dimensions (t, y, x).
     truth
-        The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is taken; it may have more frames and pixels.
+        The truth, dimensions (t, y, x), or (s, t, y, x), of which s = 0 is used; it may have more frames and pixels.
     recording
-        What was estimated from; without it there are no regions of contrast.
+        The recording of the estimate; regions of contrast are omitted without it.
     settings
-        Bounds of regions and windows, see `scenetruth.settings.ScoreSettings`, or some of them by name; the others have
-        their defaults.
+        Bounds of regions and windows as `scenetruth.settings.ScoreSettings`, or some of them by name; default: its
+        defaults.
     allow_mismatch
-        Whether data sets may have been made from different recordings.
+        Whether the data sets may belong to different recordings.
     metadata
-        More to keep with the score: anything that JSON can say, NumPy's numbers and paths. NaN becomes None.
+        Additional metadata of the score: JSON values, NumPy numbers and paths. NaN becomes None.
 
     Returns
     -------
     Score
-        With the frames, their size, the margin and the settings in the metadata, besides those given.
+        The statistics; its metadata also contains frames, image size, margin and settings.
 
     Raises
     ------
     ScoreError
-        If the data sets cannot be compared, or the settings or the metadata are not acceptable; lists what is wrong.
+        If the data sets cannot be compared, or the settings or the metadata are invalid; lists every problem.
     MismatchError
-        If the data sets say that they belong to different recordings.
+        If the data sets belong to different recordings.
 
     See Also
     --------
-    write_report : Pictures and a page.
+    write_report : Report with figures.
 
     Examples
     --------
-    A plane 500 mm away that stands still, and a method that tells depth only, 0.1 mm too far:
+    A static plane at 500 mm, and a method that returns depth only, 0.1 mm too large:
 
     >>> from scenetruth.schema import Intrinsics, label
     >>> camera = Intrinsics(focal_length_px=1000.0, principal_point_px=(15.5, 11.5), baseline_mm=5.0)
@@ -235,7 +212,7 @@ def score(
         for item in plain_problems(metadata or {}, any_keys=True)
     ]
     if not (settings is None or isinstance(settings, ScoreSettings | Mapping)):
-        wrong.append(Problem("settings", "must be a mapping, or a ScoreSettings", settings))
+        wrong.append(Problem("settings", "must be a mapping or ScoreSettings", settings))
     if wrong:
         raise ScoreError(wrong)
     chosen = settings if isinstance(settings, ScoreSettings) else score_settings(**(settings or {}))
@@ -284,14 +261,14 @@ def score(
 
 
 def _in_order(regions: Mapping[str, Any], objects: Sequence[str]) -> dict[str, Any]:
-    """Return regions with the objects in their own order, whichever was seen first."""
+    """Return regions with the objects in the order of the scene, independent of the blocks."""
     last = [region for name in objects if (region := f"object_{name}") in regions]
     return {region: regions[region] for region in (*(name for name in regions if name not in last), *last)}
 
 
 def _contrast(recording: xr.Dataset, estimate: xr.Dataset, settings: ScoreSettings) -> NDArray[np.float64]:
     frames = estimate["t"].values
-    # The window may reach beyond the estimate's pixels.
+    # The window may extend beyond the estimate's pixels.
     contrast = local_contrast(reference_images(recording, frames), settings.contrast_window_px)
     named = {dim: recording.coords[dim] for dim in ("y", "x") if dim in recording.coords}
     labelled = xr.Dataset({"contrast": (("t", "y", "x"), contrast)}, coords=named)
@@ -299,7 +276,7 @@ def _contrast(recording: xr.Dataset, estimate: xr.Dataset, settings: ScoreSettin
 
 
 def _plain(value: Any, path: str) -> Any:
-    """Return a value as JSON can spell it."""
+    """Return a value converted to plain JSON types."""
     if isinstance(value, Mapping):
         return {str(key): _plain(entry, f"{path}.{key}") for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):

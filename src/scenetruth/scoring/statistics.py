@@ -1,8 +1,4 @@
-"""The statistics of errors in one region.
-
-Differences that do not overflow, streaming quantiles, moments, and outlier rates after the KITTI scene-flow
-benchmark.
-"""
+"""Error statistics in one region: moments, streaming quantiles, and outlier rates after the KITTI benchmark."""
 
 from __future__ import annotations
 
@@ -39,12 +35,12 @@ __all__ = [
 Map = NDArray[np.float64]
 
 diverged = np.errstate(over="ignore", invalid="ignore")
-"""Context and decorator for estimates that diverge up to the largest floats; what overflows becomes None later."""
+"""Context and decorator for diverged estimates: overflow is silent, and non-finite statistics become None."""
 
 
 @diverged
 def difference(estimate: Map, truth: Map) -> Map:
-    """Return estimate - truth in float64, whatever the types of both."""
+    """Return estimate - truth in float64 for any input types."""
     return np.asarray(np.subtract(estimate, truth, dtype=np.float64))
 
 
@@ -57,7 +53,7 @@ def length(vectors: Map) -> Map:
 
 @diverged
 def angle_deg(one: Map, other: Map, *, lines: bool = False) -> Map:
-    """Return the angles in degrees between vectors of three components, shape (3, ...), or between lines along them.
+    """Return the angles in degrees between vectors, shape (3, ...), or between undirected lines along them.
 
     >>> angle_deg(np.array([1.0, 1.0, 0.0]), np.array([-2.0, 0.0, 0.0])).round(6)
     np.float64(135.0)
@@ -65,7 +61,7 @@ def angle_deg(one: Map, other: Map, *, lines: bool = False) -> Map:
     np.float64(45.0)
     """
     along = np.einsum("k...,k...->...", one, other, dtype=np.float64)
-    # Right for the smallest angles too, of which the cosine is 1.
+    # Accurate also for the smallest angles, unlike the arccosine.
     across = length(np.cross(one, other, axis=0))
     found: Map = np.degrees(np.arctan2(across, np.abs(along) if lines else along))
     return found
@@ -73,8 +69,8 @@ def angle_deg(one: Map, other: Map, *, lines: bool = False) -> Map:
 
 Values = NDArray[np.float64]
 
-# Bins per octave as a power of two, and the octaves that have bins, 2^-48 to 2^48: errors in mm or px beyond these are
-# rounding, or have diverged.
+# Bins per octave as a power of two, and the octaves with bins, 2^-48 to 2^48: errors in mm or px beyond this range are
+# rounding errors or have diverged.
 _BITS, _LOWEST, _OCTAVES = 9, -48, 96
 _SHIFT = 52 - _BITS
 _FIRST = (1023 + _LOWEST) << _BITS
@@ -82,13 +78,10 @@ _BINS = _OCTAVES << _BITS
 
 
 class StreamingQuantiles:
-    """Gathers values, and tells their quantiles.
+    """Accumulates values and returns their quantiles.
 
-    Of a single part, quantiles are exact, interpolated linearly between two values as by `numpy.percentile`. Several
-    parts are counted in bins whose width is 2⁻⁹ of their octave's lower end, with linear interpolation inside a bin:
-    quantiles are then right to better than 0.2 %.
-
-    ``single``: Whether all values come in one part.
+    Quantiles of a ``single`` block are exact, with linear interpolation as in `numpy.percentile`. Several blocks are
+    counted in bins whose width is 2⁻⁹ of the lower end of their octave; their quantiles are accurate to 0.2 %.
 
     >>> found = StreamingQuantiles(single=False)
     >>> for part in np.split(np.linspace(-1.0, 3.0, 4000), 8):
@@ -104,7 +97,7 @@ class StreamingQuantiles:
         self._counts: dict[bool, NDArray[np.int64]] = {}
 
     def add(self, values: Values) -> None:
-        """Take a part; no value may be NaN."""
+        """Accumulate a block of values without NaN."""
         if values.size == 0:
             return
         if self._single:
@@ -114,13 +107,13 @@ class StreamingQuantiles:
         negative = values < 0
         for below, some in ((True, -values[negative]), (False, values[~negative])):
             if some.size:
-                # Floats of one sign are ordered as their bits are; these begin with the octave.
+                # Positive floats are ordered like their bit patterns, whose leading bits are the octave.
                 places = (some.view(np.int64) >> _SHIFT) - _FIRST
                 counts = np.bincount(np.clip(places, 0, _BINS - 1), minlength=_BINS)
                 self._counts[below] = self._counts[below] + counts if below in self._counts else counts
 
     def at(self, percent: Sequence[float]) -> list[float]:
-        """Return quantiles; of no values at all, NaN."""
+        """Return quantiles; NaN without any values."""
         if self._single:
             values = self._values if self._values.size else np.array([np.nan])
             return [float(value) for value in np.percentile(values, percent)]
@@ -128,7 +121,7 @@ class StreamingQuantiles:
         return [self._quantile((total - 1) * share / 100) if total else float("nan") for share in percent]
 
     def _quantile(self, rank: float) -> float:
-        """Return the value of a rank, counted from 0."""
+        """Return the value at a rank, counted from 0."""
         edges, before = _edges(), 0
         for below in (True, False):
             if below not in self._counts:
@@ -147,7 +140,7 @@ class StreamingQuantiles:
 
 
 def _edges() -> Values:
-    """Return the edges of the bins of positive values: the first reaches down to zero, the last without end."""
+    """Return the edges of the bins of positive values; the first bin starts at zero, the last is unbounded."""
     edges = ((np.arange(_BINS + 1, dtype=np.int64) + _FIRST) << _SHIFT).view(np.float64).copy()
     edges[0], edges[-1] = 0.0, np.inf
     return edges
@@ -155,7 +148,7 @@ def _edges() -> Values:
 
 Mask = NDArray[np.bool_]
 Statistics = dict[str, float | int | None]
-"""Values by name, ready for JSON: floats, the integer ``count``, and None where there is nothing to tell."""
+"""JSON values by name: floats, the integer ``count``, and None where undefined."""
 
 STATISTICS = (
     "bias",
@@ -168,7 +161,7 @@ STATISTICS = (
     "density",
     "count",
 )
-"""The statistics of an error, in the order in which they are reported."""
+"""The statistics of an error, in the order of reports."""
 
 
 STATISTIC_TITLES: Mapping[str, str] = {
@@ -193,7 +186,7 @@ STATISTIC_TITLES: Mapping[str, str] = {
     "metrological_efficiency_first": "noise times longest period at 10 % loss",
     "metrological_efficiency_last": "noise times shortest period at 10 % loss",
 }
-"""All statistics in words: of scores, benchmarks, sweeps, predictions, objectives of designs, and limits of tests."""
+"""Titles of all statistics of scores, benchmarks, sweeps, predictions, design objectives and tolerances of tests."""
 
 
 def error_statistics(
@@ -201,22 +194,22 @@ def error_statistics(
 ) -> Statistics:
     """Return the statistics of the errors of a scalar quantity in one region.
 
-    A pixel of the region is scored where the truth is finite, the estimate is finite, and ``full`` holds. Over the n
-    scored pixels, with e_i = estimate - truth,
+    A pixel of the region is scored where truth and estimate are finite and ``full`` is True. Over the n scored pixels,
+    with e_i = estimate - truth,
 
     - ``bias`` = Σ e_i / n,
     - ``rmse`` = (Σ e_i² / n)^½,
-    - ``median_abs_error`` and ``p95_abs_error``, the median and the 95th percentile of abs(e_i), interpolated linearly,
-    - ``relative_rmse`` = ``rmse`` / (Σ truth_i² / n)^½, None where the truth vanishes throughout,
-    - ``rms_z`` = (Σ (e_i / std_i)² / m)^½ over the m of them whose standard deviation is finite and positive:
-      1 if the error bars are right, above 1 if they are too small (overconfident),
-    - ``coverage_2_std``, the share of those m with abs(e_i) ≤ 2 std_i: 0.954 of normal errors if std_i is right,
+    - ``median_abs_error`` and ``p95_abs_error``: the median and the 95th percentile of abs(e_i), linear interpolation,
+    - ``relative_rmse`` = ``rmse`` / (Σ truth_i² / n)^½, None where the truth is zero throughout,
+    - ``rms_z`` = (Σ (e_i / std_i)² / m)^½ over the m pixels whose standard deviation is finite and positive:
+      1 if the stated uncertainties are correct, above 1 if they are too small (overconfident),
+    - ``coverage_2_std``: the fraction of these m with abs(e_i) ≤ 2 std_i; nominal 0.954 for normal errors,
     - ``density`` = n / the number of pixels of the region with a finite truth,
     - ``count`` = n.
 
-    ``estimate``, ``truth``: The two maps, of the same shape and in the same units; NaN where there is none.
-    ``region``: Where to look, same shape.
-    ``full``: Where the estimate claims to know the quantity, same shape; everywhere if not given.
+    ``estimate``, ``truth``: The two maps, of the same shape and in the same units; NaN where undefined.
+    ``region``: Mask of the region, same shape.
+    ``full``: Where the estimate is valid, same shape; default: everywhere.
     ``std``: The standard deviation that the estimate states, same shape and units.
 
     >>> everywhere = np.ones(3, dtype=bool)
@@ -227,24 +220,17 @@ def error_statistics(
 
 
 def endpoint_statistics(estimate: Map, truth: Map, region: Mask, full: Mask | None = None) -> Statistics:
-    """Return the statistics of the Euclidean distance between two vector maps in one region.
+    """Return the statistics of the Euclidean distance between two vector maps (component, ...) in one region.
 
-    As `error_statistics`, with e_i = ‖estimate_i - truth_i‖ ≥ 0 (so ``bias`` is the mean distance) and with the
-    rms of ‖truth_i‖ as the reference of ``relative_rmse``. All components must be finite at a scored pixel. A distance
-    has no standard deviation, so that ``rms_z`` and ``coverage_2_std`` are None.
-
-    ``estimate``, ``truth``: The two maps, shape (component, ...), in the same units; NaN where there is none.
-    ``region``, ``full``: As in `error_statistics`, shape (...).
+    As `error_statistics`, with e_i = ‖estimate_i - truth_i‖ ≥ 0 (so ``bias`` is the mean distance) and the RMS of
+    ‖truth_i‖ as the reference of ``relative_rmse``. ``rms_z`` and ``coverage_2_std`` are None.
     """
     return _statistics(ErrorSamples.of(EstimateTruthPair(estimate, truth, full), "distance"), region)
 
 
 @diverged
 def standardised(error: Map, std: Map) -> Map:
-    """Return errors in units of their standard deviation.
-
-    ``error``, ``std``: Errors and their standard deviations, of the same shape and in the same units.
-    Returns: error / std, a plain number, of those with a finite, positive standard deviation; shape (m,).
+    """Return normalised errors: error / std where the standard deviation is finite and positive, shape (m,).
 
     >>> standardised(np.array([3.0, 1.0, 1.0]), np.array([2.0, 0.0, np.nan])).tolist()
     [1.5]
@@ -256,13 +242,10 @@ def standardised(error: Map, std: Map) -> Map:
 
 @dataclass(frozen=True)
 class ErrorSamples:
-    """The errors of one quantity, at the pixels that are scored.
+    """The errors of one quantity at the scored pixels.
 
-    ``known``: Where the truth is known, a map.
-    ``scored``: Where estimate and truth are both known, a map; the following belong to these pixels, in their order.
-    ``error``, ``expected``: Errors, distances or angles, and true values or lengths; 0 for angles, which have nothing
-      to compare with.
-    ``std``: The standard deviations that the estimate states, or None.
+    ``known``, ``scored``: Masks of finite truth and of scored pixels; the other arrays hold the scored pixels.
+    ``error``, ``expected``: Errors, distances or angles, and true values or lengths (0 for angles).
     """
 
     known: Mask
@@ -273,7 +256,7 @@ class ErrorSamples:
 
     @classmethod
     def of(cls, pair: EstimateTruthPair, error: ErrorKind = "difference") -> ErrorSamples:
-        """Return the errors of a quantity: vectors, of which distances and angles are taken, have components first."""
+        """Return the errors of a quantity; for distances and angles, the components come first."""
         known: Mask = np.isfinite(pair.truth)
         finite: Mask = np.isfinite(pair.estimate)
         if error != "difference":
@@ -291,10 +274,7 @@ class ErrorSamples:
 
 
 class StatisticsAccumulator:
-    """Gathers the statistics of one quantity in one region, part by part.
-
-    ``single``: Whether there is one part only: medians and percentiles are exact then (see `StreamingQuantiles`).
-    """
+    """Accumulates the statistics of one quantity in one region; exact quantiles for a ``single`` block."""
 
     def __init__(self, *, single: bool) -> None:
         self._known = self._count = self._within = 0
@@ -304,7 +284,7 @@ class StatisticsAccumulator:
 
     @diverged
     def add(self, scored: ErrorSamples, region: Mask) -> None:
-        """Count the pixels of a region."""
+        """Accumulate the pixels of a region."""
         self._known += int((region & scored.known).sum())
         here = region[scored.scored]
         error = scored.error[here]
@@ -322,7 +302,7 @@ class StatisticsAccumulator:
 
     @diverged
     def statistics(self) -> Statistics:
-        """Return the statistics of what was counted; see `error_statistics`."""
+        """Return the accumulated statistics; see `error_statistics`."""
         if self._count == 0:
             return dict.fromkeys(STATISTICS, None) | {"density": 0.0 if self._known else None, "count": 0}
         median, p95 = self._sizes.at([50, 95])
@@ -341,7 +321,7 @@ class StatisticsAccumulator:
 
 
 class _Squares:
-    """The root of the mean of squares, scaled by the largest value, so that those of diverged estimates are finite."""
+    """Root mean square, scaled by the largest value to avoid overflow for diverged estimates."""
 
     def __init__(self) -> None:
         self.count, self._peak, self._sum = 0, 0.0, 0.0
@@ -374,29 +354,28 @@ def _finite_or_none(value: float) -> float | None:
 
 
 RATES = ("disparity_rate", "flow_rate", "scene_flow_rate", "count")
-"""The statistics of outliers, in the order in which they are reported."""
+"""The outlier statistics, in the order of reports."""
 
 OUTLIER_PX = 3.0
-"""An outlier's error is above this many pixels ..."""
+"""Error above which a value may be an outlier, px."""
 
 OUTLIER_FRACTION = 0.05
-"""... and above this fraction of the true value's magnitude."""
+"""Error above which a value may be an outlier, as a fraction of the true magnitude; both must be exceeded."""
 
 _PARTS: Mapping[str, tuple[str, ...]] = {"disparity_rate": ("disparity",), "flow_rate": ("flow_x", "flow_y")}
-"""The quantities that each rate is made of; that of scene flow takes all."""
+"""The quantities of each rate; the scene-flow rate uses all of them."""
 
 
 def outlier_rates(
     pairs: Mapping[str, EstimateTruthPair], rates: Sequence[str] = RATES[:-1]
 ) -> dict[str, float | int | None]:
-    """Return the shares of outliers, as the KITTI scene flow benchmark defines them (Menze and Geiger, CVPR 2015).
+    """Return the outlier rates of the KITTI scene flow benchmark (Menze and Geiger, CVPR 2015).
 
-    A disparity is an outlier if its error is above 3 px and above 5 % of the true disparity's magnitude. A flow is one
-    if its endpoint error is above 3 px and above 5 % of the true flow's length. A pixel is an outlier of scene flow if
-    either is. All rates are shares of the same pixels: those where all quantities are scored that the rates need.
+    A disparity is an outlier if its error exceeds 3 px and 5 % of the true magnitude; a flow, if its endpoint error
+    exceeds 3 px and 5 % of the true length; scene flow, if either is. All rates refer to the same pixels, those where
+    all required quantities are scored.
 
-    ``pairs``: By name: ``disparity`` in px per step of s, ``flow_x`` and ``flow_y`` in px per frame, any shape. Others
-      are not looked at.
+    ``pairs``: By name: ``disparity`` in px/step, ``flow_x`` and ``flow_y`` in px/frame, any shape.
 
     >>> disparity = EstimateTruthPair(np.array([10.0, 14.0]), np.array([10.0, 10.0]))
     >>> outlier_rates({"disparity": disparity}, ["disparity_rate"])
@@ -410,18 +389,14 @@ def outlier_rates(
 
 @dataclass(frozen=True)
 class Outliers:
-    """Which pixels are outliers.
-
-    ``scored``: Where all quantities are scored that the rates need, a map.
-    ``flags``: By rate, whether a pixel is an outlier, at the scored pixels in their order.
-    """
+    """Mask of the pixels where all required quantities are scored, and outlier flags of these pixels by rate."""
 
     scored: Mask
     flags: Mapping[str, Mask]
 
     @classmethod
     def of(cls, pairs: Mapping[str, EstimateTruthPair], rates: Sequence[str]) -> Outliers:
-        """Find them; parameters as of `outlier_rates`."""
+        """Return the outliers; parameters as in `outlier_rates`."""
         parts = [part for part in _PARTS if part in rates or "scene_flow_rate" in rates]
         vectors = {part: stacked(pairs, _PARTS[part]) for part in parts}
         scored = np.logical_and.reduce([_scored(vector) for vector in vectors.values()])
@@ -433,17 +408,14 @@ class Outliers:
 
 
 class OutlierAccumulator:
-    """Counts outliers in one region, part by part.
-
-    ``rates``: The rates to tell, names of `RATES`.
-    """
+    """Counts outliers in one region, block by block, for the given ``rates`` of `RATES`."""
 
     def __init__(self, rates: Sequence[str]) -> None:
         self._found = {name: 0 for name in RATES[:-1] if name in rates}
         self._count = 0
 
     def add(self, outliers: Outliers, region: Mask) -> None:
-        """Count those of a region."""
+        """Count the outliers of a region."""
         here = region[outliers.scored]
         self._count += int(here.sum())
         for name in self._found:
@@ -456,14 +428,14 @@ class OutlierAccumulator:
 
 
 def meaningful_rates(pairs: Mapping[str, EstimateTruthPair], region: Mask) -> tuple[str, ...]:
-    """Return the rates of outliers that can tell a good estimate from a poor one.
+    """Return the outlier rates that can distinguish a good estimate from a poor one.
 
-    Where all true disparities are alike, even a guess keeps within the thresholds, so that a rate of zero says nothing.
-    A rate is meaningful if the estimate has an outlier, or if a guess would have one: the median of the truth, the same
-    at every pixel. The rate of scene flow is meaningful if that of disparity or that of flow is.
+    If the true values vary by less than the thresholds, even a constant estimate has no outliers. A rate is meaningful
+    if the estimate has an outlier, or if a constant estimate, the median of the truth, would have one. The scene-flow
+    rate is meaningful if the disparity rate or the flow rate is.
 
-    ``pairs``: What `read_pairs` returns, shape (t, y, x).
-    ``region``: Where to look, same shape.
+    ``pairs``: Estimate and truth by quantity, shape (t, y, x).
+    ``region``: Mask of the region, same shape.
 
     >>> truth, everywhere = np.array([38.0, 38.1, 38.4]), np.ones(3, dtype=bool)
     >>> meaningful_rates({"disparity": EstimateTruthPair(truth + 0.01, truth)}, everywhere)
@@ -477,7 +449,7 @@ def meaningful_rates(pairs: Mapping[str, EstimateTruthPair], region: Mask) -> tu
 def select_meaningful_rates(
     parts: Callable[[], Iterable[tuple[Mapping[str, EstimateTruthPair], Mask]]], count: int
 ) -> tuple[str, ...]:
-    """Return the rates that say anything about what comes part by part; see `meaningful_rates`."""
+    """Return the meaningful rates of data that come in ``count`` blocks; see `meaningful_rates`."""
     truths: dict[str, list[Map]] = {}
     fails: dict[str, bool] = {}
     for pairs, region in parts():
@@ -498,7 +470,7 @@ def select_meaningful_rates(
 
 
 def _vectors(pairs: Mapping[str, EstimateTruthPair], region: Mask) -> Iterator[tuple[str, EstimateTruthPair, Mask]]:
-    """Give the rates' quantities that are there, by rate, and where they are scored."""
+    """Yield the available quantities of each rate and the pixels where they are scored."""
     for part, names in _PARTS.items():
         if all(name in pairs for name in names):
             vectors = stacked(pairs, names)

@@ -1,4 +1,4 @@
-"""Data sets on disk: stores with checksums, read and written image by image, and image files."""
+"""Data sets on disk: Zarr stores with checksums, and image files."""
 
 from scenetruth.storage.image_series import is_image_name, write_images
 from scenetruth.storage.reader import StoreKind, load_store, open_store, verify_store

@@ -1,4 +1,4 @@
-"""Image files of a recording, for programs that do not read Zarr."""
+"""Export of a recording as image files."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _NAME = re.compile(r"(r[+-]\d+_)?s[+-]\d+_t[+-]\d+\.(png|tiff)")
 
 
 def is_image_name(name: str) -> bool:
-    """Tell whether a file has a name that `write_images` gives."""
+    """Return whether a file name matches the pattern used by `write_images`."""
     return _NAME.fullmatch(name) is not None
 
 
 def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png", "tiff"]) -> None:
-    """Write each image of a recording to a file ``s+0_t+0.png``, or ``r+0_s+0_t+0.png`` in row ``s_y`` = 0."""
+    """Write each image of a recording to ``s+0_t+0.png``, or to ``r+0_s+0_t+0.png`` in row ``s_y`` = 0 of a grid."""
     import imageio.v3 as imageio
 
     folder = Path(folder)

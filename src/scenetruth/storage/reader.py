@@ -1,4 +1,4 @@
-"""Reading of stores, eager or image by image, and verification down to the last chunk."""
+"""Reading and verification of stores."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ __all__ = ["STORE_KINDS", "StoreKind", "load_store", "open_store", "verify_store
 
 StoreKind = Literal["recording", "truth", "estimate"]
 STORE_KINDS: tuple[StoreKind, ...] = ("recording", "truth", "estimate")
-"""What a store can hold."""
+"""Types of data sets that a store can hold."""
 
 
 def load_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
-    """Read a store that `save` has written.
+    """Read a store written by `save_store` into memory.
 
     Parameters
     ----------
     path
-        The store.
+        Path of the store.
     kind
-        Kind that the store must hold; any kind if not given.
+        Required type of data set; default: any.
 
     Returns
     -------
@@ -51,11 +51,12 @@ def load_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
     Raises
     ------
     StoreError
-        If there is no such store, it is not ours or of another kind, or it is damaged: every chunk is checked.
+        If the store does not exist, was not written by scenetruth, holds another type of data set or is damaged. The
+        checksum of every chunk is verified.
 
     See Also
     --------
-    open_store : The same, read as it is needed.
+    open_store : Open a store for lazy reading.
     save_store : Write a store.
 
     Examples
@@ -78,29 +79,29 @@ def load_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
 
 
 def open_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
-    """Open a store that `save` has written; images and maps are read when they are used.
+    """Open a store written by `save_store`; images and maps are read on access.
 
     Parameters
     ----------
     path
-        The store.
+        Path of the store.
     kind
-        Kind that the store must hold; any kind if not given.
+        Required type of data set; default: any.
 
     Returns
     -------
     xarray.Dataset
-        The data set. What is selected from it is read from the store each time; ``.load()`` keeps it in memory.
+        The data set. Each selection is read from the store on every access; ``.load()`` keeps it in memory.
 
     Raises
     ------
     StoreError
-        If there is no such store, it is not ours or of another kind, or its metadata or files are damaged; if chunks
-        are, when they are read.
+        If the store does not exist, was not written by scenetruth, holds another type of data set, or has damaged
+        metadata or files. Damaged chunks raise on access.
 
     See Also
     --------
-    load_store : The same, all in memory.
+    load_store : Read a store into memory.
 
     Examples
     --------
@@ -125,8 +126,8 @@ def open_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
             variables = {name: _variable(path, name, array) for name, array in arrays.items()}
     except StoreError:
         raise
-    except Exception as error:  # zarr reports a damaged store with errors of many kinds
-        raise StoreError(path, f"is damaged ({error}); make it again") from error
+    except Exception as error:  # zarr raises various exceptions for a damaged store
+        raise StoreError(path, f"is damaged ({error}); create it again") from error
     auxiliary = str(attributes.pop(AUXILIARY, "")).split()
     del attributes[CHECKSUM_ATTRIBUTE]
     coords = {name: variable for name, variable in variables.items() if name in auxiliary or variable.dims == (name,)}
@@ -135,17 +136,17 @@ def open_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
         dataset = xr.Dataset(data, coords, attributes)
         check_dataset(dataset, str(attributes["scenetruth"]))
     except (RecordingError, ValueError) as error:
-        raise StoreError(path, f"does not have the agreed form: {error}") from error
+        raise StoreError(path, f"does not follow the data model: {error}") from error
     return dataset
 
 
 def _attributes(path: Path, kind: StoreKind | None) -> dict[str, Any]:
-    """Return the attributes of a store that is ours and whole, as far as its metadata tells."""
+    """Return the attributes of a store after checking its type, format version and checksums."""
     import json
 
     if not path.exists():
         raise StoreError(path, "no such store")
-    foreign = "is not a store of scenetruth"
+    foreign = "was not written by scenetruth"
     try:
         attributes = dict(json.loads(open_store_files(path).read(ROOT))["attributes"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
@@ -156,15 +157,15 @@ def _attributes(path: Path, kind: StoreKind | None) -> dict[str, Any]:
     if kind is not None and found != kind:
         raise StoreError(path, f"holds a {found}, but a {kind} is needed")
     if version is None or (isinstance(version, int) and version < FORMAT_VERSION):
-        message = f"has the format 1, with other names of variables; this scenetruth reads format {FORMAT_VERSION}: "
-        raise StoreError(path, message + "make it again")
+        message = f"has format 1 with obsolete variable names; this scenetruth version reads format {FORMAT_VERSION}: "
+        raise StoreError(path, message + "create the store again")
     if not isinstance(version, int) or version > FORMAT_VERSION:
-        message = f"has the format {version}; this scenetruth reads format {FORMAT_VERSION}: update it"
+        message = f"has format {version}; this scenetruth version reads format {FORMAT_VERSION}: update scenetruth"
         raise StoreError(path, message)
     try:
         check_checksums(path, attributes)
     except OSError as error:
-        raise StoreError(path, f"is damaged: its files cannot be read ({error}); make it again") from error
+        raise StoreError(path, f"is damaged: its files cannot be read ({error}); create it again") from error
     return attributes
 
 
@@ -176,18 +177,17 @@ def _names(path: Path) -> list[str]:
 def _variable(path: Path, name: str, array: Any) -> xr.Variable:
     dims = array.metadata.dimension_names
     if dims is None:
-        raise StoreError(path, f"is damaged: '{name}' has no names of dimensions; make it again")
+        raise StoreError(path, f"is damaged: '{name}' has no dimension names; create it again")
     stored = StoredArray(path, name, array)
     values = indexing.LazilyIndexedArray(stored) if is_mapped(dims) else stored.read(())
     return xr.Variable(dims, values, dict(array.attrs), fastpath=True)
 
 
 class StoredArray(BackendArray):
-    """The values of one variable in a store, read as they are asked for.
+    """One variable of a store, read on access.
 
-    ``path``: The store, for messages.
-    ``name``: The variable.
-    ``array``: Its zarr array.
+    ``path``: Path of the store, for messages.
+    ``array``: zarr array of the variable.
     """
 
     def __init__(self, path: Path, name: str, array: Any) -> None:
@@ -195,22 +195,22 @@ class StoredArray(BackendArray):
         self.shape, self.dtype = array.shape, np.dtype(array.dtype)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> NDArray[Any]:
-        """Read what a selection of xarray's asks for."""
+        """Read the selection of an xarray indexer."""
         support = indexing.IndexingSupport.OUTER
         return np.asarray(indexing.explicit_indexing_adapter(key, self.shape, support, self.read))
 
     def read(self, key: tuple[Any, ...]) -> NDArray[Any]:
-        """Read a part; every chunk that is touched is checked."""
+        """Read a selection and verify the checksum of each chunk read."""
         try:
             with without_warnings():
                 return np.asarray(self._array.oindex[tuple(map(_plain, key))] if key else self._array[...])
-        except Exception as error:  # zarr and the codecs report damage with errors of many kinds
-            message = f"is damaged: '{self._name}' cannot be read ({' '.join(str(error).split())}); make it again"
+        except Exception as error:  # zarr and the codecs raise various exceptions for damage
+            message = f"is damaged: '{self._name}' cannot be read ({' '.join(str(error).split())}); create it again"
             raise StoreError(self._path, message) from error
 
 
 def _plain(index: Any) -> Any:
-    """Return successive places as a slice: zarr reads lists of places ten times slower."""
+    """Return consecutive indices as a slice, because zarr reads index arrays ten times more slowly."""
     if (
         isinstance(index, np.ndarray)
         and index.ndim == 1
@@ -223,7 +223,7 @@ def _plain(index: Any) -> Any:
 
 
 def verify_store(path: str | Path) -> str:
-    """Read a store through, one image or map after the other, and check every byte of it."""
+    """Read every image and map of a store, verify all checksums and return the type of the data set."""
     dataset = open_store(path)
     for variable in dataset.variables.values():
         if not is_mapped(variable.dims):
@@ -240,5 +240,5 @@ def verify_store(path: str | Path) -> str:
     if is_zip_name(Path(path)):
         with TemporaryDirectory(prefix="scenetruth-") as scratch:
             if differs_from_packed(Path(path), Path(scratch)):
-                raise StoreError(path, "is damaged: the zip file is not as it was written; make it again")
+                raise StoreError(path, "is damaged: the zip file differs from the one written; create it again")
     return str(dataset.attrs["scenetruth"])

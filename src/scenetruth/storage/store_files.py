@@ -1,7 +1,4 @@
-"""The files of a store, in a directory or in one zip file.
-
-Names, checksums of metadata and files, and which store may be replaced.
-"""
+"""Files of a store, in a directory or a zip file: names, checksums and ownership."""
 
 from __future__ import annotations
 
@@ -38,17 +35,17 @@ __all__ = [
 
 
 SCENE = "scene.yaml"
-"""The scene with all defaults and overrides."""
+"""Scene file with all defaults and overrides."""
 
 RECORDING = "recording"
-"""The images; a store."""
+"""Stem of the store that holds the images."""
 
 TRUTH = "truth"
-"""The exact maps; a store."""
+"""Stem of the store that holds the ground truth."""
 
 
 def store_name(stem: str, *, zipped: bool) -> str:
-    """Return the name of a store: of a folder, or of a zip file.
+    """Return the file name of a store: a directory, or a zip file.
 
     >>> store_name(TRUTH, zipped=False), store_name("estimate", zipped=True)
     ('truth.zarr', 'estimate.zarr.zip')
@@ -57,10 +54,10 @@ def store_name(stem: str, *, zipped: bool) -> str:
 
 
 ROOT = "zarr.json"
-"""The file with the metadata of a store."""
+"""Metadata file of a store."""
 
 _ZIP = ".zip"
-# What zipfile raises where a file is damaged, besides OSError.
+# Exceptions that zipfile raises for a damaged file, in addition to OSError.
 _DAMAGED = (
     zipfile.BadZipFile,
     KeyError,
@@ -75,29 +72,29 @@ _BLOCK = 1 << 20
 
 
 def is_zip_name(path: Path) -> bool:
-    """Tell whether a store of this name is one zip file: ``recording.zarr.zip``."""
+    """Return whether the name of a store is that of a zip file (``recording.zarr.zip``)."""
     return path.suffix == _ZIP
 
 
 def is_part(name: str) -> bool:
-    """Tell whether a path inside a store is that of a file which stores consist of."""
+    """Return whether a path inside a store is a metadata or chunk file."""
     parts = PurePosixPath(name).parts
     return parts[-1] == ROOT or (len(parts) > 2 and parts[1] == "c")
 
 
 class StoreFiles(Protocol):
-    """The files of a store, by their paths inside it."""
+    """Read access to the files of a store by relative path."""
 
     def sizes(self) -> Mapping[str, int]:
-        """Return the bytes of every file that belongs to the store, sorted by path."""
+        """Return the size in bytes of every file of the store, sorted by path."""
         ...
 
     def foreign(self) -> list[str]:
-        """Return what is there but does not belong to a store."""
+        """Return the paths of files that do not belong to the store."""
         ...
 
     def read(self, name: str) -> bytes:
-        """Return what a file holds."""
+        """Return the content of a file."""
         ...
 
 
@@ -132,7 +129,7 @@ class _Zip:
         try:
             return zipfile.ZipFile(self._path)
         except _DAMAGED as error:
-            raise OSError(f"is no zip file, or damaged: {error}") from error
+            raise OSError(f"is not a zip file or is damaged: {error}") from error
 
     def sizes(self) -> dict[str, int]:
         with self._opened() as archive:
@@ -146,17 +143,17 @@ class _Zip:
             try:
                 return archive.read(name)
             except _DAMAGED as error:
-                raise OSError(f"holds no whole {name}: {error}") from error
+                raise OSError(f"holds no intact {name}: {error}") from error
 
 
 def pack(folder: Path, target: Path) -> None:
-    """Put the files of a store into one zip file, the same bytes each time; they are packed already."""
+    """Write the files of a store to one uncompressed zip file, byte for byte reproducible."""
     with target.open("wb") as stream:
         _pack(folder, stream)
 
 
 def _pack(folder: Path, stream: IO[bytes]) -> None:
-    # A stream that cannot go back: what is written does not depend on how.
+    # A non-seekable stream makes the bytes independent of the target.
     with zipfile.ZipFile(cast(Any, _Forwards(stream)), "w", zipfile.ZIP_STORED) as archive:
         for name in _Folder(folder).sizes():
             info = zipfile.ZipInfo(name)
@@ -166,7 +163,7 @@ def _pack(folder: Path, stream: IO[bytes]) -> None:
 
 
 def differs_from_packed(path: Path, scratch: Path) -> bool:
-    """Tell whether a zip file differs anywhere from what `pack` makes of its content."""
+    """Return whether a zip file differs from the output of `pack` for the same content."""
     try:
         with zipfile.ZipFile(path) as archive:
             archive.extractall(scratch)
@@ -179,7 +176,7 @@ def differs_from_packed(path: Path, scratch: Path) -> bool:
 
 
 class _Forwards:
-    """A stream that can only be written to."""
+    """A write-only, non-seekable stream."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -193,7 +190,7 @@ class _Forwards:
 
 
 class _Comparison:
-    """Takes what would be written, and compares it with what is there."""
+    """A stream that compares the bytes written to it with an existing file."""
 
     def __init__(self, there: IO[bytes]) -> None:
         self._there, self.differs = there, False
@@ -204,16 +201,16 @@ class _Comparison:
 
 
 CHECKSUM_ATTRIBUTE = "content"
-"""Attribute of a store that holds its seal."""
+"""Attribute of a store that holds its checksums."""
 
 _BLANK = "0" * 64
 
 
 def write_checksums(path: Path) -> None:
-    """Put a seal on a store: the number of its files, the bytes of its chunks, and a digest.
+    """Write the checksums of a store: file count, bytes of all chunks, and SHA-256 digest.
 
-    The digest covers every byte of metadata, and the name and size of every other file; these carry checksums of their
-    own. Of the file that holds the digest itself, it takes the digest as zeros.
+    The digest covers all metadata and the name and size of every chunk file (chunks have their own checksums). The
+    digest field itself counts as zeros.
     """
     files = open_store_files(path)
     sizes = files.sizes()
@@ -224,21 +221,21 @@ def write_checksums(path: Path) -> None:
 
 
 def check_checksums(path: Path, attributes: dict[str, Any]) -> None:
-    """Refuse a store whose metadata or whose files have changed since it was sealed."""
+    """Raise a StoreError if the metadata, file names or file sizes of a store differ from its checksums."""
     sealed = attributes.get(CHECKSUM_ATTRIBUTE)
     if not isinstance(sealed, dict):
-        raise StoreError(path, "carries no seal, so that nobody can tell whether it is whole; make it again")
+        raise StoreError(path, "has no checksums, so its integrity cannot be verified; create it again")
     counted = {name: sealed.get(name) for name in ("files", "bytes")}
     files = open_store_files(path)
     sizes = files.sizes()
     found = _count(sizes)
     if counted != found:
-        held = f"sealed with {_format_count(counted)}, but it holds {_format_count(found)}"
-        message = f"is damaged or cut short: {held}; make it again"
+        held = f"written with {_format_count(counted)}, but it holds {_format_count(found)}"
+        message = f"is damaged or truncated: {held}; create it again"
         raise StoreError(path, message)
     root, digest = files.read(ROOT), str(sealed.get("sha256"))
     if digest != _digest(files, sizes, root.replace(digest.encode(), _BLANK.encode(), 1)):
-        message = "is damaged: its metadata, or the names or sizes of its files, have changed; make it again"
+        message = "is damaged: its metadata, or the names or sizes of its files, have changed; create it again"
         raise StoreError(path, message)
 
 
@@ -263,7 +260,7 @@ def _digest(files: StoreFiles, sizes: Mapping[str, int], root: bytes) -> str:
 
 
 def claim_store(path: Path) -> OwnershipResult:
-    """Claim a store: a folder or a zip file with a data set of ours and nothing else."""
+    """Return whether a directory or zip file is a store written by scenetruth without foreign files."""
     if is_zip_name(path) == path.is_dir() or not is_store(path):
         return OwnershipResult("is not a store that scenetruth wrote")
     foreign = open_store_files(path).foreign()
@@ -271,7 +268,7 @@ def claim_store(path: Path) -> OwnershipResult:
 
 
 def is_store(path: Path) -> bool:
-    """Tell whether a folder or a zip file looks like a store that scenetruth wrote, perhaps damaged since."""
+    """Return whether a directory or zip file has the metadata of a store written by scenetruth, even if damaged."""
     try:
         return b'"scenetruth"' in open_store_files(path).read(ROOT)
     except OSError:

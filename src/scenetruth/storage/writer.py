@@ -1,4 +1,4 @@
-"""Writing of stores, image by image in memory that does not grow with their number, or a whole data set in one call."""
+"""Writing of stores, incrementally or as a whole data set."""
 
 from __future__ import annotations
 
@@ -40,14 +40,13 @@ _PENDING_BYTES = 1 << 26
 
 
 class StoreWriter:
-    """Writes a store; to be used in a with block, at whose end the store is whole.
+    """Incremental writer of a store, used as a context manager; the store is complete on exit.
 
-    ``path``: The store, which does not exist yet; `write_atomically` gives such paths.
-    ``like``: A data set with the variables, coordinates and attributes that the store will have. Of variables with
-      pixels only the form is taken, so that they may be views of a single value; others hold until something is put
-      there.
-    ``zipped``: Whether the store is one zip file in the end.
-    ``narrow``: Whether maps of float64 are stored as float32.
+    ``path``: Path of a store that does not exist, as supplied by `write_atomically`.
+    ``like``: Data set with the variables, coordinates and attributes of the store. Variables with pixel dimensions
+      serve as templates and may be blank maps; other variables are written unless replaced by `put`.
+    ``zipped``: Write the store as one zip file.
+    ``narrow``: Store float64 maps as float32.
     """
 
     def __init__(self, path: Path, like: xr.Dataset, *, zipped: bool = False, narrow: bool = False) -> None:
@@ -64,7 +63,7 @@ class StoreWriter:
         check_dataset(like, kind)
         attributes = plain_attributes(like)
         self._like, self._kind = like, kind
-        # Zip files are made from the finished folder: inside them nothing can be sealed any more.
+        # The zip file is created from the finished directory, because checksums cannot be added inside an archive.
         self._zip = path if zipped else None
         self._path = path = scratch_path(path) if zipped else path
         self._encoders: dict[Hashable, Any] = {}
@@ -73,7 +72,7 @@ class StoreWriter:
         self._small: dict[str, NDArray[Any]] = {}
         self._pending: deque[tuple[ShardFile, tuple[int, ...], int, Future[bytes]]] = deque()
         self._pending_bytes = 0
-        # Where one thread may work, it packs itself.
+        # With a single thread, chunks are compressed synchronously.
         packers = min(_THREADS, thread_count())
         self._pool = ThreadPoolExecutor(packers, thread_name_prefix="store") if packers > 1 else None
         with without_warnings():
@@ -104,16 +103,16 @@ class StoreWriter:
             array[...] = variable.values
 
     def describe(self, attrs: Mapping[str, Any]) -> None:
-        """Add attributes that are known only now."""
+        """Add attributes that become available during writing."""
         self._like = self._like.assign_attrs(attrs)
         check_dataset(self._like, self._kind)
         with without_warnings():
             self._group.update_attributes(plain_attributes(self._like)[""])
 
     def put(self, name: str, at: Mapping[str, int], values: NDArray[Any]) -> None:
-        """Write one image or map, or several."""
+        """Write one or several images or maps at an index of the leading dimensions."""
         if name not in self._variables:
-            # Without pixels it is small, and is written when all is known.
+            # Variables without pixel dimensions are small and are written on exit.
             small = self._small.setdefault(name, np.array(self._like[name].values))
             small[tuple(at.get(str(dim), slice(None)) for dim in self._like[name].dims)] = values
             return
@@ -125,10 +124,10 @@ class StoreWriter:
             values = values.astype(np.float32)
         expected = tuple(size for dim, size in variable.sizes.items() if dim not in at)
         if values.shape != expected or values.dtype != variable.dtype:
-            msg = f"{name}: {values.dtype} {values.shape}, where {variable.dtype} {expected} belongs"
+            msg = f"{name}: {values.dtype} {values.shape}, expected {variable.dtype} {expected}"
             raise ValueError(msg)
         for index in product(*steps):
-            # One index for each dimension that the values still have and that is cut into chunks.
+            # One index for each remaining dimension that is split into chunks.
             inner = tuple(
                 number if chunk == 1 and dim not in ("y", "x", "channel") else slice(None)
                 for dim, number, chunk in zip(variable.dims, index, chunks, strict=True)
@@ -147,7 +146,7 @@ class StoreWriter:
         return done
 
     def _write_out(self, at_most: int) -> None:
-        """Append packed chunks to their files, in the order in which they were put."""
+        """Append compressed chunks to their files in the order of the calls."""
         while self._pending and (self._pending_bytes > at_most or self._pending[0][3].done()):
             file, index, size, packed = self._pending.popleft()
             self._pending_bytes -= size
@@ -159,13 +158,13 @@ class StoreWriter:
         self._write_out(-1)
         for name, file in self._files.items():
             if file.missing:
-                msg = f"{name}: {file.missing} chunks were never put"
+                msg = f"{name}: {file.missing} chunks were not written"
                 raise ValueError(msg)
             file.close()
         for name, values in self._small.items():
             self._group[name][...] = values
         with without_warnings():
-            # Without consolidated metadata, xarray alone would warn when it opens the store.
+            # Without consolidated metadata, xarray warns when it opens the store.
             zarr.consolidate_metadata(self._path, zarr_format=3)
         write_checksums(self._path)
         if self._zip is not None:
@@ -194,29 +193,30 @@ def _pack(encoder: Any, chunk: NDArray[Any]) -> bytes:
 
 
 def save_store(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write a recording, a truth or an estimate as a zarr store, one chunk for each image or map.
+    """Write a recording, ground truth or estimate to a Zarr store, one chunk per image or map.
 
     Parameters
     ----------
     dataset
-        The data set; of one that was opened and not loaded, one image or map after the other is read.
+        The data set. A lazily opened data set is copied image by image.
     path
-        The store to make: a folder, or one zip file if its name ends so (``recording.zarr.zip``).
+        Path of the store: a directory, or a zip file if the name ends in ``.zip`` (``recording.zarr.zip``).
     overwrite
-        Whether an existing store may be replaced. A folder that is no store of ours, or holds other files, never is.
+        Replace an existing store. Directories that are not a store of scenetruth or contain foreign files are never
+        replaced.
 
     Raises
     ------
     OutputExistsError
         If the store exists and may not be replaced.
     RecordingError
-        If it is not a recording, truth or estimate that `load` could read again; lists what is wrong.
+        If the data set is not a valid recording, ground truth or estimate; lists every problem.
     StoreError
-        If it cannot be written; nothing is left behind then.
+        If the store cannot be written; no partial output remains.
 
     See Also
     --------
-    load_store : Read it again.
+    load_store : Read a store into memory.
 
     Examples
     --------
@@ -235,7 +235,7 @@ def save_store(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False
 
 
 def write_store(dataset: xr.Dataset, path: Path, *, zipped: bool = False) -> None:
-    """Write a data set to a store that does not exist yet; see `save`."""
+    """Write a data set to a store that does not exist, see `save_store`."""
     _write(_stamped(dataset), path, zipped=zipped)
 
 
@@ -252,7 +252,7 @@ def _write(dataset: xr.Dataset, path: Path, *, zipped: bool) -> None:
 
 
 def _stamped(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a data set with its kind and format version; arithmetic with xarray may have dropped its attributes."""
+    """Return a data set with its type and format version, which xarray arithmetic may have dropped."""
     kind = dataset.attrs.get("scenetruth")
     if kind is None:
         kind = "recording" if "image" in dataset else "truth" if "mixed" in dataset else "estimate"

@@ -1,7 +1,4 @@
-"""The form of a store in Zarr.
-
-Plain JSON attributes, one chunk for each image or map, shard files, codecs, and the warnings that are suppressed.
-"""
+"""Layout of a Zarr store: attributes, chunks, shard files and codecs."""
 
 from __future__ import annotations
 
@@ -32,17 +29,17 @@ __all__ = [
 
 
 AUXILIARY = "coordinates"
-"""Attribute of a store that names the coordinates which are no dimensions, as CF conventions and xarray spell it."""
+"""Attribute that lists the non-dimension coordinates, as in the CF conventions and xarray."""
 
 
 def plain_attributes(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Return the attributes of a data set and of its variables as plain values."""
+    """Return the attributes of a data set (key ``""``) and of its variables as JSON values."""
     problems: list[Problem] = []
     found = {"": _plain(dataset.attrs, "attrs", problems)}
     for name, variable in dataset.variables.items():
         found[str(name)] = _plain(variable.attrs, f"{name}.attrs", problems)
         if variable.dtype.kind not in "biufU":
-            message = "holds values that are neither numbers nor text; a store cannot keep them"
+            message = "must hold numbers or text to be stored"
             problems.append(Problem(str(name), message, str(variable.dtype)))
     if problems:
         raise RecordingError(problems, source="data set to save")
@@ -58,7 +55,7 @@ def _plain(attrs: Mapping[Any, Any], where: str, problems: list[Problem]) -> dic
         try:
             plain[str(name)] = _plain_value(value)
         except (TypeError, ValueError) as error:
-            message = f"cannot be stored: {error}; give it as text"
+            message = f"cannot be stored: {error}; convert it to text"
             problems.append(Problem(f"{where}.{name}", message, type(value).__name__))
     return plain
 
@@ -67,7 +64,7 @@ def _plain_value(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return _plain_value(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
-        msg = "JSON has no NaN and no infinity"
+        msg = "JSON does not support NaN or infinity"
         raise ValueError(msg)
     if isinstance(value, str | int | float | bool | None):
         return value
@@ -75,24 +72,24 @@ def _plain_value(value: Any) -> Any:
         return [_plain_value(item) for item in value]
     if isinstance(value, Mapping):
         return {str(name): _plain_value(item) for name, item in value.items()}
-    msg = f"{type(value).__name__} is no plain value"
+    msg = f"{type(value).__name__} is not a JSON type"
     raise TypeError(msg)
 
 
 _STEPPED = frozenset({"boundary_distance"})
-"""Floats that take few values; what predicts smooth maps finds nothing in them."""
+"""Discontinuous float maps, which predictive coding does not compress."""
 
 _LEVEL = 3
-"""Of zstd: more takes twice as long for a few per cent."""
+"""Compression level of zstd; higher levels take twice as long for a few per cent."""
 
 
 def is_mapped(dims: Sequence[Hashable]) -> bool:
-    """Tell whether a variable has images or maps, which lie chunk by chunk in one file."""
+    """Return whether a variable has pixel dimensions and is therefore stored in chunks."""
     return "y" in dims and "x" in dims
 
 
 def chunk_shape(dims: Sequence[Hashable], shape: Sequence[int]) -> tuple[int, ...]:
-    """Return the shape of a chunk: one image or map; the channels of a colour stay together."""
+    """Return the shape of a chunk: one image or map, including all colour channels."""
     if not is_mapped(dims):
         return tuple(shape)
     return tuple(size if dim in ("y", "x", "channel") else 1 for dim, size in zip(dims, shape, strict=True))
@@ -103,11 +100,10 @@ def _is_smooth(name: str, dtype: np.dtype[Any]) -> bool:
 
 
 def select_encoder(name: str, dtype: np.dtype[Any]) -> Any:
-    """Return what packs and unpacks one chunk of a variable, a codec of numcodecs.
+    """Return the numcodecs codec for the chunks of a variable.
 
-    Floats go through pcodec, which stores how far each value is from what its neighbours predict, without loss: exact
-    maps of smooth surfaces take a third of what byte shuffling and zstd leave. Everything else is shuffled and packed
-    by zstd.
+    Floats use pcodec, a lossless predictive codec that needs a third of the size of byte shuffling and zstd for exact
+    maps of smooth surfaces. All other data use byte shuffling and zstd.
     """
     if _is_smooth(name, dtype):
         from numcodecs.pcodec import PCodec
@@ -119,7 +115,7 @@ def select_encoder(name: str, dtype: np.dtype[Any]) -> Any:
 
 
 def select_codecs(name: str, dtype: np.dtype[Any]) -> dict[str, Any]:
-    """Return the same as `select_encoder` in zarr's words, with the checksum that follows every chunk."""
+    """Return the zarr configuration of `select_encoder`, followed by a CRC-32C checksum of every chunk."""
     from zarr.codecs import BloscCodec, Crc32cCodec
     from zarr.codecs.numcodecs import PCodec
 
@@ -136,14 +132,14 @@ _filters: warnings.catch_warnings[None] | None = None
 
 @contextmanager
 def without_warnings() -> Iterator[None]:
-    """Silence what zarr warns of: short strings, consolidated metadata and pcodec are not yet in its specification.
+    """Suppress zarr's warnings about features that its specification does not yet include (strings, pcodec, ...).
 
-    Several threads may be inside at a time: filters are the same for all threads, so that the first one in sets them
-    and the last one out restores them.
+    Nested use by several threads is allowed: filters are process-wide, so the first thread sets and the last one
+    restores them.
     """
     global _inside, _filters
     if getattr(sys.flags, "context_aware_warnings", False):
-        # Newer Pythons may keep filters for each thread.
+        # Recent versions of Python support filters per thread.
         with warnings.catch_warnings():
             _silence()
             yield
@@ -176,12 +172,11 @@ _ABSENT = 2**64 - 1
 
 
 class ShardFile:
-    """One file that holds all chunks of a variable: the chunks, then where each lies, then a checksum of that.
+    """A shard file: all chunks of a variable, followed by the chunk index and the checksum of the index.
 
-    zarr itself can only write such a file at once, with all its chunks in memory.
+    zarr writes a shard only with all its chunks in memory; this class appends chunk by chunk.
 
-    ``path``: The file.
-    ``grid``: Number of chunks along every dimension.
+    ``grid``: Number of chunks along each dimension.
 
     References
     ----------
@@ -195,28 +190,28 @@ class ShardFile:
         self._end = 0
 
     def put(self, at: Sequence[int], chunk: bytes) -> None:
-        """Append a packed chunk, checksum included, which belongs at an index of the grid."""
+        """Append a compressed chunk, including its checksum, for a position in the grid."""
         self._file.write(chunk)
         self._index[tuple(at)] = (self._end, len(chunk))
         self._end += len(chunk)
 
     @property
     def missing(self) -> int:
-        """Number of chunks that have not been put yet."""
+        """Number of chunks not yet written."""
         return int((self._index[..., 0] == _ABSENT).sum())
 
     def close(self) -> None:
-        """Write where the chunks lie; the file is whole then."""
+        """Write the chunk index, which completes the file."""
         self._file.write(with_checksum(self._index.tobytes()))
         self._file.close()
 
     def give_up(self) -> None:
-        """Close the file as it is."""
+        """Close the file without an index."""
         self._file.close()
 
 
 def with_checksum(content: bytes) -> bytes:
-    """Return bytes followed by their CRC-32C, as zarr's codec ``crc32c`` writes it."""
+    """Return bytes followed by their CRC-32C, in the format of zarr's ``crc32c`` codec."""
     import google_crc32c
 
     return content + int(google_crc32c.value(content)).to_bytes(4, "little")

@@ -28,7 +28,7 @@ Map = NDArray[np.float64]
 def count_pixels_in_region(
     estimate: xr.Dataset, truth: xr.Dataset, recording: xr.Dataset | None, region: str, settings: Mapping[str, Any]
 ) -> int:
-    """Return the number of pixels of a region over all frames, those that a complete estimate would be scored at."""
+    """Return the number of pixels of a region over all frames at which a complete estimate would be scored."""
     found, exact = align(estimate, truth)
     x, y = (found[name].values if name in found.coords else None for name in ("x", "y"))
     perfect = label("estimate", {"depth": exact["depth"].values}, read_intrinsics(found), t=found["t"].values, x=x, y=y)
@@ -45,15 +45,15 @@ def compute_bound_in_region(
     region: str,
     settings: Mapping[str, Any],
 ) -> dict[str, float | None]:
-    """Return the rms of a bound over the pixels of a region at which an estimate is scored."""
+    """Return the RMS of a bound over the scored pixels of a region."""
     found, exact = align(estimate, truth)
-    # An estimate that is wrong by one standard deviation everywhere has the rms of the standard deviations.
+    # The RMSE of an estimate with an error of one standard deviation everywhere is the RMS of the bound.
     wrong = found.copy()
     problems = []
     for name in names:
         entry = QUANTITIES[name]
         if entry.variable not in found:
-            # Growth that windows find in depth and velocity has an error, but this is none of its own.
+            # Growth computed from depth and velocity has no variable and therefore no bound.
             continue
         try:
             std = _read_std(bound, entry, found)
@@ -72,7 +72,7 @@ def compute_bound_in_region(
 
 
 def _read_std(bound: xr.Dataset, entry: Quantity, found: xr.Dataset) -> Map:
-    """Return the standard deviations at the pixels of an estimate, NaN where there are none."""
+    """Return the standard deviations at the pixels of an estimate, NaN where undefined."""
     variable = f"{entry.variable}_std"
     if variable not in bound:
         msg = f"is missing; the bound has {', '.join(sorted(map(str, bound.data_vars)))}"
@@ -83,7 +83,7 @@ def _read_std(bound: xr.Dataset, entry: Quantity, found: xr.Dataset) -> Map:
         array = array.isel({vector[0]: entry.component})
     if not set(array.dims) <= {"t", "y", "x"}:
         dims = ", ".join(map(str, bound[variable].dims))
-        msg = f"must have the dimensions (t, y, x), a vector's component before them; it has ({dims})"
+        msg = f"must have the dimensions (t, y, x), preceded by the components of a vector; it has ({dims})"
         raise ValueError(msg)
     for dim in ("t", "y", "x"):
         if dim in array.dims and dim in array.coords and dim in found.coords:
@@ -96,15 +96,15 @@ def _read_std(bound: xr.Dataset, entry: Quantity, found: xr.Dataset) -> Map:
 def draw_differences(
     estimate: xr.Dataset, truth: xr.Dataset, recording: xr.Dataset | None, names: Collection[str], folder: Path
 ) -> list[Path]:
-    """Draw some quantities of one frame, t = 0 or the middle one; a distance as the components of its vector."""
-    # matplotlib takes a second to import, and nobody needs it for what is kept.
+    """Draw quantities of the frame t = 0 or the middle frame; a distance is drawn as the components of its vector."""
+    # Importing matplotlib takes 1 s and is not necessary if all limits are met.
     from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
     from scenetruth.scoring.figures.figure_style import style
     from scenetruth.scoring.figures.map_figures import draw_comparison
 
     views = collect_figure_arrays(_blank_like(estimate) if recording is None else recording, estimate, truth)
     wanted = {part for name in names for part in _scalars(name)}
-    # In the order of the table, the components of a vector in one picture.
+    # In the order of the table, with the components of a vector in one figure.
     known = [name for name in QUANTITIES if name in wanted and name in views.truth and views.knows(name)]
     files = []
     for variable in dict.fromkeys(QUANTITIES[name].variable for name in known):
@@ -134,7 +134,7 @@ def _free(folder: Path, stem: str) -> Path:
 
 
 def _blank_like(estimate: xr.Dataset) -> xr.Dataset:
-    """Return a recording without a picture, of the pixels of an estimate."""
+    """Return a recording with a blank image at the pixels of an estimate."""
     x, y = (estimate[name].values if name in estimate.coords else None for name in ("x", "y"))
     image = blank_map(np.float32, (1, 1, estimate.sizes["y"], estimate.sizes["x"]))
     intrinsics = read_intrinsics(estimate)
@@ -153,17 +153,17 @@ def failure_message(
     pictures: Sequence[Path] | str,
     slips: Sequence[str],
 ) -> str:
-    """Return the text of a failure."""
+    """Return the message of a failure."""
     broken = sum(not outcome.kept for outcome in outcomes)
     head = f"{broken} of {len(outcomes)} limit{'s' * (len(outcomes) != 1)} broken by the estimate of '{method}'"
     lines = [f"{head} in the region '{region}' of {pixels} pixels:", *_table(outcomes)]
     if slips:
-        lines += ["likely slips:", *(f"  - {slip}" for slip in slips)]
+        lines += ["possible convention errors:", *(f"  - {slip}" for slip in slips)]
     if pictures:
         shown = [pictures] if isinstance(pictures, str) else [f"  {file}" for file in pictures]
         lines += shown if isinstance(pictures, str) else ["estimate, truth and error:", *shown]
-    look = "scenetruth.write_report(estimate, truth, recording, output=...) draws everything; "
-    lines.append(f"look further: {look}scenetruth.score(estimate, truth, recording).to_dataframe() has all regions")
+    look = "scenetruth.write_report(estimate, truth, recording, output=...) draws all maps; "
+    lines.append(f"more detail: {look}scenetruth.score(estimate, truth, recording).to_dataframe() lists all regions")
     return "\n".join(lines)
 
 
@@ -201,56 +201,57 @@ def assert_accuracy(
     slips: bool = True,
     **limits: Any,
 ) -> Score:
-    r"""Assert that an estimate keeps limits of accuracy, and tell all that are broken at once.
+    r"""Assert that an estimate meets accuracy limits, and report all violations together.
 
     A limit is named by its quantity and unit, ``depth_mm``, ``disparity_px``, ``flow_px``, ``velocity_z_mm`` (per
     frame), ``growth_per_hour`` (1/h), ``growth_percent_per_hour``, ``normal_deg`` and so on: the quantities of
     `scenetruth.scoring.QUANTITIES`, and ``flow``, ``velocity``, ``slope``, ``rotation_rate`` for each of their
     components. Its value is
 
-    - a number: the largest rmse;
-    - a mapping of statistics (`scenetruth.scoring.STATISTICS`) to numbers: the largest value,
-      of ``bias`` either way; of ``density``, ``count`` and ``coverage_2_std`` the least one;
-    - in either, two numbers: the least and the largest value;
-    - a text, ``"1.5 x bound"``: that multiple of the Cramér-Rao bound, as rms over the pixels that are scored.
+    - a number: the maximum RMSE;
+    - a mapping of statistics (`scenetruth.scoring.STATISTICS`) to numbers: the maximum value, for ``bias`` of its
+      magnitude; for ``density``, ``count`` and ``coverage_2_std`` the minimum;
+    - in either, two numbers: minimum and maximum;
+    - a text, ``"1.5 x bound"``: a multiple of the Cramér-Rao bound, as RMS over the scored pixels.
 
-    What is undefined, because nothing is scored or the estimate lacks it, is never kept.
+    An undefined statistic violates every limit.
 
     Parameters
     ----------
     estimate, truth, recording
-        As of `scenetruth.score`.
+        As in `scenetruth.score`.
     region
-        Where errors count, a region of the score.
+        The evaluated region of the score.
     min_density
-        The least share of the region's pixels that must be estimated, of every quantity that is limited.
+        Minimum density in the region, for every limited quantity.
     margin_px
-        Distance of the interior from silhouettes and face edges, in px.
+        Distance of the interior from silhouettes and creases, in px.
     settings
-        More settings of the score, see `scenetruth.settings.ScoreSettings`.
+        Additional settings of the score, see `scenetruth.settings.ScoreSettings`.
     bound
-        Standard deviations to take multiples of: a data set with ``depth_std``, ``velocity_std`` and so on, in the
-        units and dimensions of the estimate's variables. If not given, `scenetruth.bound.cramer_rao_bound` of truth and
+        Standard deviations for multiples of the bound: a data set with ``depth_std``, ``velocity_std`` and so on, in
+        the units and dimensions of the estimate's variables. Default: `scenetruth.bound.cramer_rao_bound` of truth and
         recording.
     pictures
-        Folder for pictures of what breaks its limit. If not given, that of the test under the pytest plugin, else none.
+        Directory for figures of violated limits. Default: that of the test under the pytest plugin, otherwise none.
     slips
-        Whether to look for slips of convention (signs, units, axes) when a limit is broken.
+        Whether to detect convention mismatches (signs, units, axes) when a limit is violated.
     **limits
         The limits.
 
     Returns
     -------
     Score
-        The whole score, for assertions of other kinds.
+        The complete score, for other assertions.
 
     Raises
     ------
     AssertionError
-        If a limit is broken: what was found of each, how many times over, how much was scored, likely slips, pictures.
+        If a limit is violated; lists the values, their ratios to the limits, densities, likely convention mismatches
+        and figures.
     LimitError
-        With every quantity, unit, statistic and region that does not exist, and every value that is no limit; a
-        `TypeError` and a `ValueError`.
+        If a quantity, unit, statistic, region or value is invalid; lists every problem. It is a `TypeError` and a
+        `ValueError`.
     ScoreError
         If estimate and truth cannot be compared.
     MismatchError
@@ -258,9 +259,9 @@ def assert_accuracy(
 
     See Also
     --------
-    scenetruth.score : The figures alone, without limits.
-    scenetruth.bound.cramer_rao_bound : The bound that limits may be multiples of.
-    scenetruth.testing.check_estimator : Whether a method keeps to the contract, however accurate it is.
+    scenetruth.score : Statistics without limits.
+    scenetruth.bound.cramer_rao_bound : The bound for relative limits.
+    scenetruth.testing.check_estimator : Conformance of a method with the contract, independent of its accuracy.
 
     Examples
     --------
@@ -293,7 +294,7 @@ def assert_accuracy(
     problems += _truth_problems(wanted, truth)
     relative = [limit.quantity for limit in wanted if limit.of_bound is not None]
     if relative and bound is None and recording is None:
-        problems.append(Problem("recording", "is needed for the bound; give it, or bound="))
+        problems.append(Problem("recording", "is required for the bound; specify it, or bound="))
     if problems:
         raise LimitError(problems)
     least: Mapping[str, float | None] = {}
@@ -327,17 +328,17 @@ def _region_problems(region: object, found: Score, recording: xr.Dataset | None)
     if not isinstance(region, str):
         return [Problem("region", "must be the name of a region", region)]
     if region.startswith("contrast_") and recording is None:
-        return [Problem("region", f"'{region}' is known with recording= only")]
-    return [Problem("region", f"'{region}' is none of this score{suggest_names(region, tuple(found.regions))}")]
+        return [Problem("region", f"'{region}' requires recording=")]
+    return [Problem("region", f"'{region}' is not a region of this score{suggest_names(region, tuple(found.regions))}")]
 
 
 def _truth_problems(wanted: Sequence[Limit], truth: xr.Dataset) -> list[Problem]:
     problems = []
     for name in dict.fromkeys(limit.quantity for limit in wanted):
-        # Growth that follows from depth and velocity has no variable of its own.
+        # Growth computed from depth and velocity has no variable.
         told = has_quantity(truth, name) if QUANTITIES[name].variable else "growth_rate" in truth
         if not told:
-            problems.append(Problem(name, "is not in this truth; some maps are in complete truths only"))
+            problems.append(Problem(name, "is missing from this truth; some maps require the complete truth"))
     return problems
 
 
@@ -348,13 +349,13 @@ def _cramer_rao(truth: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
 
 
 def _convention_mismatches(estimate: xr.Dataset, truth: xr.Dataset) -> list[str]:
-    # Whatever goes wrong in looking further must not hide what was broken.
+    # An error in the diagnosis must not hide the violation.
     try:
         from scenetruth.scoring.convention_check import detect_convention_mismatches
 
         return [slip.message for slip in detect_convention_mismatches(estimate, truth)]
     except Exception as error:
-        return [f"none could be looked for: {type(error).__name__}: {error}"]
+        return [f"detection failed: {type(error).__name__}: {error}"]
 
 
 def _pictures(
@@ -364,11 +365,11 @@ def _pictures(
     outcomes: Sequence[LimitOutcome],
     folder: str | Path | None,
 ) -> list[Path] | str:
-    """Draw what is broken where somebody wants to have it; return the files, or why there are none."""
+    """Draw violated quantities if a directory is available; return the files, or the reason for their absence."""
     names = dict.fromkeys(outcome.limit.quantity for outcome in outcomes if not outcome.kept)
     try:
         offered = get_context().pictures
         target = Path(folder) if folder is not None else offered() if offered is not None else None
         return [] if target is None else draw_differences(estimate, truth, recording, names, target)
     except Exception as error:
-        return f"no pictures could be drawn: {type(error).__name__}: {error}"
+        return f"figures could not be drawn: {type(error).__name__}: {error}"

@@ -1,4 +1,4 @@
-"""The context that the pytest plugin gives to accuracy assertions, and tables of plain text."""
+"""The context that the pytest plugin provides to accuracy assertions, and plain-text tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["AssertionContext", "OutcomeRow", "align_columns", "format_multiple",
 
 
 def align_columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table, its columns padded to the same width.
+    """Return the lines of a table with padded columns.
 
     >>> align_columns([("depth", "rmse"), ("disparity", "bias")])
     ['depth      rmse', 'disparity  bias']
@@ -23,21 +23,20 @@ def align_columns(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def format_multiple(times: float | None) -> str:
-    """Spell how much of a limit is used."""
+    """Format the ratio of a value to its limit."""
     return "-" if times is None else f"{times:.3g} x"
 
 
 OutcomeRow = dict[str, Any]
-"""The outcome of one limit as plain values, so that it may travel from process to process."""
+"""The outcome of one limit as plain values, for transfer between processes."""
 
 
 @dataclass(frozen=True)
 class AssertionContext:
-    """What a test run offers to the assertions in it.
+    """Services of a test run for the assertions in it.
 
-    ``pictures``: Makes the folder for pictures of what fails, and returns it; not called before something does. Without
-      it, no pictures are drawn unless an assertion names a folder.
-    ``note``: Takes the outcomes of every assertion.
+    ``pictures``: Creates and returns the directory for figures of violated limits; only called when needed.
+    ``note``: Receives the outcomes of every assertion.
     """
 
     pictures: Callable[[], Path] | None = None
@@ -49,7 +48,7 @@ _context: ContextVar[AssertionContext] = ContextVar("scenetruth_surroundings", d
 
 
 def get_context() -> AssertionContext:
-    """Return what is around whoever asks; nothing outside of `surrounded`."""
+    """Return the current context; it is empty outside of `use_context`."""
     return _context.get()
 
 
@@ -57,7 +56,7 @@ def get_context() -> AssertionContext:
 def use_context(
     *, pictures: Callable[[], Path] | None = None, note: Callable[[Sequence[OutcomeRow]], None] | None = None
 ) -> Iterator[None]:
-    """Surround the assertions of a block.
+    """Provide a context for the assertions of a block.
 
     >>> with use_context(pictures=lambda: Path("pictures")):
     ...     get_context().pictures is None

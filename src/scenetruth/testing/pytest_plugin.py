@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-# Nothing else of scenetruth is imported before a test asks for it: every run of pytest loads this module.
+# Nothing else of scenetruth is imported before a test requires it: every run of pytest loads this module.
 from scenetruth.testing.assertion_context import OutcomeRow, use_context
 
 if TYPE_CHECKING:
@@ -19,26 +19,26 @@ __all__ = []
 _ROWS = pytest.StashKey[list[OutcomeRow]]()
 _FOLDER = "scenetruth"
 _ON_REPORT = "scenetruth_accuracy"
-"""Attribute of a test's report that holds its outcomes: it comes along from the workers of pytest-xdist."""
+"""Attribute of a test report for its outcomes, which pytest-xdist transfers from its workers."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Offer the options."""
+    """Add the command-line options."""
     group = parser.getgroup("scenetruth", "accuracy of estimates (scenetruth)")
     group.addoption(
         "--scenetruth-clear",
         action="store_true",
-        help="remove the recordings that the fixture scenetruth_recording has kept, and make them again",
+        help="remove the cached recordings of the fixture scenetruth_recording, and simulate them again",
     )
     group.addoption(
         "--scenetruth-report",
         action="store_true",
-        help="print a table of everything that assert_accuracy has compared",
+        help="print a table of all comparisons of assert_accuracy",
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Do what the options ask for."""
+    """Apply the options."""
     if config.getoption("scenetruth_clear", default=False) and not hasattr(config, "workerinput"):
         folder = _cache_folder(config)
         if folder is not None:
@@ -52,10 +52,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def scenetruth_recording(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> RecordingCache:
-    """Make recordings of scenes with their truth: ``scenetruth_recording("cube", "camera.width=160").truth``.
+    """Simulate recordings of scenes with their truth: ``scenetruth_recording("cube", "camera.width=160").truth``.
 
-    They are kept in pytest's cache, from run to run, until the scene or scenetruth changes; ``--scenetruth-clear``
-    removes them.
+    They stay in pytest's cache until the scene or scenetruth changes; ``--scenetruth-clear`` removes them.
     """
     from scenetruth.testing.recording_cache import RecordingCache
 
@@ -64,7 +63,7 @@ def scenetruth_recording(pytestconfig: pytest.Config, tmp_path_factory: pytest.T
 
 @pytest.fixture
 def scenetruth_pictures(tmp_path: Path) -> Path:
-    """Return the folder where pictures go of what this test finds too inaccurate."""
+    """Return the directory for figures of the violated limits of this test."""
     folder = tmp_path / "pictures"
     folder.mkdir(exist_ok=True)
     return folder
@@ -72,9 +71,9 @@ def scenetruth_pictures(tmp_path: Path) -> Path:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Tell assertions where pictures go, and take down what they find."""
+    """Provide the context for assertions, and record their outcomes."""
     rows: list[OutcomeRow] = []
-    # A test may be run again.
+    # A test may be repeated.
     item.stash[_ROWS] = rows
     with use_context(pictures=lambda: _figure_folder(item), note=rows.extend):
         return (yield)
@@ -84,7 +83,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Hand what was found on with the report of the test."""
+    """Attach the outcomes to the report of the test."""
     report = yield
     rows = item.stash.get(_ROWS, [])
     if call.when == "call" and rows:
@@ -93,7 +92,7 @@ def pytest_runtest_makereport(
 
 
 class _Report:
-    """Gathers outcomes, and prints them in the end."""
+    """Collects outcomes and prints them at the end."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._rows = config.stash[_ROWS]
@@ -123,7 +122,7 @@ class _Report:
 
 
 def _cache_folder(config: pytest.Config) -> Path | None:
-    """Return the folder of the recordings that are kept; None without a cache, or where it cannot be written."""
+    """Return the directory of the cached recordings; None without a writable cache."""
     cache = getattr(config, "cache", None)
     if cache is None:
         return None
@@ -136,7 +135,7 @@ def _cache_folder(config: pytest.Config) -> Path | None:
 def _figure_folder(item: pytest.Item) -> Path:
     request = getattr(item, "_request", None)
     if request is None:
-        # Tests of other plug-ins, which have no fixtures.
+        # Test items of other plug-ins have no fixtures.
         import tempfile
 
         return Path(tempfile.mkdtemp(prefix="scenetruth-pictures-"))

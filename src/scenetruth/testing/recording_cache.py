@@ -35,7 +35,7 @@ _WARNINGS = "warnings.json"
 _ENTRY = re.compile(r"recording-[0-9a-f]{40}")
 _WAIT_S = 0.1
 _IN_MEMORY = 8
-"""Recordings that stay in memory, so that tests that share one read it once."""
+"""Number of recordings in memory, so that tests that share a recording read it once."""
 
 _Entry = tuple[xr.Dataset, xr.Dataset, tuple[str, ...]]
 """Recording, truth, and warnings of an entry."""
@@ -43,11 +43,7 @@ _Entry = tuple[xr.Dataset, xr.Dataset, tuple[str, ...]]
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRecording:
-    """A recording, its truth, and the scene of both.
-
-    ``recording``, ``truth``: As `scenetruth.simulate` returns them, in memory; their arrays cannot be written to.
-    ``scene``: The scene.
-    """
+    """A scene with its recording and truth, in memory, with read-only arrays."""
 
     recording: xr.Dataset
     truth: xr.Dataset
@@ -55,14 +51,11 @@ class SimulatedRecording:
 
 
 class RecordingCache:
-    """Makes recordings of scenes, or takes them from a folder where they were put before.
+    """Simulates recordings of scenes, or reads them from a cache directory.
 
-    An entry goes by a hash of the scene, the files that it names, the source of scenetruth and what else the images
-    depend on. It is written whole or not at all, one that is damaged is made again, and of several processes one makes
-    it while the others wait.
-
-    ``folder``: Where entries are.
-    ``root``: What relative paths of scenes are looked up in, after the current folder.
+    The key of an entry is a hash of the scene, its input files, the source of scenetruth and all other dependencies of
+    the images. Entries are written atomically, a damaged entry is replaced, and only one process simulates an entry
+    while the others wait. ``root`` is the base of relative scene paths, after the current directory.
     """
 
     def __init__(self, folder: Path, root: Path) -> None:
@@ -88,18 +81,18 @@ class RecordingCache:
         self, entry: Path, scene: Scene, save_radiance: bool, truth_content: Literal["standard", "complete"]
     ) -> _Entry:
         while True:
-            # Not there yet, or damaged.
+            # Missing or damaged.
             with suppress(StoreError):
                 return self._load(entry)
             try:
                 with lock_output(entry, _claim):
-                    # Another process may have made it since.
+                    # Another process may have written it in the meantime.
                     with suppress(StoreError):
                         return self._load(entry)
                     _make(entry, scene, save_radiance, truth_content)
                     return self._load(entry)
             except OutputExistsError:
-                # Another process makes it; if that dies, its lock ends with it, and the next in turn does.
+                # Another process is simulating it; if it dies, its lock is released, and the next process takes over.
                 time.sleep(_WAIT_S)
 
     def _scene(self, scene: object, overrides: tuple[str, ...]) -> Scene:
@@ -117,7 +110,7 @@ class RecordingCache:
         return chosen.model_copy(update={"render": render, "storage": StorageSettings()})
 
     def _file(self, name: str | Path) -> Path:
-        """Return the file of a scene, which need not exist if it was given as a path."""
+        """Return the file of a scene, which may be missing if it was specified as a path."""
         path = Path(name)
         if isinstance(name, Path) or path.suffix in (".yaml", ".yml") or len(path.parts) != 1:
             beside = self._root / path
@@ -127,15 +120,15 @@ class RecordingCache:
         if str(name) in files:
             return files[str(name)]
         near = difflib.get_close_matches(str(name), list(files), n=1)
-        message = f"there is no scene of this name in {' or '.join(map(str, folders))}"
-        message += f"; did you mean '{near[0]}'?" if near else "; give the path of a scene file"
+        message = f"no scene of this name in {' or '.join(map(str, folders))}"
+        message += f"; did you mean '{near[0]}'?" if near else "; specify the path of a scene file"
         if len(folders) == 1:
-            message += " (scenes of scenetruth's library have names in a checkout of it only, not once installed)"
+            message += " (the bundled scenes are available by name in a checkout only, not once installed)"
         raise SceneError([Problem("scene", message, str(name))])
 
 
 def remove_entries(folder: Path) -> int:
-    """Remove the entries of a folder, and nothing else in it; return how many there were."""
+    """Remove the entries of a directory, and nothing else in it; return their number."""
     removed = 0
     for entry in sorted(folder.iterdir()) if folder.is_dir() else ():
         if _ENTRY.fullmatch(entry.name):
@@ -165,7 +158,7 @@ def _make(entry: Path, scene: Scene, save_radiance: bool, truth_content: Literal
 
 
 def _load(entry: Path) -> _Entry:
-    """Read an entry; every byte is checked."""
+    """Read an entry and verify its checksums."""
     recording = load_store(entry / store_name(RECORDING, zipped=False), "recording")
     truth = load_store(entry / store_name(TRUTH, zipped=False), "truth")
     try:
@@ -176,17 +169,17 @@ def _load(entry: Path) -> _Entry:
 
 
 def _claim(path: Path) -> OwnershipResult:
-    """Claim whatever has the name of an entry: nothing else goes by a hash in a folder of our own."""
+    """Claim a path with the name of an entry: in this directory, no other file is named by a hash."""
     return OwnershipResult()
 
 
 def _source() -> str:
-    # While scenetruth itself is worked on, its version stays.
+    # The version does not change while scenetruth itself is edited.
     return source_hash(Path(scenetruth.__file__).parent)
 
 
 def _checkout() -> list[Path]:
-    """Return the folder of scenetruth's library of scenes, which is not installed with it."""
+    """Return the directory of the bundled scenes, which is not part of an installation."""
     package = Path(scenetruth.__file__).resolve().parent
     library = package.parents[1] / "scenes"
     return [library] if package.parent.name == "src" and library.is_dir() else []

@@ -1,4 +1,4 @@
-"""Tolerances of accuracy assertions: reading them, and comparing a score with them."""
+"""Tolerances of accuracy assertions: parsing and evaluation."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from scenetruth.testing.assertion_context import OutcomeRow
 __all__ = ["KEYS", "Limit", "LimitError", "LimitKey", "LimitOutcome", "evaluate_limit", "read_limits", "suggest_names"]
 
 
-# An unknown keyword is a TypeError in Python and an impossible value a ValueError; both may be in one call, and all
-# that is wrong is told at once.
+# An unknown keyword is a TypeError in Python and an invalid value a ValueError; one call may have both, and all
+# problems are reported together.
 class LimitError(ScoreError, TypeError, ValueError):
-    """Limits that cannot be checked; lists every problem.
+    """Invalid limits; lists every problem.
 
     See Also
     --------
-    scenetruth.testing.assert_accuracy : Raises it.
+    scenetruth.testing.assert_accuracy : The function that raises it.
 
     Examples
     --------
@@ -51,12 +51,7 @@ class LimitError(ScoreError, TypeError, ValueError):
 
 @dataclass(frozen=True)
 class LimitKey:
-    """A keyword that names a quantity, or several, and a unit.
-
-    ``quantities``: Keys of `scenetruth.scoring.QUANTITIES`: the components of a vector have the same limit.
-    ``factor``: From the score's unit to this one.
-    ``units``: The unit as people read it.
-    """
+    """A keyword that names one or several quantities with a unit; the components of a vector share a limit."""
 
     quantities: tuple[str, ...]
     factor: float
@@ -65,13 +60,11 @@ class LimitKey:
 
 @dataclass(frozen=True)
 class Limit:
-    """What one statistic of one quantity may be.
+    """A limit of one statistic of one quantity.
 
-    ``quantity``, ``statistic``: Of a score.
-    ``least``, ``most``: Between these it must lie, in ``units``; infinite where it need not.
-    ``factor``, ``units``: From the score's unit to that of the limit, and that unit; 1 and nothing for ratios and
-      counts.
-    ``of_bound``: The multiple of the Cramér-Rao bound that the statistic may reach, in place of ``most``.
+    ``least``, ``most``: Minimum and maximum, in ``units``; infinite if unlimited.
+    ``factor``: Conversion factor from the score's unit.
+    ``of_bound``: Maximum as a multiple of the Cramér-Rao bound, replacing ``most``.
     """
 
     quantity: str
@@ -95,7 +88,7 @@ _SPELLINGS: Mapping[str, tuple[tuple[str, float, str], ...]] = {
     "1/mm^2": (("_per_mm2", 1.0, "1/mm^2"),),
     "rad/frame": (("_rad", 1.0, "rad/frame"),),
 }
-"""How the units of scores end a keyword: ending, factor from the score's unit, unit."""
+"""Endings of keywords by the units of scores: ending, conversion factor, unit."""
 
 _SHORT = {"growth": "growth_rate"}
 _IN_UNITS = ("bias", "rmse", "median_abs_error", "p95_abs_error")
@@ -121,11 +114,11 @@ def _keys() -> dict[str, LimitKey]:
 
 
 KEYS: Mapping[str, LimitKey] = _keys()
-"""The keywords by which quantities are limited."""
+"""The keywords of limits."""
 
 
 def read_limits(given: Mapping[str, Any], min_density: object = None) -> tuple[list[Limit], list[Problem]]:
-    """Read limits as they are given to `assert_accuracy`.
+    """Parse the limits of `assert_accuracy`.
 
     >>> limits, problems = read_limits({"depth_mm": {"rmse": 0.2, "median_abs_error": 0.1}, "dispraity_px": 0.1})
     >>> [(limit.quantity, limit.statistic, limit.most) for limit in limits]
@@ -143,21 +136,21 @@ def read_limits(given: Mapping[str, Any], min_density: object = None) -> tuple[l
         for quantity in key.quantities:
             limits += _limits_for_quantity(name, key, quantity, value, problems)
     if not given:
-        problems.append(Problem("limits", "are missing: give one at least, as depth_mm=0.2"))
+        problems.append(Problem("limits", "are missing: specify at least one, such as depth_mm=0.2"))
     if min_density is not None:
         if not _is_number(min_density) or not 0 <= float(min_density) <= 1:  # type: ignore[arg-type]
             problems.append(Problem("min_density", "must be a number from 0 to 1", min_density))
         else:
             named = dict.fromkeys(limit.quantity for limit in limits)
             limits += [Limit(name, "density", least=float(min_density)) for name in named]  # type: ignore[arg-type]
-    # The components of a vector have the same problems.
+    # The components of a vector share their problems.
     return limits, list(dict.fromkeys(problems))
 
 
 def suggest_names(name: str, known: Collection[str]) -> str:
-    """Return which of some names may have been meant, as the end of a message; all of them if none is near."""
+    """Return the closest name as the end of a message, or all names if none is similar."""
     near = difflib.get_close_matches(name, list(known), n=1)
-    return f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(known)}"
+    return f"; did you mean '{near[0]}'?" if near else f"; available: {', '.join(known)}"
 
 
 def _limits_for_quantity(
@@ -166,7 +159,7 @@ def _limits_for_quantity(
     if not isinstance(value, Mapping):
         value = {"rmse": value}
     elif not value:
-        problems.append(Problem(name, "limits nothing: give a number, or statistics as {'rmse': 0.2}"))
+        problems.append(Problem(name, "has no limit: specify a number, or statistics as {'rmse': 0.2}"))
     for word, bounds in value.items():
         statistic = word
         if statistic not in STATISTICS:
@@ -182,15 +175,15 @@ def _limits_for_quantity(
 def _bounds(
     path: str, quantity: str, statistic: str, value: Any, problems: list[Problem]
 ) -> tuple[float, float, float | None]:
-    """Return what a statistic may be at least and at most, or which multiple of the bound."""
+    """Return minimum and maximum of a statistic, and the multiple of the bound."""
     if isinstance(value, str):
         return -math.inf, math.inf, _multiple(path, quantity, statistic, value, problems)
     if isinstance(value, tuple | list):
         if len(value) == 2 and all(map(_is_number, value)) and value[0] <= value[1]:
             return float(value[0]), float(value[1]), None
-        problems.append(Problem(path, "must be two numbers, the least and the largest", value))
+        problems.append(Problem(path, "must be two numbers, minimum and maximum", value))
     elif not _is_number(value):
-        message = "must be a number, two numbers (least, largest), or a multiple of the bound as '1.5 x bound'"
+        message = "must be a number, two numbers (minimum, maximum), or a multiple of the bound as '1.5 x bound'"
         problems.append(Problem(path, message, value))
     elif value < 0:
         problems.append(Problem(path, "must not be negative", value))
@@ -210,9 +203,9 @@ def _multiple(path: str, quantity: str, statistic: str, text: str, problems: lis
     if found is None or not 0 < factor < math.inf:
         problems.append(Problem(path, "must be a number, or a multiple of the bound as '1.5 x bound'", text))
     elif statistic != "rmse":
-        problems.append(Problem(path, "is not what the bound is of; a multiple of it limits rmse", text))
+        problems.append(Problem(path, "has no bound; only rmse can be limited by a multiple of the bound", text))
     elif QUANTITIES[quantity].error != "difference":
-        problems.append(Problem(path, "has no bound; only quantities without direction have", text))
+        problems.append(Problem(path, "has no bound; only scalar quantities have a bound", text))
     else:
         return factor
     return None
@@ -227,13 +220,11 @@ Values = Mapping[str, float | int | None]
 
 @dataclass(frozen=True)
 class LimitOutcome:
-    """A limit and what was found.
+    """A limit and the evaluated statistic.
 
-    ``limit``: The limit; of a multiple of the bound, ``most`` is what it came to.
-    ``found``: The statistic in the limit's units; None where it is undefined.
-    ``density``, ``count``: Of the quantity in the region: the share of pixels with a true value that are scored, and
-      their number.
-    ``note``: Why nothing could be found; empty if something was.
+    ``limit``: The limit; ``most`` is the resolved multiple of the bound.
+    ``found``: The statistic in the limit's units; None where undefined.
+    ``note``: Reason for an undefined result; empty otherwise.
     """
 
     limit: Limit
@@ -244,18 +235,18 @@ class LimitOutcome:
 
     @property
     def kept(self) -> bool:
-        """Whether the statistic is defined and lies where it must."""
+        """Whether the statistic is defined and within its limits."""
         found, limit = self.found, self.limit
         return not self.note and found is not None and limit.least <= found <= limit.most
 
     @property
     def times(self) -> float | None:
-        """How much of the limit is used: above 1 it is broken; None where that cannot be told."""
+        """Ratio of the value to its limit, above 1 if violated; None if undefined."""
         found, limit = self.found, self.limit
         if self.note or found is None:
             return None
         if math.isfinite(limit.least) and math.isfinite(limit.most):
-            # Two bounds: how far from their middle, in halves of their distance.
+            # Two limits: distance from their centre, in units of half their distance.
             return _ratio(abs(2 * found - limit.least - limit.most), limit.most - limit.least)
         return _ratio(found, limit.most) if math.isfinite(limit.most) else _ratio(limit.least, found)
 
@@ -273,7 +264,7 @@ class LimitOutcome:
 
     @property
     def shown_found(self) -> str:
-        """What was found, with its unit, or why nothing was."""
+        """The statistic with its unit, or the reason for its absence."""
         return self.note or self._spelled(self.found)
 
     @property
@@ -295,25 +286,25 @@ class LimitOutcome:
 
 
 def evaluate_limit(limit: Limit, values: Values | None, bound: float | None = None) -> LimitOutcome:
-    """Hold a limit against a score.
+    """Compare a score with a limit.
 
     >>> evaluate_limit(Limit("depth", "rmse", most=0.2, units="mm"), {"rmse": 0.3, "density": 0.9, "count": 90}).kept
     False
     """
     if values is None:
-        return LimitOutcome(limit, None, None, 0, "the estimate has none")
+        return LimitOutcome(limit, None, None, 0, "not in the estimate")
     if limit.of_bound is not None and bound is not None:
         limit = replace(limit, most=limit.of_bound * bound * limit.factor)
     value, density, count = values.get(limit.statistic), values.get("density"), int(values.get("count") or 0)
     density = None if density is None else float(density)
     note = ""
     if not count:
-        note = "no true value there" if density is None else "nothing is scored"
+        note = "no truth in the region" if density is None else "no scored pixels"
     elif value is None or not math.isfinite(value):
         spread = limit.statistic in ("rms_z", "coverage_2_std")
         note = "no standard deviations" if spread else "undefined"
     elif limit.of_bound is not None and bound is None:
-        note = "no bound there"
+        note = "no bound in the region"
     found = None if value is None else float(value) * limit.factor
     return LimitOutcome(limit, found, density, count, note)
 

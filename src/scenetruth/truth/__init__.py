@@ -1,4 +1,4 @@
-"""The ground truth: exact maps at pixel centres, computed from the geometry in float64."""
+"""Ground truth: exact maps at pixel centres, computed from the geometry in float64."""
 
 from scenetruth.truth.geometry_maps import Geometries, GeometryPass, TruthMaps, truth_by_rows, truth_maps
 from scenetruth.truth.point_tracking import (

@@ -1,8 +1,4 @@
-"""Exact maps of one image.
-
-Depth, motion and growth of the surface, and the surface point at each pixel centre; also of a rolling shutter, row by
-row.
-"""
+"""Exact maps of one image: depth, motion, growth and surface point at each pixel centre, also for a rolling shutter."""
 
 from __future__ import annotations
 
@@ -24,10 +20,10 @@ TruthMaps = Literal["standard", "complete"]
 
 
 class GeometryPass:
-    """The world at one time, for the maps of any camera.
+    """Geometry of the scene at one time, for maps of any camera.
 
-    ``world``: The scene's objects.
-    ``topology``: Faces and edges of the world, from `Topology.of` once for all times.
+    ``world``: Built scene.
+    ``topology``: Faces and edges, computed once by `Topology.of`.
     ``t``: Time in frames.
     """
 
@@ -38,15 +34,15 @@ class GeometryPass:
 
     @cached_property
     def surface_tensors(self) -> NDArray[np.float64]:
-        """Tensors of form and motion of all surface points (`BuiltScene.surface_at`), shape (k, 18)."""
+        """Shape and motion tensors of all surface points (`BuiltScene.surface_at`), shape (k, 18)."""
         return self.world.surface_at(self.snapshot.t)
 
 
 class Geometries:
-    """The world at any time, the last few times kept.
+    """Geometry of the scene at any time, with a cache of recent times.
 
-    ``world``, ``topology``: As of `GeometryPass`.
-    ``kept``: How many times are kept.
+    ``world``, ``topology``: See `GeometryPass`.
+    ``kept``: Number of cached times.
     """
 
     def __init__(self, world: BuiltScene, topology: Topology, kept: int) -> None:
@@ -55,9 +51,9 @@ class Geometries:
         self._passes: dict[float, GeometryPass] = {}
 
     def at(self, t: float) -> GeometryPass:
-        """Return the world at a time in frames."""
+        """Return the geometry at a time in frames."""
         found = self._passes.pop(t, None) or GeometryPass(self.world, self.topology, t)
-        # The last used stands last.
+        # Most recently used entry last.
         self._passes[t] = found
         while len(self._passes) > self._kept:
             del self._passes[next(iter(self._passes))]
@@ -67,29 +63,28 @@ class Geometries:
 def truth_maps(
     geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint, baseline_mm: float, maps: TruthMaps = "complete"
 ) -> dict[str, NDArray[Any]]:
-    """Compute the truth at the pixel centres of one image.
+    """Compute the ground truth at the pixel centres of one image.
 
     ``baseline_mm``: V_X in mm per step of s, for the disparity.
-    Returns: The variables of a truth by name (`scenetruth.schema.VARIABLES`), vector components first. Of the triangle
-    that is seen, and therefore consistent with each other to rounding:
+    Returns: Variables of a ground truth by name (`scenetruth.schema.VARIABLES`), vector components first. From the
+    visible triangle, and therefore mutually consistent to rounding:
 
     - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame, ``acceleration`` in mm per frame squared,
-    - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5), of the image without distortion,
-    - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y from the principal point:
-      the paper's (u_x + x u_z, u_y + y u_z); times the slope of the distortion, if the lens has one,
+    - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5), of the undistorted image,
+    - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y relative to the principal point:
+      the paper's (u_x + x u_z, u_y + y u_z); with lens distortion, times its Jacobian,
     - ``normal`` and ``slope`` (dZ/dX, dZ/dY),
-    - ``object_id``, ``face_id``, ``barycentric``: which point of which triangle; ``uv`` and
-      ``material_coordinates_mm``: where it is on the surface.
+    - ``object_id``, ``face_id``, ``barycentric``: identity of the surface point; ``uv`` and
+      ``material_coordinates_mm``: its texture and material coordinates.
 
-    Of the smooth surface that the triangles stand for, interpolated between its exact values at the vertices:
+    From the smooth surface, interpolated between exact values at the vertices:
 
-    - ``curvature``: principal curvatures in 1/mm, the larger first, positive where it bulges towards the camera,
+    - ``curvature``: principal curvatures in 1/mm, the larger first, positive for a convex surface seen by the camera,
     - ``rotation_rate`` of the surface element in rad per frame,
-    - ``growth_rate``: relative rate of its area, 1 per frame; ``principal_growth_rates``: the relative rates of
-      length in the directions in which these are largest and least; ``principal_growth_direction``: the first of
-      these directions.
+    - ``growth_rate``: areal strain rate, 1 per frame; ``principal_growth_rates``: principal strain rates;
+      ``principal_growth_direction``: direction of the larger rate.
 
-    Of the pixel: ``mixed``, and ``boundary_distance``, how far in px the nearest mixed pixel is.
+    Per pixel: ``mixed``, and ``boundary_distance`` to the nearest mixed pixel in px.
     """
     from scenetruth.truth.map_kernels import MovingMesh, fill_maps, fill_surface_maps
 
@@ -139,7 +134,7 @@ def truth_maps(
     }
     if maps == "complete":
         accelerations = viewpoint.directions_to_camera(geometry.snapshot.accelerations)
-        # Of upright faces the slope is infinite along X or Y, and undefined along the other if that is level.
+        # Faces parallel to the optical axis have slopes that are infinite or undefined.
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = -normal[:2] / normal[2]
         found |= {
@@ -157,9 +152,9 @@ def truth_maps(
 
 
 def boundary_distance(mixed: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return how far in px the nearest mixed pixel is from the centre of every pixel, infinite if there is none.
+    """Return the distance in px of every pixel centre to the nearest mixed pixel, infinite if there is none.
 
-    ``mixed``: The mixed pixels of one image, shape (height, width).
+    ``mixed``: Mixed pixels of one image, shape (height, width).
     """
     if not mixed.any():
         return np.full(mixed.shape, np.inf)
@@ -178,14 +173,14 @@ def truth_by_rows(
     baseline_mm: float,
     maps: TruthMaps = "complete",
 ) -> dict[str, NDArray[Any]]:
-    """Compute the truth of every row at its own time and from its own viewpoint.
+    """Compute the ground truth of every row at its own time and viewpoint.
 
     ``times``: Time of every row in frames, shape (height,).
     ``baseline_mm``: V_X in mm per step of s.
     """
     found: dict[str, NDArray[Any]] = {}
     for row, (time, viewpoint) in enumerate(zip(times.tolist(), viewpoints, strict=True)):
-        # A row above and one below, as rays at the border need neighbours to be exact.
+        # Include one row above and one below, because exact hits at the border need neighbouring rays.
         geometry = GeometryPass(world, topology, time)
         part = truth_maps(geometry, camera.rows(row - 1, row + 2), viewpoint, baseline_mm, maps)
         for name, values in part.items():

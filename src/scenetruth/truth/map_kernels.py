@@ -1,7 +1,4 @@
-"""Kernels that write the maps of a truth.
-
-What rays meet, curvature and growth of the surface, and the distance to the nearest marked pixel.
-"""
+"""Kernels for ground-truth maps: ray hits, curvature, growth, and distance to the nearest marked pixel."""
 
 from __future__ import annotations
 
@@ -25,24 +22,24 @@ from scenetruth.threads import in_bands
 __all__ = ["MovingMesh", "distances", "fill_maps", "fill_surface_maps"]
 
 
-# Pixels that are worth a thread of their own.
+# Minimum number of pixels per thread.
 _LEAST = 4096
-# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
+# Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 class MovingMesh(NamedTuple):
-    """A mesh and how it moves; vectors in the camera's frame."""
+    """Mesh and its motion; vectors in the camera frame."""
 
     faces: NDArray[np.int32]
-    """Corners of the faces, shape (m, 3)."""
+    """Vertex indices of the faces, shape (m, 3)."""
     velocities: NDArray[np.float64]
     """Velocities of the vertices in mm per frame, shape (n, 3)."""
     normals: NDArray[np.float64]
     """Unit normals of the faces, shape (m, 3)."""
     face_body: NDArray[np.int32]
-    """The body that each face belongs to, shape (m,)."""
+    """Body index of each face, shape (m,)."""
     face_offsets: NDArray[np.int64]
-    """The first face of each body."""
+    """Index of the first face of each body."""
 
 
 def fill_maps(
@@ -61,13 +58,13 @@ def fill_maps(
     NDArray[np.int32],
     NDArray[np.int32],
 ]:
-    """Write velocity, rates, disparity, normal, object and face of every pixel.
+    """Compute velocity, rates, disparity, normal, object and face of every pixel.
 
-    ``directions``: The rays' directions in the camera's frame, with Z = 1, shape (k, 3).
-    ``scale``: Multiplies the rates of X / Z and Y / Z: the focal length in px, or 1.
+    ``directions``: Ray directions in the camera frame, with Z = 1, shape (k, 3).
+    ``scale``: Factor of the rates of X / Z and Y / Z: the focal length in px, or 1.
     ``disparity_depth``: Product of disparity and depth, f V_X, in px mm.
     Returns: Velocity, shape (3, k); rates, (2, k); disparity, (k,); normal, (3, k), towards the camera; object and face
-    within the object, (k,). NaN and -1 where nothing is met.
+    within the object, (k,). NaN and -1 for rays without a hit.
     """
     count = face.shape[0]
     velocity = np.empty((3, count), dtype=np.float64)
@@ -100,7 +97,7 @@ def _fill_maps(
             continue
         first, second, third = faces[met, 0], faces[met, 1], faces[met, 2]
         b1, b2, z = weights[n, 0], weights[n, 1], depth[n]
-        # first + b1 (second - first) + ...: a velocity that all corners share comes out unchanged.
+        # first + b1 (second - first) + ... reproduces a velocity common to all corners exactly.
         ux = velocities[first, 0]
         ux += b1 * (velocities[second, 0] - velocities[first, 0]) + b2 * (velocities[third, 0] - velocities[first, 0])
         uy = velocities[first, 1]
@@ -119,16 +116,16 @@ def _fill_maps(
         own_face[n] = met - face_offsets[face_body[met]]
 
 
-# Principal rates that differ by less than this share of the tensor's size have no directions.
+# Relative difference of principal rates below which their directions are undefined.
 _EQUAL = 1e-9
-# Pixels that are worth a thread of their own.
+# Minimum number of pixels per thread.
 _LEAST_POINTS = 1024
-# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
+# Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 @numba.njit(cache=True, nogil=True)
 def _tangential(tensors: Any, first: int, one: Any, two: Any) -> Any:
-    """Return the entries (11, 12, 22) of a symmetric tensor on two tangents; its six numbers begin at ``first``."""
+    """Return the entries (11, 12, 22) of a symmetric tensor in a tangent basis; its six numbers begin at ``first``."""
     aa, ab, bb = 0.0, 0.0, 0.0
     for entry in range(6):
         i, j = TENSOR_ROWS[entry], TENSOR_COLUMNS[entry]
@@ -153,18 +150,17 @@ def fill_surface_maps(
     to_camera: NDArray[np.float64],
     complete: bool,
 ) -> tuple[NDArray[np.float64], ...]:
-    """Interpolate the tensors of surface points at every pixel, and find their principal values and directions.
+    """Interpolate the tensors of surface points at every pixel and compute principal values and directions.
 
-    ``normal``: Unit normal of this face in the camera's frame, towards the camera, shape (3, n).
-    ``corners``: The surface points at the corners of the faces, as indices into ``tensors``, shape (m, 3).
-    ``tensors``: Tensors of surface points in the world, as of
-      `scenetruth.scene.surface_tensor_kernels.surface_tensors`, shape (k, 18).
-    ``to_camera``: Rotation from the world to the camera's frame, shape (3, 3).
+    ``normal``: Unit face normal in the camera frame, towards the camera, shape (3, n).
+    ``corners``: Surface points at the face corners, as indices into ``tensors``, shape (m, 3).
+    ``tensors``: Tensors of surface points in the world, see `scenetruth.scene.surface_tensor_kernels.surface_tensors`,
+      shape (k, 18).
+    ``to_camera``: Rotation from the world to the camera frame, shape (3, 3).
     Returns: Principal curvatures in 1/mm, the larger first, positive where the surface bulges towards the camera, shape
-    (2, n); rotation rate in rad per frame in the camera's frame, (3, n); rate of growth of the area, 1 per frame, (n,);
-    principal rates of growth, the larger first, 1 per frame, (2, n); and the direction of the first of them in the
-    camera's frame, with X >= 0, (3, n). NaN where nothing is met. The direction is also NaN where both principal rates
-    are the same.
+    (2, n); rotation rate in rad per frame in the camera frame, (3, n); growth rate, 1 per frame, (n,); principal growth
+    rates, the larger first, 1 per frame, (2, n); and the direction of the larger rate in the camera frame, with X >= 0,
+    (3, n). NaN for rays without a hit; the direction is also NaN for equal principal rates.
     """
     count = face.shape[0]
     size = count if complete else 0
@@ -222,7 +218,7 @@ def _fill_surface_maps(
             length = np.nan
         for k in range(3):
             middle[k] = mean[NORMAL + k] / length
-        # Two tangents, from the axis that is farthest from the normal.
+        # Two tangents, from the axis with the largest angle to the normal.
         axis = 0
         for k in range(1, 3):
             if abs(middle[k]) < abs(middle[axis]):
@@ -236,7 +232,7 @@ def _fill_surface_maps(
         aa, ab, bb = _tangential(mean, DEFORMATION, one, two)
         half, spread = 0.5 * (aa - bb), np.hypot(0.5 * (aa - bb), ab)
         principal[0, n], principal[1, n] = 0.5 * growth[n] + spread, 0.5 * growth[n] - spread
-        # The eigenvector of the larger value, from the half angle.
+        # Eigenvector of the larger eigenvalue, from the half angle.
         angle = 0.5 * np.arctan2(ab, half)
         for k in range(3):
             way[k] = np.cos(angle) * one[k] + np.sin(angle) * two[k]
@@ -263,17 +259,17 @@ def _fill_surface_maps(
                 direction[k, n] = -direction[k, n]
 
 
-# Columns, and rows, that are worth a thread of their own.
+# Minimum number of columns and rows per thread.
 _LEAST_COLUMNS, _LEAST_ROWS = 64, 16
-# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
+# Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 def distances(marked: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the distance in px of every pixel's centre from that of the nearest marked one (Meijster et al., 2000).
+    """Return the distance in px of every pixel centre to the nearest marked pixel (Meijster et al., 2000).
 
-    Squared distances are integers, so that nothing is rounded but the root.
+    Squared distances are exact integers; only the root is rounded.
 
-    ``marked``: The marked pixels, at least one, shape (height, width).
+    ``marked``: Marked pixels, at least one, shape (height, width).
     """
     height, width = marked.shape
     along = np.empty((height, width), dtype=np.int64)
@@ -285,7 +281,7 @@ def distances(marked: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 @numba.njit(cache=True, nogil=True)
 def _along_columns(left: int, right: int, marked: NDArray[np.bool_], along: NDArray[np.int64]) -> None:
-    """Find the nearest in the own column, down and up. Columns side by side, as they lie in memory."""
+    """Compute the distance to the nearest marked pixel of the same column, for adjacent columns (contiguous memory)."""
     height, width = marked.shape
     far = height + width
     for x in range(left, right):
@@ -301,7 +297,7 @@ def _along_columns(left: int, right: int, marked: NDArray[np.bool_], along: NDAr
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _across_rows(low: int, high: int, along: NDArray[np.int64], out: NDArray[np.float64]) -> None:
     width = along.shape[1]
-    # The lower envelope of the parabolas (x - i)² + along[i]²: their places, and from where each is the lowest.
+    # Lower envelope of the parabolas (x - i)² + along[i]²: their vertices, and the start of each segment.
     place, begin = np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64)
     for y in range(np.uint64(low), np.uint64(high)):
         last = 0
@@ -319,7 +315,7 @@ def _across_rows(low: int, high: int, along: NDArray[np.int64], out: NDArray[np.
                 place[0], begin[0] = x, 0
                 continue
             i = place[last]
-            # The first column at which the new one is lower.
+            # First column at which the new parabola is lower.
             start = 1 + (own - along[y, i] ** 2 - i * i) // (2 * (x - i))
             if start < width:
                 last += 1

@@ -1,4 +1,4 @@
-"""Surface points followed over time and cameras: visibility, displacements, occlusions and tracks."""
+"""Tracking of surface points over time and cameras: visibility, displacement, occlusion and tracks."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ __all__ = ["PixelPoints", "PointTracker", "SurfacePoints", "compile_visibility",
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """Points on the faces of the world, which move with the surface.
+    """Points on mesh faces that move with the surface.
 
-    ``face``: Index in the world's list of faces, shape (n,).
-    ``weights``: Barycentric coordinates of the face's second and third corner, shape (n, 2).
-    ``towards``: Whether the point is on the front of its face, to which the normal (p1 - p0) x (p2 - p0) points, shape
+    ``face``: Face index in the scene, shape (n,).
+    ``weights``: Barycentric coordinates of the second and third corner, shape (n, 2).
+    ``towards``: Whether the point is on the front of its face, the side of the normal (p1 - p0) x (p2 - p0), shape
       (n,). The two sides of a thin sheet are different surfaces.
     """
 
@@ -41,7 +41,7 @@ class SurfacePoints:
     def seen_from(
         cls, viewpoint: Viewpoint, geometry: GeometryPass, face: NDArray[np.int32], weights: NDArray[np.float64]
     ) -> Self:
-        """Return points on the sides of their faces that a camera sees."""
+        """Return points on the face sides visible from a viewpoint."""
         from scenetruth.truth.visibility_kernels import place_points
 
         vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
@@ -49,10 +49,7 @@ class SurfacePoints:
         return cls(face, weights, towards)
 
     def positions_mm(self, geometry: GeometryPass) -> NDArray[np.float64]:
-        """Return the positions of the points in the world.
-
-        Returns: Positions in mm, shape (n, 3).
-        """
+        """Return the world positions of the points in mm, shape (n, 3)."""
         from scenetruth.truth.visibility_kernels import place_points
 
         points, _ = place_points(geometry.snapshot.vertices_mm, geometry.world.faces, self.face, self.weights)
@@ -62,13 +59,12 @@ class SurfacePoints:
 def find_visible_points(
     points: SurfacePoints, geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Tell which surface points a camera sees, and compute their positions in the image.
+    """Compute the visibility of surface points in a camera and their image positions.
 
-    A point is seen if it lies in the image, if its side of the face is turned towards the camera, and if no other face
-    lies between (every face near the line of sight is tested in float64).
+    A point is visible if it lies in the image, if its side of the face is towards the camera, and if no other face lies
+    in between (every face near the viewing ray is tested in float64).
 
-    Returns: Whether each point is seen, bool, shape (n,); and positions in the image in px, shape (n, 2), NaN behind
-    the camera.
+    Returns: Visibility, bool, shape (n,); and image positions in px, shape (n, 2), NaN behind the camera.
     """
     from scenetruth.truth.visibility_kernels import hide_points, look_at_points, sort_into_cells
 
@@ -94,11 +90,11 @@ TimedViewpoint = tuple[float, Viewpoint]
 
 
 class PixelPoints:
-    """The surface points that the pixels of one image see.
+    """Surface points visible at the pixels of one image.
 
-    ``maps``: The truth of the image (`truth_maps`).
-    ``geometry``: The world at the time of the image.
-    ``viewpoint``: Pose of its camera.
+    ``maps``: Ground truth of the image (`truth_maps`).
+    ``geometry``: Geometry at the time of the image.
+    ``viewpoint``: Camera pose.
     """
 
     def __init__(self, maps: Mapping[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint) -> None:
@@ -112,12 +108,11 @@ class PixelPoints:
 
 
 class PointTracker:
-    """Follows the points of pixels to the other cameras, and to the frames before and after.
+    """Tracks the surface points of pixels to other cameras and to neighbouring frames.
 
-    ``geometries``: The world at any time.
-    ``camera``: The camera.
+    ``geometries``: Geometry at any time.
     ``places``: Time and pose of every image, [camera][frame].
-    ``maps``: Whether displacements and finite flow are wanted (``"complete"``).
+    ``maps``: ``"complete"`` to include displacement and finite flow.
     """
 
     def __init__(
@@ -132,20 +127,19 @@ class PointTracker:
         self._size = (camera.height, camera.width)
 
     def shown(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:
-        """Tell which pixels' points an image shows."""
+        """Return whether the surface point of each pixel is visible in an image."""
         return self._map(points, self._seen(points, index, frame))
 
     def maps(self, own: PixelPoints, index: int, frame: int) -> dict[str, NDArray[Any]]:
-        """Return the maps of one image that tell where else its points are.
+        """Return the visibility and displacement maps of one image.
 
-        Returns: - ``view_count`` and ``occluded_across_cameras`` (y, x): how many cameras see the pixel's point at this
-          frame, and whether some do not,
-        - ``occluded_in_time`` (y, x): whether this camera does not see it at the recorded frame before or after,
-        - ``displacement_next``, ``displacement_previous`` (component, y, x) in mm, in the frame of the camera, one
-          frame later and earlier,
-        - ``flow_next``, ``flow_previous`` (image component, y, x) in px: where the point is in the image that the
-          same camera takes one frame later or earlier, minus the pixel. Beyond the first and the last frame the
-          camera stays where it is.
+        ``view_count`` and ``occluded_across_cameras`` (y, x): number of cameras in which the point is visible at this
+          frame, and whether it is not visible in all of them.
+        ``occluded_in_time`` (y, x): whether it is not visible in this camera at the previous or next recorded frame.
+        ``displacement_next``, ``displacement_previous`` (component, y, x): in mm, camera frame, to the next and
+          previous frame.
+        ``flow_next``, ``flow_previous`` (image component, y, x): in px, position of the point in the next or previous
+          image of the camera, minus the pixel. Beyond the first and last frame the camera pose is constant.
         """
         count = np.ones(len(own.pixels), dtype=np.int16)
         for other in range(len(self._places)):
@@ -186,14 +180,14 @@ class PointTracker:
         return {f"displacement_{way}": displacement, f"flow_{way}": flow}
 
     def _map(self, points: PixelPoints, values: NDArray[Any]) -> NDArray[Any]:
-        """Return a map with values at the pixels that see something, and 0 or False elsewhere."""
+        """Return a map with values at pixels with a surface, and 0 or False elsewhere."""
         found = np.zeros(self._size, dtype=values.dtype)
         found.ravel()[points.pixels] = values
         return found
 
 
 def compile_visibility(scene: Scene) -> None:
-    """Let numba compile the kernels that tell which points a camera sees, by asking for a few."""
+    """Compile the visibility kernels by a call with few points."""
     world = build_scene(scene)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
     viewpoint = build_schedule(scene).moment(0, 0).viewpoint
@@ -203,37 +197,37 @@ def compile_visibility(scene: Scene) -> None:
 
 
 def track_points(scene: SceneLike, truth: xr.Dataset, times: Iterable[float], *, t: int = 0) -> NDArray[np.float64]:
-    """Follow the surface points that pixels see at one frame to other times.
+    """Track the surface points visible at one frame to other times.
 
-    ``object_id``, ``face_id`` and ``barycentric`` of a truth name the surface point of every pixel; it stays the same
-    while the surface moves.
+    The maps ``object_id``, ``face_id`` and ``barycentric`` of a ground truth identify the surface point of every pixel,
+    which is constant as the surface moves.
 
     Parameters
     ----------
     scene
-        The scene that the truth was made from: a scene, its values, its file, or the name of one that is shipped.
+        The scene of the ground truth: a scene, its values, its file, or the name of a bundled scene.
     truth
-        The truth of the reference camera (or of one camera, selected from the truth of all).
+        Ground truth of the reference camera (or of one camera selected from all).
     times
         Times in frames, any real numbers.
     t
-        The frame whose pixels are followed.
+        Frame whose pixels are tracked.
 
     Returns
     -------
     numpy.ndarray
-        World positions (X, Y, Z) in mm, shape (times, 3, y, x); NaN where a pixel shows no surface.
+        World positions (X, Y, Z) in mm, shape (times, 3, y, x); NaN at pixels without a surface.
 
     Raises
     ------
     SceneError
-        If the scene cannot be made.
+        If the scene is invalid.
     RecordingError
-        If the truth does not have the agreed form or what tracks need, or there are no such times or frame.
+        If the ground truth is invalid or lacks required maps, or if times or frame are invalid.
 
     See Also
     --------
-    make_truth : The truth whose pixels are followed.
+    make_truth : Compute the ground truth.
 
     Examples
     --------
@@ -251,7 +245,7 @@ def track_points(scene: SceneLike, truth: xr.Dataset, times: Iterable[float], *,
     scene = load_scene(scene)
     check_dataset(truth, "truth")
     problems = [
-        Problem(name, "is missing; tracks need it")
+        Problem(name, "is missing; required for tracking")
         for name in ("object_id", "face_id", "barycentric")
         if name not in truth
     ]

@@ -1,7 +1,4 @@
-"""The ground truth of a recording.
-
-The maps of all its images in one data set, and warnings where objects have no interior.
-"""
+"""Ground truth of a recording as a data set, with warnings for objects without interior pixels."""
 
 from __future__ import annotations
 
@@ -57,7 +54,7 @@ STANDARD = (
     "mixed",
     "boundary_distance",
 )
-"""The maps of one image that every truth has."""
+"""Single-image maps of standard ground truth."""
 
 FURTHER = (
     "acceleration",
@@ -69,13 +66,13 @@ FURTHER = (
     "uv",
     "material_coordinates_mm",
 )
-"""The maps of one image that a complete truth has besides."""
+"""Additional single-image maps of complete ground truth."""
 
 FOLLOWED = ("view_count", "occluded_across_cameras", "occluded_in_time")
-"""The maps that take other images, and that every truth has."""
+"""Maps of standard ground truth that depend on other images."""
 
 MOVED = ("displacement_next", "displacement_previous", "flow_next", "flow_previous")
-"""The maps that take the frames before and after, and that a complete truth has."""
+"""Maps of complete ground truth that depend on the neighbouring frames."""
 
 DTYPES: dict[str, type[np.generic[Any]]] = {
     "object_id": np.int32,
@@ -85,20 +82,20 @@ DTYPES: dict[str, type[np.generic[Any]]] = {
     "occluded_across_cameras": np.bool_,
     "occluded_in_time": np.bool_,
 }
-"""Types of the values that are not float64."""
+"""Data types of the maps that are not float64."""
 
 
-# A body with a silhouette only has a smaller share of mixed pixels, unless it is tiny.
+# Threshold on the fraction of mixed pixels, above that of a smooth body of more than a few pixels.
 _MANY_EDGES = 0.25
 
 
 def interior_warnings(
     world: BuiltScene, object_id: NDArray[np.integer[Any]], boundary_distance: NDArray[np.float64], margin_px: float
 ) -> list[str]:
-    """Return a warning that names the objects which are seen, but have no pixel in the interior.
+    """Return a warning about visible objects without interior pixels, if any.
 
-    ``object_id``: Number of the object at every pixel of one image, shape (height, width); -1 for none.
-    ``boundary_distance``: How far the nearest mixed pixel is in px, same shape; 0 for mixed pixels.
+    ``object_id``: Object index of every pixel of one image, shape (height, width); -1 for none.
+    ``boundary_distance``: Distance to the nearest mixed pixel in px, same shape; 0 for mixed pixels.
     """
     without, faceted = [], []
     for index, body in enumerate(world.bodies):
@@ -111,12 +108,12 @@ def interior_warnings(
     if not without:
         return []
     message = (
-        f"objects: {_listed(without)} without interior pixels: all that is seen at the reference frame is less than "
-        f"{margin_px:g} px from a mixed pixel, so that scores of the interior say nothing of it; use a nearer camera, "
+        f"objects: {_listed(without)} without interior pixels: at the reference frame all their pixels are less than "
+        f"{margin_px:g} px from a mixed pixel, so scores of the interior exclude them; use a shorter camera distance, "
         "a longer focal length or a smaller score.interior_margin_px"
     )
     if faceted:
-        message += f"; many pixels of {_listed(faceted)} are mixed: use a larger crease_deg if its surface is smooth"
+        message += f"; many pixels of {_listed(faceted)} are mixed: use a larger crease_deg if the surface is smooth"
     return [message]
 
 
@@ -127,7 +124,7 @@ def _listed(names: list[str]) -> str:
 TruthViews = Literal["reference", "all"]
 TruthPoses = Literal["actual", "nominal"]
 
-# Times at which the world is kept: of this frame and both neighbours; with scans, of every camera for itself.
+# Number of cached times: the current frame and its neighbours; for scans, times per camera.
 _CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8
 
 
@@ -141,44 +138,44 @@ def make_truth(
     limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Compute the exact truth of a scene without rendering images.
+    """Compute the exact ground truth of a scene without rendering images.
 
     Parameters
     ----------
     scene
-        The scene, its values, its file, or the name of one that is shipped.
+        A scene, its values, its file, or the name of a bundled scene.
     overrides
-        Changes of the scene, as of `load_scene`.
+        Overrides of scene fields, as in `load_scene`.
     truth_views
-        ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
+        ``"reference"``: ground truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
     truth_poses
-        ``"actual"``: truth at the time and pose at which each image was taken, with the errors of the stage;
-        ``"nominal"``: truth at the planned time and pose.
+        ``"actual"``: ground truth at the actual time and pose of each image, including stage errors; ``"nominal"``: at
+          the planned time and pose.
     truth_content
         ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
-        size, with acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
-        rotation rate, principal growth, and coordinates on the surface.
+          size: also acceleration, displacement and finite flow to t ± 1, slopes, curvatures, rotation rate, principal
+          growth rates and material coordinates.
     limits
-        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
+        Resource limits of the scene (`scenetruth.Limits`).
     progress
-        Called with (what, done, total) as the work goes on.
+        Callback with the arguments (task, done, total).
 
     Returns
     -------
     xarray.Dataset
         Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/reference/data_model.md``. NaN where
-        nothing is seen.
+        no surface is visible.
 
     Raises
     ------
     ArgumentError
-        If an argument is impossible; lists all that are.
+        If arguments are invalid; lists every problem.
     SceneError
-        If the scene cannot be made or passes a bound, or nothing of it can be seen.
+        If the scene is invalid, exceeds a limit, or no object is visible.
 
     See Also
     --------
-    simulate : Images and truth together.
+    simulate : Simulate images and ground truth.
 
     Examples
     --------
@@ -201,7 +198,7 @@ def make_truth(
 
 
 def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_content: Any, progress: Any) -> None:
-    """Refuse arguments of `make_truth` and its like whose types nobody checks at a call."""
+    """Raise an ArgumentError for invalid arguments of `make_truth` and related functions."""
     problems = argument_problems(
         progress,
         truth_views=(truth_views, TruthViews),
@@ -209,7 +206,7 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
         truth_content=(truth_content, TruthMaps),
     )
     if not isinstance(scene, Scene | Mapping | str | PathLike):
-        message = "must be a scene, its values, its file, or the name of one that is shipped"
+        message = "must be a scene, its values, its file, or the name of a bundled scene"
         problems.insert(0, Problem("scene", message, type(scene).__name__))
     if problems:
         raise ArgumentError(problems)
@@ -218,7 +215,7 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
 def truth_from_world(
     scene: Scene, world: BuiltScene, choice: TruthOptions, provenance: dict[str, Any], progress: Progress | None = None
 ) -> xr.Dataset:
-    """Compute the truth of a world that has been built and checked; see `make_truth`."""
+    """Compute the ground truth of a built and validated scene, see `make_truth`."""
     filling = IncrementalDataset(blank_truth(scene, choice, provenance))
     fill_truth(scene, world, choice, filling.put, progress)
     return filling.dataset()
@@ -226,7 +223,7 @@ def truth_from_world(
 
 @dataclass(frozen=True)
 class TruthOptions:
-    """Which truth is wanted; see `make_truth`."""
+    """Options of the ground truth, see `make_truth`."""
 
     views: TruthViews = "reference"
     poses: TruthPoses = "actual"
@@ -234,9 +231,9 @@ class TruthOptions:
 
 
 def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) -> xr.Dataset:
-    """Return the truth of a scene with maps that take no memory: all of their pixels are one.
+    """Return the ground truth of a scene with blank maps that occupy no memory.
 
-    Poses and times of the images, coordinates and attributes are there.
+    Poses and times of the images, coordinates and attributes are complete.
     """
     stage, frames, camera = scene.stage, scene.frames, scene.camera
     images = (*((stage.rows,) if stage.rows > 1 else ()), stage.positions, frames.count)
@@ -266,7 +263,7 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
 def fill_truth(
     scene: Scene, world: BuiltScene, choice: TruthOptions, put: Put, progress: Progress | None = None
 ) -> list[str]:
-    """Compute the maps of a truth, image by image."""
+    """Compute the maps of a ground truth, image by image."""
     stage, frames, schedule = scene.stage, scene.frames, build_schedule(scene)
     moment_of = schedule.moment if choice.poses == "actual" else schedule.nominal
     cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
@@ -276,7 +273,7 @@ def fill_truth(
     together = len({time for time, _ in (row[0] for row in places)}) == 1
     geometries = Geometries(world, topology, _CACHED_TIMES if together else _CACHED_SCAN_TIMES)
     rolling = scene.shutter.readout_time_s > 0
-    # With a rolling shutter, the displacement of a point does not tell in which row, and so when, it is seen next.
+    # With a rolling shutter, the next row and therefore the next time of a point do not follow from its displacement.
     follower = PointTracker(geometries, scene.camera, places, "standard" if rolling else choice.content)
     centre = cameras.index((0, 0))
     views = [centre] if choice.views == "reference" else [centre, *(k for k in range(len(cameras)) if k != centre)]
@@ -291,7 +288,7 @@ def fill_truth(
             progress("truth", done, total)
         done += 1
 
-    # The reference image comes first: all others are asked whether they show its points.
+    # The reference image comes first, because the visibility of its points in all other images is evaluated.
     for frame in [first, *(n for n in range(frames.count) if n != first)]:
         for index in views:
             advance()
@@ -309,7 +306,7 @@ def fill_truth(
             at = {"t": frame} if choice.views == "reference" else _at(stage, index, frame)
             for name, values in (maps | follower.maps(own, index, frame)).items():
                 put(name, at, values)
-            # Large images have large maps: one image's at a time.
+            # Free the maps of one image before the next, to limit memory.
             del maps, own, values
         for index in range(len(cameras)):
             advance()
@@ -321,7 +318,7 @@ def fill_truth(
 
 
 def _at(stage: Stage, index: int, frame: int) -> dict[str, int]:
-    """Return the place of an image along the leading dimensions of what every camera has."""
+    """Return the index of an image along the leading dimensions of per-camera variables."""
     row, position = divmod(index, stage.positions)
     return {**({"s_y": row} if stage.rows > 1 else {}), "s": position, "t": frame}
 
@@ -329,7 +326,7 @@ def _at(stage: Stage, index: int, frame: int) -> dict[str, int]:
 def _truth_by_rows(
     scene: Scene, world: BuiltScene, topology: Topology, moment: ImageAcquisition, content: TruthMaps
 ) -> dict[str, NDArray[Any]]:
-    """Return the truth of an image that a rolling shutter takes, every row in the middle of its own exposure."""
+    """Return the ground truth of a rolling-shutter image, each row at its own mid-exposure."""
     camera, shutter = scene.camera, scene.shutter
     later_s = shutter.row_offsets_s(np.arange(camera.height, dtype=np.float64), camera.height)
     travel_mm = shutter.stage_speed_mm_per_s * later_s
@@ -339,7 +336,7 @@ def _truth_by_rows(
 
 
 def _poses(scene: Scene, schedule: Schedule) -> dict[str, NDArray[np.float64]]:
-    """Return the real poses and times of all images."""
+    """Return the actual poses and times of all images."""
     stage, frames = scene.stage, scene.frames
     shape = (stage.rows, stage.positions, frames.count)
     position, rotation, time = np.empty((*shape, 3)), np.empty((*shape, 3)), np.empty(shape)

@@ -1,4 +1,4 @@
-"""Kernels that decide in float64 which points on a mesh are hidden by one of its faces."""
+"""Kernels that decide in float64 which points on a mesh are occluded by its faces."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from scenetruth.threads import in_bands
 
 __all__ = ["Cells", "hide_points", "look_at_points", "place_points", "sort_into_cells"]
 
-# A face that is nearer to the camera by less than this share of the point's depth does not hide it: float64 rounding.
+# Relative depth difference below which a face does not occlude a point (float64 rounding).
 _TOUCH = 1e-9
-# The boxes around faces are wider by this share, for rounding.
+# Relative margin of the face bounding boxes for rounding.
 _MARGIN = 1e-9
-# Faces with a corner whose depth is less than this share of their size may be anywhere in the image.
+# Faces with a corner depth below this fraction of their size are assumed to cover the whole image.
 _GRAZING = 1e-6
-# Faces that may hide more points of a row than this are asked where they cross it.
+# Faces that may occlude more points of a row than this are intersected with the row.
 _MANY = 16
-# Points may lie beyond their cells by this share of their size, by rounding.
+# Relative tolerance by which points may exceed their cells due to rounding.
 _ROW_MARGIN = 1e-6
-# Points, and faces, that are worth a thread of their own.
+# Minimum number of points and faces per thread.
 _LEAST_POINTS, _LEAST_FACES = 8192, 1024
-# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
+# Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _place(vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, b1: float, b2: float) -> Any:
-    """Return a point on a face, and whether the face shows its front to the origin."""
+    """Return a point on a face, and whether the front of the face is towards the origin."""
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
     vx, vy, vz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
@@ -49,14 +49,14 @@ def place_points(
     face: NDArray[np.int32],
     weights: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Compute points on faces, and tell which faces show their front to the origin.
+    """Compute points on faces, and whether the front of each face is towards the origin.
 
     ``vertices``: Positions in mm, shape (k, 3).
-    ``faces``: Corners of the faces, shape (m, 3).
-    ``face``: The face on which each point lies, shape (n,).
-    ``weights``: Barycentric coordinates of the face's second and third corner, shape (n, 2).
-    Returns: Points in mm, shape (n, 3); and whether the normal (p1 - p0) x (p2 - p0) of their face points to the side
-    on which the origin lies, shape (n,).
+    ``faces``: Vertex indices of the faces, shape (m, 3).
+    ``face``: Face of each point, shape (n,).
+    ``weights``: Barycentric coordinates of the second and third corner, shape (n, 2).
+    Returns: Points in mm, shape (n, 3); and whether the normal (p1 - p0) x (p2 - p0) points to the side of the origin,
+    shape (n,).
     """
     count = face.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
@@ -79,21 +79,21 @@ class Cells(NamedTuple):
     """Points in front of a camera, sorted into square cells of X / Z and Y / Z."""
 
     order: NDArray[np.int64]
-    """Indices of the points, cell by cell, row by row, shape (k,)."""
+    """Point indices in row-major cell order, shape (k,)."""
     places: NDArray[np.float64]
-    """X, Y and Z of the points in this order, shape (3, k)."""
+    """X, Y and Z of the sorted points, shape (3, k)."""
     starts: NDArray[np.int64]
-    """Where each cell begins in this order, and k."""
+    """Start index of each cell, followed by k."""
     low_u: float
     """Lowest X / Z."""
     low_v: float
     """Lowest Y / Z."""
     edge: float
-    """Edge of the cells."""
+    """Side length of the cells."""
     columns: int
-    """Cells along X / Z."""
+    """Number of cells along X / Z."""
     rows: int
-    """Cells along Y / Z."""
+    """Number of cells along Y / Z."""
 
 
 def look_at_points(
@@ -106,13 +106,13 @@ def look_at_points(
     centre_x: float,
     centre_y: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Compute where a pinhole sees points on faces, and which of them turn their side to it.
+    """Project points on faces into a pinhole camera and select those with their side towards it.
 
-    ``vertices``: Positions in the camera's frame in mm, shape (k, 3).
+    ``vertices``: Positions in the camera frame in mm, shape (k, 3).
     ``sides``: Whether each point is on the front of its face, shape (n,).
     ``focal_px``, ``centre_x``, ``centre_y``: Focal length and principal point in px.
-    Returns: Points in mm, shape (n, 3); their pixel coordinates, shape (n, 2), NaN behind the camera; and whether they
-    are in front of it and turn their side to it, shape (n,).
+    Returns: Points in mm, shape (n, 3); pixel coordinates, shape (n, 2), NaN behind the camera; and whether the points
+    are in front of the camera with their side towards it, shape (n,).
     """
     count = face.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
@@ -145,8 +145,8 @@ def _look_at_points(
 def sort_into_cells(points: NDArray[np.float64], chosen: NDArray[np.bool_], pixel: float) -> Any:
     """Sort points into cells.
 
-    ``points``: Points in the camera's frame in mm, shape (n, 3).
-    ``chosen``: The points to sort; all must be in front of the camera, shape (n,).
+    ``points``: Points in the camera frame in mm, shape (n, 3).
+    ``chosen``: Points to sort, all in front of the camera, shape (n,).
     """
     count = 0
     low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
@@ -193,19 +193,19 @@ def hide_points(
     own: NDArray[np.int32],
     cells: Cells,
 ) -> NDArray[np.bool_]:
-    """Tell which points are hidden from the camera by a face.
+    """Compute which points are occluded by a face.
 
-    A face hides a point if the ray to the point meets the face (`scenetruth.raycast.ray_triangle_kernels.inside`)
-    before the point. A point's own face does not hide it.
+    A face occludes a point if the ray to the point hits the face (`scenetruth.raycast.ray_triangle_kernels.inside`)
+    before the point. The face of the point itself is ignored.
 
-    ``vertices``: Positions in the camera's frame in mm, shape (k, 3).
-    ``faces``: Corners of the faces, shape (m, 3).
-    ``own``: The face on which each point lies, in the order of the cells, shape (n,).
-    Returns: bool, shape (n,), in the order of the cells.
+    ``vertices``: Positions in the camera frame in mm, shape (k, 3).
+    ``faces``: Vertex indices of the faces, shape (m, 3).
+    ``own``: Face of each point, in cell order, shape (n,).
+    Returns: bool, shape (n,), in cell order.
     """
     hidden = np.zeros(own.shape[0], dtype=np.bool_)
     count = faces.shape[0]
-    # A face costs about as much as eight points: few faces that may hide many points are shared out too.
+    # A face costs about as much as eight points; few faces that may occlude many points are also parallelised.
     least = _LEAST_FACES * 8 * count // (8 * count + own.shape[0] + 1)
     in_bands(_hide_points, count, vertices, faces, own, cells, hidden, least=max(least, 1))
     return hidden
@@ -233,7 +233,7 @@ def _hide_points(
             lowest_u, highest_u = min(ax / az, bx / bz, cx / cz), max(ax / az, bx / bz, cx / cz)
             lowest_v, highest_v = min(ay / az, by / bz, cy / cz), max(ay / az, by / bz, cy / cz)
             margin = _MARGIN * (1.0 + max(abs(lowest_u), abs(highest_u), abs(lowest_v), abs(highest_v)))
-            # Compared as floats: the cell of a face far outside may be too large for an integer.
+            # Compared as floats, because the cell of a distant face may overflow an integer.
             first, last = (lowest_u - margin - low_u) / edge, (highest_u + margin - low_u) / edge
             upper, lower = (lowest_v - margin - low_v) / edge, (highest_v + margin - low_v) / edge
             if last < 0.0 or lower < 0.0 or first >= columns or upper >= rows:
@@ -255,7 +255,7 @@ def _hide_points(
         for row in range(top, bottom + 1):
             begin, end = starts[row * columns + left], starts[row * columns + right + 1]
             if end - begin > _MANY:
-                # Long faces that run across rows at an angle touch few of the cells that their box has in each.
+                # Long oblique faces touch only a part of the cells of their bounding box.
                 low, high = np.inf, -np.inf
                 first_v = low_v + (row - _ROW_MARGIN) * edge
                 last_v = low_v + (row + 1 + _ROW_MARGIN) * edge
@@ -285,6 +285,6 @@ def _hide_points(
                 if slope == 0.0:
                     continue
                 share = constant / slope
-                # Threads that write at the same time write the same value.
+                # Concurrent threads write the same value.
                 if share > 0.0 and share < 1.0 - _TOUCH:
                     hidden[n] = True

@@ -1,4 +1,4 @@
-"""Validation studies: many simulated measurements with known results (sensor, estimator, renderers)."""
+"""Validation studies: simulated measurements of sensors, estimators and renderers with exact references."""
 
 from scenetruth.validation_studies.emva1288 import run_emva
 from scenetruth.validation_studies.paper_figure2 import run_figure2

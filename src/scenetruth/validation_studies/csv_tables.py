@@ -11,7 +11,7 @@ __all__ = ["write_table"]
 
 
 def write_table(file: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write a table as CSV in UTF-8, with the names of the columns in its first line."""
+    """Write a table as CSV in UTF-8 with a header."""
     with file.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, list(rows[0]))
         writer.writeheader()

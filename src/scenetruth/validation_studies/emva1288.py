@@ -1,4 +1,4 @@
-"""A simulated EMVA 1288 measurement of sensors, compared with the values that were set."""
+"""A simulated EMVA 1288 measurement of sensors, compared with their nominal values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MEASURED, _TOLD = "#0072B2", "#D55E00"
 
 
 def draw_transfer(name: str, sensor: EmvaSensor, found: PhotonTransfer, file: Path) -> None:
-    """Draw variance over mean, mean over photons and the deviation from a line, as measured and as set."""
+    """Draw variance over mean, mean over photons and the linearity error, measured and nominal."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -48,11 +48,11 @@ def draw_transfer(name: str, sensor: EmvaSensor, found: PhotonTransfer, file: Pa
 def _draw_variance(ax: Any, sensor: EmvaSensor, found: PhotonTransfer) -> None:
     ax.plot(found.mean_dn, found.variance_dn2, "o", color=_MEASURED, markersize=4, label="measured")
     ends = np.array([0.0, found.mean_dn.max()])
-    ax.plot(ends, sensor.gain_dn_per_e * ends, color=_TOLD, linewidth=1.2, label="told: K times mean")
+    ax.plot(ends, sensor.gain_dn_per_e * ends, color=_TOLD, linewidth=1.2, label="nominal: K times mean")
     ax.set(
         xlabel="mean - dark, DN",
         ylabel="temporal variance - dark, DN²",
-        title="photon transfer, up to and beyond saturation",
+        title="photon transfer, including saturation",
     )
     ax.legend(fontsize=9)
 
@@ -61,9 +61,9 @@ def _draw_response(ax: Any, sensor: EmvaSensor, found: PhotonTransfer) -> None:
     ax.plot(found.photons, found.mean_dn, "o", color=_MEASURED, markersize=4, label="measured")
     ends = np.array([0.0, sensor.saturation_capacity_e / sensor.quantum_efficiency])
     responsivity = sensor.gain_dn_per_e * sensor.quantum_efficiency
-    ax.plot(ends, responsivity * ends, color=_TOLD, linewidth=1.2, label="told: K η photons")
+    ax.plot(ends, responsivity * ends, color=_TOLD, linewidth=1.2, label="nominal: K η photons")
     saturation = found.saturation_e * found.gain_dn_per_e
-    ax.axhline(saturation, color="#999999", linestyle="--", linewidth=1, label="saturation, measured")
+    ax.axhline(saturation, color="#999999", linestyle="--", linewidth=1, label="measured saturation")
     ax.set(xlabel="photons per pixel", ylabel="mean - dark, DN", title="response")
     ax.legend(fontsize=9)
 
@@ -72,7 +72,7 @@ def _draw_linearity(ax: Any, sensor: EmvaSensor, found: PhotonTransfer) -> None:
     told = sensor.gain_dn_per_e * sensor.quantum_efficiency * found.photons
     ax.plot(found.photons, 100 * (found.mean_dn / told - 1), "o", color=_MEASURED, markersize=4)
     ax.axhspan(-0.1, 0.1, color="#999999", alpha=0.25, linewidth=0, label="± 0.1 %")
-    ax.set(xlabel="photons per pixel", ylabel="mean / told - 1, %", ylim=(-0.2, 0.2), title="deviation from the line")
+    ax.set(xlabel="photons per pixel", ylabel="mean / nominal - 1, %", ylim=(-0.2, 0.2), title="linearity error")
     ax.legend(fontsize=9)
 
 
@@ -81,20 +81,20 @@ LEVELS = 24
 STACK = 16
 _SEED = 1288
 _SHORTEST_S = 1e-6
-# Far beyond saturation for every pixel, whatever its sensitivity.
+# Far beyond saturation for every pixel, independent of its sensitivity.
 _OVEREXPOSURE = 3.0
 _BEYOND = (1.0, 1.02, 1.05, 1.1, 1.2)
 
 
 @dataclass(frozen=True)
 class SensorComparison:
-    """A figure of a sensor as it was set, and as it was measured.
+    """A nominal and a measured sensor parameter.
 
     ``sensor``: Name of the sensor.
-    ``quantity``: Name of the figure; ``linearity_error`` is 0 as set.
-    ``told``: Value that was set, in the sensor's fields.
-    ``measured``: Value that was measured.
-    ``error``: measured / told - 1, or measured where ``told`` is 0.
+    ``quantity``: Name of the parameter; ``linearity_error`` has the nominal value 0.
+    ``told``: Nominal value, in the sensor's fields.
+    ``measured``: Measured value.
+    ``error``: ``measured / told - 1``, or ``measured`` where ``told`` is 0.
     """
 
     sensor: str
@@ -117,10 +117,10 @@ def measure_sensor(
     def expose(camera: EmvaSensor, share: float, count: int, place: int) -> NDArray[np.generic]:
         opened = camera.chain().open(shape, partial(_generator, name))
         uniform = np.full(shape, share * saturation / bright, dtype=np.float32)
-        # Every stack is a camera position of its own, so that no two share their noise.
+        # Every stack is a separate camera position with independent noise.
         return np.stack([opened.read(LinearImage(uniform, s=place, t=number)) for number in range(count)])
 
-    # Radiance is float32, as in every image: the photons are computed with the same rounding.
+    # Radiance is float32, as in every image; the photons are rounded equally.
     photons = np.float64(np.float32(shares * saturation / bright)) * bright
     return photon_transfer(
         photons,
@@ -133,7 +133,7 @@ def measure_sensor(
 
 
 def compare_with_settings(name: str, sensor: EmvaSensor, found: PhotonTransfer) -> list[SensorComparison]:
-    """Compare the measured figures of a sensor with those that were set."""
+    """Compare the measured parameters of a sensor with the nominal values."""
     told = {
         "gain_dn_per_e": (sensor.gain_dn_per_e, found.gain_dn_per_e),
         "temporal_dark_noise_e": (sensor.temporal_dark_noise_e, found.temporal_dark_noise_e),
@@ -150,9 +150,9 @@ def compare_with_settings(name: str, sensor: EmvaSensor, found: PhotonTransfer) 
 
 
 def run_emva(folder: Path, presets: Sequence[str] = (), *, progress: Progress | None = None) -> list[SensorComparison]:
-    """Measure presets; write ``emva.csv``, ``emva_levels.csv`` and a picture of each preset, ``<name>.png``."""
+    """Measure presets; write ``emva.csv``, ``emva_levels.csv`` and a figure of each preset, ``<name>.png``."""
     names = list(presets or PRESETS)
-    message = f"there is no such preset; there are {', '.join(PRESETS)}"
+    message = f"no such preset; available: {', '.join(PRESETS)}"
     unknown = [Problem("--preset", message, name) for name in names if name not in PRESETS]
     if unknown:
         raise SceneError(unknown)

@@ -38,10 +38,10 @@ Quantity = Literal["U_X", "U_Z", "V_X"]
 
 @dataclass(frozen=True)
 class Condition:
-    """What one point of the figure is measured under.
+    """The condition of one point of the figure.
 
-    ``quantity``: What is varied: U_X, U_Z, or the camera distance V_X, whose panel shows the error of Z.
-    ``value``: Its value; everything else as in the paper (f = 10, Z_0 = 100, V_X = 1, no motion).
+    ``quantity``: The varied quantity: U_X, U_Z, or the camera distance V_X, whose panel shows the error of Z.
+    ``value``: Its value; all else as in the paper (f = 10, Z_0 = 100, V_X = 1, no motion).
     ``wavelength_px``: λ of the pattern.
     ``noise_std``: σ_n of the images, for grey values in [-1, 1].
     """
@@ -54,11 +54,11 @@ class Condition:
 
 @dataclass(frozen=True)
 class ConditionResult:
-    """The errors under one condition, over phases of the pattern and seeds of the noise.
+    """The errors under one condition, over phases of the pattern and noise realisations.
 
     ``quantity``, ``value``, ``wavelength_px``, ``noise_std``: The condition.
-    ``runs``: How many measurements.
-    ``full``: Number of them with a full estimate (``kind`` full). The statistics are over these; NaN if there is none.
+    ``runs``: Number of measurements.
+    ``full``: Number of valid estimates, to which the statistics refer; NaN if there is none.
     ``median_relative_error``, ``rms_relative_error``, ``max_relative_error``: Of abs(measured / true - 1).
     """
 
@@ -80,7 +80,7 @@ REFERENCE_DEPTH = 100.0
 """Z_0 of the paper's experiment, in the units of V_X."""
 
 SHAPE = (5, 9, 29, 29)
-"""Cameras, frames, rows and columns that the filters and the window of one estimate need."""
+"""Number of cameras, frames, rows and columns in the support of filters and window of one estimate."""
 
 
 def pattern_images(
@@ -93,15 +93,14 @@ def pattern_images(
     generator: np.random.Generator | None = None,
     shape: tuple[int, int, int, int] = SHAPE,
 ) -> NDArray[np.float64]:
-    """Make images of g = cos(K_X X) cos(K_Y Y) (paper eq. 13).
+    """Return images of g = cos(K_X X) cos(K_Y Y) (paper eq. 13), as (1 + g) / 2 + noise.
 
-    X = x Z_t / f - U_X t + V_X s, Y = y Z_t / f - U_Y t and Z_t = Z_0 + U_Z t, with x and y from the image's centre and
+    X = x Z_t / f - U_X t + V_X s, Y = y Z_t / f - U_Y t and Z_t = Z_0 + U_Z t, with x and y from the image centre and
     K_X = K_Y such that the wavelength in the image is ``wavelength_px`` at t = 0.
 
     ``wavelength_px``: λ in px.
     ``velocity``: (U_X, U_Y, U_Z) per frame.
     ``baseline``: V_X per step of s.
-    Returns: Images (1 + g) / 2 + noise of that shape, which lead to the grey values g of the paper.
     """
     s, t, y, x = (
         (np.arange(size) - (size - 1) / 2 if axis > 1 else np.arange(size) - (size - 1) // 2).astype(np.float64)
@@ -121,11 +120,8 @@ def pattern_images(
 
 
 def pattern_recording(images: NDArray[np.float64], baseline: float = 1.0) -> xr.Dataset:
-    """Make a recording with the paper's camera.
-
-    ``baseline``: V_X per step of s.
-    """
-    # Noise may exceed full scale a little.
+    """Return a recording with the paper's camera; ``baseline`` is V_X per step of s."""
+    # Noise may slightly exceed full scale.
     return make_recording(images, FOCAL_LENGTH_PX, baseline, full_scale=1.0)
 
 
@@ -134,7 +130,7 @@ _ROWS = (
     ("U_Z", "velocity $U_Z$", "rel. error of $U_Z$"),
     ("V_X", "camera distance $V_X$", "rel. error of $Z$"),
 )
-# What the paper states of its panels without noise: up to this value, an error below this.
+# Statements of the paper on its panels without noise: value up to which the error is below the bound.
 _BOUNDS = {"U_X": ((4.0, 3e-4),), "U_Z": ((0.1, 3e-3), (1.0, 3e-2)), "V_X": ((4.0, 3e-4),)}
 _NOISE_BAND = (1e-3, 1e-2)
 # Okabe and Ito's colours, with a marker each.
@@ -162,8 +158,8 @@ def draw_panels(results: Sequence[ConditionResult], file: Path, divergence: str)
     axes[0][0].legend(fontsize=9, loc="upper left", ncols=2)
     axes[0][-1].legend(fontsize=9, loc="upper right")
     figure.suptitle(
-        "Relative errors on the translating pattern (eq. 13); median of phases without noise, rms of runs with noise\n"
-        f"divergence: {divergence}. Points are left out where no run gave a full estimate.",
+        "Relative errors for the translating pattern (eq. 13); median of phases without noise, RMS of runs with noise\n"
+        f"divergence: {divergence}. Points without any valid estimate are omitted.",
         fontsize=11,
     )
     figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})
@@ -220,10 +216,10 @@ def conditions() -> list[Condition]:
 def measure_condition(
     condition: Condition, divergence: Literal["paper", "consistent"], runs: int | None = None
 ) -> ConditionResult:
-    """Measure one point of the figure at the image's centre, where x_0 = y_0 = 0.
+    """Measure one point of the figure at the image centre, where x_0 = y_0 = 0.
 
-    U_X and U_Z are those of the estimated optical flow at the known depth, u_x Z_0 / f and -u_z Z_0, so that the error
-    of Z, which has panels of its own, is not counted twice.
+    U_X and U_Z are those of the estimated optical flow at the true depth, u_x Z_0 / f and -u_z Z_0, so that the error
+    of Z, which has separate panels, is not included.
     """
     from scenetruth.estimators import estimate
 
@@ -245,10 +241,10 @@ def measure_condition(
                 generator=generator,
             )
         )
-    # All runs side by side in one recording: at the centre of each, filters and window see nothing of its neighbours.
+    # All runs are tiles of one recording: filters and window at the centre of each do not reach its neighbours.
     recording = pattern_recording(np.concatenate(patterns, axis=-1), baseline)
     with warnings.catch_warnings():
-        # The threshold is the paper's; that it leaves out the largest displacements belongs to the figure.
+        # The threshold is the paper's; it excludes the largest displacements, as in the figure.
         warnings.simplefilter("ignore", EstimateWarning)
         maps = estimate(
             recording, working_point_px=0, flow_working_point_px=(0, 0), divergence=divergence, tau=_PAPERS_TAU
@@ -289,10 +285,10 @@ def run_figure2(
     runs: int | None = None,
     progress: Progress | None = None,
 ) -> list[ConditionResult]:
-    """Measure the whole figure on all cores, and write ``figure2.csv`` and ``figure2.png``."""
+    """Measure the complete figure on all cores, and write ``figure2.csv`` and ``figure2.png``."""
     todo = conditions()
     results: dict[Condition, ConditionResult] = {}
-    # One measurement is small: cores are shared out to processes, each with one thread.
+    # A single measurement is small: each process uses one thread.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), mp_context=context, initializer=_one_thread) as pool:
         try:

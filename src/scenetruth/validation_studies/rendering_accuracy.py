@@ -1,4 +1,4 @@
-"""The accuracy of rendered images against the exact pixel integral, at subpixel shifts."""
+"""The accuracy of rendered images compared with the exact pixel integral, at subpixel shifts."""
 
 from __future__ import annotations
 
@@ -43,19 +43,18 @@ Field = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PlaneImage:
-    """A noise texture on a plane as a camera in front of it sees it.
+    """The exact image of a plane with a noise texture, seen perpendicularly.
 
-    Band-limited noise on a periodic raster is a finite Fourier series, which its samples determine. Its mean over the
-    square footprint of a pixel of pitch p is that series with every wave times sinc(k_x p) sinc(k_y p), where k counts
-    cycles per length: no quadrature is needed, and no interpolation.
+    Band-limited noise on a periodic raster is a finite Fourier series, determined by its samples. Its mean over the
+    square footprint of a pixel of pitch p is the series with every wave multiplied by sinc(k_x p) sinc(k_y p), where k
+    is in cycles per length; neither quadrature nor interpolation is necessary.
 
     ``spectrum``: Amplitudes of the waves exp(2πi (k_y Y / P_y + k_x X / P_x)) of the radiance, shape (rows, columns),
       complex128.
-    ``wave_numbers``: Whole numbers k_y, shape (rows,), and k_x, shape (columns,).
+    ``wave_numbers``: Integers k_y, shape (rows,), and k_x, shape (columns,).
     ``period_mm``: (P_x, P_y).
-    ``pitch_mm``: Distance of two pixels on the plane, in X as in Y.
-    ``first_mm``: Where the first pixel's centre lies on the texture, (X, Y) from the corner of the raster's first
-      texel.
+    ``pitch_mm``: Distance of neighbouring pixels on the plane.
+    ``first_mm``: Position (X, Y) of the first pixel's centre on the texture, from the corner of its first texel.
     ``shape``: (height, width) of the image.
     """
 
@@ -79,7 +78,7 @@ class PlaneImage:
         first_mm: tuple[float, float],
         shape: tuple[int, int],
     ) -> Self:
-        """Find the Fourier series of noise from its values on a raster.
+        """Return the Fourier series of noise from its values on a raster.
 
         ``values``: Noise of zero mean and unit variance at texels (j + 1/2, i + 1/2), shape (h, w).
         """
@@ -94,24 +93,15 @@ class PlaneImage:
         return cls(spectrum, (k_y, k_x), period_mm, pitch_mm, first_mm, shape)
 
     def values(self, shift_px: float = 0.0) -> Field:
-        """Return the exact image: means over the pixels' footprints.
-
-        Returns: Radiance, shape (height, width), float64.
-        """
+        """Return the exact image, the mean radiance over the pixel footprints, float64, shape (height, width)."""
         return self._sum(self.spectrum * self._footprint(), shift_px)
 
     def points(self, shift_px: float = 0.0, offset_px: tuple[float, float] = (0.0, 0.0)) -> Field:
-        """Return the radiance at one point of each pixel.
-
-        Returns: Radiance, shape (height, width), float64.
-        """
+        """Return the radiance at one point of each pixel, float64, shape (height, width)."""
         return self._sum(self.spectrum, shift_px, offset_px)
 
     def gradient(self, shift_px: float = 0.0) -> tuple[Field, Field]:
-        """Return the derivatives of `values`.
-
-        Returns: Derivatives per pixel to the right, and per pixel down, shape (height, width) each.
-        """
+        """Return the derivatives of `values` per pixel to the right and downwards, shape (height, width) each."""
         (k_y, k_x), spectrum = self.wave_numbers, self.spectrum * self._footprint()
         across, down = (2j * np.pi * self.pitch_mm / period for period in self.period_mm)
         return self._sum(spectrum * (across * k_x), shift_px), self._sum(spectrum * (down * k_y)[:, None], shift_px)
@@ -123,7 +113,7 @@ class PlaneImage:
     def _sum(
         self, spectrum: NDArray[np.complex128], shift_px: float, offset_px: tuple[float, float] = (0.0, 0.0)
     ) -> Field:
-        """Add up the waves at all pixels: their grid makes this two products of matrices."""
+        """Return the sum of the waves at all pixels; the pixel grid reduces it to two matrix products."""
         height, width = self.shape
         (k_y, k_x), (period_x, period_y) = self.wave_numbers, self.period_mm
         x = self.first_mm[0] + (np.arange(width) - shift_px + offset_px[0]) * self.pitch_mm
@@ -140,15 +130,14 @@ def shift_errors(
     down: NDArray[np.float64],
     subset_px: int,
 ) -> NDArray[np.float64]:
-    """Register an image to the exact one in square subsets that touch each other.
+    """Return the shifts of an image relative to the exact image in adjacent square subsets.
 
-    A content that lies e to the right of where it should has the grey values exact(x - e), to first order
-    exact - e d exact/dx. The least-squares solution for e, with analytic derivatives, is one Gauss-Newton step; the
-    terms of second order that it leaves out change it by some e² over the wavelength: nothing, at the thousandths of a
-    pixel found here. Gain and offset are not adjusted: what they could explain counts as error.
+    A shift by e to the right gives the grey values exact(x - e) ≈ exact - e d exact/dx. The least-squares solution for
+    e, with analytic derivatives, is one Gauss-Newton step; the neglected second-order terms, about e² over the
+    wavelength, are insignificant for shifts of 1e-3 px. Gain and offset are not adjusted and count as error.
 
     ``image``: The image, shape (height, width).
-    Returns: Shift (x, y) of the image's content in px, shape (rows, columns, 2), float64.
+    Returns: Shift (x, y) of the image content in px, shape (rows, columns, 2), float64.
     """
     rows, columns = (side // subset_px for side in exact.shape)
 
@@ -164,21 +153,21 @@ def shift_errors(
 
 
 BOUNDS_PX = {"pyrender": 5e-4, "raycast": 1e-4}
-"""What the rms of the shift errors must not exceed with the band-limited texture and 4 x 4 samples; ten times as much
-for the largest error."""
+"""Upper bound of the RMS shift error for the band-limited texture and 4 x 4 samples, px; ten times as much for the
+maximum."""
 
 
 @dataclass(frozen=True)
 class RenderingAccuracy:
     """The errors of one backend with one number of samples.
 
-    ``texture``: Which of `TEXTURES_PX`.
+    ``texture``: Key of `TEXTURES_PX`.
     ``shortest_wavelength_px``: Its shortest wavelength.
     ``backend``: Name of the renderer, with its platform.
     ``supersampling``: n, of n x n samples.
-    ``subsets``: How many subsets were registered, over all shifts.
+    ``subsets``: Number of registered subsets, over all shifts.
     ``rms_px``, ``max_px``: Of the shift errors of all subsets, x and y together.
-    ``rms_grey``, ``max_grey``: Of rendered minus exact grey values, over the texture's standard deviation.
+    ``rms_grey``, ``max_grey``: Of rendered minus exact grey values, in units of the texture's standard deviation.
     ``seconds_per_image``: Median over the shifts.
     """
 
@@ -195,25 +184,21 @@ class RenderingAccuracy:
 
     @property
     def bound_px(self) -> float | None:
-        """The rms shift error that this must not exceed, where `BOUNDS_PX` states one."""
+        """Upper bound of the RMS shift error, or None if `BOUNDS_PX` has none."""
         if self.texture != "band-limited" or self.supersampling != 4:
             return None
         return BOUNDS_PX[self.backend.split()[0]]
 
     @property
     def within_bounds(self) -> bool | None:
-        """Whether rms and maximum keep to the bound; None where there is none."""
+        """Whether RMS and maximum are within the bound; None if there is no bound."""
         bound = self.bound_px
         return None if bound is None else self.rms_px <= bound and self.max_px <= 10 * bound
 
 
 @dataclass(frozen=True, eq=False)
 class RenderingMeasurement:
-    """A result and what it was computed from.
-
-    ``result``: The figures.
-    ``errors_px``: Shift errors (x, y) of every subset, shape (shifts, rows, columns, 2).
-    """
+    """A result and the shift errors (x, y) of every subset, shape (shifts, rows, columns, 2)."""
 
     result: RenderingAccuracy
     errors_px: NDArray[np.float64]
@@ -245,16 +230,16 @@ def draw_errors(results: Sequence[RenderingAccuracy], file: Path) -> None:
             colour, marker = _STYLES[backend.split()[0]]
             n = [result.supersampling for result in line]
             style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 5}
-            above.plot(n, [result.rms_px for result in line], label=f"{backend}, rms", **style)
+            above.plot(n, [result.rms_px for result in line], label=f"{backend}, RMS", **style)
             above.plot(n, [result.max_px for result in line], label="largest", linestyle=":", **style)
-            below.plot(n, [result.rms_grey for result in line], label=f"{backend}, rms", **style)
+            below.plot(n, [result.rms_grey for result in line], label=f"{backend}, RMS", **style)
             for result in line:
                 if result.bound_px is not None:
-                    label = f"bound of rms, {backend.split()[0]}"
+                    label = f"bound of RMS, {backend.split()[0]}"
                     above.plot([2.8, 5.7], [result.bound_px] * 2, "--", color=colour, linewidth=2, label=label)
         shortest = chosen[0].shortest_wavelength_px
         above.set_title(f"{texture}: wavelengths from {shortest:g} px", loc="left", fontsize=11)
-        below.set_xlabel("n, of n x n samples a pixel")
+        below.set_xlabel("n, of n x n samples per pixel")
         for ax in (above, below):
             ax.set(xscale="log", yscale="log")
             ax.set_xticks(sorted({result.supersampling for result in results}))
@@ -264,12 +249,12 @@ def draw_errors(results: Sequence[RenderingAccuracy], file: Path) -> None:
             ax.legend(fontsize=9)
     axes[0][0].set_ylabel("shift error of 25 x 25 px subsets, px")
     axes[1][0].set_ylabel("grey-value error / std of the texture")
-    figure.suptitle("Rendered images against the exact pixel integral", fontsize=12)
+    figure.suptitle("Rendered images compared with the exact pixel integral", fontsize=12)
     figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})
 
 
 def draw_maps(measured: Sequence[RenderingMeasurement], file: Path) -> None:
-    """Draw maps of the shift errors of the subsets with the band-limited texture, as rms over all shifts."""
+    """Draw maps of the shift errors of the subsets for the band-limited texture, as RMS over all shifts."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
@@ -290,7 +275,7 @@ def draw_maps(measured: Sequence[RenderingMeasurement], file: Path) -> None:
             shown = ax.imshow(maps[backend, n], norm=norm, cmap="viridis")
             ax.set_title(f"{backend}, {n} x {n}", fontsize=10)
             ax.set(xticks=[], yticks=[])
-    figure.colorbar(shown, ax=axes, label="rms shift error over all shifts, px", shrink=0.9)
+    figure.colorbar(shown, ax=axes, label="RMS shift error over all shifts, px", shrink=0.9)
     figure.suptitle("Shift errors of each 25 x 25 px subset, wavelengths from 6 px", fontsize=12)
     figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})
 
@@ -299,22 +284,22 @@ TEXTURES_PX = {"band-limited": (6.0, 30.0), "beyond Nyquist": (1.0, 30.0)}
 """Shortest and longest wavelength of the textures, in px of the image."""
 
 SHIFTS_PX = tuple(round(0.1 * step, 1) for step in range(11))
-"""How far the plane moves to the right."""
+"""Shifts of the plane to the right, px."""
 
 SAMPLINGS = (1, 2, 4, 8)
 SUBSET_PX = 25
-"""Edge of the square subsets that are registered."""
+"""Side of the square subsets for registration."""
 
 
 _FOCAL_LENGTH_PX = 5016.0
 _DEPTH_MM = 660.0
-_MARGIN_PX = 8  # of the plane around the image, at every shift: no silhouette takes part
+_MARGIN_PX = 8  # of the plane around the image at every shift, to exclude silhouettes
 _PITCH_MM = _DEPTH_MM / _FOCAL_LENGTH_PX
 _OBJECT = "plane"
 
 
 def noise_plane(wavelength_px: tuple[float, float], shape: tuple[int, int]) -> Scene:
-    """Return a noise plane at 660 mm that fills the image, and moves to the right by one pixel per frame.
+    """Return a noise plane at 660 mm that fills the image and moves to the right by one pixel per frame.
 
     ``wavelength_px``: Shortest and longest wavelength in px of the image.
     """
@@ -344,7 +329,7 @@ def noise_plane(wavelength_px: tuple[float, float], shape: tuple[int, int]) -> S
 def reference_image(scene: Scene) -> PlaneImage:
     """Return the exact image of a noise plane, from the Fourier series of its noise and the projection.
 
-    The noise is made anew from the scene's seed. No spline and no texture coordinate of the renderers is used.
+    The noise is generated from the scene's seed, independent of the splines and texture coordinates of the renderers.
     """
     item = scene.objects[0]
     assert isinstance(item.texture, NoiseTexture)
@@ -379,7 +364,7 @@ def run_fidelity(
     platform: str = "auto",
     progress: Progress | None = None,
 ) -> tuple[list[RenderingAccuracy], str]:
-    """Measure every backend that runs here, and write tables and pictures.
+    """Measure every available backend, and write tables and figures.
 
     Files: ``fidelity.csv``, ``fidelity.json``, ``fidelity.png`` and ``fidelity_maps.png``.
     """
@@ -415,7 +400,7 @@ Opener = Callable[[BuiltScene, Scene, int], Renderer]
 
 
 def _openers(platform: str) -> tuple[list[Opener], str]:
-    """Return what opens each backend that runs here, and why pyrender does not."""
+    """Return the openers of the available backends, and the reason if pyrender is unavailable."""
     from scenetruth.render.opengl import use_platform
     from scenetruth.render.pyrender_backend import PyrenderRenderer
     from scenetruth.render.raycast_backend import RaycastRenderer

@@ -156,7 +156,7 @@ BITS = {"kind": "digitisation", "bit_depth": 8}
             {"2": "takes share of full scale, but 'quantum_efficiency' before it gives electrons"},
         ),
         ([*LIGHT, GAIN, BITS, {**BITS, "name": "again"}], {"4": "'digitisation' takes unrounded digital numbers"}),
-        ([*LIGHT, GAIN], {"2": "put 'digitisation' behind it"}),
+        ([*LIGHT, GAIN], {"2": "append 'digitisation'"}),
         ([*LIGHT, {"kind": "shot_noise"}, {"kind": "shot_noise"}], {"3": "same random numbers as effect 2"}),
         ([*LIGHT, {**GAIN, "black_level_dn": 255.0}, BITS], {"2": "saturates the sensor without light"}),
         (

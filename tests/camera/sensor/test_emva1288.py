@@ -187,10 +187,10 @@ def test_a_wall_shows_one_pattern_and_fresh_noise(preset: str) -> None:
         ({"bit_depth": 0}, "sensor.bit_depth", "greater than or equal to 1"),
         ({"black_level_dn": 4094.5}, "sensor.black_level_dn", "leaves less than one digital number for light"),
         ({"black_level_dn": -1.0}, "sensor.black_level_dn", "greater than or equal to 0"),
-        ({"temporal_dark_noise_e": 2e4}, "sensor.temporal_dark_noise_e", "what the sensor can say, 18000 electrons"),
-        ({"dsnu_e": 1.8e4}, "sensor.dsnu_e", "what the sensor can say, 18000 electrons"),
+        ({"temporal_dark_noise_e": 2e4}, "sensor.temporal_dark_noise_e", "the saturation capacity, 18000 electrons"),
+        ({"dsnu_e": 1.8e4}, "sensor.dsnu_e", "the saturation capacity, 18000 electrons"),
         # 12 bits at 10 DN per electron saturate long before the full well.
-        ({"gain_dn_per_e": 10.0, "dsnu_e": 500.0}, "sensor.dsnu_e", "what the sensor can say, 403.1 electrons"),
+        ({"gain_dn_per_e": 10.0, "dsnu_e": 500.0}, "sensor.dsnu_e", "the saturation capacity, 403.1 electrons"),
         ({"dark_current_e_per_s": 2e6}, "sensor.dark_current_e_per_s", "saturates the sensor without light: 20000"),
         ({"hot_pixel_share": 0.01}, "sensor.hot_pixel_current_e_per_s", "must not be below dark_current_e_per_s, 300"),
         ({"prnu": 1.0}, "sensor.prnu", "less than 1"),

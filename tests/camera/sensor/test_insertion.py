@@ -54,7 +54,7 @@ def test_scenes_keep_what_is_inserted() -> None:
         (
             {**NAMED, "after": "gamma"},
             "after",
-            "there is no effect 'gamma' to come behind; there are photon_conversion, ",
+            "unknown effect 'gamma'; available: photon_conversion, ",
         ),
         ({**NAMED, "after": "gain"}, "effect", "'readout_noise' takes electrons, but 'gain' before it gives unrounded"),
         ({"after": "full_well", "effect": {"kind": "shot_noise"}}, "effect", "draws the same random numbers"),

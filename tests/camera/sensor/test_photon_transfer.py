@@ -71,9 +71,9 @@ def test_a_bent_response_is_seen() -> None:
     ("changes", "message"),
     [
         ({"photons": np.arange(3.0)}, "pairs must have the shape"),
-        ({"dark": np.zeros((1, *SHAPE))}, "dark must have two images or more"),
-        ({"flat": np.zeros((5, 3, 4))}, "flat must have two images or more"),
-        ({"saturated": np.zeros(SHAPE)}, "digital numbers do not grow with light"),
+        ({"dark": np.zeros((1, *SHAPE))}, "dark must contain at least two images"),
+        ({"flat": np.zeros((5, 3, 4))}, "flat must contain at least two images"),
+        ({"saturated": np.zeros(SHAPE)}, "digital numbers do not increase with light"),
         ({"photons": np.arange(2.0), "pairs": np.zeros((2, 2, *SHAPE))}, "at least 3 levels"),
     ],
 )

@@ -31,7 +31,7 @@ def test_a_pattern_is_made_and_compared(tmp_path: Path) -> None:
     assert names(out) == MADE
     assert "dots of 1.000 mm (5.00 px)" in done.stdout
     assert "mine.png: " in done.stdout
-    assert "times the noise of depth and motion that speckle gives" in done.stdout
+    assert "times the noise of depth and motion (reference: speckle)" in done.stdout
     assert "texture: {kind: image" in done.stdout
     table = pd.read_csv(out / "assessment.csv")
     assert set(table["pattern"]) == {"speckle", "mine.png"}
@@ -62,5 +62,5 @@ def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
     assert "--mm-per-px: applies to a photograph" in done.stderr
     done = scenetruth("design", "pattern", *RIG, "--type", "noise", "--spacing", "1", "--page", "B7", "-o", out)
     assert done.returncode == 2
-    assert "spacing: is no setting here" in done.stderr
+    assert "spacing: is unknown" in done.stderr
     assert not out.exists()

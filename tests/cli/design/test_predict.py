@@ -35,7 +35,7 @@ def test_what_is_wrong_ends_it_with_a_message(tmp_path: Path) -> None:
         "design", "predict", file_of(tmp_path), "--method", "opencv_flow", "--setting", "window_sigma_px=0"
     )
     assert done.returncode == 2
-    assert "method: theory knows the precision of refined, structure_tensor only" in done.stderr
+    assert "method: precision can be predicted for refined, structure_tensor only" in done.stderr
     assert "window_sigma_px" in done.stderr
 
 

@@ -22,11 +22,11 @@ def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     words += ["--method", f"near={NEAREST}", "--seeds", "7,8", "--set", "camera.width=48", "--workers", "1", "-o", out]
     done = scenetruth(*words)
     assert done.returncode == 0, done.stderr
-    assert "2 points with 2 seeds: 4 simulations, 4 of them to be made" in done.stderr
+    assert "2 points with 2 seeds: 4 simulations, 4 of them to run" in done.stderr
     assert "least RMSE of each quantity, region interior" in done.stdout
     assert "stage.baseline_mm = 1" in done.stdout
     assert {name for name in names(out) if not name.startswith(".")} == RESULTS
-    assert "4 simulations, 0 of them to be made" in scenetruth(*words).stderr
+    assert "4 simulations, 0 of them to run" in scenetruth(*words).stderr
     frame = pd.read_parquet(out / "results.parquet")
     assert set(frame["scene"]) == {"wall"}
     assert set(frame["method"]) == {"near", "bound"}
@@ -46,7 +46,7 @@ def test_what_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     done = scenetruth("design", "sweep", file, "--vary", "stage.baseline_mm", *given)
     assert done.returncode == 2
     assert done.stderr.startswith("error: 2 problems with the sweep")
-    for told in ("--vary: must read PATH=VALUES", "--seeds: must be a number"):
+    for told in ("--vary: must have the form PATH=VALUES", "--seeds: must be a number"):
         assert told in done.stderr
     done = scenetruth("design", "sweep", file, "--vary", "stage.positons=3,5", "-o", tmp_path / "out")
     assert done.returncode == 2

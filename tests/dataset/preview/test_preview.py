@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenetruth.dataset.pages.preview_page import PAGE, SIMPLIFIED, render_thumbnail, simplify_scene, write_preview
+from scenetruth.dataset.pages.preview_page import PAGE, SIMPLIFIED, preview_dataset, render_thumbnail, simplify_scene
 from scenetruth.dataset.recipe_validation import draw_samples, select_numbers
 from scenetruth.errors import OutputExistsError, RecipeError
 from scenetruth.scene import Scene, load_scene
@@ -41,10 +41,12 @@ def test_page_and_pictures(sampler_with: Make, tmp_path: Path, monkeypatch: pyte
         splits={"train": 1, "test": 1},
     )
     told: list[str] = []
-    page = write_preview(sampler, tmp_path / "one", progress=lambda what, done, total: told.append(what))
+    page = preview_dataset(
+        sampler.recipe, output=tmp_path / "one", progress=lambda what, done, total: told.append(what)
+    )
     # As if it took long.
     monkeypatch.setattr("scenetruth.jobs.executors.MIN_PARALLEL_S", 0.0)
-    write_preview(sampler, tmp_path / "two", workers=2)
+    preview_dataset(sampler.recipe, output=tmp_path / "two", workers=2)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     assert set(told) == {"draw", "thumbnails"}
     assert {path.name for path in page.parent.iterdir()} == {PAGE, "contact_sheet.png", "values.png", "pairs.png"}
@@ -58,26 +60,26 @@ def test_page_and_pictures(sampler_with: Make, tmp_path: Path, monkeypatch: pyte
 
 def test_what_exists_stays(sampler_with: Make, tmp_path: Path) -> None:
     sampler = sampler_with(samples=2)
-    write_preview(sampler, tmp_path / "p")
+    preview_dataset(sampler.recipe, output=tmp_path / "p")
     (tmp_path / "p" / "notes.txt").write_text("mine")
     with pytest.raises(OutputExistsError, match="--overwrite"):
-        write_preview(sampler, tmp_path / "p")
-    write_preview(sampler_with(samples=1, distributions={}), tmp_path / "p", overwrite=True)
+        preview_dataset(sampler.recipe, output=tmp_path / "p")
+    preview_dataset(sampler_with(samples=1, distributions={}).recipe, output=tmp_path / "p", overwrite=True)
     # What is ours is replaced, what is not stays.
     assert {path.name for path in (tmp_path / "p").iterdir()} == {PAGE, "contact_sheet.png", "notes.txt"}
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "a").write_text("mine")
     with pytest.raises(OutputExistsError, match="did not write"):
-        write_preview(sampler, tmp_path / "other", overwrite=True)
+        preview_dataset(sampler.recipe, output=tmp_path / "other", overwrite=True)
 
 
 def test_nothing_comes_of_what_cannot_be_drawn(sampler_with: Make, tmp_path: Path) -> None:
     never = sampler_with(acceptance=[{"kind": "depth", "object": "tile", "max": 1}], max_draws=2)
     with pytest.raises(RecipeError, match="none of 2 draws was accepted"):
-        write_preview(never, tmp_path / "p")
+        preview_dataset(never.recipe, output=tmp_path / "p")
     wrong = sampler_with(distributions={"sensor.noise_std": {"kind": "uniform", "low": -2, "high": -1}})
     with pytest.raises(RecipeError, match=r"noise_std.*in sample 0"):
-        write_preview(wrong, tmp_path / "p")
+        preview_dataset(wrong.recipe, output=tmp_path / "p")
     assert list(tmp_path.iterdir()) == []
 
 

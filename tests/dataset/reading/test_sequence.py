@@ -93,7 +93,7 @@ def test_samples_of_other_shapes_do_not_stack(tmp_path: Path) -> None:
 
 
 def test_both_layouts_hold_the_same_bytes_and_verify(made: Path) -> None:
-    assert verify_dataset(made, again=2) == []
+    assert verify_dataset(made, regenerate=2) == []
     rows = st.open_dataset(made).catalogue
     assert rows["recording_sha256"].nunique() == 5
     if made.name == "shards":
@@ -136,7 +136,7 @@ def test_what_a_killed_run_left_beside_a_tar_file_is_put_away(made: Path, tmp_pa
     assert run_dataset(wanted.recipe, output=folder, workers=1).made == 0
     assert list(DatasetFolder(folder).done()) == []
     assert st.open_dataset(folder).catalogue["sample"].tolist() == [0, 1, 2, 3, 4]
-    assert verify_dataset(folder, again=0) == []
+    assert verify_dataset(folder, regenerate=0) == []
     with pytest.raises(st.MismatchError, match="its last tar file is not full"):
         run_dataset(
             recipe(layout="shards", samples_per_shard=2, samples=8).recipe, output=folder, workers=1, extend=True
@@ -155,7 +155,7 @@ def test_damage_is_found(tmp_path: Path) -> None:
     import shutil
 
     shutil.rmtree(places.sample(3))
-    found = verify_dataset(folder, again=5)
+    found = verify_dataset(folder, regenerate=5)
     assert {(damage.number, damage.problem.partition(" ")[0]) for damage in found} == {
         (1, "recording.zarr.zip"),
         (2, "truth.zarr.zip"),

@@ -11,7 +11,7 @@ from scenetruth.design.uncertainty.uncertainty_budget import Budget
 __all__ = ["budget_of_a_cube"]
 
 
-def budget_of_a_cube(noise: str = "noise of the sensor") -> Budget:
+def budget_of_a_cube(noise: str = "sensor noise") -> Budget:
     """Return a budget of depth, most of which is the stage's yaw."""
 
     def part(
@@ -23,10 +23,10 @@ def budget_of_a_cube(noise: str = "noise of the sensor") -> Budget:
 
     parts = [
         part("noise", noise, 0.05),
-        part("stage_yaw", "yaw of the stage", 1.4, 1.4, 0.5),
+        part("stage_yaw", "stage yaw", 1.4, 1.4, 0.5),
         part("slope", "slanted surfaces", 0.16),
-        part("timing", "time between positions", 0.001),
-        part("lens_residual", "distortion of the lens", 0.002),
+        part("timing", "scan timing", 0.001),
+        part("lens_residual", "lens distortion", 0.002),
         part("curvature", "curved surfaces", math.nan),
     ]
     whole = math.sqrt(sum(one.value**2 for one in parts if math.isfinite(one.value)))

@@ -26,18 +26,21 @@ def found() -> Budget:
 
 def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budget) -> None:
     (line,) = found.summary().splitlines()
-    assert line.startswith("Depth: 1.5 mm in all.")
-    assert "Yaw of the stage (100 µrad) makes 1.4 of it in these draws, and 4.2 is to be expected of others" in line
+    assert line.startswith("Depth: combined uncertainty 1.5 mm RMS.")
+    assert (
+        "Stage yaw (100 µrad) contributes 1.4 of this for these seeds, with an expected value of 4.2 over all seeds"
+        in line
+    )
     # What is left: the root of 0.035² + 0.16² + 0.05², times 1.5 over the parts' sum.
     left = math.sqrt(0.035**2 + 0.16**2 + 0.05**2 + 5e-6) * 1.5 / found.totals[0].root_sum_square
-    assert f"An air bearing brings it to {number(left)} mm; then slanted surfaces limit (0.16)." in line
-    assert "With yaw of the stage, 50 % of the pixels are still told." in line
+    assert f"An air bearing reduces it to {number(left)} mm; then slanted surfaces dominate (0.16)." in line
+    assert "With stage yaw, 50 % of the pixels remain valid." in line
 
 
 def test_bars_add_up_by_their_squares(found: Budget) -> None:
     steps = compute_bars(found, "depth")
-    assert [step.title for step in steps][:3] == ["yaw of the stage", "slanted surfaces", HOSTILE]
-    assert steps[-1].title == "2 smaller parts"
+    assert [step.title for step in steps][:3] == ["stage yaw", "slanted surfaces", HOSTILE]
+    assert steps[-1].title == "2 smaller contributions"
     assert steps[0].start == 0
     assert steps[-1].end == pytest.approx(found.totals[0].root_sum_square)
     for one, other in pairwise(steps):
@@ -59,7 +62,7 @@ def test_the_picture_is_drawn(found: Budget, tmp_path: Path) -> None:
 def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Path) -> None:
     (waterfall,) = make_waterfalls(found)
     assert waterfall.data[0]["text"][0] == "1.4"
-    assert waterfall.alt.startswith("Depth, mm: yaw of the stage 1.4; slanted surfaces 0.16")
+    assert waterfall.alt.startswith("Depth, mm: stage yaw 1.4; slanted surfaces 0.16")
     page = write_page(found, tmp_path)
     text = page.read_text(encoding="utf-8")
     chart = re.search(r"const charts = (\{.*\});", text)
@@ -67,7 +70,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Pat
     assert json.loads(chart[1]) == {waterfall.name: {"data": waterfall.data, "layout": waterfall.layout}}
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert HOSTILE not in text
-    assert "Yaw of the stage" in text
+    assert "Stage yaw" in text
     outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r'(src|href)="(?!#)', outside)
 
@@ -86,7 +89,7 @@ def test_tables_of_the_page_sort_and_their_sums_stay_below(found: Budget, tmp_pa
     assert "data-key" not in re.findall(r"<td[^>]*>100 µrad", body[1])[0]
     assert "sum of squares" not in body[1]
     assert [row.count("<td") for row in foot[1].split("</tr>")] == [7, 7, 7, 0]
-    assert "everything on" in foot[1]
+    assert "all sources" in foot[1]
 
 
 def test_the_page_is_of_one_region_and_says_which(found: Budget, tmp_path: Path) -> None:
@@ -97,10 +100,10 @@ def test_the_page_is_of_one_region_and_says_which(found: Budget, tmp_path: Path)
         write_page(both, tmp_path, region).read_text(encoding="utf-8").split("<main>")[1]
         for region in ("interior", "object_leaf")
     )
-    assert "rms over the interior." in inside
-    assert "Depth: 1.5 mm in all." in inside
-    assert "rms over the interior of leaf." in leaf
-    assert "Depth: 9.5 mm in all." in leaf
+    assert "RMS over the interior." in inside
+    assert "Depth: combined uncertainty 1.5 mm RMS." in inside
+    assert "RMS over the interior of leaf." in leaf
+    assert "Depth: combined uncertainty 9.5 mm RMS." in leaf
 
 
 def test_numbers_are_spelled_with_two_digits() -> None:

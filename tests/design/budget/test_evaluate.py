@@ -125,7 +125,7 @@ def test_it_says_what_limits(found: Budget) -> None:
     depth = next(line for line in words if line.startswith("Depth: "))
     largest = found.contributions("depth")[0]
     assert largest.title in depth.lower() or largest.title in depth
-    assert "brings it to" in depth
+    assert "reduces it to" in depth
 
 
 def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, folder: Path) -> None:

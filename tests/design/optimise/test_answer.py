@@ -37,10 +37,10 @@ def rules(facts: RigContext, **causes: Any) -> dict[str, RuleOfThumb]:
 @pytest.mark.parametrize(
     ("title", "cause", "good", "bad"),
     [
-        ("size of speckles", "wavelength_px", 8.0, 4.0),
+        ("speckle size", "wavelength_px", 8.0, 4.0),
         ("motion blur", "blur_px", 0.05, 0.2),
         ("saturation", "grey_level", 0.2, 0.99),
-        ("features in a window", "wavelength_px", 12.0, 60.0),
+        ("speckles per window", "wavelength_px", 12.0, 60.0),
     ],
 )
 def test_rules_are_kept_or_not(facts: RigContext, title: str, cause: str, good: float, bad: float) -> None:
@@ -63,8 +63,8 @@ def test_what_limits_is_told() -> None:
     parts = {"depth": {"noise": 0.03, "stage": 0.04}}
     one = Evaluation({"stage.baseline_mm": 12.4, "stage.positions": 9}, {"depth": 0.05}, parts, (used, free))
     assert describe_limiting_factors(one, space, (objective(),)) == (
-        "depth is limited by the stage's errors (64 % of the predicted variance); "
-        "used up: stage travel (99.5 of 100 mm); "
+        "depth is limited by stage errors (64 % of the predicted variance); "
+        "active constraints: stage travel (99.5 of 100 mm); "
         "at the end of its range: stage.positions = 9"
     )
 
@@ -74,11 +74,11 @@ def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
     idle = Sensitivity("frames.frame_interval_s", "depth", 0.0, 0.0, 0.0, 0.0, 0.0)
     told = "\n".join(list_assumptions(DesignSpec.from_dict(given), facts, ("less of it",), (0.25, 0.0), (idle,)))
     for expected in (
-        "predictions are standard deviations of noise",
-        "a white surface has 500 lux",
-        "motions that the scene gives per frame",
+        "predictions are standard deviations due to noise",
+        "the illuminance is 500 lux",
+        "motions specified per frame",
         "in the simulations: less of it",
-        "sensitivity by Morris leaves out 25 %",
+        "sensitivity by Morris excludes 25 %",
         "no effect on any objective: frames.frame_interval_s",
     ):
         assert expected in told

@@ -101,5 +101,5 @@ def test_lenses_that_cannot_be_used() -> None:
     with pytest.raises(SceneError, match="pixel_pitch_um"):
         build_rig(base(), {"lens": "c_mount_50mm"})
     near = BaseRig(base().plain, {}, ENTRIES, None, 40.0)
-    with pytest.raises(SceneError, match="leaves no image"):
+    with pytest.raises(SceneError, match="above the focal length of the lens"):
         build_rig(near, RIG)

@@ -65,7 +65,7 @@ def test_a_rig_of_which_little_is_told_says_so() -> None:
             simulated={"Depth": compute_prediction_interval((0.1, 0.2))},
         )
         words = " ".join(compose_summary(prepared.task.objectives, simulated_rig, (), (), ()))
-        assert ("only 60 % of the pixels are told" in words) == told
+        assert ("only 60 % of the pixels are valid" in words) == told
 
 
 def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,4 +112,4 @@ def test_what_fails_is_told(tmp_path: Path) -> None:
     broken = {**scene(), "estimate": {"method": "structure_tensor"}, "objects": []}
     job = ConfirmationTask(str(tmp_path), (broken,), (1,), (DEPTH,), ())
     made = simulate_candidate(job, 0)
-    assert "rig 1 of those that are simulated, seed 1: SceneError" in made.failure["message"]
+    assert "simulated rig 1, seed 1: SceneError" in made.failure["message"]

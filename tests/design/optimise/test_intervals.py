@@ -48,10 +48,10 @@ def test_few_figures() -> None:
     [
         (PredictionInterval(1.1, 1.0, 1.2, 4), False, "factor 1.10"),
         (PredictionInterval(2.0, 1.8, 2.2, 4), True, "2.0 times the prediction"),
-        (PredictionInterval(0.5, 0.4, 0.6, 4), True, "0.50 of the prediction"),
+        (PredictionInterval(0.5, 0.4, 0.6, 4), True, "0.50 times the prediction"),
         # Seeds differ too much to tell.
-        (PredictionInterval(2.0, 0.5, 8.0, 2), False, "as far as 2 seeds tell"),
-        (PredictionInterval(math.nan, math.nan, math.nan, 0), True, "nothing was estimated"),
+        (PredictionInterval(2.0, 0.5, 8.0, 2), False, "within the scatter of 2 seeds"),
+        (PredictionInterval(math.nan, math.nan, math.nan, 0), True, "no valid estimate"),
     ],
 )
 def test_discrepancies_are_told(simulated: PredictionInterval, notable: bool, words: str) -> None:

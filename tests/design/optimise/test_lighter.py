@@ -25,9 +25,9 @@ def test_a_part_is_what_the_whole_shows_there() -> None:
     part = reduce_scene(whole, "object_wall", 48)
     # 48 px, and a disparity of 4 px at each side of the reference's; ten standard deviations of the window are no less
     # than the 36 rows that 48 px would have.
-    assert part.changes == ("images cut from 160 x 120 to 56 x 36 px",)
+    assert part.changes == ("images cropped from 160 x 120 to 56 x 36 px",)
     narrow = wide(estimate={"method": "structure_tensor", "window_sigma_px": 3.0, "window_taps_px": 13})
-    assert reduce_scene(narrow, "object_wall", 48).changes == ("images cut from 160 x 120 to 56 x 32 px",)
+    assert reduce_scene(narrow, "object_wall", 48).changes == ("images cropped from 160 x 120 to 56 x 32 px",)
     left, top = np.subtract(whole.camera.principal_point, part.plain["camera"]["principal_point_px"])
     images, _ = st.simulate(whole)
     some, _ = st.simulate(Scene.from_dict(dict(part.plain)))
@@ -59,4 +59,4 @@ def test_what_does_nothing_is_left_out_and_told() -> None:
     found = reduce_scene(wide(optics=blurred, shutter={"exposure_time_s": 2.0}), "all", None)
     assert found.plain["optics"]["defocus"]["samples"] == 12
     assert found.plain["shutter"]["exposure_time_s"] == 2.0
-    assert found.changes == (f"12 samples of the aperture, not {wide(optics=blurred).optics.defocus.samples}",)  # type: ignore[union-attr]
+    assert found.changes == (f"12 aperture samples instead of {wide(optics=blurred).optics.defocus.samples}",)  # type: ignore[union-attr]

@@ -61,7 +61,7 @@ def test_what_was_simulated_is_told_beside_the_prediction(found: DesignResult) -
     assert one.simulated == found.recommended.simulated["Depth"]
     assert found.orders == ()
     # Wider than 48 px by the disparity between the outermost positions, 16 px at 16 mm.
-    assert any(re.search("images cut from 64 x 48 to 6[0-4] x 3[0-9] px", line) for line in found.assumptions)
+    assert any(re.search("images cropped from 64 x 48 to 6[0-4] x 3[0-9] px", line) for line in found.assumptions)
 
 
 def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> None:
@@ -82,7 +82,10 @@ def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> Non
     # As simulations had it: 48 px and the disparity, of 64.
     assert part.camera.width * part.camera.height < 0.8 * scene.camera.width * scene.camera.height
     assert part.stage == scene.stage
-    assert "# Beside recommended.yaml: images cut from 64 x 48" in (folder / "recommended_preview.yaml").read_text()
+    assert (
+        "# Differences from recommended.yaml: images cropped from 64 x 48"
+        in (folder / "recommended_preview.yaml").read_text()
+    )
     plain = json.loads((folder / "design.json").read_text())
     assert plain["recommended"] == found.recommended.number
     assert plain["summary"] == found.summary().splitlines()
@@ -114,7 +117,7 @@ def test_folders_that_hold_no_design_are_refused(found: DesignResult, folder: Pa
         DesignResult.load(tmp_path)
     plain = found.to_dict()
     for name, told, message in (
-        ("older", {**plain, "format": 1}, "is of format 1, and not 3"),
+        ("older", {**plain, "format": 1}, "has format 1 instead of 3"),
         ("cut", {"format": 3}, "is damaged \\(KeyError"),
         ("other", {**plain, "recommended": -1}, "is damaged \\(ValueError"),
         ("words", {**plain, "seconds": {"search": "long"}}, "is damaged \\(ValueError"),
@@ -132,7 +135,7 @@ def test_words(found: DesignResult) -> None:
     assert f"recommended, rig {found.recommended.number}" in told
     assert "Depth: scaled median absolute error, predicted" in told
     assert "; RMSE " in told
-    assert "10 % more (less) of each parameter changes depth by" in told
+    assert "an increase (decrease) of each parameter by 10 % changes depth by" in told
 
 
 def test_ten_percent_more_baseline_is_ten_percent_less_noise(found: DesignResult) -> None:
@@ -165,12 +168,12 @@ def test_goals_that_cannot_be_met_say_why() -> None:
         optimise(spec(constraints=limits, search=FEW), workers=1)
     told = str(caught.value)
     assert "constraints.0: stage travel must be at most 0.5 mm; the nearest rig has " in told
-    assert "it excludes all of" in told
+    assert "it excludes all " in told
     assert "variables: the nearest of" in told
     assert "constraints.1" not in told
     # Each can be met, both together cannot: fewer images need fewer positions.
     limits = [{"kind": "stage_travel", "min": 20}, {"kind": "images", "max": 6}]
-    with pytest.raises(DesignSpecError, match="satisfy it, but none of them all the others"):
+    with pytest.raises(DesignSpecError, match="satisfy it, but none of them all other constraints"):
         optimise(spec(constraints=limits, search=FEW), workers=1)
 
 

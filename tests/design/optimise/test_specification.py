@@ -34,13 +34,13 @@ def test_all_that_is_wrong_with_its_form_is_told() -> None:
     )
     for expected in (
         "8 problems with the design specification",
-        "variables.stage.baseline_mm: has no values: from 5 is not below to 2",
+        "variables.stage.baseline_mm: is empty: from 5 is not below to 2",
         "variables.stage.positions: has no to",
         "variables.lens: must be a range",
-        "constraints.0: is of no known kind",
-        "constraints.1: needs a kind",
-        "constraints.2: bounds nothing",
-        "objectives: no such quantity: depht",
+        "constraints.0: has an unknown type",
+        "constraints.1: requires the key `kind`",
+        "constraints.2: has no bound",
+        "objectives: unknown quantity depht",
         "serach: unknown key; did you mean 'search'?",
     ):
         assert expected in told
@@ -63,7 +63,7 @@ def test_constraints_that_contradict_each_other() -> None:
         {"kind": "images", "max": 9},
     ]
     told = refused(constraints=limits)
-    assert "constraints.2: contradicts constraints.0: images would have to be at least 20 and at most 9 images" in told
+    assert "constraints.2: contradicts constraints.0: images must be at least 20 and at most 9 images" in told
     # Widths and heights are different things.
     limits = [
         {"kind": "field_of_view", "axis": "x", "min": 60},
@@ -86,10 +86,10 @@ def test_parameters_that_do_not_exist_or_vary_nothing() -> None:
     for expected in (
         "variables.stage.baselin_mm.x: there is no 'stage.baselin_mm'; did you mean 'stage.baseline_mm'?",
         "variables.working_distance: there is no 'working_distance'; did you mean 'working_distance_mm'?",
-        "variables.optics.psf: does not vary anything: give two values or more",
-        "variables.stage: no catalogue has it; did you mean air_bearing",
-        "variables.camera.width: takes whole numbers, of which there are not two",
-        "variables.f_number: needs a lens of the catalogue",
+        "variables.optics.psf: must have at least two values",
+        "variables.stage: unknown catalogue entry; did you mean air_bearing",
+        "variables.camera.width: must contain at least two integers",
+        "variables.f_number: requires a lens",
     ):
         assert expected in told
 
@@ -103,28 +103,28 @@ def test_values_that_no_scene_takes_or_no_figure_feels() -> None:
         }
     )
     assert "variables.sensor.noise_std: input should be greater than or equal to 0 (got -0.1)" in told
-    assert "variables.storage.form: does not vary anything: no figure depends on it" in told
+    assert "variables.storage.form: has no effect on any statistic" in told
 
 
 def test_parameters_that_others_decide() -> None:
     told = refused(
         variables={"camera": "all", "camera.width": {"from": 32, "to": 64}, "stage": {"values": ["air_bearing"]}}
     )
-    assert "variables.camera.width: does not vary anything: 'camera' decides it" in told
+    assert "variables.camera.width: has no effect: it is determined by 'camera'" in told
     told = refused(
         variables={"objects.*.pose.position_mm.2": {"from": 4, "to": 9}, "objects.0.pose": {"values": [{}, None]}}
     )
-    assert "variables.objects.0.pose: sets what 'objects.*.pose.position_mm.2' sets" in told
+    assert "variables.objects.0.pose: overlaps with 'objects.*.pose.position_mm.2'" in told
     told = refused(variables={"lens": "all"})
-    assert "variables.lens: needs the size of pixels" in told
+    assert "variables.lens: requires the pixel pitch" in told
 
 
 def test_objectives_that_are_not_told() -> None:
     told = refused(
         objectives=[{"quantity": "depth", "region": "object_leaf"}, {"quantity": "growth_rate", "region": "interior"}]
     )
-    assert "objectives.0.region: is no region of this scene; there are all, interior, object_wall" in told
-    assert "objectives.1.quantity: is not predicted for this scene by structure_tensor" in told
+    assert "objectives.0.region: unknown region; valid regions: all, interior, object_wall" in told
+    assert "objectives.1.quantity: is not available for this scene and method structure_tensor" in told
 
 
 def test_statistics_that_are_not_told() -> None:
@@ -133,9 +133,9 @@ def test_statistics_that_are_not_told() -> None:
     )
     wanted = [{"quantity": "velocity_epe", "statistic": kind} for kind in ("p95_abs_error", "rmse")]
     told = refused(objectives=wanted)
-    assert "objectives.0.statistic: is not predicted of velocity_epe, which is a distance or an angle" in told
+    assert "objectives.0.statistic: is not available for velocity_epe, a distance or an angle" in told
     assert "objectives.1" not in told
-    assert "is there twice: depth of all, rms" in refused(
+    assert "must be unique: depth of all, rms" in refused(
         objectives=[{"quantity": "depth", "region": "all", "statistic": "rmse"}] * 2
     )
 
@@ -144,7 +144,7 @@ def test_statistics_that_are_not_told() -> None:
 def test_what_is_scored_but_not_predicted_is_refused_with_what_is(quantity: str) -> None:
     assert quantity in QUANTITIES
     told = refused(objectives=[{"quantity": quantity}])
-    assert "objectives.0.quantity: is not predicted for this scene by structure_tensor, which tells depth" in told
+    assert "is not available for this scene and method structure_tensor; available quantities: depth" in told
 
 
 def test_scenes_and_methods_that_are_wrong() -> None:
@@ -156,7 +156,7 @@ def test_scenes_and_methods_that_are_wrong() -> None:
     assert "method.method: is code" in refused(method="os:system")
     assert "method.method: is code" in refused(method={"method": "os:system"})
     assert "set.stage.a.b: there is no 'stage.a'" in refused(set={"stage.a.b": 3})
-    assert "both set and a variable: stage.positions" in refused(set={"stage.positions": 3})
+    assert "both set and variable: stage.positions" in refused(set={"stage.positions": 3})
 
 
 def test_titles_tell_objectives_apart() -> None:

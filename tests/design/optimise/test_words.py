@@ -15,16 +15,16 @@ from tests.design.optimise.small import objective
 @pytest.mark.parametrize(
     ("wanted", "simulated", "verdict"),
     [
-        (0.5, None, "wanted 0.5: reached (predicted)"),
-        (0.1, None, "wanted 0.1: NOT reached (predicted)"),
-        (0.5, PredictionInterval(0.3, 0.2, 0.4, 3), "wanted 0.5: reached (simulated)"),
+        (0.5, None, "target 0.5: met (predicted)"),
+        (0.1, None, "target 0.1: NOT met (predicted)"),
+        (0.5, PredictionInterval(0.3, 0.2, 0.4, 3), "target 0.5: met (simulated)"),
         (
             0.5,
             PredictionInterval(0.3, 0.1, 0.9, 3),
-            "wanted 0.5: reached, but another recording may miss it (simulated)",
+            "target 0.5: met, but a further recording may miss it (simulated)",
         ),
         # The prediction would reach it, and the simulation does not.
-        (0.25, PredictionInterval(0.3, 0.2, 0.4, 3), "wanted 0.25: NOT reached (simulated)"),
+        (0.25, PredictionInterval(0.3, 0.2, 0.4, 3), "target 0.25: NOT met (simulated)"),
     ],
 )
 def test_what_is_wanted_is_judged_by_simulations(
@@ -62,7 +62,10 @@ def test_changes_both_ways_are_told_the_largest_first() -> None:
         Sensitivity("c", "depth", *nothing, math.nan, math.nan),
     ]
     (line,) = compose_summary((objective(),), rig, effects, (), ())[2:]
-    assert line == "10 % more (less) of each parameter changes depth by: b -9.1 % (+11.1 %), a +2.0 % (-1.9 %)"
+    assert (
+        line
+        == "an increase (decrease) of each parameter by 10 % changes depth by: b -9.1 % (+11.1 %), a +2.0 % (-1.9 %)"
+    )
 
 
 def test_values_as_people_write_them() -> None:

@@ -144,33 +144,33 @@ def test_the_answer_is_judged_by_simulations(sample: DesignResult) -> None:
     assert depth.source == (
         "scaled median absolute error in 6 simulated recordings (95 %: 0.0475 to 0.0600; predicted 0.0500; RMSE 0.0637)"
     )
-    assert growth.verdict == "Wanted: 0.3 %/h. Not reached."
+    assert growth.verdict == "Target: 0.3 %/h. Not met."
 
     def verdict(number: float, low: float, high: float, *rms: float) -> str:
         figures = {**sample.recommended.simulated, GROWTH: PredictionInterval(number, low, high, 1)}
         best = replace(sample.recommended, simulated=figures, figures={GROWTH: {"rmse": rms}})
         return summarise_objectives(replace(sample, recommended=best))[1].verdict
 
-    assert verdict(0.2, 0.1, 0.29) == "Wanted: 0.3 %/h. Reached, with all of the interval."
-    assert verdict(0.2, 0.1, 0.31) == "Wanted: 0.3 %/h. Reached in the mean, but the interval goes beyond."
-    assert verdict(0.2, math.nan, math.nan, 0.2) == "Wanted: 0.3 %/h. Reached."
-    assert verdict(0.2, math.nan, math.nan, 0.4) == "Wanted: 0.3 %/h. Reached. The RMSE is beyond."
-    assert verdict(math.nan, math.nan, math.nan) == "Wanted: 0.3 %/h. Not reached."
+    assert verdict(0.2, 0.1, 0.29) == "Target: 0.3 %/h. Met by the whole interval."
+    assert verdict(0.2, 0.1, 0.31) == "Target: 0.3 %/h. Met by the mean, but not by the whole interval."
+    assert verdict(0.2, math.nan, math.nan, 0.2) == "Target: 0.3 %/h. Met."
+    assert verdict(0.2, math.nan, math.nan, 0.4) == "Target: 0.3 %/h. Met. The RMSE is above the target."
+    assert verdict(math.nan, math.nan, math.nan) == "Target: 0.3 %/h. Not met."
 
 
 def test_what_must_be_known_comes_first(sample: DesignResult, tmp_path: Path) -> None:
     told = [words for words, _ in list_warnings(sample)]
     assert told == [
-        f"The recommended rig does not reach what is wanted. {GROWTH}: 0.309 %/h, and not 0.3 %/h.",
-        "Prediction and simulation differ notably in 3 of 6 figures, 1 of them at the recommended rig.",
+        f"The recommended rig does not meet the target. {GROWTH}: 0.309 %/h, target 0.3 %/h.",
+        "Prediction and simulation differ notably in 3 of 6 values, 1 of them for the recommended rig.",
     ]
     last = replace(sample, recommended=sample.front[4])
-    assert "The recommended rig does not keep every constraint: stage travel." in dict(list_warnings(last))
+    assert "The recommended rig violates constraints: stage travel." in dict(list_warnings(last))
     unconfirmed = replace(sample, recommended=sample.front[1], discrepancies=())
     assert "was not simulated" in list_warnings(unconfirmed)[-1][0]
     text = said_in(text_of(unconfirmed, tmp_path))
     assert "predicted scaled median absolute error; not simulated" in text
-    assert "No rig was simulated: nothing here is confirmed." in text
+    assert "No rig was simulated: the predictions are not confirmed." in text
 
 
 def test_the_front_is_drawn_with_bars_and_told_in_words(sample: DesignResult) -> None:
@@ -263,9 +263,10 @@ def test_axes_hold_all_points_which_long_bars_do_not_push_together(
 
 def test_sensitivities_are_told_the_largest_first(sample: DesignResult) -> None:
     assert [line.replace("\N{NO-BREAK SPACE}", " ") for line in describe_sensitivities(sample)] == [
-        f"{DEPTH}: 10 % more stage.baseline_mm changes it by −9.1 % (better), 10 % less by +11 %.",
-        f"{GROWTH}: 10 % more frames.frame_interval_s changes it by −9.1 % (better), 10 % less by +11 %; "
-        "10 % more stage.baseline_mm changes it by +7.4 % (worse), 10 % less by −7.6 %.",
+        f"{DEPTH}: an increase of stage.baseline_mm by 10 % changes it by −9.1 % (better), a decrease by +11 %.",
+        f"{GROWTH}: an increase of frames.frame_interval_s by 10 % changes it by −9.1 % (better), "
+        "a decrease by +11 %; an increase of stage.baseline_mm by 10 % changes it by +7.4 % (worse), "
+        "a decrease by −7.6 %.",
     ]
     charts = {chart.name: chart for chart in build_sensitivity_charts(sample)}
     assert set(charts) == {"ten-percent-0", "sobol-0", "ten-percent-1", "sobol-1"}
@@ -279,8 +280,8 @@ def test_sensitivities_are_told_the_largest_first(sample: DesignResult) -> None:
     assert total["error_x"]["array"] == [0.3, 0.2, 0.2]
     # What is not known is pale, and told so.
     assert first["marker"]["opacity"] == [0.4, 1.0, 1.0]
-    assert first["customdata"][0] == "cannot be told from 64 samples"
-    assert build_sensitivity_table(sample).lines[5][4].text == "cannot be told from 64 samples"
+    assert first["customdata"][0] == "not significant with 64 samples"
+    assert build_sensitivity_table(sample).lines[5][4].text == "not significant with 64 samples"
     assert [cell.text for cell in build_sensitivity_table(sample).lines[1][4:6]] == ["under 0.05", "under 0.05"]
 
 
@@ -289,13 +290,13 @@ def test_tables_hold_what_was_found(sample: DesignResult) -> None:
     assert front.marked == 2
     assert [line[0].text for line in front.lines] == ["642", "530", "1204 (recommended)", "87", "311"]
     assert [cell.text for cell in front.lines[2][1:6]] == ["yes", "0.0500", "0.0530", "0.0475 to 0.0600", "0.0637"]
-    assert front.lines[0][-3].text == "stage travel: does not hold"
+    assert front.lines[0][-3].text == "stage travel: violated"
     assert front.numeric[:7] == [True, False, *[True] * 5]
     constraints = build_constraint_table(sample.recommended)
     assert constraints.lines[0][0].text == "field of view along x"
     assert [cell.text for cell in constraints.lines[0][1:3]] == ["59.9 mm", "at least 55 mm"]
     # What does not hold comes first, whatever its margin.
-    assert build_constraint_table(sample.front[4]).lines[0][4].text == "does not hold"
+    assert build_constraint_table(sample.front[4]).lines[0][4].text == "no"
     assert [line[6].text for line in build_discrepancy_table(sample).lines[:2]] == ["1.06", "1.30"]
 
 
@@ -326,7 +327,7 @@ def test_orders_of_pairs_are_told(sample: DesignResult, tmp_path: Path) -> None:
     assert lines[0][:5] == [DEPTH, "1204", "311", "2.00", "2.00"]
     assert [line[-1] for line in lines] == ["kept"] * 6
     said = said_in(text_of(sample, tmp_path))
-    assert f"{DEPTH}: of 3 pairs of simulated rigs, 3 keep the order that was predicted, 0 have swapped it" in said
+    assert f"{DEPTH}: of 3 pairs of simulated rigs, 3 keep the predicted order, 0 reverse it" in said
 
 
 def test_places_that_are_far_off_are_warned_of(sample: DesignResult) -> None:
@@ -335,7 +336,7 @@ def test_places_that_are_far_off_are_warned_of(sample: DesignResult) -> None:
         words for words, _ in list_warnings(replace(sample, recommended=replace(sample.recommended, simulated=reached)))
     ]
     far_off = (
-        f"{GROWTH}: some places are far off. The scaled median absolute error is 0.200 %/h, but the RMSE 0.619 %/h."
+        f"{GROWTH}: the errors have outliers. The scaled median absolute error is 0.200 %/h, but the RMSE 0.619 %/h."
     )
     assert far_off in told
 

@@ -175,7 +175,7 @@ def test_odd_rigs_are_drawn_too() -> None:
     grid["stage"] |= {"rows": 3, "row_spacing_mm": 5}
     grid["optics"]["defocus"]["aperture_mm"] = 0.05
     told = describe_side_view(compute_side_view(grid))
-    assert "3 such rows in Y" in told
+    assert "3 rows of positions in Y" in told
     assert "∞" in told
     # Nothing is before the camera: the objects are shown where they are.
     aside = scene()

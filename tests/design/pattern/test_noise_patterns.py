@@ -10,9 +10,10 @@ from scipy.stats import multivariate_normal, norm
 
 from scenetruth.bound import texture_gradient
 from scenetruth.design.patterns import generate_pattern
-from scenetruth.design.patterns.pattern_model import GreyPicture, InkAreas, PatternError
+from scenetruth.design.patterns.pattern_model import GreyPicture, InkAreas
 from scenetruth.design.patterns.pattern_spectrum import PatternSpectrum, compute_pattern_statistics
 from scenetruth.design.patterns.pattern_types import GreyNoisePattern, NoisePattern, compute_clipped_covariance
+from scenetruth.errors import ArgumentError
 from tests.design.pattern.rigs import plain_rig
 
 SIZE = (40.0, 30.0)
@@ -78,18 +79,18 @@ def test_shades_of_grey_are_srgb_of_what_is_painted() -> None:
 
 
 def test_what_cannot_be_is_told() -> None:
-    with pytest.raises(PatternError, match=r"wavelength_mm: must be .shortest, longest."):
+    with pytest.raises(ArgumentError, match=r"wavelength_mm: must be .shortest, longest."):
         generate_pattern(plain_rig(), "noise", size_mm=SIZE, wavelength_px=(20, 5))
-    with pytest.raises(PatternError, match="so narrow a band"):
+    with pytest.raises(ArgumentError, match="contains no wavelength"):
         generate_pattern(plain_rig(), "noise", size_mm=(50.0, 47.0), wavelength_mm=(5.2, 5.2000001))
-    with pytest.raises(PatternError, match="too short for a sheet of this size"):
+    with pytest.raises(ArgumentError, match="too short for a sheet of this size"):
         generate_pattern(plain_rig(), "grey_noise", size_mm=(5000, 5000))
-    with pytest.raises(PatternError, match="contrast"):
+    with pytest.raises(ArgumentError, match="contrast"):
         generate_pattern(plain_rig(), "grey_noise", size_mm=SIZE, contrast=0.5)
 
 
 def test_the_model_tells_what_it_is() -> None:
     model = NoisePattern(kind="noise", wavelength_mm=(1.0, 4.0))
     assert model.told(0.2) == (
-        "noise of wavelengths 1.000 to 4.000 mm (5.00 to 20.00 px), cut into ink and paper, 50 % covered"
+        "noise of wavelengths 1.000 to 4.000 mm (5.00 to 20.00 px), thresholded to ink and paper, 50 % covered"
     )

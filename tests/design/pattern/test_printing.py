@@ -22,7 +22,8 @@ from scipy.spatial import cKDTree
 import scenetruth as st
 from scenetruth.design.patterns import Pattern, export_pattern, generate_pattern
 from scenetruth.design.patterns.page_layout import lay_out_pages
-from scenetruth.design.patterns.pattern_model import InkDots, PatternError
+from scenetruth.design.patterns.pattern_model import InkDots
+from scenetruth.errors import ArgumentError
 from tests.design.pattern.rigs import plain_rig
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -214,10 +215,10 @@ def test_paper_is_laid_across_where_that_takes_fewer_pages() -> None:
 
 
 def test_paper_that_does_not_do_is_told(dots: Pattern) -> None:
-    with pytest.raises(PatternError, match=r"(?s)2 problems.*page: must be one of A5.*margin_mm"):
+    with pytest.raises(ArgumentError, match=r"(?s)2 problems.*page: must be one of A5.*margin_mm"):
         lay_out_pages(dots, "B7", -1)
-    with pytest.raises(PatternError, match="leaves less than 20 mm"):
+    with pytest.raises(ArgumentError, match="leaves less than 20 mm"):
         lay_out_pages(dots, "60x60")
     huge = generate_pattern(plain_rig(), size_mm=(5000.0, 5000.0), dot_mm=20)
-    with pytest.raises(PatternError, match=r"takes [\d,]+ pages, more than 400"):
+    with pytest.raises(ArgumentError, match=r"takes [\d,]+ pages, more than 400"):
         lay_out_pages(huge, "A5")

@@ -9,8 +9,8 @@ import pytest
 
 import scenetruth as st
 from scenetruth.design.patterns import PatternRig
-from scenetruth.design.patterns.pattern_model import PatternError
 from scenetruth.design.patterns.pattern_rig import compute_grey_level, find_grey_level
+from scenetruth.errors import ArgumentError
 from tests.dataset.conftest import SCENE
 from tests.design.pattern.rigs import plain_rig
 from tests.scenes import SCENES
@@ -37,10 +37,10 @@ def test_positions_from_a_list_have_a_baseline_of_the_same_spread() -> None:
 
 def test_all_that_is_wrong_is_listed() -> None:
     with pytest.raises(
-        PatternError, match=r"(?s)3 problems with the pattern in the rig.*focal_length_px.*frames.*lens"
+        ArgumentError, match=r"(?s)3 problems with the pattern in the rig.*focal_length_px.*frames.*lens"
     ):
         PatternRig.from_scene(distance_mm=100, focal_length_px=-1, frames=0, lens="good")
-    with pytest.raises(PatternError, match="distance_mm: is missing"):
+    with pytest.raises(ArgumentError, match="distance_mm: is missing"):
         PatternRig.from_scene(focal_length_px=100)
     away = copy.deepcopy(SCENE)
     for item in away["objects"]:

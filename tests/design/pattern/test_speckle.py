@@ -10,8 +10,9 @@ from scipy.spatial import cKDTree
 from scipy.special import j1
 
 from scenetruth.design.patterns import Pattern, generate_pattern
-from scenetruth.design.patterns.pattern_model import InkDots, PatternError
+from scenetruth.design.patterns.pattern_model import InkDots
 from scenetruth.design.patterns.pattern_types import SpecklePattern, compute_boolean_covariance
+from scenetruth.errors import ArgumentError
 from tests.design.pattern.rigs import plain_rig
 
 SIZE = (40.0, 30.0)
@@ -97,19 +98,19 @@ def test_a_sheet_covers_as_its_covariance_says() -> None:
 
 
 def test_what_cannot_be_is_told() -> None:
-    with pytest.raises(PatternError, match=r"coverage: is more than dots reach .* 0\.50; lower it, or spacing"):
+    with pytest.raises(ArgumentError, match=r"coverage: exceeds the maximum .* 0\.50; reduce coverage or spacing"):
         generate_pattern(plain_rig(), size_mm=SIZE, coverage=0.7)
-    with pytest.raises(PatternError, match=r"dot_mm: needs .* dots .* print a smaller sheet"):
+    with pytest.raises(ArgumentError, match=r"dot_mm: requires .* dots .* use a smaller one"):
         generate_pattern(plain_rig(), size_mm=(2000, 2000), dot_px=1)
-    with pytest.raises(PatternError, match=r"(?s)4 problems.*dots: is no setting here.*coverage.*size_mm.*seed"):
+    with pytest.raises(ArgumentError, match=r"(?s)4 problems.*dots: is unknown.*coverage.*size_mm.*seed"):
         generate_pattern(plain_rig(), size_mm=(-1, 3), coverage=2, dots=3, seed=-1)
-    with pytest.raises(PatternError, match="kind: must be one of grey_noise, noise, speckle"):
+    with pytest.raises(ArgumentError, match="kind: must be one of grey_noise, noise, speckle"):
         generate_pattern(plain_rig(), "stripes", size_mm=SIZE)
-    with pytest.raises(PatternError, match="size_mm: is missing"):
+    with pytest.raises(ArgumentError, match="size_mm: is missing"):
         generate_pattern(plain_rig())
-    with pytest.raises(PatternError, match="size_mm: must be at least 8 times 10 mm"):
+    with pytest.raises(ArgumentError, match="size_mm: must be at least 8 times 10 mm"):
         generate_pattern(plain_rig(), size_mm=(50, 200), dot_mm=10)
-    with pytest.raises(PatternError, match=r"(?s)give either dot_px or dot_mm.*ink must be darker"):
+    with pytest.raises(ArgumentError, match=r"(?s)specify either dot_px or dot_mm.*ink must be darker"):
         generate_pattern(plain_rig(), size_mm=SIZE, dot_mm=1, dot_px=3, radiances=(0.9, 0.1))
-    with pytest.raises(PatternError, match="dot_px: must be a number"):
+    with pytest.raises(ArgumentError, match="dot_px: must be a number"):
         generate_pattern(plain_rig(), size_mm=SIZE, dot_px="large")

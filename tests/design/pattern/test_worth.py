@@ -22,10 +22,11 @@ from scenetruth.design.patterns.assessment import (
     compute_theoretical_statistics,
     describe_assessments,
 )
-from scenetruth.design.patterns.pattern_model import InkDots, PatternError
+from scenetruth.design.patterns.pattern_model import InkDots
 from scenetruth.design.patterns.pattern_rig import compute_contrast_transfer
 from scenetruth.design.patterns.pattern_spectrum import compute_pattern_statistics, compute_spectrum
 from scenetruth.design.patterns.printing import format_scene_lines, write_texture_image
+from scenetruth.errors import ArgumentError
 from tests.design.pattern.rigs import FOCAL_PX, Z_MM, plain_rig
 from tests.nightly import nightly
 
@@ -207,7 +208,7 @@ def test_words_and_tables() -> None:
     ]
     words = describe_assessments(worths)
     ratio = worths[0].gradient / worths[1].gradient
-    assert f"grey_noise: {ratio:.2g} times the noise of depth and motion that speckle gives" in words
+    assert f"grey_noise: {ratio:.2g} times the noise of depth and motion (reference: speckle)" in words
     frame = assessments_to_dataframe(worths).set_index(["pattern", "quantity"])
     assert frame.loc[("speckle", "gradient_x"), "value"] == worths[0].gradient_x
     assert frame.loc[("speckle", "depth_mm"), "unit"] == "mm"
@@ -221,28 +222,28 @@ def test_words_and_tables() -> None:
 def test_what_cannot_be_judged_is_told(tmp_path: Path) -> None:
     rig = plain_rig()
     picture = np.random.default_rng(0).random((64, 64))
-    with pytest.raises(PatternError, match=r"(?s)mm_per_px.*picture_noise_std"):
+    with pytest.raises(ArgumentError, match=r"(?s)mm_per_px.*picture_noise_std"):
         assess_pattern(picture, rig, mm_per_px=-1, picture_noise_std=2)
-    with pytest.raises(PatternError, match=r"coarser than the rig sees, 0\.2 mm per px"):
+    with pytest.raises(ArgumentError, match=r"coarser than the pixels of the rig, 0\.2 mm per px"):
         assess_pattern(picture, rig, mm_per_px=0.5)
-    with pytest.raises(PatternError, match="shows less than 24 px"):
+    with pytest.raises(ArgumentError, match="shows less than 24 px"):
         assess_pattern(picture, rig, mm_per_px=0.01)
-    with pytest.raises(PatternError, match="is black"):
+    with pytest.raises(ArgumentError, match="is black"):
         assess_pattern(0 * picture, rig)
-    with pytest.raises(PatternError, match="rig: is missing"):
+    with pytest.raises(ArgumentError, match="rig: is missing"):
         assess_pattern(picture)
-    with pytest.raises(PatternError, match="encoding: must be linear or srgb"):
+    with pytest.raises(ArgumentError, match="encoding: must be linear or srgb"):
         assess_pattern(picture, rig, encoding="log")
-    with pytest.raises(PatternError, match="one picture in grey or in colours"):
+    with pytest.raises(ArgumentError, match="single grey or colour picture"):
         assess_pattern(picture[0], rig)
-    with pytest.raises(PatternError, match="no such image file"):
+    with pytest.raises(ArgumentError, match="no such image file"):
         assess_pattern(tmp_path / "none.png", rig)
     (tmp_path / "bad.png").write_text("no picture")
-    with pytest.raises(PatternError, match="cannot be read as an image"):
+    with pytest.raises(ArgumentError, match="cannot be read as an image"):
         assess_pattern(tmp_path / "bad.png", rig)
-    with pytest.raises(PatternError, match="paper would be at 170 % of full scale"):
+    with pytest.raises(ArgumentError, match="paper would be at 170 % of full scale"):
         assess_pattern(generate_pattern(plain_rig(light=2.0), size_mm=SIZE))
-    with pytest.raises(PatternError, match="less than 24 px"):
+    with pytest.raises(ArgumentError, match="less than 24 px"):
         assess_pattern(generate_pattern(rig, size_mm=(4.6, 30), dot_px=2))
 
 

@@ -57,18 +57,18 @@ def test_values_of_a_range_are_evenly_spaced_between_its_ends(low: float, factor
 @pytest.mark.parametrize(
     ("spelled", "sobol", "told"),
     [
-        ("1..10", 0, "a.b: needs a number of values, as 1..10:4"),
-        ("10..1:4", 0, "low end is not below"),
+        ("1..10", 0, "a.b: requires a number of levels, for example 1..10:4"),
+        ("10..1:4", 0, "lower end below its upper end"),
         ("0..1:4log", 0, "must be above 0"),
-        ("1..10:1", 0, "must have 2 to 10,000 values"),
-        ("1..10:4lin", 0, "is not spelled as 1,2,5 or 1..10:4"),
-        ("1..", 0, "is not spelled as"),
-        ("[1,2", 0, "is not spelled as"),
-        ("5", 0, "varies nothing: give two values or more"),
-        ("1, 2, 1.0", 0, "has values twice: 1"),
+        ("1..10:1", 0, "must have 2 to 10,000 levels"),
+        ("1..10:4lin", 0, "must have the form 1,2,5 or 1..10:4"),
+        ("1..", 0, "must have the form"),
+        ("[1,2", 0, "must have the form"),
+        ("5", 0, "must have at least two levels"),
+        ("1, 2, 1.0", 0, "has duplicate levels: 1"),
         (3, 0, "must be a list of values"),
-        ([], 0, "varies nothing"),
-        ("1,2", 8, "sobol: fills ranges, and there is none"),
+        ([], 0, "must have at least two levels"),
+        ("1,2", 8, "sobol: requires a range"),
     ],
 )
 def test_what_cannot_vary_is_told(spelled: object, sobol: int, told: str) -> None:

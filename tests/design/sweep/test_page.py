@@ -47,7 +47,7 @@ def over_two() -> Sweep:
 
 def test_one_factor_makes_lines_with_error_bars_and_the_bound() -> None:
     (panel,) = build_panels(over_one(), "depth")
-    assert [curve.name for curve in panel.curves][:2] == ["mine", "bound of noise, mine"]
+    assert [curve.name for curve in panel.curves][:2] == ["mine", "Cramér-Rao bound, mine"]
     assert panel.curves[0].points == (
         (1.0, 1, 0.8, 1.2),
         (2.0, 2, 1.6, 2.4),
@@ -73,8 +73,8 @@ def test_two_factors_make_a_map_and_lines() -> None:
     assert (data["x"], data["y"]) == (["1", "2", "4"], ["0.01", "0.02"])
     assert 10 ** np.array(data["z"]) == pytest.approx(np.array([[1, 3, 5], [2, 4, 6]]))
     assert data["text"][1][2] == "6<br>(3)"
-    assert data["customdata"][0][0] == "1, 95 %: 0.8 to 1.2, bound of noise 0.5"
-    assert "least 1 at stage.baseline_mm = 1, sensor.noise_std = 0.01" in heat.words
+    assert data["customdata"][0][0] == "1, 95 %: 0.8 to 1.2, Cramér-Rao bound 0.5"
+    assert "smallest 1 at stage.baseline_mm = 1, sensor.noise_std = 0.01" in heat.words
     assert [curve.name for curve in lines.curves if not curve.is_bound] == [f"{NOISE} = 0.01", f"{NOISE} = 0.02"]
 
 

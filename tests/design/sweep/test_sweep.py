@@ -133,14 +133,14 @@ def test_it_goes_on_where_it_was(tmp_path: Path, messages: list[str]) -> None:
     figures[1].with_suffix(".npz").unlink()
     (points / f".{figures[0].name}.partial-0-0-0").write_text("{")
     again = sweep(scene(), {BASELINE: [2, 3]}, methods=nearest, output=tmp_path / "calm", **options)
-    assert "4 simulations, 2 of them to be made" in told[-1]
+    assert "4 simulations, 2 of them to run" in told[-1]
     assert {path.name: path.read_bytes() for path in points.iterdir() if path.suffix == ".json"} == {
         name: content for name, content in before.items() if name.endswith(".json")
     }
     pd.testing.assert_frame_equal(again.to_dataframe(), calm.to_dataframe())
     # More values, and only these are made.
     more = sweep(scene(), {BASELINE: [2, 2.5, 3]}, methods=nearest, output=tmp_path / "calm", **options)
-    assert "6 simulations, 2 of them to be made" in told[-1]
+    assert "6 simulations, 2 of them to run" in told[-1]
     kept = pd.read_parquet(tmp_path / "calm" / "results.parquet")
     pd.testing.assert_frame_equal(kept, more.to_dataframe())
     assert len(pd.read_csv(tmp_path / "calm" / "results.csv")) == len(kept)
@@ -162,15 +162,15 @@ def test_what_failed_or_has_changed_is_made_again(
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     assert len(run().failures) == 2
     assert len(run().failures) == 2
-    assert "2 simulations, 2 of them to be made" in told[-1]
+    assert "2 simulations, 2 of them to run" in told[-1]
     for depth_mm in (500, 510):
         code = f"def f(recording):\n    return {{'depth': 0.0 * recording.image[0].values + {depth_mm}}}\n"
         (tmp_path / "wall_of_mine.py").write_text(code)
         found = run()
         assert found.value("depth", "bias").value == pytest.approx(depth_mm - DEPTH_MM, abs=0.2)
-        assert "2 simulations, 2 of them to be made" in told[-1]
+        assert "2 simulations, 2 of them to run" in told[-1]
     run()
-    assert told[-1].endswith("2 simulations, 0 of them to be made, 2 kept from earlier")
+    assert told[-1].endswith("2 simulations, 0 of them to run, 2 results reused")
     sys.modules.pop("wall_of_mine")
 
 
@@ -200,7 +200,7 @@ def test_a_scenes_own_settings_vary_and_what_has_no_noise_has_no_bound() -> None
     assert "no bound: noise_std: is zero" in found.notes[0]
     # A wall without motion and light of its own: nothing of the light matters.
     idle = sweep(scene(), {"render.platform": ["auto", "egl"]}, methods=nearest, seeds=1)
-    assert idle.notes == ["render.platform has changed no figure"]
+    assert idle.notes == ["render.platform has no effect on any statistic"]
 
 
 def test_a_method_that_gives_nothing_leaves_a_page_that_says_why(tmp_path: Path) -> None:
@@ -266,7 +266,7 @@ def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
         sweep(scene(), {BASELINE: [1, 2]}, methods="no_such")
     with pytest.raises(EstimateError, match="another process"):
         sweep(scene(), {BASELINE: [1, 2]}, methods=lambda recording: nearest(recording), workers=2)
-    with pytest.raises(EstimateError, match="give another label"):
+    with pytest.raises(EstimateError, match="use another label"):
         sweep(scene(), {BASELINE: [1, 2]}, methods=MethodSpec("structure_tensor", label="bound"))
     (tmp_path / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="no folder of a sweep"):

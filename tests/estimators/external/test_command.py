@@ -152,7 +152,7 @@ def test_images_come_in_the_form_that_was_asked_for(recording: xr.Dataset, tmp_p
 def test_time_that_is_up_ends_all_processes(escape: bool, recording: xr.Dataset, tmp_path: Path) -> None:
     code = FAMILY if not escape else FAMILY.replace("time.sleep(60)\n", "time.sleep(0.3); os._exit(0)\n")
     method = CommandMethod(command(tmp_path, code, tmp_path / "pids"), "slow", timeout_s=30 if escape else 3)
-    message = "holds no results" if escape else r"took longer than timeout_s = 3 s"
+    message = "contains no results" if escape else r"exceeded timeout_s = 3 s"
     with pytest.raises(st.EstimateError, match=message):
         st.estimate(recording, method)
     pids = wait_for(tmp_path / "pids", 3, 0)
@@ -184,7 +184,7 @@ HUNGRY = """
 
 def test_memory_of_children_is_bounded(recording: xr.Dataset, tmp_path: Path) -> None:
     method = CommandMethod(command(tmp_path, HUNGRY), "hungry", memory_mb=150, timeout_s=15)
-    with pytest.raises(st.EstimateError, match=r"took \d+ MB of memory, more than memory_mb = 150"):
+    with pytest.raises(st.EstimateError, match=r"used \d+ MB of memory, more than memory_mb = 150"):
         st.estimate(recording, method)
 
 
@@ -217,7 +217,7 @@ def test_a_failure_tells_how_to_repeat_it(recording: xr.Dataset, tmp_path: Path,
     again = subprocess.run(["bash", "-c", told["to repeat"]], capture_output=True, check=False)
     assert (again.returncode, again.stdout) == (3, b"first line\n")
     # Of the next failure, only the log stays.
-    with pytest.raises(st.EstimateError, match="give keep_in"):
+    with pytest.raises(st.EstimateError, match="set keep_in"):
         st.estimate(recording, method)
     assert sorted(path.name for folder in scratch.iterdir() for path in folder.iterdir()) == [
         *("log.txt", "log.txt"),
@@ -232,7 +232,7 @@ def test_a_folder_to_keep_runs_in_keeps_them_all(recording: xr.Dataset, tmp_path
         with pytest.raises(st.EstimateError, match="exit code 1"):
             st.estimate(recording, method)
     (tmp_path / "flag").write_text("")
-    with pytest.raises(st.EstimateError, match="holds no results"):
+    with pytest.raises(st.EstimateError, match="contains no results"):
         st.estimate(recording, method)
     kept = sorted((tmp_path / "kept").iterdir())
     assert len(kept) == 3
@@ -251,18 +251,18 @@ def test_wrong_results_are_all_told_with_the_log(recording: xr.Dataset, tmp_path
     with pytest.raises(st.EstimateError) as caught:
         st.estimate(recording, CommandMethod(command(tmp_path, wrong), "mine"))
     told = str(caught.value)
-    for part in ("depht.pfm", "did you mean 'depth'", "velocity.pfm", "looks transposed", "all is well", "to repeat"):
+    for part in ("depht.pfm", "did you mean 'depth'", "velocity.pfm", "transposed to", "all is well", "to repeat"):
         assert part in told, part
 
 
 def test_a_signal_is_named(recording: xr.Dataset, tmp_path: Path) -> None:
-    with pytest.raises(st.EstimateError, match="was ended by signal SIGSEGV"):
+    with pytest.raises(st.EstimateError, match="was terminated by signal SIGSEGV"):
         st.estimate(recording, CommandMethod(command(tmp_path, "os.kill(os.getpid(), 11)"), "mine"))
 
 
 def test_what_was_promised_must_be_there(recording: xr.Dataset, tmp_path: Path) -> None:
     method = CommandMethod(command(tmp_path, CONSTANT), "mine", gives=["depth", "flow"])
-    with pytest.raises(st.EstimateError, match="flow: is promised by the method, but missing"):
+    with pytest.raises(st.EstimateError, match="flow: is declared by the method, but missing"):
         st.estimate(recording, method)
 
 
@@ -276,12 +276,12 @@ def test_what_was_promised_must_be_there(recording: xr.Dataset, tmp_path: Path) 
         ({"command": "mine '{recording} {output}"}, "cannot be split into words"),
         ({"command": 3}, "command: "),
         ({"name": "My-Program"}, "must be lower-case letters"),
-        ({"name": "structure_tensor"}, "is that of a method that is installed"),
+        ({"name": "structure_tensor"}, "is that of an installed method"),
         ({"images": "jpeg"}, "images: "),
         ({"timeout_s": 0}, "timeout_s: "),
         ({"memory_mb": -5}, "memory_mb: "),
-        ({"gives": ["depth", "colour"]}, "gives: must be some of"),
-        ({"needs": Needs(grid=True)}, "one row of cameras at a time"),
+        ({"gives": ["depth", "colour"]}, "gives: must be a subset of"),
+        ({"needs": Needs(grid=True)}, "one row of cameras"),
     ],
 )
 def test_impossible_commands_are_refused_before_any_work(changes: dict[str, Any], message: str) -> None:
@@ -297,14 +297,14 @@ def test_settings_of_a_call_are_checked_as_well(recording: xr.Dataset) -> None:
         prepare(recording, method, command="mine {recording}")
     with pytest.raises(st.EstimateError, match="timeout_s: "):
         prepare(recording, method, timeout_s=-1)
-    with pytest.raises(st.EstimateError, match="there is no such program"):
+    with pytest.raises(st.EstimateError, match="no such program"):
         prepare(recording, CommandMethod("no-such-program {recording} {output}", "mine"))
 
 
 def test_no_shell_reads_the_command(recording: xr.Dataset, tmp_path: Path) -> None:
     code = "open(sys.argv[3], 'w').write(repr(sys.argv[4:]))"
     line = command(tmp_path, code, tmp_path / "words") + " '$HOME' '; touch x' '{{literal}}' *"
-    with pytest.raises(st.EstimateError, match="holds no results"):
+    with pytest.raises(st.EstimateError, match="contains no results"):
         st.estimate(recording, CommandMethod(line, "mine"))
     assert (tmp_path / "words").read_text() == repr(["$HOME", "; touch x", "{literal}", "*"])
 
@@ -314,7 +314,7 @@ def test_masks_reach_the_program(recording_of: Make, tmp_path: Path) -> None:
     mask[4, 5] = True
     recording = recording_of(np.uint8, 0, 255, exclusion_mask=mask)
     words = command(tmp_path, CONSTANT)
-    with pytest.raises(st.EstimateError, match="mask: 'mine' would use the pixels that it marks"):
+    with pytest.raises(st.EstimateError, match="mask: is not supported by 'mine'"):
         st.estimate(recording, CommandMethod(words, "mine"))
     method = CommandMethod(words, "mine", keep_in=tmp_path / "kept", needs=Needs(exclusion_mask=True))
     st.estimate(recording, method)

@@ -41,5 +41,5 @@ def test_missing_results_tell_where_they_belong(recording_of: Make, tmp_path: Pa
 
 
 def test_a_folder_that_is_not_there_is_told_before_any_work(recording_of: Make, tmp_path: Path) -> None:
-    with pytest.raises(st.EstimateError, match="no such folder of results"):
+    with pytest.raises(st.EstimateError, match="no such results folder"):
         prepare(recording_of(np.uint8, 0, 255), ResultsFolder(tmp_path / "none", "offline"))

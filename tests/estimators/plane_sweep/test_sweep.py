@@ -142,7 +142,7 @@ def test_images_with_holes_are_refused() -> None:
     images = images_of((Board(7.4),), SIZE, (0.0, 1.0))[0][:, None]
     images[0, 0, 5, 5] = np.nan
     recording = make_recording(images, focal_length_px=800.0, baseline_mm=5.0)
-    with pytest.raises(EstimateError, match="holds 1 values that are not finite"):
+    with pytest.raises(EstimateError, match="contains 1 values that are not finite"):
         st.estimate(recording, "plane_sweep")
 
 

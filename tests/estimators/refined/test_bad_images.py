@@ -89,7 +89,7 @@ def test_bad_images_are_left_out_and_named(
 ) -> None:
     """Of the reference too: the texture is the mean of all images, and the start comes from another."""
     named = sorted((s - 2, t - 2) for s, t in places)
-    with pytest.warns(st.EstimateWarning, match=rf"\(s {named[0][0]}, t {named[0][1]}\).* were left out") as warned:
+    with pytest.warns(st.EstimateWarning, match=rf"\(s {named[0][0]}, t {named[0][1]}\).* are excluded") as warned:
         found = estimated(changed(noisy, change, *places))
     assert len(warned) == 1
     assert found.attrs["excluded_images"] == [list(image) for image in named]
@@ -110,7 +110,7 @@ def test_good_images_are_all_used(noisy: xr.Dataset) -> None:
 @pytest.mark.parametrize(("cameras", "frames"), [(5, 1), (1, 5)])
 def test_cameras_alone_and_frames_alone_tell_it_too(cameras: int, frames: int) -> None:
     recording = changed(PLANE.recording(cameras, frames, noise_std=0.01), another, (cameras // 2, frames // 2))
-    with pytest.warns(st.EstimateWarning, match=r"\(s 0, t 0\) were left out"):
+    with pytest.warns(st.EstimateWarning, match=r"\(s 0, t 0\) are excluded"):
         found = estimated(recording)
     name = "depth" if cameras > 1 else "flow"
     off = np.abs(found[name].values - TRUTH[name])[(..., *INSIDE)]
@@ -134,14 +134,14 @@ def test_few_images_do_not_tell_which_is_wrong(cameras: int, frames: int, change
     [
         (lambda v: v * 0 + 0.5, "all images are equal"),
         (lambda v: np.broadcast_to(v[2:3, 2:3], v.shape), "all images are equal"),
-        (lambda v: np.broadcast_to(v[2:3], v.shape), "all cameras show the same"),
+        (lambda v: np.broadcast_to(v[2:3], v.shape), "the images of all cameras are equal"),
     ],
     ids=["flat", "copies", "cameras"],
 )
 def test_images_that_are_equal_give_a_reason_and_no_number(
     noisy: xr.Dataset, same: Callable[[Array], Array], reason: str
 ) -> None:
-    with pytest.warns(st.EstimateWarning, match=f"frame 0: nothing is known: {reason}"):
+    with pytest.warns(st.EstimateWarning, match=f"frame 0: no estimate: {reason}"):
         found = estimated(changed(noisy, same, slice(None)))
     assert found.attrs["frames_without_estimate"]["0"].startswith(reason)
     assert (found["status"] == 0).all()
@@ -151,7 +151,7 @@ def test_images_that_are_equal_give_a_reason_and_no_number(
 
 def test_one_frame_without_anything_costs_that_frame_only() -> None:
     recording = changed(PLANE.recording(3, 3, noise_std=0.01), lambda image: image * 0, (slice(None), 0))
-    with pytest.warns(st.EstimateWarning, match="frame -1: nothing is known"):
+    with pytest.warns(st.EstimateWarning, match="frame -1: no estimate"):
         found = st.estimate(recording, "refined", {**SETTINGS, "window_frames": 1, "motion": "translation"})
     assert list(found.attrs["frames_without_estimate"]) == ["-1"]
     assert (found["status"].sel(t=-1) == 0).all()
@@ -161,7 +161,7 @@ def test_one_frame_without_anything_costs_that_frame_only() -> None:
 def test_cameras_that_see_the_same_but_for_noise_have_no_depth(noisy: xr.Dataset) -> None:
     """Disparity 0, give or take: no depth, for it is not clear of infinity."""
     still = PLANE.image((0.0, 0.0), 0.0) + np.random.default_rng(1).normal(0, 0.01, (5, 5, 90, 120))
-    with pytest.warns(st.EstimateWarning, match="shows the same from all cameras"):
+    with pytest.warns(st.EstimateWarning, match="is the same for all cameras"):
         found = estimated(changed(noisy, lambda _: still, slice(None)))
     assert (found["status"] == 0).all()
 
@@ -190,7 +190,7 @@ def test_motion_beyond_reach_is_unknown_and_not_wrong(
 
 
 def test_one_camera_needs_more_than_one_frame_at_once() -> None:
-    with pytest.raises(st.EstimateError, match="window_frames: one camera shows motion only"):
+    with pytest.raises(st.EstimateError, match="window_frames: one camera determines motion only"):
         st.estimate(PLANE.recording(1, 5), "refined", window_frames=1)
 
 

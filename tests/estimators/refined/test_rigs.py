@@ -79,7 +79,7 @@ def test_error_bars_of_rows_of_cameras() -> None:
 
 
 def test_a_column_of_cameras_is_refused() -> None:
-    with pytest.raises(st.EstimateError, match="cameras in one column show no disparity along x"):
+    with pytest.raises(st.EstimateError, match="cameras in one column have no disparity along x"):
         st.estimate(PLANE.recording(1, 2, rows=2), "refined", window_sigma_px=4)
 
 
@@ -162,7 +162,7 @@ def test_streams_from_a_folder_to_a_folder(tmp_path: Path, cameras: int, frames:
 
 
 def test_what_cannot_be_estimated_is_refused() -> None:
-    with pytest.raises(st.EstimateError, match="one image shows neither depth nor motion"):
+    with pytest.raises(st.EstimateError, match="one image determines neither depth nor motion"):
         st.estimate(PLANE.recording(1, 1), "refined")
     plain = PLANE.recording(3, 3)
     with pytest.raises(st.EstimateError, match="window_sigma_px"):

@@ -20,9 +20,9 @@ def recording(**changes: Any) -> xr.Dataset:
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
-        ((1, 1, 32, 64), r"stage.positions: one image shows neither depth nor motion"),
-        ((5, 9, 28, 64), r"camera.height: too small: filters and window need 29 px \(got 28\)"),
-        ((5, 9, 29, 20), r"camera.width: too small: filters and window need 29 px \(got 20\)"),
+        ((1, 1, 32, 64), r"stage.positions: one image determines neither depth nor motion"),
+        ((5, 9, 28, 64), r"camera.height: is too small: filters and window require 29 px \(got 28\)"),
+        ((5, 9, 29, 20), r"camera.width: is too small: filters and window require 29 px \(got 20\)"),
     ],
 )
 def test_too_small_recordings_say_what_is_needed(shape: tuple[int, ...], message: str) -> None:
@@ -61,7 +61,7 @@ def test_impossible_settings(settings: dict[str, Any], path: str) -> None:
 def test_images_that_are_not_finite() -> None:
     broken = recording()
     broken["image"].values[1, 2, 3, 4] = np.nan
-    with pytest.raises(st.EstimateError, match="image: holds 1 values that are not finite in float32"):
+    with pytest.raises(st.EstimateError, match="image: contains 1 values that are not finite in float32"):
         st.estimate(broken)
 
 
@@ -93,7 +93,7 @@ def test_missing_intrinsics() -> None:
 
 @pytest.mark.parametrize("name", ["s", "t", "stage_x_mm"])
 def test_missing_coordinates(name: str) -> None:
-    with pytest.raises(st.RecordingError, match=f"{name}: is missing; the images need this coordinate"):
+    with pytest.raises(st.RecordingError, match=f"{name}: is missing; coordinate required for the images"):
         st.estimate(recording().drop_vars(name))
 
 

@@ -48,6 +48,6 @@ def test_a_report_has_them_too(full_case: Case, tmp_path: Path) -> None:
 
 
 def test_other_formats_are_named_with_those_that_there_are(full_case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ScoreError, match=r"figures.*are unknown.*\n.*formats.*are unknown; there are pdf.*tiff"):
+    with pytest.raises(ScoreError, match=r"figures.*unknown.*\n.*formats.*unknown; available: pdf.*tiff"):
         plot_all(full_case.recording, full_case.estimate, folder=tmp_path / "none", names=("fog",), also=("tiff",))
     assert not (tmp_path / "none").exists()

@@ -45,7 +45,7 @@ def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:
     rms_x, rms_y = (inner[name]["rmse"] for name in ("flow_x", "flow_y"))
     assert rms_x is not None
     assert rms_y is not None
-    assert (motion.title, motion.units) == ("Motion in the image", "px/frame")
+    assert (motion.title, motion.units) == ("Optical flow", "px/frame")
     assert motion.figure == format_number((rms_x**2 + rms_y**2) ** 0.5)
 
 
@@ -66,6 +66,6 @@ def test_without_truth_medians_are_told(full_case: Case) -> None:
     found = describe_maps(full_case.estimate)
     depth, motion = summarise_estimate(found)
     assert depth.figure == format_number(found["depth"].median)
-    assert f"known at {format_percent(found['depth'].density)} %" in depth.rest
+    assert f"The density is {format_percent(found['depth'].density)} %" in depth.rest
     assert motion.title == "Velocity in Z"
     assert depth.where == ""

@@ -344,7 +344,7 @@ def test_arrays_that_do_not_fit_are_all_told(room: xr.Dataset) -> None:
     assert [problem.path for problem in caught.value.problems] == ["depth", "flow"]
     with pytest.raises(ScoreError, match="at least one of"):
         detect_convention_mismatches({}, room)
-    with pytest.raises(ScoreError, match="say which by t="):
+    with pytest.raises(ScoreError, match="specify as many with t="):
         detect_convention_mismatches({"depth": np.ones((2, 48, 64))}, room)
     with pytest.raises(ScoreError, match=r"must be an xarray\.Dataset"):
         detect_convention_mismatches(None, room)  # type: ignore[arg-type]

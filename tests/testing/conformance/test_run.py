@@ -42,7 +42,7 @@ def test_checks_for_parametrize_have_names_and_take_nothing() -> None:
     )
     by_name = {str(check): check for check in checks}
     by_name["deterministic"]()
-    with pytest.raises(SkipTest, match="tells no standard deviations"):
+    with pytest.raises(SkipTest, match="states no standard deviations"):
         by_name["standard_deviations"]()
 
 
@@ -71,8 +71,8 @@ def test_under_pytest(pytester: pytest.Pytester) -> None:
         [
             "*test_conforms[[]invalid_is_nan[]] FAILED*",
             "*test_conforms[[]deterministic[]] PASSED*",
-            "*remedy:*write NaN where nothing is known*",
-            "*the method does not say that it is thread-safe*",
+            "*remedy:*write NaN at invalid pixels*",
+            "*the method is not declared thread-safe*",
         ]
     )
 

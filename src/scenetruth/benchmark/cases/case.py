@@ -1,4 +1,4 @@
-"""The base of all cases, and the records they yield."""
+"""The base class of all cases, and their records."""
 
 from __future__ import annotations
 
@@ -33,30 +33,26 @@ __all__ = [
 
 
 METHOD_VALID = "method_valid"
-"""Pixels that the method itself tells."""
+"""Valid pixels of the method."""
 COMMON_VALID = "common_valid"
-"""Pixels that all methods of the comparison tell."""
+"""Pixels that are valid for all methods of the comparison."""
 ALL = "all"
-"""All pixels of the region; what is missing counts as missing."""
+"""All pixels of the region, including invalid pixels."""
 BOUND = "bound"
-"""Stands for a method where a row holds the Cramér-Rao bound."""
+"""Method label of records that hold the Cramér-Rao bound."""
 
 
 @dataclass(frozen=True)
 class BenchmarkRecord:
-    """One figure.
+    """One value of a statistic.
 
-    ``case``: Which case of the suite.
-    ``level``: What was varied, in the unit of the case.
+    ``level``: Level of the factor, in the unit of the case.
     ``method``: Label of the method, or `BOUND`.
-    ``quantity``: What was measured: a key of `scenetruth.scoring.QUANTITIES`; empty for time and memory.
-    ``pixels``: Over which pixels: `METHOD_VALID`, `COMMON_VALID` or `ALL`.
-    ``statistic``: What of their errors.
-    ``value``: The figure, in the quantity's unit; NaN where there is none.
-    ``ci_low``, ``ci_high``: Its 95 % confidence interval; NaN if it was not found out.
-    ``threshold``: What a curve is drawn over besides: the share of pixels that is kept, or the number of standard
-      deviations.
-    ``unit``: Unit of the figure.
+    ``quantity``: A key of `scenetruth.scoring.QUANTITIES`; empty for time and memory.
+    ``pixels``: The pixel set: `METHOD_VALID`, `COMMON_VALID` or `ALL`.
+    ``value``: Its value, in ``unit``; NaN where undefined.
+    ``ci_low``, ``ci_high``: Its 95 % confidence interval; NaN if not computed.
+    ``threshold``: Abscissa of a curve: fraction of the most certain pixels, or number of standard deviations.
     """
 
     case: str
@@ -72,7 +68,7 @@ class BenchmarkRecord:
     unit: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values; None for NaN, which JSON cannot spell."""
+        """Return plain JSON values, with None for NaN."""
         return {
             key: None if isinstance(value, float) and not math.isfinite(value) else value
             for key, value in asdict(self).items()
@@ -80,27 +76,25 @@ class BenchmarkRecord:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> BenchmarkRecord:
-        """Return a row from what `to_dict` made."""
+        """Return a record from the output of `to_dict`."""
         given: dict[str, Any] = {key: math.nan if value is None else value for key, value in plain.items()}
         return cls(**given)
 
 
 SUITES = ("core", "full")
-"""The suite for every day, and the whole one."""
+"""The suite for routine use, and the full one."""
 NOISE_STD = 0.005
-"""Noise of the images unless the case varies it: standard deviation, of full scale 1; 1.3 steps of 8 bits."""
+"""Default standard deviation of the image noise, in units of full scale 1; 1.3 steps of 8 bits."""
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class CaseEstimates:
-    """What methods have found at one value of a case, with one noise.
+    """The estimates by label at one level of a case, for one noise realisation.
 
-    ``estimates``: Estimates by label, of the reference frame alone: t = 0, dimensions (t, y, x).
-    ``truth``: The truth of the reference camera at the same frame, and ``visible_throughout``.
-    ``recording``: The images that they were made from.
-    ``value``: What was varied.
+    ``estimates``: Of the reference frame t = 0 only, dimensions (t, y, x).
+    ``truth``: The truth of the reference camera at the same frame, with ``seen_throughout``.
     """
 
     estimates: Mapping[str, xr.Dataset]
@@ -110,54 +104,51 @@ class CaseEstimates:
 
 
 class Case:
-    """A case of the suite; one module in a room of `cases` each, which is found by itself.
-
-    Derive from it, set what is below, and write `scene`; the rest has defaults that suit most cases.
-    """
+    """A case, discovered in the modules of `cases`; subclasses set attributes without default and define `scene`."""
 
     kind: ClassVar[str]
-    """Its name: lower-case letters and underscores."""
+    """Its key: lower-case letters and underscores."""
     title: ClassVar[str]
-    """What it is, in a few words."""
+    """Its title."""
     question: ClassVar[str]
-    """What it answers, in a sentence."""
+    """The question that it answers, one sentence."""
     varied: ClassVar[str]
-    """What is varied, with its unit: the label of the axis."""
+    """The factor with its unit: the label of the axis."""
     core: ClassVar[tuple[float, ...]] = ()
-    """Values in the suite ``core``; a case without any is in the suite ``full`` alone."""
+    """Levels in the suite ``core``; without any, the case belongs to the suite ``full`` only."""
     full: ClassVar[tuple[float, ...]] = ()
-    """Values in the suite ``full``; those of ``core`` if empty."""
+    """Levels in the suite ``full``; default: those of ``core``."""
     quantities: ClassVar[tuple[str, ...]] = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x")
-    """What is measured: keys of `scenetruth.scoring.QUANTITIES`."""
+    """The evaluated quantities: keys of `scenetruth.scoring.QUANTITIES`."""
     logarithmic: ClassVar[bool] = False
-    """Whether the axis is drawn so."""
+    """Whether the axis is logarithmic."""
     seeds: ClassVar[Mapping[str, int]] = {"core": 1, "full": 3}
-    """How many noises each value gets, by suite."""
+    """Number of noise realisations of each level, by suite."""
     margin_px: ClassVar[float] = 16.0
-    """Least distance of what is measured from the image's border, which not all images show."""
+    """Minimum distance of evaluated pixels from the image border, where points are missing from some images."""
     edge_px: ClassVar[float] = 12.0
-    """Least distance from silhouettes and creases."""
+    """Minimum distance from silhouettes and creases."""
     bounded: ClassVar[bool] = False
-    """Whether the Cramér-Rao bound is told beside it."""
+    """Whether the Cramér-Rao bound is computed."""
     one_scene: ClassVar[bool] = False
-    """Whether all values are of one scene, and `region_at` tells them apart."""
+    """Whether all levels share one scene and are distinguished by `region_at`."""
     headline: ClassVar[tuple[str, str]] = ("disparity", "rmse")
-    """Quantity and statistic that stand for the case in a summary."""
+    """Quantity and statistic of the case in a summary."""
 
     def values(self, suite: str) -> tuple[float, ...]:
-        """Return what is varied in a suite."""
+        """Return the levels in a suite."""
         return self.core if suite == "core" else self.full or self.core
 
     def labels(self) -> Mapping[float, str]:
-        """Return what values are called that are no amounts, as scenes by their names; empty if all are amounts."""
+        """Return the names of levels that are not numbers, such as scenes; empty if all are numbers."""
         return {}
 
     def label_of(self, value: float) -> str:
-        """Return what a value is called: in tables, on axes, on the command line, and by its file."""
+        """Return the name of a level in tables, on axes, on the command line, and in file names."""
         return self.labels().get(value, f"{value:g}")
 
     def value_of(self, given: float | str) -> float:
-        """Return the value that is given as a number, or by what it is called."""
+        """Return the level for a number or a name."""
         named = {label: value for value, label in self.labels().items()}
         if given in named:
             return named[str(given)]
@@ -171,37 +162,37 @@ class Case:
         return value
 
     def lacks(self) -> str:
-        """Return what the case needs and this installation has not, with the remedy; empty if it can be measured."""
+        """Return the missing requirement of the case with its remedy; empty if the case can be run."""
         return ""
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the scene, as plain values; its sensor is ideal if `noise_std` is to be added."""
+        """Return the scene as plain values; its sensor is ideal if `noise_std` is to be added."""
         raise NotImplementedError
 
     def noise_std(self, value: float) -> float:
-        """Return the standard deviation of the noise that is added to the images, of full scale 1."""
+        """Return the standard deviation of the added image noise, in units of full scale 1."""
         return NOISE_STD
 
     def region_at(self, truth: xr.Dataset, value: float) -> Mask:
-        """Return which pixels of the reference frame are measured, shape (y, x).
+        """Return the evaluated pixels of the reference frame, shape (y, x).
 
-        Those away from edges and from the image's border; where nothing is seen, there is nothing to measure. ``truth``
-        has, besides its own maps, ``visible_throughout``: whether all images show the point.
+        The default excludes discontinuities, the image border, and pixels without a surface. Besides its own maps,
+        ``truth`` has ``seen_throughout``: whether the point is visible in all images.
         """
         away = truth["boundary_distance"].values >= self.edge_px
         return np.asarray(np.isfinite(truth["depth"].values) & away & mask_interior(truth, self.margin_px))
 
     def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
-        """Return figures of this case's own at one value."""
+        """Return additional records of this case at one level."""
         return ()
 
     def conclusions(self, rows: Sequence[BenchmarkRecord]) -> Iterable[BenchmarkRecord]:
-        """Return figures that follow from the rows of all values, as a period at which too much is lost."""
+        """Return records derived from all levels, such as a cut-off period."""
         return ()
 
 
 def mask_interior(truth: xr.Dataset, margin_px: float) -> Mask:
-    """Return which pixels lie so far from the border of the image."""
+    """Return the pixels at least ``margin_px`` from the image border."""
     height, width = truth.sizes["y"], truth.sizes["x"]
     y, x = np.mgrid[:height, :width]
     return np.asarray(np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)) >= margin_px)
@@ -209,20 +200,18 @@ def mask_interior(truth: xr.Dataset, margin_px: float) -> Mask:
 
 @cache
 def all_cases() -> Mapping[str, Case]:
-    """Return all cases by kind, in the order of rooms and modules."""
+    """Return all cases by key, in the order of packages and modules."""
     modules = (f"scenetruth.benchmark.cases.{name}" for name in ("imaging", "surfaces", "scenes"))
     return {cls.kind: cls() for cls in classes_in(Case, *modules) if hasattr(cls, "kind")}
 
 
 def select_cases(names: Iterable[str] | None) -> list[Case]:
-    """Return cases by kind; all if no names are given."""
+    """Return cases by key; all by default."""
     known = all_cases()
     if names is None:
         return list(known.values())
     problems = [
-        Problem("cases", f"there is no such case; known: {', '.join(known)}", name)
-        for name in names
-        if name not in known
+        Problem("cases", f"no such case; available: {', '.join(known)}", name) for name in names if name not in known
     ]
     if problems:
         raise ArgumentError(problems)

@@ -1,4 +1,4 @@
-"""The scene from which the cases are derived."""
+"""The reference scene from which the cases are derived."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["DISTANCE_MM", "apply_changes", "build_reference_scene", "build_wall"
 
 FOCAL_PX = 720.0
 DISTANCE_MM = 720.0
-"""As many mm as the focal length has px: in the middle of the image 1 px is 1 mm."""
+"""Equal in mm to the focal length in px: in the image centre 1 px corresponds to 1 mm."""
 _MARGIN_MM = 40.0
 _TEXTURE = {"kind": "noise", "wavelength_mm": [4, 20], "rms_contrast": 0.15}
 
@@ -23,9 +23,9 @@ def build_wall(
     size_mm: tuple[float, float] = (144 + 2 * _MARGIN_MM, 108 + 2 * _MARGIN_MM),
     centre_mm: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, Any]:
-    """Return a textured plane across the optical axis.
+    """Return a textured plane perpendicular to the optical axis.
 
-    ``velocity``: U_X, U_Y, U_Z in mm per frame.
+    ``velocity``: U_X, U_Y, U_Z in mm/frame.
     """
     return {
         "name": name,
@@ -39,9 +39,9 @@ def build_wall(
 def build_reference_scene(
     changes: Mapping[str, Any] | None = None, *, baseline_mm: float = 4.3, seed: int = 1
 ) -> dict[str, Any]:
-    """Return the scene that all cases begin with: five positions, five frames, an ideal sensor.
+    """Return the reference scene of all cases: five positions, five frames, an ideal sensor.
 
-    ``baseline_mm``: Distance of two positions; as many px of disparity per step.
+    ``baseline_mm``: Distance of neighbouring positions, numerically equal to the disparity in px/step.
     """
     scene = {
         "camera": {"width": 144, "height": 108, "focal_length_px": FOCAL_PX},
@@ -49,7 +49,7 @@ def build_reference_scene(
         "frames": {"count": 5, "frame_interval_s": 60.0},
         "objects": [build_wall()],
         "sensor": "ideal",
-        # Needs no system library, and gives the same bytes everywhere.
+        # Requires no system library, and is reproducible byte for byte on every machine.
         "render": {"backend": "raycast"},
         "seed": seed,
     }
@@ -57,7 +57,7 @@ def build_reference_scene(
 
 
 def apply_changes(scene: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a scene with other values at some paths; what is not there is made."""
+    """Return a scene with other values at the given paths; missing fields are added."""
     found: dict[str, Any] = copy.deepcopy(dict(scene))
     for path, value in changes.items():
         *above, last = path.split(".")

@@ -1,4 +1,4 @@
-"""The case that goes through the bundled scenes."""
+"""The case that runs the bundled scenes."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ __all__ = ["GalleryCase"]
 
 _CHANGES = ("render.backend=raycast", "frames.count=5")
 _STILL = 1e-9
-"""Rounding makes what does not grow grow by less than this, per frame."""
+"""Growth per frame below this value is rounding error."""
 
 
 class GalleryCase(Case):
-    """Every scene of the folder ``scenes``, with its own sensor and its noise."""
+    """Every scene of the directory ``scenes``, with its own sensor and noise."""
 
     kind = "gallery"
     title = "Gallery"
-    question = "What does it make of whole scenes?"
+    question = "What accuracy is reached on complete scenes?"
     varied = "scene"
     quantities = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y")
 
     def labels(self) -> Mapping[float, str]:
-        """Return the names of the scenes, numbered in the order of the alphabet."""
+        """Return the names of the scenes, numbered in alphabetical order."""
         return {float(number): file.stem for number, file in enumerate(scene_files())}
 
     def values(self, suite: str) -> tuple[float, ...]:
-        """Return the numbers of the scenes, of the suite ``full`` alone."""
+        """Return the numbers of the scenes, in the suite ``full`` only."""
         return tuple(self.labels()) if suite == "full" else ()
 
     def lacks(self) -> str:
-        """Return that the folder is needed, where it is not there."""
+        """Return that the directory of scenes is required, if it is missing."""
         return (
             ""
             if scene_files()
@@ -50,25 +50,25 @@ class GalleryCase(Case):
     def scene(self, value: float) -> Mapping[str, Any]:
         """Return the scene of this number: five of its frames, ray-cast."""
         plain = load_scene(scene_files()[int(value)], overrides=_CHANGES).to_dict()
-        # Methods are those of the comparison.
+        # The methods are those of the comparison.
         plain.pop("estimate", None)
         return plain
 
     def noise_std(self, value: float) -> float:
-        """Return none: each scene has a sensor of its own."""
+        """Return 0, because each scene has a sensor model with noise."""
         return 0.0
 
     def region_at(self, truth: xr.Dataset, value: float) -> Mask:
-        """Return the interior, of what all images show."""
+        """Return the interior that is visible in all images."""
         return np.asarray(super().region_at(truth, value) & truth["seen_throughout"].values)
 
     def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
-        """Return the errors of the growth rate over windows, in % per hour, where anything grows."""
+        """Return the errors of windowed growth in %/h, for scenes with growth."""
         grows = float(np.nanmax(np.abs(found.truth["growth_rate"].values))) > _STILL
         return compute_growth_records(self, found) if grows else ()
 
 
 @cache
 def scene_files() -> tuple[Path, ...]:
-    """Return the files of the scenes that are shipped."""
+    """Return the files of the bundled scenes."""
     return tuple(bundled_files().values())

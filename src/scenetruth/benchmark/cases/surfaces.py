@@ -17,21 +17,21 @@ __all__ = ["GrowthIntervalCase"]
 
 
 class CurvatureCase(Case):
-    """Upright cylinders, thinner and thinner."""
+    """Upright cylinders with decreasing radius."""
 
     kind = "curvature"
     title = "Curvature"
-    question = "How curved may a surface be?"
+    question = "How does surface curvature affect the accuracy?"
     varied = "curvature, 1/m"
     core = (20.0,)
     full = (2.0, 5.0, 10.0, 20.0, 40.0)
     logarithmic = True
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return a cylinder whose nearest line is where the sheet would be, before a background."""
+        """Return a cylinder whose nearest line is at the distance of the plane, in front of a background."""
         radius = 1000.0 / value
         round_one = build_wall("cylinder")
-        # Its axis is Z of its own, and stands upright here.
+        # Its axis, Z of the mesh, is rotated upright.
         round_one["mesh"] = {"kind": "cylinder", "radius_mm": radius, "length_mm": 240, "resolution_mm": 2.0}
         round_one["pose"] = {
             "position_mm": [0.0, 0.0, DISTANCE_MM + radius],
@@ -42,29 +42,29 @@ class CurvatureCase(Case):
 
 
 _STEP_WIDTH_PX = 1.0
-"""Pixels within so much of a distance are measured."""
+"""Width of the evaluated range of distances."""
 
 
 class DepthDiscontinuityCase(Case):
-    """A sheet with an upright edge before another; pixels at one distance from the edge after the other."""
+    """A plane with a vertical edge in front of another; pixels by distance from the edge."""
 
     kind = "edge_of_depth"
-    title = "Outline"
-    question = "How close to an outline does it measure?"
-    varied = "distance from the outline, px"
+    title = "Depth discontinuity"
+    question = "How close to a depth discontinuity is the estimate accurate?"
+    varied = "distance from the discontinuity, px"
     core = (1.5, 4.5, 9.5)
     full = (0.5, 1.5, 2.5, 3.5, 4.5, 6.5, 9.5, 14.5)
     margin_px = 22.0
     one_scene = True
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return two sheets, a sixth of the distance apart, that move against each other."""
+        """Return two planes with a depth difference of a sixth of the distance, moving in opposite directions."""
         near = build_wall("near", distance_mm=640.0, size_mm=(60, 300), velocity=(0.3, -0.2, 0.1))
         far = build_wall("far", distance_mm=760.0, size_mm=(320, 240), velocity=(-0.2, 0.3, 0.0))
         return build_reference_scene({"objects": [near, far]}, baseline_mm=8.3)
 
     def region_at(self, truth: xr.Dataset, value: float) -> Mask:
-        """Return the pixels at a distance from the outline."""
+        """Return the pixels at a distance from the discontinuity."""
         off = np.abs(truth["boundary_distance"].values - value)
         return np.asarray(
             np.isfinite(truth["depth"].values) & mask_interior(truth, self.margin_px) & (off <= _STEP_WIDTH_PX)
@@ -72,7 +72,7 @@ class DepthDiscontinuityCase(Case):
 
 
 def build_growing_scene(rate_per_hour: float, interval_min: float) -> Mapping[str, Any]:
-    """Return the sheet, turned by 20 degrees, that grows."""
+    """Return the growing plane, rotated by 20 degrees."""
     return build_reference_scene(
         {
             "frames.frame_interval_s": 60 * interval_min,
@@ -86,11 +86,11 @@ def build_growing_scene(rate_per_hour: float, interval_min: float) -> Mapping[st
 
 
 class GrowthIntervalCase(Case):
-    """A sheet that grows at 3 % per hour, looked at more and more seldom."""
+    """A plane growing at 3 %/h, with increasing frame intervals."""
 
     kind = "growth"
-    title = "Growth over intervals"
-    question = "How well is growth measured, over 20 px, at which interval?"
+    title = "Growth by frame interval"
+    question = "How accurate is the growth rate over 20 px, by frame interval?"
     varied = "interval between frames, minutes"
     core = (2.0, 15.0)
     full = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
@@ -99,31 +99,31 @@ class GrowthIntervalCase(Case):
     quantities = ("velocity_z", "flow_x")
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the sheet that grows at 3 % per hour."""
+        """Return the plane growing at 3 %/h."""
         return build_growing_scene(0.03, value)
 
     def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
-        """Return the errors of the growth rate over windows, in % per hour."""
+        """Return the errors of windowed growth in %/h."""
         return compute_growth_records(self, found)
 
 
 class OcclusionCase(Case):
-    """Bars before a sheet; pixels that all images show, or that some of them do not."""
+    """Bars in front of a plane; pixels that are visible in all images, or occluded in some."""
 
     kind = "occlusion"
     title = "Occlusion"
-    question = "Does it measure what some cameras do not see?"
-    varied = "which images see it"
+    question = "Are points estimated that are occluded in some of the images?"
+    varied = "images in which the point is visible"
     core = (0.0, 1.0)
     margin_px = 22.0
     one_scene = True
 
     def labels(self) -> Mapping[float, str]:
-        """Return what both values mean."""
+        """Return the names of both levels."""
         return {0.0: "some", 1.0: "all"}
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return three upright bars before a sheet."""
+        """Return three vertical bars in front of a plane."""
         bars = [
             build_wall(f"bar-{n}", distance_mm=600.0, size_mm=(12, 260), centre_mm=(x, 0.0), velocity=(0.2, 0.0, 0.0))
             for n, x in enumerate((-40.0, 0.0, 40.0))
@@ -133,11 +133,11 @@ class OcclusionCase(Case):
         )
 
     def region_at(self, truth: xr.Dataset, value: float) -> Mask:
-        """Return the pixels of the sheet that all images show, or those that some do not."""
+        """Return the pixels of the plane that are visible in all images, or occluded in some."""
         there = (
             np.isfinite(truth["depth"].values) & (truth["object_id"].values == 0) & mask_interior(truth, self.margin_px)
         )
-        # Right at an outline a pixel is half of each.
+        # Pixels at a silhouette show both surfaces.
         there &= truth["boundary_distance"].values >= 1.5
         return np.asarray(there & (truth["seen_throughout"].values == bool(value)))
 
@@ -146,37 +146,37 @@ _INTERVAL_MIN = 10.0
 
 
 class GrowthRateCase(Case):
-    """A sheet that grows faster and faster, looked at every ten minutes."""
+    """A plane with increasing growth rate, recorded every ten minutes."""
 
     kind = "rate_of_growth"
-    title = "Growth over growth"
-    question = "How well is growth measured, over 20 px, at which rate?"
-    varied = "growth rate of the area, % per hour, a frame every 10 minutes"
+    title = "Growth by growth rate"
+    question = "How accurate is the growth rate over 20 px, by growth rate?"
+    varied = "areal growth rate, %/h, a frame every 10 minutes"
     full = (0.0, 1.0, 3.0, 10.0, 30.0)
     headline = ("growth_rate_windowed", "rmse")
     quantities = ("velocity_z", "flow_x")
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the sheet that grows at this rate."""
+        """Return the plane growing at this rate."""
         return build_growing_scene(value / 100, _INTERVAL_MIN)
 
     def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
-        """Return the errors of the growth rate over windows, in % per hour."""
+        """Return the errors of windowed growth in %/h."""
         return compute_growth_records(self, found)
 
 
 class SlopeCase(Case):
-    """A sheet that is turned about the vertical."""
+    """A plane rotated about the vertical axis."""
 
     kind = "slope"
     title = "Slope"
-    question = "How steep may a surface be?"
+    question = "How does surface slope affect the accuracy?"
     varied = "angle to the image plane, degrees"
     core = (30.0, 60.0)
     full = (0.0, 15.0, 30.0, 45.0, 60.0, 70.0)
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the sheet, turned, and so large that it fills the image."""
+        """Return the rotated plane, large enough to fill the image."""
         turned = build_wall(size_mm=(700, 260))
         turned["pose"]["rotations"] = [{"axis": [0, 1, 0], "angle_deg": value}]
         return build_reference_scene({"objects": [turned]}, baseline_mm=12.3)
@@ -185,19 +185,19 @@ class SlopeCase(Case):
 _STAR_WIDTH_PX, _STAR_HEIGHT_PX = 384, 96
 _MESH_MM = (_STAR_WIDTH_PX + 80.0, _STAR_HEIGHT_PX + 80.0)
 _PERIODS_MM = (120.0, 4.0)
-"""At the left and at the right edge of the sheet: it falls by 1 px in 4 px, from 110 px to 14 px within the image."""
+"""Period at the left and at the right edge: it decreases by 1 px per 4 px, from 110 px to 14 px in the image."""
 _BELOW_PX = 12.0
-"""Middle of the star below that of the image: on the optical axis a method may find more than anywhere else."""
+"""Offset of the star's centre line from the image centre, because accuracy may be better on the optical axis."""
 _WITHIN = 0.1
-"""Columns count to a period whose own differs by so much of it at most."""
+"""Relative tolerance of the local period of a column."""
 
 
 class StarPatternCase(Case):
-    """A sheet that moves up and down as a cosine, whose period falls from left to right; its middle is measured."""
+    """A plane with a cosine displacement along Y whose period decreases from left to right; its centre is evaluated."""
 
     kind = "star"
-    title = "Star"
-    question = "Along the middle of a star, down to which period is a displacement found but for 10 %?"
+    title = "Star pattern"
+    question = "Down to which period is the displacement along the centre line of a star attenuated by at most 10 %?"
     varied = "period of the displacement, px"
     core = (20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
     headline = ("flow_y", "cutoff_period_first")
@@ -206,7 +206,7 @@ class StarPatternCase(Case):
     one_scene = True
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the star, whose displacement is 0.2 px per frame at most."""
+        """Return the star, with a displacement amplitude of 0.2 px/frame."""
         star = build_wall(size_mm=_MESH_MM, centre_mm=(0.0, _BELOW_PX))
         star["mesh"]["resolution_mm"] = 1.0
         star["motion"] = []
@@ -217,13 +217,13 @@ class StarPatternCase(Case):
         )
 
     def noise_std(self, value: float) -> float:
-        """Return none: what is lost is no noise."""
+        """Return 0, because attenuation is not a noise effect."""
         return 0.0
 
     def region_at(self, truth: xr.Dataset, value: float) -> Mask:
-        """Return the pixels of nearly this period around the star's middle row, an eighth of it to either side."""
+        """Return the pixels of nearly this period within an eighth of it from the star's centre line."""
         y, x = np.mgrid[: truth.sizes["y"], : truth.sizes["x"]]
-        # 1 px is 1 mm.
+        # 1 px corresponds to 1 mm.
         along = (x - (truth.sizes["x"] - 1) / 2) / _MESH_MM[0] + 0.5
         period = _PERIODS_MM[0] + along * (_PERIODS_MM[1] - _PERIODS_MM[0])
         near = np.abs(period - value) <= _WITHIN * value
@@ -231,21 +231,21 @@ class StarPatternCase(Case):
         return np.asarray(np.isfinite(truth["depth"].values) & mask_interior(truth, self.margin_px) & near & middle)
 
     def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
-        """Return the share of the displacement that is left."""
+        """Return the amplitude ratio of the displacement."""
         return compute_amplitude_records(self, found, "flow_y", of_mean=True)
 
     def conclusions(self, rows: Sequence[BenchmarkRecord]) -> Iterable[BenchmarkRecord]:
-        """Return the periods at which the share crosses 90 %."""
+        """Return the cut-off periods at an amplitude ratio of 0.9."""
         return compute_cutoff_records(self, rows, "flow_y")
 
 
 class MotionDiscontinuityCase(Case):
-    """Two sheets in one plane whose edges meet, which move apart along the edge."""
+    """Two coplanar planes with a common edge, moving in opposite directions along it."""
 
     kind = "step_of_motion"
-    title = "Step of motion"
-    question = "How close to a step of velocity does it measure?"
-    varied = "distance from the step, px"
+    title = "Motion discontinuity"
+    question = "How close to a velocity discontinuity is the estimate accurate?"
+    varied = "distance from the discontinuity, px"
     core = (1.5, 4.5, 9.5)
     full = (0.5, 1.5, 2.5, 3.5, 4.5, 6.5, 9.5, 14.5)
     margin_px = 18.0
@@ -254,13 +254,13 @@ class MotionDiscontinuityCase(Case):
     one_scene = True
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the sheets, side by side."""
+        """Return the planes, side by side."""
         left = build_wall("left", size_mm=(130, 260), centre_mm=(-65.0, 0.0), velocity=(0.0, 0.4, 0.0))
         right = build_wall("right", size_mm=(130, 260), centre_mm=(65.0, 0.0), velocity=(0.0, -0.4, 0.0))
         return build_reference_scene({"objects": [left, right]})
 
     def region_at(self, truth: xr.Dataset, value: float) -> Mask:
-        """Return the pixels at a distance from the step."""
+        """Return the pixels at a distance from the discontinuity."""
         off = np.abs(truth["boundary_distance"].values - value)
         return np.asarray(np.isfinite(truth["depth"].values) & mask_interior(truth, self.margin_px) & (off <= 1.0))
 
@@ -270,11 +270,11 @@ _STEEPNESS = 1 / 15
 
 
 class DepthResolutionCase(Case):
-    """A corrugated sheet with shorter and shorter waves."""
+    """A sinusoidal relief with decreasing period."""
 
     kind = "waves_of_depth"
-    title = "Resolution of depth"
-    question = "Down to which period is a relief found, 10 % of its amplitude being lost at most?"
+    title = "Depth resolution"
+    question = "Down to which period is a relief attenuated by at most 10 %?"
     varied = "period of the relief, px"
     core = (20.0, 32.0, 48.0, 96.0)
     full = (16.0, 20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
@@ -283,7 +283,7 @@ class DepthResolutionCase(Case):
     quantities = ("depth", "disparity")
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the sheet with waves along Y, which cameras along X see alike."""
+        """Return the relief with waves along Y, which all cameras along X see equally."""
         relief = {
             "kind": "relief",
             "size_mm": [240, 200],
@@ -291,29 +291,29 @@ class DepthResolutionCase(Case):
             "wavelength_mm": [None, value],
             "resolution_mm": 1.0,
         }
-        # It is at rest: more frames would show the same.
+        # The scene is static: more frames would be identical.
         changes = {"objects.0.mesh": relief, "objects.0.motion": [], "frames.count": 3}
         return build_reference_scene(changes, baseline_mm=12.3)
 
     def noise_std(self, value: float) -> float:
-        """Return none: what is lost is no noise."""
+        """Return 0, because attenuation is not a noise effect."""
         return 0.0
 
     def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
-        """Return the share of the relief that is left."""
+        """Return the amplitude ratio of the relief."""
         return compute_amplitude_records(self, found, "depth")
 
     def conclusions(self, rows: Sequence[BenchmarkRecord]) -> Iterable[BenchmarkRecord]:
-        """Return the periods at which the share crosses 90 %."""
+        """Return the cut-off periods at an amplitude ratio of 0.9."""
         return compute_cutoff_records(self, rows, "depth")
 
 
 class DisplacementResolutionCase(Case):
-    """A sheet whose points move up and down as a cosine across it."""
+    """A plane with a sinusoidal displacement field."""
 
     kind = "waves_of_motion"
-    title = "Resolution of motion"
-    question = "Down to which period is a displacement found, 10 % of its amplitude being lost at most?"
+    title = "Displacement resolution"
+    question = "Down to which period is a displacement attenuated by at most 10 %?"
     varied = "period of the displacement, px"
     core = (32.0, 48.0, 96.0)
     full = (16.0, 20.0, 26.0, 32.0, 40.0, 48.0, 60.0, 72.0, 96.0)
@@ -322,19 +322,19 @@ class DisplacementResolutionCase(Case):
     quantities = ("flow_y", "velocity_y")
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the sheet whose displacement is 0.2 px per frame at most."""
+        """Return the plane with a displacement amplitude of 0.2 px/frame."""
         wave = {"kind": "star", "amplitude_mm": {"kind": "linear", "rate_per_frame": 0.2}, "period_mm": [value, value]}
         changes = {"objects.0.motion": [], "objects.0.mesh.resolution_mm": 1.0, "objects.0.deformation": [wave]}
         return build_reference_scene(changes)
 
     def noise_std(self, value: float) -> float:
-        """Return none: what is lost is no noise."""
+        """Return 0, because attenuation is not a noise effect."""
         return 0.0
 
     def further_rows(self, found: CaseEstimates) -> Iterable[BenchmarkRecord]:
-        """Return the share of the wave that is left."""
+        """Return the amplitude ratio of the displacement."""
         return compute_amplitude_records(self, found, "flow_y")
 
     def conclusions(self, rows: Sequence[BenchmarkRecord]) -> Iterable[BenchmarkRecord]:
-        """Return the periods at which the share crosses 90 %."""
+        """Return the cut-off periods at an amplitude ratio of 0.9."""
         return compute_cutoff_records(self, rows, "flow_y")

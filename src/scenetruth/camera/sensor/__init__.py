@@ -1,4 +1,4 @@
-"""The sensor: a chain of effects from linear light to digital numbers, each with its own random stream."""
+"""Sensor model: a chain of effects from radiance to digital numbers, each with its own random stream."""
 
 from scenetruth.camera.sensor.chain import AnyEffect, OpenSensor, SensorChain
 from scenetruth.camera.sensor.characterisation import PhotonTransfer, photon_transfer, two_point_correction

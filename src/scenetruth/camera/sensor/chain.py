@@ -1,4 +1,4 @@
-"""A sensor as a chain of effects: validation of the chain, insertion of further effects, simulation of images."""
+"""Sensor as a chain of effects: validation, insertion of effects, image simulation."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ else:
 
 
 class SensorChain(FrozenModel):
-    """A sensor as a list of effects, in the order in which the signal passes them; without any it is ideal.
+    """Ordered list of sensor effects; an empty list is an ideal sensor.
 
-    The signal begins as radiance. What one effect gives must be what the next one takes. Images are digital numbers if
-    the last effect is a digitisation, and otherwise floats in the unit that the last effect gives.
+    The input is radiance, and the output unit of each effect must match the input unit of the next. Images are digital
+    numbers if the last effect is a digitisation, otherwise floats in the unit of the last effect.
     """
 
     kind: Literal["chain"] = "chain"
-    """Tells this sensor from others."""
+    """Sensor type."""
     effects: tuple[AnyEffect, ...] = ()
-    """The effects."""
+    """The effects in signal order."""
 
     @field_validator("effects")
     @classmethod
     def _fit_together(cls, value: tuple[Effect, ...]) -> tuple[Effect, ...]:
         problems = [*_misfits(value), *_taken_twice(value)] or _blind_spots(value)
         if problems:
-            # A validation error raised here keeps the places it names: the path of each effect.
+            # A validation error raised here preserves the path of each effect.
             raise ValidationError.from_exception_data(cls.__name__, problems)
         return value
 
@@ -55,9 +55,9 @@ class SensorChain(FrozenModel):
 
     @cached_property
     def full_scale(self) -> float:
-        """Largest value of an image that tells something: the largest digital number, or the response in the mean.
+        """Full scale of the images: the largest digital number, or the mean response to `saturation_radiance`.
 
-        The response is that to `saturation_radiance`; 1 if the images are radiance or shares of full scale.
+        1 if the images are radiance or fractions of full scale.
         """
         scale = _largest_number(self.effects)
         if self.unit == "digital numbers":
@@ -69,36 +69,35 @@ class SensorChain(FrozenModel):
 
     @property
     def dtype(self) -> np.dtype[np.generic]:
-        """Type of the images."""
+        """Data type of the images."""
         if self.unit != "digital numbers":
             return np.dtype(np.float32)
         return np.dtype(np.uint8) if self.full_scale <= np.iinfo(np.uint8).max else np.dtype(np.uint16)
 
     @property
     def saturation_radiance(self) -> float:
-        """Radiance beyond which images say nothing more; 1, the brightest that textures are, if there is no limit."""
+        """Radiance at saturation; 1, the maximum of textures, for an unlimited sensor."""
         limit = _limits(self.effects)[0]
         return limit if np.isfinite(limit) else 1.0
 
     @property
     def remembers(self) -> bool:
-        """Whether an image depends on the one before."""
+        """Whether an image depends on the previous image."""
         return any(effect.remembers for effect in self.effects)
 
     def open(self, shape: tuple[int, int], generator_for: GeneratorFor) -> OpenSensor:
-        """Return the sensor with the pixels that it has in one recording."""
+        """Return the sensor with the fixed patterns of one recording."""
         return OpenSensor(self, shape, generator_for)
 
 
 class OpenSensor:
-    """A chain at work in one recording.
+    """Sensor chain with the fixed patterns of one recording.
 
-    What it makes of an image depends on this image, on the one before if an effect remembers, and on nothing else:
-    images may be read in any order, and on any number of workers.
+    An image depends only on its radiance and, with image lag, on the previous image. Images may be processed in any
+    order and in parallel.
 
-    ``chain``: The sensor.
     ``shape``: Rows and columns.
-    ``generator_for``: As for `SensorChain.open`.
+    ``generator_for``: Source of random streams, as for `SensorChain.open`.
     """
 
     def __init__(self, chain: SensorChain, shape: tuple[int, int], generator_for: GeneratorFor) -> None:
@@ -110,14 +109,14 @@ class OpenSensor:
         self._largest_number = _largest_number(chain.effects)
 
     def read(self, image: LinearImage, previous: LinearImage | None = None) -> NDArray[Any]:
-        """Turn one linear image into what the camera delivers."""
+        """Convert a linear image into the sensor output."""
         return self._through(len(self.chain.effects), image, previous).astype(self.chain.dtype)
 
     def _through(self, count: int, image: LinearImage, previous: LinearImage | None) -> NDArray[np.float64]:
-        """Return the signal after so many effects."""
+        """Return the signal after the first ``count`` effects."""
         signal = image.radiance.astype(np.float64)
         for number, (effect, pattern) in enumerate(zip(self.chain.effects[:count], self._patterns, strict=False)):
-            # The image before is read as if it had been the first: memories reach back by one image.
+            # The previous image is processed as a first image, because memory extends to one image only.
             before = self._through(number, previous, None) if effect.remembers and previous is not None else None
             signal = effect.apply(
                 signal,
@@ -145,7 +144,7 @@ def _largest_number(effects: Sequence[Effect]) -> float:
 
 
 def _limits(effects: Sequence[Effect]) -> list[float]:
-    """Return the largest mean signals that images tell from larger ones: before each effect, and after the last."""
+    """Return the mean signal levels at saturation before each effect and after the last."""
     scale = _largest_number(effects)
     limits = [1.0 if _unit_of(effects) == "share of full scale" else np.inf]
     for effect in reversed(effects):
@@ -154,27 +153,25 @@ def _limits(effects: Sequence[Effect]) -> list[float]:
 
 
 def _misfits(effects: Sequence[Effect]) -> list[InitErrorDetails]:
-    """Return the places where an effect takes another unit than the one before it gives."""
+    """Return the effects whose input unit differs from the output unit of the previous effect."""
     problems = []
     given: Unit = "radiance"
     maker = "the chain begins with"
     for index, effect in enumerate(effects):
         if effect.takes != given:
             message = f"'{effect.kind}' takes {effect.takes}, but {maker} {given}"
-            problems.append(
-                _chain_problem(index, f"{message}: put what converts them in between, or move it", effect.kind)
-            )
+            problems.append(_chain_problem(index, f"{message}: insert a conversion, or move the effect", effect.kind))
         given, maker = effect.gives, f"'{effect.kind}' before it gives"
     if given == "unrounded digital numbers":
-        message = "digital numbers must be rounded: put 'digitisation' behind it"
+        message = "digital numbers must be rounded: append 'digitisation'"
         problems.append(_chain_problem(len(effects) - 1, message, effects[-1].kind))
     return problems
 
 
 def _taken_twice(effects: Sequence[Effect]) -> list[InitErrorDetails]:
-    """Return the effects that have the same random numbers as an earlier one."""
+    """Return the effects that share a random stream with an earlier effect."""
     keys = [effect.key for effect in effects]
-    message = "draws the same random numbers as effect {} of the same name: give it a 'name' of its own"
+    message = "draws the same random numbers as effect {} of the same name: set a unique 'name'"
     return [
         _chain_problem(index, message.format(keys.index(key)), key)
         for index, key in enumerate(keys)
@@ -183,9 +180,9 @@ def _taken_twice(effects: Sequence[Effect]) -> list[InitErrorDetails]:
 
 
 def _blind_spots(effects: Sequence[Effect]) -> list[InitErrorDetails]:
-    """Return where the sensor is saturated without any light."""
+    """Return the effect that saturates the sensor without light, if any."""
     dark = [index for index, limit in enumerate(_limits(effects)[:-1]) if limit <= 0]
-    # The last of them is the cause; those before it saturate because of it.
+    # The last of these effects causes the saturation of the preceding effects.
     return [_chain_problem(dark[-1], "saturates the sensor without light", effects[dark[-1]].kind)] if dark else []
 
 
@@ -196,21 +193,21 @@ def _chain_problem(index: int, message: str, given: Any) -> InitErrorDetails:
 
 
 class InsertedEffect(FrozenModel):
-    """A further effect, and its place in the chain."""
+    """Additional effect and its position in the chain."""
 
     after: str
-    """Name of the effect that it comes behind; its kind if it has no name."""
+    """Name of the effect that precedes the insertion; its ``kind`` if unnamed."""
     effect: AnyEffect
     """The effect."""
 
 
 def insert_effects(effects: Sequence[Effect], insertions: Sequence[InsertedEffect]) -> tuple[Effect, ...]:
-    """Put further effects into a chain, one after the other."""
+    """Insert effects into a chain, one after the other."""
     chain = list(effects)
     for insertion in insertions:
         keys = [effect.key for effect in chain]
         if insertion.after not in keys:
-            msg = f"there is no effect '{insertion.after}' to come behind; there are {', '.join(keys)}"
+            msg = f"unknown effect '{insertion.after}'; available: {', '.join(keys)}"
             raise ValueError(msg)
         chain.insert(keys.index(insertion.after) + 1, insertion.effect)
     return tuple(chain)
@@ -219,14 +216,14 @@ def insert_effects(effects: Sequence[Effect], insertions: Sequence[InsertedEffec
 def check_insertions(
     effects: Sequence[Effect], insertions: Sequence[InsertedEffect], field: str
 ) -> list[InitErrorDetails]:
-    """Return all problems of insertions, each with its path."""
+    """Return all problems of the insertions with their paths."""
     fitting: list[InsertedEffect] = []
     problems = []
     for index, insertion in enumerate(insertions):
         try:
             SensorChain(effects=insert_effects(effects, [*fitting, insertion]))
         except ValidationError as error:
-            # What follows an effect that does not fit may not fit either: the first problem is the cause.
+            # An invalid effect may invalidate its successors, so only the first problem is reported.
             cause = error.errors()[0]["msg"]
             problems.append(_insertion_problem((field, index, "effect"), cause, insertion.effect.kind))
         except ValueError as error:

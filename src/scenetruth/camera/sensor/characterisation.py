@@ -1,4 +1,4 @@
-"""Sensor characterisation from images: the photon transfer method of EMVA 1288 and two-point flat-field correction."""
+"""Sensor characterisation: photon transfer method of EMVA 1288 and two-point flat-field correction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["PhotonTransfer", "photon_transfer", "two_point_correction"]
 Array = NDArray[np.float64]
 
 _QUANTISATION_VARIANCE = 1 / 12
-# The standard fits the gain up to 70 % of saturation, and judges linearity from 5 % to 95 % of it.
+# The standard fits the gain up to 70 % of saturation and evaluates linearity from 5 % to 95 %.
 _GAIN_RANGE = 0.7
 _LINEAR_RANGE = (0.05, 0.95)
 _LEVELS = 3
@@ -21,20 +21,20 @@ _LEVELS = 3
 
 @dataclass(frozen=True, eq=False)
 class PhotonTransfer:
-    """A sensor's figures as measured.
+    """Measured EMVA 1288 parameters of a sensor.
 
-    ``gain_dn_per_e``: K, overall system gain: slope of the temporal variance over the mean, both without the dark
-      images'.
+    ``gain_dn_per_e``: K, overall system gain: slope of the dark-corrected temporal variance over the dark-corrected
+      mean.
     ``temporal_dark_noise_e``: σ_d in electrons at the shortest exposure, without quantisation noise.
     ``dsnu_e``: DSNU_1288, spatial standard deviation of the dark images at the shortest exposure, in electrons.
     ``prnu``: PRNU_1288, spatial standard deviation of the sensitivity, relative to its mean.
     ``quantum_efficiency``: η: responsivity / K, electrons per photon.
-    ``saturation_e``: Electrons at which the mean stops growing: what the full well or the converter can hold.
-    ``dark_e``: Electrons that the dark current adds from the shortest to the operating exposure.
-    ``linearity_error``: Largest deviation of the mean from a line through it, relative to the line, from 5 % to 95 % of
+    ``saturation_e``: Saturation capacity in electrons, limited by the full well or the converter.
+    ``dark_e``: Electrons added by the dark current from the shortest to the operating exposure.
+    ``linearity_error``: Largest deviation of the mean from a fitted line, relative to the line, from 5 % to 95 % of
       saturation.
     ``photons``: Photons per pixel of each level, shape (n,).
-    ``mean_dn``, ``variance_dn2``: Mean and temporal variance above the dark images', shape (n,).
+    ``mean_dn``, ``variance_dn2``: Dark-corrected mean and temporal variance, shape (n,).
     """
 
     gain_dn_per_e: float
@@ -53,10 +53,10 @@ class PhotonTransfer:
 def photon_transfer(
     photons: ArrayLike, pairs: ArrayLike, dark: ArrayLike, bias: ArrayLike, flat: ArrayLike, saturated: ArrayLike
 ) -> PhotonTransfer:
-    """Measure a sensor from images of a uniform surface, after EMVA 1288, release 3.1, sections 6 to 8.
+    """Measure sensor parameters from images of a uniform surface (EMVA 1288, release 3.1, sections 6 to 8).
 
-    The images may come from a camera or from a simulation. They are taken as they are: unlike in the standard, no
-    high-pass filter removes uneven light, and saturation is where the mean ends, not where its variance is largest.
+    Unlike in the standard, no high-pass filter removes non-uniform illumination, and saturation is the largest mean
+    rather than the mean of largest variance.
 
     ``photons``: Photons per pixel and exposure of each level, shape (n,), in any order; at least three from 5 % to 70 %
       of saturation.
@@ -66,8 +66,8 @@ def photon_transfer(
     ``flat``: Images at about half of saturation, shape (m, y, x).
     ``saturated``: Images far beyond saturation, shape (m, y, x) or (y, x).
 
-    Temporal variance is half the mean square of a pair's difference, so that fixed patterns drop out; spatial variance
-    is that of the mean image, less what is left of the temporal noise. Rounding adds 1/12 DN² to the temporal variance.
+    Temporal variance is half the mean square difference of a pair, which cancels fixed patterns; spatial variance is
+    that of the mean image minus its residual temporal noise. Quantisation adds 1/12 DN² to the temporal variance.
     """
     light = np.asarray(photons, dtype=np.float64)
     stacks = {"dark": np.asarray(dark), "bias": np.asarray(bias), "flat": np.asarray(flat)}
@@ -81,7 +81,7 @@ def photon_transfer(
     variances = np.array([_difference_variance(pair) for pair in images]) - dark_variance
     plateau = float(np.asarray(saturated, dtype=np.float64).mean()) - dark_mean
     if plateau <= 0 or flat_mean <= dark_mean:
-        msg = "digital numbers do not grow with light: the dark images must be darker than flat and saturated ones"
+        msg = "digital numbers do not increase with light: dark images must be darker than flat and saturated images"
         raise ValueError(msg)
 
     steep = (means > 0) & (means <= _GAIN_RANGE * plateau)
@@ -89,8 +89,8 @@ def photon_transfer(
     if min(steep.sum(), straight.sum()) < _LEVELS:
         msg = f"at least {_LEVELS} levels must lie between 5 % and 70 % of saturation"
         raise ValueError(msg)
-    # A ratio of sums weighs levels by 1 / mean: bright ones, whose variances scatter most, do not decide alone, nor do
-    # dark ones, which the readout noise blurs.
+    # The ratio of sums weights levels by 1 / mean, a compromise between the scatter of bright variances and the readout
+    # noise of dark levels.
     gain = float(np.sum(variances[steep]) / np.sum(means[steep]))
     slope, deviation = _line(light[straight], means[straight])
     return PhotonTransfer(
@@ -110,22 +110,22 @@ def photon_transfer(
 
 def _check_shapes(light: Array, images: NDArray[np.generic], stacks: dict[str, NDArray[np.generic]]) -> None:
     if images.ndim != 4 or images.shape[:2] != (light.size, 2) or light.ndim != 1:
-        msg = f"pairs must have the shape (levels, 2, y, x) with {light.size} levels, as photons; got {images.shape}"
+        msg = f"pairs must have the shape (levels, 2, y, x) with {light.size} levels as in photons; got {images.shape}"
         raise ValueError(msg)
     for name, stack in stacks.items():
         if stack.ndim != 3 or len(stack) < 2 or stack.shape[1:] != images.shape[2:]:
-            msg = f"{name} must have two images or more of {images.shape[2:]} pixels; got {stack.shape}"
+            msg = f"{name} must contain at least two images of {images.shape[2:]} pixels; got {stack.shape}"
             raise ValueError(msg)
 
 
 def _difference_variance(pair: NDArray[np.generic]) -> float:
-    """Return the temporal variance of two images of the same surface."""
+    """Return the temporal variance from the difference of two images."""
     first, second = pair.astype(np.float64)
     return float(np.var(first - second)) / 2
 
 
 def _moments(stack: NDArray[np.generic]) -> tuple[float, float, float]:
-    """Return mean, temporal variance and spatial variance of images of the same surface, shape (m, y, x)."""
+    """Return the mean, temporal variance and spatial variance of repeated images, shape (m, y, x)."""
     values = stack.astype(np.float64)
     mean_image = values.mean(axis=0)
     temporal = float(values.var(axis=0, ddof=1).mean())
@@ -133,7 +133,7 @@ def _moments(stack: NDArray[np.generic]) -> tuple[float, float, float]:
 
 
 def _line(light: Array, means: Array) -> tuple[float, float]:
-    """Fit a line with the least relative deviations; return its slope and the largest of them."""
+    """Fit a line by minimising relative deviations; return its slope and the largest deviation."""
     columns = np.stack([light, np.ones_like(light)], axis=1) / means[:, None]
     (slope, offset), *_ = np.linalg.lstsq(columns, np.ones_like(means), rcond=None)
     line = slope * light + offset
@@ -141,22 +141,22 @@ def _line(light: Array, means: Array) -> tuple[float, float]:
 
 
 def two_point_correction(images: ArrayLike, dark: ArrayLike, flat: ArrayLike) -> NDArray[np.float32]:
-    """Take the fixed pattern out of images, with a dark and a flat-field image of the same sensor.
+    """Correct the fixed pattern of images with a dark and a flat-field image (two-point correction).
 
-    (image - dark) / (flat - dark), times the mean of (flat - dark): every pixel then has the mean response and no
-    offset.
+    Computes (image - dark) / (flat - dark) times the mean of (flat - dark), so that every pixel has zero offset and the
+    mean responsivity.
 
     Parameters
     ----------
     images
         Digital numbers, shape (..., y, x).
     dark, flat
-        Means of many images without light and of a uniformly bright surface, shape (y, x), below saturation.
+        Averaged images without light and of a uniformly bright surface, shape (y, x), below saturation.
 
     Returns
     -------
     numpy.ndarray
-        float32, the shape of ``images``; NaN where the flat field is not brighter than the dark one.
+        float32, the shape of ``images``; NaN where the flat field is not brighter than the dark image.
 
     Raises
     ------
@@ -165,12 +165,12 @@ def two_point_correction(images: ArrayLike, dark: ArrayLike, flat: ArrayLike) ->
 
     See Also
     --------
-    scenetruth.simulate : Images of a sensor with a fixed pattern (``dsnu_e``, ``prnu``).
+    scenetruth.simulate : Simulate images with fixed-pattern noise (``dsnu_e``, ``prnu``).
 
     References
     ----------
-    EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras: the nonuniformities of dark signal
-    and photo response (DSNU, PRNU) are what is taken out.
+    EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras: dark-signal and photo-response
+    non-uniformity (DSNU, PRNU).
 
     Examples
     --------

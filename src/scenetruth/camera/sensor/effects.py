@@ -1,4 +1,4 @@
-"""The sensor effect as a base class, and the effects without randomness: conversion, gain, saturation, quantisation."""
+"""Base class of sensor effects, and the deterministic effects."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ __all__ = [
 Unit = Literal[
     "radiance", "share of full scale", "photons", "electrons", "unrounded digital numbers", "digital numbers"
 ]
-"""What the values of a signal are: all are per pixel and exposure, radiance in units of the scene."""
+"""Unit of a signal per pixel and exposure; radiance is in scene units."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearImage:
-    """A linear image, and which one of the recording it is.
+    """Linear image with its indices in the recording.
 
-    ``radiance``: What the sensor is given, shape (y, x).
-    ``s_y``, ``s``, ``t``: Row, camera position and frame, 0 the reference.
+    ``radiance``: Sensor input, shape (y, x).
+    ``s_y``, ``s``, ``t``: Row, camera position and frame, 0 at the reference.
     """
 
     radiance: NDArray[np.float32]
@@ -54,14 +54,14 @@ class LinearImage:
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """The image that an effect works on, and what it may use for it.
+    """Context of an effect for one image.
 
-    ``s_y``, ``s``, ``t``: Row, camera position and frame, 0 the reference.
-    ``full_scale``: Largest digital number of the chain; 1 if it does not digitise.
-    ``generator``: Makes the effect's own source of random numbers for this image.
-    ``pattern``: What `Effect.draw_pattern` returned for the recording.
-    ``previous``: The signal, shape (y, x), that entered the effect when the sensor took the image before; None if the
-      effect does not remember, and for the first image.
+    ``s_y``, ``s``, ``t``: Row, camera position and frame, 0 at the reference.
+    ``full_scale``: Largest digital number of the chain; 1 without digitisation.
+    ``generator``: Factory of the random generator of the effect for this image.
+    ``pattern``: Fixed pattern returned by `Effect.draw_pattern`.
+    ``previous``: Input signal of the effect for the previous image, shape (y, x); None for effects without memory and
+      for the first image.
     """
 
     s_y: int
@@ -74,111 +74,111 @@ class Exposure:
 
 
 class Effect(FrozenModel):
-    """One step of a sensor's chain: it takes a signal, and gives the next one."""
+    """One step of a sensor chain, which converts a signal into the next."""
 
     takes: ClassVar[Unit]
-    """Unit of the signal that it needs."""
+    """Unit of the input signal."""
     gives: ClassVar[Unit]
-    """Unit of the signal that it makes."""
+    """Unit of the output signal."""
     remembers: ClassVar[bool] = False
-    """Whether it needs the signal of the image before."""
+    """Whether the effect depends on the previous image."""
 
     kind: str
-    """Which effect."""
+    """Type of the effect."""
     name: Annotated[str, Field(pattern=r"^([a-z][a-z0-9_]*)?$")] = ""
-    """Keys its random numbers, in small letters, digits and underscores; the kind if empty. Effects of one kind in one
-    sensor need different names."""
+    """Name of the random stream, in lower-case letters, digits and underscores; default: ``kind``. Effects of the same
+    type require different names.
+    """
 
     @property
     def key(self) -> str:
-        """What keys its random numbers."""
+        """Key of the random streams of the effect."""
         return self.name or self.kind
 
     def stream(self, s_y: int, s: int, t: int) -> tuple[str | int, ...]:
-        """Return the key of its random numbers for one image."""
+        """Return the random-stream key for one image."""
         return (self.key, s_y, s, t)
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64] | None:
-        """Return the fixed pattern: how pixels differ from each other in all images of a recording.
+        """Return the fixed pattern, constant over all images of a recording.
 
-        Returns: One value for each pixel, shape (y, x), in the unit that the effect needs; None if all pixels are
-        alike.
+        Returns: One value per pixel, shape (y, x), in the unit of the effect; None for identical pixels.
         """
         return None
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Return the next signal.
+        """Return the output signal.
 
-        ``signal``: In the unit that it takes, shape (y, x); not to be changed in place.
-        Returns: In the unit that the effect gives, shape (y, x), float64.
+        ``signal``: Input signal, shape (y, x); must not be modified.
+        Returns: Output signal, shape (y, x), float64.
         """
         raise NotImplementedError
 
     def mean_response(self, signal: float, full_scale: float) -> float:
-        """Return the mean response, over pixels and images, to a uniform signal."""
+        """Return the response to a uniform signal, averaged over pixels and images."""
         return signal
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the largest signal that does not saturate the effect, or those behind it."""
+        """Return the largest input that saturates neither this effect nor its successors."""
         return largest_output
 
 
 BayerOrder = Literal["rggb", "grbg", "gbrg", "bggr"]
 
-# Places of the colours in `BayerFilter.response`.
+# Indices of the colours in `BayerFilter.response`.
 _COLOURS = "rgb"
 
 
 class BayerFilter(Effect):
-    """Colour filters on 2 x 2 pixels let through a part of the photons of a grey scene."""
+    """Bayer colour filters, which transmit a fraction of the photons of a grey scene."""
 
     takes: ClassVar[Unit] = "photons"
     gives: ClassVar[Unit] = "photons"
 
     kind: Literal["bayer_filter"]
-    """This effect."""
+    """Type of the effect."""
     order: BayerOrder
-    """Colours of the 2 x 2 pixels, row by row from the upper left."""
+    """Colours of the 2 x 2 pixels in row-major order from the upper left."""
     response: tuple[Positive, Positive, Positive] = (0.7, 1.0, 0.6)
-    """What red, green and blue filters let through of a grey scene."""
+    """Transmittance of the red, green and blue filters for a grey scene."""
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
-        """Return what each pixel's filter lets through."""
+        """Return the transmittance of each pixel."""
         block = np.array([self.response[_COLOURS.index(colour)] for colour in self.order]).reshape(2, 2)
         repeats = (-(-shape[0] // 2), -(-shape[1] // 2))
         return np.asarray(np.tile(block, repeats)[: shape[0], : shape[1]])
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Let a part of the photons through."""
+        """Multiply by the transmittance."""
         assert exposure.pattern is not None
         return signal * exposure.pattern
 
     def mean_response(self, signal: float, full_scale: float) -> float:
-        """Return the photons behind the brightest filter."""
+        """Return the photons behind the filter of highest transmittance."""
         return signal * max(self.response)
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the photons before the brightest filter, whose pixels saturate first."""
+        """Return the photons in front of the filter of highest transmittance, whose pixels saturate first."""
         return largest_output / max(self.response)
 
 
 class Quantisation(Effect):
-    """Digital numbers are rounded, and end at 0 and at the largest that so many bits hold."""
+    """Rounding to digital numbers and clipping to the range of the bit depth."""
 
     takes: ClassVar[Unit] = "unrounded digital numbers"
     gives: ClassVar[Unit] = "digital numbers"
 
     kind: Literal["digitisation"]
-    """This effect."""
+    """Type of the effect."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] = 8
-    """Bits of a digital number."""
+    """Bits per digital number."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Round, and saturate."""
+        """Round and clip."""
         return np.clip(np.rint(signal), 0, 2**self.bit_depth - 1)
 
     def mean_response(self, signal: float, full_scale: float) -> float:
-        """Return the digital number before it is rounded."""
+        """Return the digital number before rounding."""
         return min(max(signal, 0.0), float(2**self.bit_depth - 1))
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
@@ -187,13 +187,13 @@ class Quantisation(Effect):
 
 
 class FullScaleGain(Effect):
-    """Shares of full scale become digital numbers: 1 the largest that the digitisation knows, 0 none."""
+    """Conversion of fractions of full scale into digital numbers: 1 maps to the largest digital number."""
 
     takes: ClassVar[Unit] = "share of full scale"
     gives: ClassVar[Unit] = "unrounded digital numbers"
 
     kind: Literal["full_range_gain"]
-    """This effect."""
+    """Type of the effect."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
         """Multiply by the largest digital number."""
@@ -204,73 +204,73 @@ class FullScaleGain(Effect):
         return signal * full_scale
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the share of full scale."""
+        """Return the fraction of full scale."""
         return largest_output / full_scale
 
 
 class RadiometricScale(Effect):
-    """Radiance becomes a share of that which gives full scale."""
+    """Conversion of radiance into a fraction of full scale."""
 
     takes: ClassVar[Unit] = "radiance"
     gives: ClassVar[Unit] = "share of full scale"
 
     kind: Literal["full_scale"]
-    """This effect."""
+    """Type of the effect."""
     full_scale_radiance: Positive = 1.0
-    """Radiance that gives full scale."""
+    """Radiance at full scale."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Divide by the radiance of full scale."""
+        """Divide by the radiance at full scale."""
         return signal / self.full_scale_radiance
 
     def mean_response(self, signal: float, full_scale: float) -> float:
-        """Return the share of full scale."""
+        """Return the fraction of full scale."""
         return signal / self.full_scale_radiance
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the radiance of that share."""
+        """Return the radiance of a fraction of full scale."""
         return largest_output * self.full_scale_radiance
 
 
 class FullWell(Effect):
-    """A pixel holds so many electrons and no more."""
+    """Saturation at the full-well capacity."""
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "electrons"
 
     kind: Literal["full_well"]
-    """This effect."""
+    """Type of the effect."""
     full_well_e: Positive
-    """Electrons that a pixel can hold."""
+    """Full-well capacity in electrons."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Cut off at the full well."""
+        """Clip at the full-well capacity."""
         return np.minimum(signal, self.full_well_e)
 
     def mean_response(self, signal: float, full_scale: float) -> float:
-        """Return the electrons, at most the full well's."""
+        """Return the electrons, clipped at the full-well capacity."""
         return min(signal, self.full_well_e)
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the full well, if what follows tells so much."""
+        """Return the smaller of the full-well capacity and the limit of the successors."""
         return min(largest_output, self.full_well_e)
 
 
 class Gain(Effect):
-    """Electrons become digital numbers, not yet rounded."""
+    """Conversion of electrons into unrounded digital numbers."""
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "unrounded digital numbers"
 
     kind: Literal["gain"]
-    """This effect."""
+    """Type of the effect."""
     gain_dn_per_e: Positive
-    """Overall system gain K, digital numbers per electron."""
+    """Overall system gain K in digital numbers per electron."""
     black_level_dn: NonNegative = 0.0
     """Digital number of a pixel without electrons."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Multiply by K, and add the black level."""
+        """Multiply by K and add the black level."""
         return self.gain_dn_per_e * signal + self.black_level_dn
 
     def mean_response(self, signal: float, full_scale: float) -> float:
@@ -278,53 +278,53 @@ class Gain(Effect):
         return self.gain_dn_per_e * signal + self.black_level_dn
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the electrons of that digital number."""
+        """Return the electrons of a digital number."""
         return (largest_output - self.black_level_dn) / self.gain_dn_per_e
 
 
 Exponent = Annotated[Positive, Field(le=100)]
-"""Beyond, almost all of the response is one digital number."""
+"""Exponent of a gamma curve, bounded because larger values collapse the response."""
 
 
 class Gamma(Effect):
-    """Digital numbers are full scale (linear / full scale)^gamma."""
+    """Gamma curve: output = full scale (input / full scale)^gamma."""
 
     takes: ClassVar[Unit] = "unrounded digital numbers"
     gives: ClassVar[Unit] = "unrounded digital numbers"
 
     kind: Literal["gamma"]
-    """This effect."""
+    """Type of the effect."""
     gamma: Exponent
-    """The exponent; 1 is linear."""
+    """Exponent; 1 is linear."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Bend the response between 0 and full scale, where it ends."""
+        """Apply the gamma curve, clipped to [0, full scale]."""
         return exposure.full_scale * np.clip(signal / exposure.full_scale, 0, 1) ** self.gamma
 
     def mean_response(self, signal: float, full_scale: float) -> float:
-        """Return the bent digital number."""
+        """Return the digital number after the gamma curve."""
         return full_scale * float(min(max(signal / full_scale, 0.0), 1.0) ** self.gamma)
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the linear digital number of a bent one."""
+        """Return the digital number before the gamma curve."""
         return full_scale * float(min(largest_output / full_scale, 1.0) ** (1 / self.gamma))
 
 
 class PhotonConversion(Effect):
-    """Radiance becomes the mean number of photons that a pixel receives during the exposure."""
+    """Conversion of radiance into the mean number of photons per pixel and exposure."""
 
     takes: ClassVar[Unit] = "radiance"
     gives: ClassVar[Unit] = "photons"
 
     kind: Literal["photon_conversion"]
-    """This effect."""
+    """Type of the effect."""
     photon_rate_per_s: Positive
-    """Photons that a pixel receives in a second where the radiance is 1."""
+    """Photons per pixel and second at a radiance of 1."""
     exposure_time_s: Positive
-    """Time over which it collects them."""
+    """Exposure time in s."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Multiply by the photons of radiance 1; what rendering made negative is dark."""
+        """Multiply by the photons at radiance 1; negative rendered values are clipped to 0."""
         return self._photons * np.maximum(signal, 0.0)
 
     def mean_response(self, signal: float, full_scale: float) -> float:
@@ -332,7 +332,7 @@ class PhotonConversion(Effect):
         return self._photons * max(signal, 0.0)
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the radiance of so many photons."""
+        """Return the radiance of a number of photons."""
         return largest_output / self._photons
 
     @property
@@ -341,13 +341,13 @@ class PhotonConversion(Effect):
 
 
 class QuantumEfficiency(Effect):
-    """Photons become the mean number of electrons that they free."""
+    """Conversion of photons into the mean number of electrons."""
 
     takes: ClassVar[Unit] = "photons"
     gives: ClassVar[Unit] = "electrons"
 
     kind: Literal["quantum_efficiency"]
-    """This effect."""
+    """Type of the effect."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
     """η, electrons per photon."""
 
@@ -360,15 +360,15 @@ class QuantumEfficiency(Effect):
         return self.quantum_efficiency * signal
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return the photons that free so many electrons."""
+        """Return the photons of a number of electrons."""
         return largest_output / self.quantum_efficiency
 
 
 class ImageLag(Effect):
-    """A share of the electrons stays in the pixel, and is read with the next image.
+    """Image lag: a fraction of the electrons is read out with the next image.
 
-    That is the one which the camera takes next, at whatever position of its stage. No electron is lost: what an image
-    lacks, the next one has too many. Nothing is left in the pixels before the first image.
+    The next image is the next in acquisition order, at any stage position. Charge is conserved, and pixels are empty
+    before the first image.
     """
 
     takes: ClassVar[Unit] = "electrons"
@@ -376,11 +376,11 @@ class ImageLag(Effect):
     remembers: ClassVar[bool] = True
 
     kind: Literal["readout_lag"]
-    """This effect."""
+    """Type of the effect."""
     lag: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
-    """Share of the electrons that stays behind."""
+    """Fraction of the electrons left for the next image."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Return what is read: what does not stay behind, and what the image before has left."""
+        """Return the electrons read out: the current image minus its lag plus the lag of the previous image."""
         read = (1 - self.lag) * signal
         return read if exposure.previous is None else read + self.lag * exposure.previous

@@ -1,4 +1,4 @@
-"""The noise of a sensor: shot noise, dark current, readout noise and fixed patterns."""
+"""Sensor noise: shot noise, dark current, readout noise and fixed-pattern noise."""
 
 from __future__ import annotations
 
@@ -23,38 +23,38 @@ __all__ = [
 
 
 def checked_hot_pixel_current(value: float, info: ValidationInfo) -> float:
-    """Check, as a validator of pydantic, that hot pixels have more dark current than the others."""
+    """Validate that hot pixels have at least the dark current of normal pixels (pydantic validator)."""
     current = info.data.get("dark_current_e_per_s")
     if info.data.get("hot_pixel_share") and current is not None and value < current:
-        msg = f"must not be below dark_current_e_per_s, {current:g}, where there are hot pixels"
+        msg = f"must not be below dark_current_e_per_s, {current:g}, if there are hot pixels"
         raise ValueError(msg)
     return value
 
 
 class DarkCurrent(Effect):
-    """Heat frees electrons too: their mean number is added, in hot pixels more than in others.
+    """Dark current: thermal electrons added to the signal, more in hot pixels.
 
-    It comes before the shot noise in the chain, as dark electrons have shot noise too.
+    It precedes shot noise in the chain, because dark electrons are Poisson distributed too.
     """
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "electrons"
 
     kind: Literal["dark_current"]
-    """This effect."""
+    """Type of the effect."""
     exposure_time_s: Positive
-    """Time over which a pixel collects electrons."""
+    """Exposure time in s."""
     dark_current_e_per_s: NonNegative = 0.0
-    """Electrons that a pixel collects in a second without light."""
+    """Dark current in electrons per pixel and second."""
     hot_pixel_share: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.0
-    """Share of pixels with ``hot_pixel_current_e_per_s``."""
+    """Fraction of pixels with ``hot_pixel_current_e_per_s``."""
     hot_pixel_current_e_per_s: Annotated[NonNegative, Field(validate_default=True)] = 0.0
-    """Dark current of hot pixels."""
+    """Dark current of hot pixels in electrons per pixel and second."""
 
     _hot_pixel_current = field_validator("hot_pixel_current_e_per_s")(checked_hot_pixel_current)
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
-        """Return the mean number of electrons of each pixel."""
+        """Return the mean dark electrons of each pixel."""
         hot = generator.random(shape) < self.hot_pixel_share
         current = np.where(hot, self.hot_pixel_current_e_per_s, self.dark_current_e_per_s)
         return np.asarray(current * self.exposure_time_s, dtype=np.float64)
@@ -65,24 +65,24 @@ class DarkCurrent(Effect):
         return signal + exposure.pattern
 
     def mean_response(self, signal: float, full_scale: float) -> float:
-        """Return the electrons of a pixel that is not hot."""
+        """Return the electrons of a normal pixel."""
         return signal + self.dark_current_e_per_s * self.exposure_time_s
 
     def largest_input(self, largest_output: float, full_scale: float) -> float:
-        """Return what is left for light."""
+        """Return the capacity left for light."""
         return largest_output - self.dark_current_e_per_s * self.exposure_time_s
 
 
 class DarkSignalNonuniformity(Effect):
-    """Every pixel has an offset of its own, normally distributed about 0 and the same in all images."""
+    """Fixed, normally distributed offset of every pixel (DSNU)."""
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "electrons"
 
     kind: Literal["dark_signal_nonuniformity"]
-    """This effect."""
+    """Type of the effect."""
     dsnu_e: NonNegative
-    """DSNU_1288, standard deviation of the pixels' dark offsets in electrons."""
+    """DSNU_1288, standard deviation of the dark offsets in electrons."""
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
         """Return the offsets in electrons."""
@@ -95,20 +95,20 @@ class DarkSignalNonuniformity(Effect):
 
 
 class GaussianNoise(Effect):
-    """Gaussian noise of the same strength in all pixels, anew in every image."""
+    """Temporal Gaussian noise of uniform standard deviation."""
 
     takes: ClassVar[Unit] = "share of full scale"
     gives: ClassVar[Unit] = "share of full scale"
 
     kind: Literal["gaussian_noise"]
-    """This effect."""
+    """Type of the effect."""
     noise_std: NonNegative
     """Standard deviation, as a fraction of full scale."""
 
     def stream(self, s_y: int, s: int, t: int) -> tuple[str | int, ...]:
-        """Return the key of its random numbers for one image."""
-        # Recordings made before sensors were chains keep their bytes: their noise had no name, and no row at the
-        # reference row.
+        """Return the random-stream key for one image."""
+        # Unnamed noise keeps the key of earlier versions, without a name and without the reference row, for identical
+        # recordings.
         return super().stream(s_y, s, t) if self.name else (*((s_y,) if s_y else ()), s, t)
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
@@ -117,18 +117,18 @@ class GaussianNoise(Effect):
 
 
 class PhotoResponseNonuniformity(Effect):
-    """Every pixel has a sensitivity of its own, normally distributed about 1 and the same in all images."""
+    """Fixed, normally distributed sensitivity of every pixel about 1 (PRNU)."""
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "electrons"
 
     kind: Literal["photo_response_nonuniformity"]
-    """This effect."""
+    """Type of the effect."""
     prnu: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
-    """PRNU_1288, standard deviation of the pixels' sensitivities, relative to their mean."""
+    """PRNU_1288, standard deviation of the pixel sensitivities relative to their mean."""
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
-        """Return the sensitivities; none is below 0."""
+        """Return the sensitivities, clipped at 0."""
         return np.maximum(1 + self.prnu * generator.standard_normal(shape), 0.0)
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
@@ -138,13 +138,13 @@ class PhotoResponseNonuniformity(Effect):
 
 
 class ReadoutNoise(Effect):
-    """Reading a pixel adds Gaussian noise, anew in every image."""
+    """Temporal Gaussian readout noise."""
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "electrons"
 
     kind: Literal["readout_noise"]
-    """This effect."""
+    """Type of the effect."""
     temporal_dark_noise_e: NonNegative
     """σ_d, standard deviation in electrons, without the shot noise of the dark current."""
 
@@ -154,22 +154,21 @@ class ReadoutNoise(Effect):
 
 
 class ShotNoise(Effect):
-    """Mean numbers of electrons become Poisson distributed ones.
+    """Poisson noise of the electrons.
 
-    Photons arrive one by one and free electrons by chance, so both are Poisson distributed: drawing the electrons is
-    enough.
+    Photon arrival and photoelectric conversion are both Poisson processes, so drawing the electrons suffices.
     """
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "electrons"
 
     kind: Literal["shot_noise"]
-    """This effect."""
+    """Type of the effect."""
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Draw the numbers; what is negative by an effect before has none."""
+        """Draw Poisson numbers; negative means from preceding effects are clipped to 0."""
         generator, mean = exposure.generator(), np.maximum(signal, 0.0)
-        # Beyond a thousand million the normal distribution is the same, and does not overflow.
+        # Above 1e9 the normal approximation is exact to rounding and does not overflow.
         many = mean > 1e9
         drawn = generator.poisson(np.where(many, 0.0, mean)).astype(np.float64)
         if not many.any():

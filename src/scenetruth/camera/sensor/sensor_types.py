@@ -1,4 +1,4 @@
-"""The sensors a scene may have: ideal, Gaussian, EMVA 1288 with its presets, or an explicit chain of effects."""
+"""Sensor types: ideal, Gaussian, EMVA 1288 with presets, and explicit chains of effects."""
 
 from __future__ import annotations
 
@@ -49,19 +49,19 @@ __all__ = ["PRESETS", "AnySensor", "EmvaSensor", "GaussianSensor", "PresetName",
 
 
 class GaussianSensor(FrozenModel):
-    """A sensor with Gaussian noise and digitisation."""
+    """Sensor with temporal Gaussian noise and digitisation."""
 
     kind: Literal["gaussian"] = "gaussian"
-    """Tells this sensor from others; may be left out."""
+    """Sensor type; may be omitted."""
     noise_std: NonNegative = 0.0
     """Standard deviation of the temporal Gaussian noise, as a fraction of full scale."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] | None = 8
-    """Bits of a digital number; null keeps floats (no digitisation, no saturation)."""
+    """Bits per digital number; null for floats (no digitisation, no saturation)."""
     full_scale_radiance: Positive = 1.0
-    """Radiance that gives full scale."""
+    """Radiance at full scale."""
 
     def chain(self) -> SensorChain:
-        """Return the chain of effects that models this sensor."""
+        """Return the equivalent chain of effects."""
         effects: list[Effect] = [RadiometricScale(kind="full_scale", full_scale_radiance=self.full_scale_radiance)]
         if self.noise_std > 0:
             effects.append(GaussianNoise(kind="gaussian_noise", noise_std=self.noise_std))
@@ -76,9 +76,9 @@ class GaussianSensor(FrozenModel):
 PresetName = Literal["scientific_cmos", "industrial_cmos", "ccd_2002"]
 
 TYPICAL = "typical value, not from the source"
-"""Said of a figure that no source was found for: an order of magnitude, not a property of the product."""
+"""Source of a preset value without reference: an order of magnitude, not a product specification."""
 CHOSEN = "chosen, not from the source"
-"""Said of a figure that is a setting of the camera or of the light."""
+"""Source of a preset value that is a setting of the camera or the illumination."""
 
 _ZYLA_SHEET = (
     "Andor, Zyla OEM, product sheet, "
@@ -99,7 +99,7 @@ _SBIG = (
 )
 _OFFSET = "usual offset of scientific cameras, https://www.tucsen.com/ja/learning/demystifying-specifications-prnu"
 
-# The photon rates let radiance 1 fill 80 % of what each sensor can say in the preset's exposure time.
+# The photon rates fill 80 % of the saturation capacity at radiance 1 in the exposure time of the preset.
 PRESETS: Mapping[str, Preset] = MappingProxyType(
     {
         "scientific_cmos": preset(
@@ -152,59 +152,59 @@ Share = Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 
 
 def _preset_or_fields(schema: dict[str, Any]) -> None:
-    """Say in the JSON Schema that a preset stands for the fields that are required without it."""
+    """Declare in the JSON Schema that a preset replaces the required fields."""
     required = schema.pop("required")
     schema["anyOf"] = [{"required": ["kind", "preset"]}, {"required": required}]
 
 
 class EmvaSensor(FrozenModel):
-    """A linear sensor described in the quantities of EMVA 1288.
+    """Linear sensor specified by EMVA 1288 parameters.
 
-    A pixel collects electrons with the mean η μ_p (1 + PRNU x) + dark current, Poisson distributed, up to its full
-    well; the readout adds the offset DSNU y and noise of σ_d electrons; digital numbers are K electrons + black level,
-    rounded and saturated. x and y are standard normal numbers that a pixel keeps over the whole recording.
+    The electrons of a pixel are Poisson distributed with mean η μ_p (1 + PRNU x) + dark current, clipped at the full
+    well. Readout adds the offset DSNU y and noise of σ_d electrons. Digital numbers are K electrons + black level,
+    rounded and clipped. x and y are standard normal and fixed per pixel over the recording.
     """
 
     model_config = ConfigDict(json_schema_extra=_preset_or_fields)
 
     kind: Literal["emva1288"]
-    """Tells this sensor from others."""
+    """Sensor type."""
     preset: PresetName | None = None
-    """A sensor by name, whose values stand for all fields that are not given; null for none."""
+    """Preset sensor that supplies the default values; null for none."""
     photon_rate_per_s: Positive
-    """Photons that a pixel receives in a second where the radiance is 1."""
+    """Photons per pixel and second at a radiance of 1."""
     exposure_time_s: Positive
-    """Time over which it collects them."""
+    """Exposure time in s."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
     """η, electrons per photon."""
     bit_depth: Annotated[int, Field(ge=1, le=16)]
-    """Bits of a digital number."""
+    """Bits per digital number."""
     gain_dn_per_e: Positive
-    """Overall system gain K, digital numbers per electron."""
+    """Overall system gain K in digital numbers per electron."""
     full_well_e: Positive
-    """Electrons that a pixel can hold."""
+    """Full-well capacity in electrons."""
     black_level_dn: NonNegative = 0.0
     """Digital number of a pixel without electrons."""
     temporal_dark_noise_e: NonNegative = 0.0
     """σ_d, standard deviation of the readout noise in electrons, without the shot noise of the dark current."""
     dark_current_e_per_s: NonNegative = 0.0
-    """Electrons that a pixel collects in a second without light."""
+    """Dark current in electrons per pixel and second."""
     dsnu_e: NonNegative = 0.0
-    """DSNU_1288, standard deviation of the pixels' dark offsets in electrons."""
+    """DSNU_1288, standard deviation of the dark offsets in electrons."""
     prnu: Share = 0.0
-    """PRNU_1288, standard deviation of the pixels' sensitivities, relative to their mean."""
+    """PRNU_1288, standard deviation of the pixel sensitivities relative to their mean."""
     hot_pixel_share: Share = 0.0
-    """Share of pixels with ``hot_pixel_current_e_per_s``."""
+    """Fraction of pixels with ``hot_pixel_current_e_per_s``."""
     hot_pixel_current_e_per_s: Annotated[NonNegative, Field(validate_default=True)] = 0.0
-    """Dark current of hot pixels."""
+    """Dark current of hot pixels in electrons per pixel and second."""
     gamma: Exponent = 1.0
-    """Digital numbers are full scale (linear / full scale)^gamma; 1 is linear, as the standard demands."""
+    """Exponent of the gamma curve, full scale (linear / full scale)^gamma; 1 is linear, as required by the standard."""
     bayer: BayerOrder | None = None
-    """Colour filters on 2 x 2 pixels, row by row from the upper left; null for none."""
+    """Colours of the 2 x 2 Bayer filter in row-major order from the upper left; null for none."""
     bayer_response: tuple[Positive, Positive, Positive] = (0.7, 1.0, 0.6)
-    """What red, green and blue filters let through of a grey scene."""
+    """Transmittance of the red, green and blue filters for a grey scene."""
     insert: tuple[InsertedEffect, ...] = ()
-    """More effects, each behind one that the sensor has."""
+    """Additional effects, each inserted after an effect of the sensor."""
 
     @model_validator(mode="before")
     @classmethod
@@ -212,7 +212,7 @@ class EmvaSensor(FrozenModel):
         name = given.get("preset") if isinstance(given, dict) else None
         if name is None:
             return given
-        # An unknown name is refused by its own field; any values will do to keep the others from being missed as well.
+        # An unknown name is rejected by its field validator; other values only prevent additional missing-field errors.
         preset = PRESETS[name] if isinstance(name, str) and name in PRESETS else next(iter(PRESETS.values()))
         return {**preset.values, **given}
 
@@ -221,9 +221,7 @@ class EmvaSensor(FrozenModel):
     def _reaches_a_number(cls, value: float, info: ValidationInfo) -> float:
         gain = info.data.get("gain_dn_per_e")
         if gain is not None and value * gain < 1:
-            msg = (
-                f"does not reach one digital number: {value * gain:.3g} at {gain:g} per electron; raise it or the gain"
-            )
+            msg = f"does not reach one digital number: {value * gain:.3g} at {gain:g} per electron; increase either"
             raise ValueError(msg)
         return value
 
@@ -246,7 +244,7 @@ class EmvaSensor(FrozenModel):
     def _leaves_a_signal(cls, value: float, info: ValidationInfo) -> float:
         saturation = _saturation_e(info.data)
         if saturation is not None and value >= saturation:
-            msg = f"must be less than what the sensor can say, {saturation:.6g} electrons"
+            msg = f"must be less than the saturation capacity, {saturation:.6g} electrons"
             raise ValueError(msg)
         return value
 
@@ -256,8 +254,8 @@ class EmvaSensor(FrozenModel):
         saturation, time = _saturation_e(info.data), info.data.get("exposure_time_s")
         if saturation is not None and time is not None and value * time >= saturation:
             msg = (
-                f"saturates the sensor without light: {value * time:.6g} electrons in {time:g} s, and it can say "
-                f"{saturation:.6g}; expose for a shorter time"
+                f"saturates the sensor without light: {value * time:.6g} electrons in {time:g} s, capacity "
+                f"{saturation:.6g}; reduce the exposure time"
             )
             raise ValueError(msg)
         return value
@@ -273,12 +271,12 @@ class EmvaSensor(FrozenModel):
 
     @property
     def saturation_capacity_e(self) -> float:
-        """Most electrons above the black level that a digital number can tell: the full well's, or the converter's."""
+        """Saturation capacity in electrons above the black level, limited by the full well or the converter."""
         largest_dn = float(2**self.bit_depth - 1)
         return min(self.full_well_e, (largest_dn - self.black_level_dn) / self.gain_dn_per_e)
 
     def chain(self) -> SensorChain:
-        """Return the chain of effects that models this sensor; effects of strength 0 are left out."""
+        """Return the equivalent chain of effects, without effects of strength 0."""
         return SensorChain(effects=insert_effects(self._own_effects(), self.insert))
 
     def _own_effects(self) -> tuple[Effect, ...]:
@@ -311,7 +309,7 @@ class EmvaSensor(FrozenModel):
 
 
 def _saturation_e(valid: dict[str, Any]) -> float | None:
-    """Return the saturation capacity from the fields validated so far; None if one of them is wrong."""
+    """Return the saturation capacity from the fields validated so far, or None if a field is invalid."""
     if not {"bit_depth", "gain_dn_per_e", "full_well_e", "black_level_dn"} <= valid.keys():
         return None
     converter: float = (2 ** valid["bit_depth"] - 1 - valid["black_level_dn"]) / valid["gain_dn_per_e"]
@@ -324,7 +322,7 @@ def _in_lower_case(value: Any) -> Any:
 
 
 def _sensor_kind(value: object) -> str:
-    """Return the kind of a sensor; the Gaussian sensor may leave it out."""
+    """Return the type of a sensor; default: Gaussian."""
     if isinstance(value, str):
         return "ideal"
     kind = value.get("kind", "gaussian") if isinstance(value, dict) else getattr(value, "kind", "gaussian")
@@ -339,11 +337,11 @@ AnySensor = Annotated[
     Discriminator(_sensor_kind),
     BeforeValidator(_in_lower_case),
 ]
-"""A sensor as a scene says it."""
+"""Sensor as specified in a scene."""
 
 
 def build_sensor_chain(sensor: Literal["ideal"] | GaussianSensor | EmvaSensor | SensorChain) -> SensorChain:
-    """Return the chain of effects that models a sensor."""
+    """Return the equivalent chain of effects of a sensor."""
     if isinstance(sensor, str):
         return SensorChain()
     return sensor if isinstance(sensor, SensorChain) else sensor.chain()

@@ -237,7 +237,7 @@ def _origin(sampler: Sampler, identity: DatasetFingerprint) -> list[tuple[str, s
         ("seed", f"{recipe.seed}; textures and noise {'differ' if every else 'have the same seed'} in every sample"),
         ("backend", identity.backend + (f" ({identity.platform})" if identity.platform != "auto" else "")),
         ("truth", f"{recipe.truth.views} camera views, {recipe.truth.poses} poses, {recipe.truth.content} content"),
-        ("linear images before the sensor", "kept" if recipe.ideal else "not kept"),
+        ("linear images before the sensor", "kept" if recipe.save_radiance else "not kept"),
         ("versions", ", ".join(f"{name} {version}" for name, version in identity.versions.items())),
     ]
 

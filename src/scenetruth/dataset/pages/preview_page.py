@@ -32,6 +32,7 @@ from scenetruth.dataset.pages.page_text import (
     tabulate_paired_factors,
     tabulate_rejections,
 )
+from scenetruth.dataset.recipe_loader import RecipeLike, load_recipe
 from scenetruth.dataset.recipe_validation import AcceptedDraws, draw_samples
 from scenetruth.dataset.sampler import Draw, Sampler
 from scenetruth.errors import Problem, RecipeError, SceneError
@@ -39,7 +40,7 @@ from scenetruth.jobs.executors import ordered_map, resolve_workers
 from scenetruth.output import check_output, claim_folder, write_atomically
 from scenetruth.progress import Progress
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.scene import Scene
+from scenetruth.scene import Overrides, Scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.leaf.texture_synthesis import LeafTexture
 from scenetruth.scene.mesh import MeshModel
@@ -47,7 +48,7 @@ from scenetruth.scene.scene_object import SceneObject
 from scenetruth.scene.texture import TextureModel
 from scenetruth.scene.texture.procedural_textures import NoiseTexture, UniformTexture
 
-__all__ = ["PAGE", "SIMPLIFIED", "render_thumbnail", "simplify_scene", "write_preview"]
+__all__ = ["PAGE", "SIMPLIFIED", "preview_dataset", "render_thumbnail", "simplify_scene"]
 
 
 SIMPLIFIED = (
@@ -155,24 +156,66 @@ _MAX_LISTED, _LONGEST = 20, 400
 SHEET, VALUES, PAIRS = "contact_sheet.png", "values.png", "pairs.png"
 
 
-def write_preview(
-    sampler: Sampler,
-    folder: str | Path,
+def preview_dataset(
+    recipe: RecipeLike,
     *,
-    draws: int | None = None,
+    overrides: Overrides = (),
+    samples: int | None = None,
+    output: str | Path,
     overwrite: bool = False,
     workers: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Draw some samples of a recipe, and show them: their values, their thumbnails, and why draws were refused.
+    """Write a page with some samples of a recipe: their values, thumbnails, and the reasons of rejected draws.
 
     Nothing is rendered in full: thumbnails have simplified surfaces, and say so.
+
+    Parameters
+    ----------
+    recipe
+        The recipe, its values, its file, or the name of a bundled recipe.
+    overrides
+        Changed fields, as of `scenetruth.load_scene`.
+    samples
+        Number of samples; by default as many as show the distributions, or all of a small data set.
+    output
+        Directory of the page ``index.html``.
+    overwrite
+        Whether an existing preview may be replaced.
+    workers, scheduler
+        As of `run_dataset`.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    pathlib.Path
+        The page.
+
+    Raises
+    ------
+    RecipeError
+        If the recipe is invalid, or no sample can be drawn; lists all problems.
+    OutputExistsError
+        If the directory exists and ``overwrite`` is false.
+
+    See Also
+    --------
+    check_recipe : Validates the recipe and predicts the resources.
+
+    Examples
+    --------
+    >>> from scenetruth.dataset import preview_dataset
+    >>> preview_dataset("leaves", samples=24, output="outputs/preview")  # doctest: +SKIP
+    PosixPath('outputs/preview/index.html')
     """
+    sampler = load_recipe(recipe, overrides=overrides).sampler()
+    folder = Path(output)
     resolve_workers(workers)
     claim = claim_folder(PAGE)
     check_output(folder, overwrite=overwrite, claim=claim)
-    drawn = draw_samples(sampler, draws, progress, workers, scheduler)
+    drawn = draw_samples(sampler, samples, progress, workers, scheduler)
     if not drawn.draws:
         raise RecipeError(drawn.trial.problems)
     with write_atomically(folder, overwrite=overwrite, claim=claim) as aside:
@@ -180,7 +223,7 @@ def write_preview(
         _draw_sheet(drawn.draws, aside / SHEET, workers, scheduler, progress)
         content = _content(sampler, drawn, aside)
         (aside / PAGE).write_text(render_html("preview.html.j2", **content), encoding="utf-8")
-    return Path(folder) / PAGE
+    return folder / PAGE
 
 
 def _content(sampler: Sampler, drawn: AcceptedDraws, folder: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Catalogues of lenses, cameras and stages: their entries, the bundled catalogue, and files of the user."""
+"""Catalogues of lenses, cameras and stages: entries, the bundled catalogue, and user-defined files."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ __all__ = [
 
 
 class CatalogueEntry(FrozenModel):
-    """What all entries have in common."""
+    """Fields that all entries share."""
 
     title: Name
-    """What it is."""
+    """Product name or description."""
     source: Annotated[str, Field(min_length=3, max_length=1000)]
-    """Where its figures are from: data sheet and year; or "typical of its class"."""
+    """Source of the values: data sheet and year, or "typical of its class"."""
     price_eur: NonNegative | None = None
-    """Price in euros; null if not known."""
+    """Price in euros; null if unknown."""
 
 
 class LensEntry(CatalogueEntry):
@@ -45,17 +45,17 @@ class LensEntry(CatalogueEntry):
     focal_length_mm: Positive
     """Focal length."""
     least_focus_mm: Positive
-    """Least distance of what is in focus, from the entrance pupil."""
+    """Minimum focus distance from the entrance pupil."""
     f_number_least: Positive
-    """Least f-number: the aperture is wide open."""
+    """Smallest f-number (aperture fully open)."""
     f_number_most: Positive
     """Largest f-number."""
     blur_um: NonNegative = 0.0
-    """Standard deviation on the sensor of a Gaussian that stands for the lens's own blur; diffraction comes on top."""
+    """Standard deviation on the sensor of the Gaussian blur by aberrations; diffraction is added."""
     image_circle_mm: Positive
     """Diameter of the image circle."""
     distortion_residual_um: NonNegative = 0.0
-    """What calibration leaves of distortion, rms on the sensor."""
+    """Distortion residual after calibration, RMS on the sensor."""
 
     @model_validator(mode="after")
     def _opens(self) -> Self:
@@ -66,36 +66,36 @@ class LensEntry(CatalogueEntry):
 
 
 class CameraEntry(CatalogueEntry):
-    """A camera, by the figures of EMVA 1288: a sensor preset of scenetruth, or all of its figures."""
+    """A camera with the parameters of EMVA 1288: a sensor preset of scenetruth, or all parameters."""
 
     width: Annotated[int, Field(ge=1, le=32768)]
     """Pixels along x."""
     height: Annotated[int, Field(ge=1, le=32768)]
     """Pixels along y."""
     pixel_pitch_um: Positive
-    """Distance of two pixels."""
+    """Pixel pitch."""
     preset: PresetName | None = None
-    """The sensor by name, whose values stand for all that is not given."""
+    """Name of a sensor preset, the default of all other sensor fields."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Electrons per photon."""
+    """Quantum efficiency: electrons per photon."""
     full_well_e: Positive | None = None
-    """Electrons that a pixel can hold."""
+    """Full-well capacity in electrons."""
     read_noise_e: NonNegative | None = None
     """Temporal dark noise in electrons."""
     bit_depth: Annotated[int, Field(ge=1, le=16)] | None = None
-    """Bits of a grey value."""
+    """Bit depth of the grey values."""
     dark_current_e_per_s: NonNegative | None = None
-    """Electrons that a pixel collects in a second without light."""
+    """Dark current in electrons per pixel and second."""
     dsnu_e: NonNegative | None = None
-    """Standard deviation of the pixels' dark offsets in electrons."""
+    """Dark signal non-uniformity: standard deviation over the pixels in electrons."""
     prnu: Annotated[float, Field(ge=0, lt=1)] | None = None
-    """Standard deviation of the pixels' sensitivities, relative to their mean."""
+    """Photo response non-uniformity: relative standard deviation over the pixels."""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
         missing = [name for name in _REQUIRED if getattr(self, name) is None]
         if self.preset is None and missing:
-            msg = f"needs a preset, or {', '.join(missing)}"
+            msg = f"requires a preset, or {', '.join(missing)}"
             raise ValueError(msg)
         return self
 
@@ -112,27 +112,27 @@ class StageEntry(CatalogueEntry):
     """A linear stage."""
 
     travel_mm: Positive
-    """Distance of its ends."""
+    """Travel."""
     repeatability_um: NonNegative
-    """Standard deviation along its axis, fresh at every visit."""
+    """Standard deviation of the position along the axis, independent at every visit."""
     backlash_um: NonNegative = 0.0
-    """Distance between where a position is reached from below and from above."""
+    """Difference between approaches of a position from below and from above."""
     straightness_um: NonNegative
-    """Standard deviation across its axis, along Y and along Z."""
+    """Standard deviation across the axis, along Y and along Z."""
     pitch_urad: NonNegative
-    """Standard deviation of the turn about X."""
+    """Standard deviation of the rotation about X."""
     yaw_urad: NonNegative
-    """Standard deviation of the turn about Y."""
+    """Standard deviation of the rotation about Y."""
     roll_urad: NonNegative
-    """Standard deviation of the turn about Z."""
+    """Standard deviation of the rotation about Z."""
     speed_mm_per_s: Positive | None = None
-    """Speed from position to position; null for one that takes no time."""
+    """Speed between positions; null for no travel time."""
     settle_s: NonNegative = 0.0
-    """Time that it needs to come to rest."""
+    """Settling time."""
 
 
 class Catalogue(FrozenModel):
-    """A file of a catalogue: entries by name."""
+    """A catalogue file: entries by name."""
 
     lenses: dict[Name, LensEntry] = Field(default_factory=dict)
     """Lenses."""
@@ -148,10 +148,7 @@ _MODELS: Mapping[str, type[CatalogueEntry]] = {"lenses": LensEntry, "cameras": C
 
 @dataclass(frozen=True)
 class CatalogueEntries:
-    """All entries that there are, by name.
-
-    ``lenses``, ``cameras``, ``stages``: Of each kind.
-    """
+    """All available entries by name."""
 
     lenses: Mapping[str, LensEntry]
     cameras: Mapping[str, CameraEntry]
@@ -163,7 +160,7 @@ class CatalogueEntries:
 
 
 def load_catalogues(files: Sequence[str | Path] = ()) -> CatalogueEntries:
-    """Return the entries that ship, and those of files."""
+    """Return the bundled entries, extended and overridden by those of files."""
     found = [_bundled()]
     problems: list[Problem] = []
     for file in files:
@@ -201,7 +198,7 @@ def _validate_catalogue(plain: Any, source: str) -> Catalogue:
 
 
 def list_catalogue_problems(error: ValidationError) -> list[Problem]:
-    """Return what is wrong with a catalogue; of a field without its unit, which one is meant."""
+    """Return the problems of a catalogue, with suggestions for field names without a unit."""
     found = []
     for entry in error.errors(include_url=False):
         where = [str(key) for key in entry["loc"]]
@@ -219,6 +216,6 @@ def list_catalogue_problems(error: ValidationError) -> list[Problem]:
 def _unknown(key: str, known: Sequence[str]) -> str:
     with_unit = [name for name in known if name.startswith(f"{key}_")]
     if with_unit:
-        return f"has no unit in its name: write {' or '.join(with_unit)}"
+        return f"has no unit in its name; use {' or '.join(with_unit)}"
     near = difflib.get_close_matches(key, known, n=1)
-    return f"unknown key; did you mean '{near[0]}'?" if near else f"unknown key; known here: {', '.join(known)}"
+    return f"unknown key; did you mean '{near[0]}'?" if near else f"unknown key; valid keys: {', '.join(known)}"

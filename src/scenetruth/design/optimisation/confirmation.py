@@ -1,7 +1,4 @@
-"""Confirmation runs.
-
-Selected candidates simulated with several seeds, compared with their predictions and with each other.
-"""
+"""Confirmation runs: simulation of selected candidates with several seeds, and comparison with the predictions."""
 
 from __future__ import annotations
 
@@ -43,6 +40,7 @@ from scenetruth.resources import Limits, limited_objects
 from scenetruth.scene import Scene
 from scenetruth.scoring import QUANTITIES, score
 from scenetruth.simulation import simulate
+from scenetruth.truth import TruthMaps
 
 __all__ = [
     "ConfirmationResult",
@@ -60,52 +58,48 @@ __all__ = [
 
 
 _NOTABLE_FACTOR = 1.3
-"""Envelopes are within 30 % of measured scatter in the median: by more than this factor, a difference is notable."""
+"""Factor from which a difference is notable: predictions are within 30 % of the measured scatter in the median."""
 
 
 def compare_with_prediction(
     rig: int, objective: Objective, predicted: float, simulated: PredictionInterval
 ) -> Discrepancy:
-    """Return prediction and simulation of one objective at one rig."""
+    """Compare the prediction and the simulation of an objective for one rig."""
     ratio = simulated.value / predicted if predicted > 0 and math.isfinite(predicted) else math.nan
     if not math.isfinite(ratio):
-        says = f"{objective.title}: nothing was estimated in the simulations, where {predicted:.3g} was predicted"
+        says = f"{objective.title}: no valid estimate in the simulations ({predicted:.3g} predicted)"
         return Discrepancy(rig, objective.title, predicted, simulated, math.nan, True, says)
     inside = math.isnan(simulated.pi_low) or simulated.pi_low <= predicted <= simulated.pi_high
     notable = not 1 / _NOTABLE_FACTOR <= ratio <= _NOTABLE_FACTOR and not (inside and simulated.seeds > 1)
     told = f"{objective.title}: {objective.told_in} simulated {simulated.value:.3g}, "
-    told += f"predicted of these images {predicted:.3g} {objective.unit}"
+    told += f"predicted for these images {predicted:.3g} {objective.unit}"
     if not notable:
-        says = f"{told}: as far as {simulated.seeds} seeds tell, they agree (factor {ratio:.2f})"
+        says = f"{told}: consistent within the scatter of {simulated.seeds} seeds (factor {ratio:.2f})"
     elif ratio > 1:
-        says = f"{told}: {ratio:.1f} times the prediction, which knows noise and the stage but no bias of the method"
+        says = f"{told}: {ratio:.1f} times the prediction, which includes noise and stage errors but not method bias"
     else:
-        says = f"{told}: {ratio:.2f} of the prediction"
+        says = f"{told}: {ratio:.2f} times the prediction"
     return Discrepancy(rig, objective.title, predicted, simulated, ratio, notable, says)
 
 
 _LITTLE_DISC_PX, _SMALL_DISC_PX, _LITTLE_MOTION_PX = 0.3, 2.0, 0.1
-"""A disc of 0.3 px takes 0.7 % of the contrast of a wave of 4 px; a motion of 0.1 px takes 0.1 %."""
+"""A blur disc of 0.3 px reduces the contrast at a wavelength of 4 px by 0.7 %, a motion of 0.1 px by 0.1 %."""
 _SAMPLES = 12
 _FEWER_SAMPLES = 2
 _LEAST_WINDOWS, _LEAST_ROWS = 10.0, 32
-"""Rows that are left: standard deviations of the window, and px."""
+"""Smallest image height, in standard deviations of the window and in px."""
 
 
 @dataclass(frozen=True)
 class ReducedScene:
-    """What is simulated instead of a rig's scene.
-
-    ``plain``: The scene as plain values.
-    ``changes``: What is different, in words.
-    """
+    """Scene of reduced cost for a confirmation run, as plain data, and descriptions of the differences."""
 
     plain: Mapping[str, Any]
     changes: tuple[str, ...]
 
 
 def reduce_scene(scene: Scene, region: str, max_size_px: int | None) -> ReducedScene:
-    """Return what is simulated of a scene."""
+    """Return a scene of reduced cost: cropped images, without negligible defocus and motion blur."""
     look = sample_surface(scene, limited_objects(scene, Limits(), Path()), Path())
     chosen = _chosen(look, region)
     plain, changes = scene.to_dict(), list[str]()
@@ -113,7 +107,7 @@ def reduce_scene(scene: Scene, region: str, max_size_px: int | None) -> ReducedS
     if cut:
         plain["camera"] |= cut
         camera = scene.camera
-        changes.append(f"images cut from {camera.width} x {camera.height} to {cut['width']} x {cut['height']} px")
+        changes.append(f"images cropped from {camera.width} x {camera.height} to {cut['width']} x {cut['height']} px")
     changes += _focus(scene, plain, look.depth_mm[chosen])
     if scene.shutter.exposure_time_s > 0:
         flow = compute_flow(look)[chosen]
@@ -121,12 +115,12 @@ def reduce_scene(scene: Scene, region: str, max_size_px: int | None) -> ReducedS
         most = float(np.hypot(*moved.T).max(initial=0.0))
         if most < _LITTLE_MOTION_PX:
             plain["shutter"]["exposure_time_s"] = 0.0
-            changes.append(f"motion while images are exposed left out, {most:.2g} px at most")
+            changes.append(f"motion blur omitted (at most {most:.2g} px)")
     return ReducedScene(plain, tuple(changes))
 
 
 def _focus(scene: Scene, plain: dict[str, Any], depth_mm: NDArray[np.float64]) -> list[str]:
-    """Put what is out of focus in a form that takes less time, in place; return what that was."""
+    """Replace the defocus of a scene by a cheaper equivalent, in place; return descriptions of the changes."""
     defocus, psf = scene.optics.defocus, scene.optics.psf
     if defocus is None:
         return []
@@ -134,16 +128,16 @@ def _focus(scene: Scene, plain: dict[str, Any], depth_mm: NDArray[np.float64]) -
     most = float(discs.max(initial=0.0))
     if most < _LITTLE_DISC_PX:
         plain["optics"]["defocus"] = None
-        return [f"blur out of focus left out, {most:.2g} px at most"]
+        return [f"defocus blur omitted (at most {most:.2g} px)"]
     if most < _SMALL_DISC_PX and not isinstance(psf, AiryPsf):
-        # A disc has a quarter of its diameter as standard deviation along each axis.
+        # The standard deviation of a disc along each axis is a quarter of its diameter.
         sigma = math.hypot(0.0 if psf is None else psf.sigma_px, float(np.sqrt(np.mean(discs**2))) / 4)
         plain["optics"] |= {"defocus": None, "psf": {"kind": "gaussian", "sigma_px": sigma}}
-        return [f"blur out of focus, {most:.2g} px at most, made a part of the point spread"]
+        return [f"defocus blur (at most {most:.2g} px) included in the point spread function"]
     plain["optics"]["defocus"]["samples"] = min(_SAMPLES, defocus.samples)
     plain["render"]["supersampling"] = min(_FEWER_SAMPLES, scene.render.supersampling)
     few = plain["optics"]["defocus"]["samples"]
-    return [f"{few} samples of the aperture, not {defocus.samples}"] if few < defocus.samples else []
+    return [f"{few} aperture samples instead of {defocus.samples}"] if few < defocus.samples else []
 
 
 def _chosen(look: SurfaceSamples, region: str) -> NDArray[np.bool_]:
@@ -156,19 +150,19 @@ def _chosen(look: SurfaceSamples, region: str) -> NDArray[np.bool_]:
 
 
 def _cut(scene: Scene, look: SurfaceSamples, chosen: NDArray[np.bool_], max_size_px: int | None) -> dict[str, Any]:
-    """Return the fields of a camera that sees the middle of a region only; nothing if it sees no less."""
+    """Return the camera fields for images cropped to the centre of a region; empty without cropping."""
     camera = scene.camera
     longer = max(camera.width, camera.height)
     if max_size_px is None or longer <= max_size_px:
         return {}
     width, height = (side * max_size_px / longer for side in (camera.width, camera.height))
     places = scene.stage.x_mm
-    # What is in the middle must be seen from all positions; as many rows are left out as columns are added.
+    # The centre must be visible from all positions: added columns are compensated by fewer rows.
     wide = width + camera.focal_px * float(np.ptp(places)) / float(np.median(look.depth_mm[chosen]))
     sigma = float(getattr(scene.estimate.settings, "window_sigma_px", 0.0))
     low = min(max(width * height / wide, _LEAST_WINDOWS * sigma, _LEAST_ROWS), max(height, _LEAST_ROWS))
     columns, rows = min(round(wide), camera.width), min(round(low), camera.height)
-    # The middle of what is bent may lie beside it: the point next to it does not.
+    # The centre of a curved region may be outside it, so the nearest point of the region is used.
     x, y = look.points.x[chosen], look.points.y[chosen]
     nearest = int(np.argmin((x - np.median(x)) ** 2 + (y - np.median(y)) ** 2))
     c_x, c_y = camera.principal_point
@@ -178,30 +172,24 @@ def _cut(scene: Scene, look: SurfaceSamples, chosen: NDArray[np.bool_], max_size
 
 
 Figures = dict[str, dict[str, float]]
-"""Scores by objective's title: ``rmse``, ``median_abs_error``, ``p95_abs_error``, ``bias``, ``density``."""
+"""Statistics by title of the objective: ``rmse``, ``median_abs_error``, ``p95_abs_error``, ``bias``, ``density``."""
 
 _STATISTICS = ("rmse", "median_abs_error", "p95_abs_error", "bias", "density")
 
 
 _ALL_UNDEFINED = dict.fromkeys(_STATISTICS, math.nan)
-"""Nothing was told: nothing is lacking."""
+"""Statistics of an objective without valid pixels, which are complete."""
 
 
 def get_simulated_statistic(figures: Figures | None, title: str, statistic: str) -> float:
-    """Return the figure of an objective's simulation; NaN where there is none."""
+    """Return a statistic of an objective from a simulation; NaN where missing."""
     kind = STATISTICS[statistic]
     return kind.factor * (figures or {}).get(title, {}).get(kind.scored, math.nan)
 
 
 @dataclass(frozen=True)
 class ConfirmationTask:
-    """All that a worker needs to simulate any rig with any seed.
-
-    ``folder``: Where figures go.
-    ``plains``: Scenes of the rigs.
-    ``seeds``: Seeds of each.
-    ``objectives``: What is measured.
-    ``versions``: What figures depend on besides.
+    """Input of a worker for all confirmation runs: scenes of the rigs as plain data, and seeds of each rig.``limits``: Resource limits of every scene.
     """
 
     folder: str
@@ -209,9 +197,10 @@ class ConfirmationTask:
     seeds: tuple[int, ...]
     objectives: tuple[Objective, ...]
     versions: tuple[tuple[str, str], ...]
+    limits: Limits | None = None
 
     def __len__(self) -> int:
-        """Return how many simulations there are."""
+        """Return the number of simulations."""
         return len(self.plains) * len(self.seeds)
 
     def scene(self, number: int) -> Scene:
@@ -220,7 +209,7 @@ class ConfirmationTask:
         return Scene.from_dict({**self.plains[rig], "seed": self.seeds[seed]})
 
     def key(self, number: int) -> str:
-        """Return a hash of all that its figures depend on."""
+        """Return a hash of all inputs of a simulation."""
         scene = self.scene(number)
         depends: dict[str, Any] = {
             "scene": scene_hash(scene),
@@ -233,11 +222,11 @@ class ConfirmationTask:
 
     @property
     def store(self) -> ResultStore:
-        """The results of simulations, which are named by their keys."""
-        return ResultStore(Path(self.folder), "design again")
+        """Results of the simulations by key."""
+        return ResultStore(Path(self.folder), "run the optimisation again")
 
     def figures(self, number: int) -> Figures | None:
-        """Return the figures of a simulation; None if it is not made, or lacks a statistic that is wanted."""
+        """Return the statistics of a simulation; None if it is missing or lacks a required statistic."""
         key = self.key(number)
         plain = self.store.find(key, key)
         if plain is None:
@@ -251,14 +240,15 @@ class ConfirmationTask:
         return None if lacking else figures
 
 
-def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...]) -> Figures:
-    """Simulate a scene, estimate with its method, and score."""
+def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...], limits: Limits | None = None) -> Figures:
+    """Simulate a scene, run its method and score the estimate."""
     with ignore_scene_warnings():
-        recording, truth = simulate(scene, truth_content="complete" if _is_further(objectives) else "standard")
+        content: TruthMaps = "complete" if _is_further(objectives) else "standard"
+        recording, truth = simulate(scene, truth_content=content, limits=limits)
         maps = estimate(recording, scene.estimate.method, scene.estimate.settings.model_dump())
         found = score(maps, truth, settings=scene.score)
     figures: Figures = {}
-    # Scores name single objects only where there are several: the interior is that of the only one.
+    # Scores have regions of objects only for several objects; the interior is that of a single object.
     alone = len(scene.parts) == 1
     for one in objectives:
         region = "interior" if alone and one.region.startswith("object_") else one.region
@@ -270,26 +260,26 @@ def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...]) -> Figu
 
 
 def _is_further(objectives: tuple[Objective, ...]) -> bool:
-    """Whether something is measured that the standard truth does not tell."""
+    """Return whether an objective requires the complete truth."""
     variables = {QUANTITIES[one.quantity].variable for one in objectives}
     return not variables <= _STANDARD
 
 
 _STANDARD = frozenset(("depth", "disparity", "velocity", "flow", "normal", "growth_rate", ""))
-"""Variables of the standard truth; windowed growth follows from them and has none."""
+"""Variables of the standard truth; windowed growth (empty name) is derived from them."""
 
 
 def simulate_candidate(job: ConfirmationTask, number: int) -> TaskResult:
-    """Make one simulation, for whoever works through many: what goes wrong is returned."""
+    """Run and score one simulation; an exception is returned as part of the result."""
     rig, seed = divmod(number, len(job.seeds))
 
     def work() -> dict[str, Any]:
-        found = simulate_objectives(job.scene(number), job.objectives)
+        found = simulate_objectives(job.scene(number), job.objectives, job.limits)
         key = job.key(number)
         job.store.write(key, key, {"figures": found})
         return {"simulation": number}
 
-    label = f"rig {rig + 1} of those that are simulated, seed {job.seeds[seed]}"
+    label = f"simulated rig {rig + 1}, seed {job.seeds[seed]}"
     return perform_task(number, work, label=label, versions=job.versions)
 
 
@@ -298,12 +288,7 @@ _LARGEST_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class ConfirmationResult:
-    """What simulations say.
-
-    ``rigs``: The rigs with their figures, by number.
-    ``discrepancies``: Prediction beside simulation.
-    ``changes``: What is different in simulations, in words.
-    """
+    """Simulated rigs by number, comparison with the predictions, and changes of the simulated scenes."""
 
     rigs: Mapping[int, RigDesign]
     discrepancies: tuple[Discrepancy, ...]
@@ -320,8 +305,9 @@ def simulate_candidates(
     scheduler: str | None = None,
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
+    limits: Limits | None = None,
 ) -> ConfirmationResult:
-    """Simulate rigs with several seeds, in pieces of work that are done once."""
+    """Simulate rigs with several seeds; existing results are reused."""
     if not rigs:
         return ConfirmationResult({}, (), ())
     task = prepared.task
@@ -332,6 +318,7 @@ def simulate_candidates(
         derive_seeds(prepared.scene.seed, confirm.seeds),
         task.objectives,
         tuple(sorted(collect_versions().items())),
+        limits,
     )
     missing = [number for number in range(len(job)) if job.figures(number) is None]
     for_each(
@@ -364,14 +351,14 @@ def simulate_candidates(
 
 
 def derive_seeds(seed: int, count: int) -> tuple[int, ...]:
-    """Return the seeds of simulations: those that follow the scene's own."""
+    """Return the seeds of the simulations, which follow the seed of the scene."""
     return tuple((seed + 1 + number) % (_LARGEST_SEED + 1) for number in range(count))
 
 
 def _group_by_seed(
     each: Sequence[Figures | None], objectives: Sequence[Objective]
 ) -> dict[str, dict[str, tuple[float, ...]]]:
-    """Return all statistics by objective's title, a figure for each seed."""
+    """Return all statistics by title of the objective, one value for each seed."""
     told = {
         one.title: {
             name: tuple(get_simulated_statistic(figures, one.title, name) for figures in each) for name in STATISTICS
@@ -387,7 +374,7 @@ _LEVEL = 0.975
 
 
 def check_rank_consistency(rigs: Sequence[RigDesign], objectives: Sequence[Objective]) -> tuple[RankConsistency, ...]:
-    """Return all pairs of rigs that were simulated, objective by objective."""
+    """Return the rank consistency of all pairs of simulated rigs, for each objective."""
     found = [
         check_pair_rank(one, other, objective)
         for objective in objectives
@@ -398,11 +385,11 @@ def check_rank_consistency(rigs: Sequence[RigDesign], objectives: Sequence[Objec
 
 
 def check_pair_rank(one: RigDesign, other: RigDesign, objective: Objective) -> RankConsistency:
-    """Judge a pair of rigs.
+    """Compare the simulated rank of two rigs with the predicted rank.
 
-    A seed gives all rigs the same texture, and draws noise and errors of the stage from the same streams. What rigs
-    have in common goes out of the differences of logarithms. Their mean is known to within t s / √n, with Student's t
-    of n - 1 degrees of freedom and their standard deviation s.
+    The same seed gives all rigs the same texture and the same random streams of noise and stage errors, so that common
+    effects cancel in the differences of logarithms. The confidence interval of the mean difference is ± t s / √n, with
+    Student's t for n - 1 degrees of freedom and the standard deviation s of the differences.
     """
     from scipy.special import stdtrit
 
@@ -423,4 +410,4 @@ def check_pair_rank(one: RigDesign, other: RigDesign, objective: Objective) -> R
     return RankConsistency(title, better.number, worse.number, predicted, factor, low, high, len(logs), verdict)
 
 
-_UNDECIDED = "cannot be told"
+_UNDECIDED = "undecided"

@@ -1,4 +1,4 @@
-"""Constraints on a rig, a class each: imaging geometry, acquisition, hardware."""
+"""Constraints on a rig: imaging geometry, acquisition and hardware."""
 
 from __future__ import annotations
 
@@ -40,41 +40,41 @@ __all__ = [
 
 
 _FAR = -10.0
-"""Margin where there is no number at all."""
+"""Margin of an undefined value."""
 
 
 class ConstraintSpec(FrozenModel):
-    """Bounds of what a rig has; derive from it in a module of its own, with a ``kind``, and write `value`."""
+    """Bounds on a property of a rig; a derived class has a ``kind``, a `title` and a `value`."""
 
     unit: ClassVar[str]
-    """Unit of the number."""
+    """Unit of the value."""
 
     min: Finite | None = None
-    """It must not be less."""
+    """Lower bound."""
     max: Finite | None = None
-    """It must not be more."""
+    """Upper bound."""
 
     @model_validator(mode="after")
     def _some_bound(self) -> Self:
         if self.min is None and self.max is None:
-            msg = "bounds nothing: give min, max, or both"
+            msg = "has no bound; specify min, max or both"
             raise ValueError(msg)
         if self.min is not None and self.max is not None and self.min > self.max:
-            msg = f"can never hold: min = {self.min:g} is more than max = {self.max:g}"
+            msg = f"cannot be satisfied: min = {self.min:g} is above max = {self.max:g}"
             raise ValueError(msg)
         return self
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         raise NotImplementedError
 
     def value(self, facts: RigContext) -> float:
-        """Return what a rig has, in `unit`."""
+        """Return the property of a rig, in `unit`."""
         raise NotImplementedError
 
     def checked(self, facts: RigContext) -> Iterator[ConstraintValue]:
-        """Give the bounds at a rig, each with what is left."""
+        """Yield the evaluated bounds of a rig."""
         kind, value = str(getattr(self, "kind", "")), float(self.value(facts))
         for sense, limit in (("at least", self.min), ("at most", self.max)):
             if limit is not None:
@@ -82,31 +82,31 @@ class ConstraintSpec(FrozenModel):
 
 
 def evaluate_bound(kind: str, title: str, value: float, sense: str, limit: float, unit: str) -> ConstraintValue:
-    """Return a bound at a rig."""
+    """Return an evaluated bound with its margin."""
     left = limit - value if sense == "at most" else value - limit
     margin = left / (abs(limit) or 1.0) if math.isfinite(left) else (_FAR if not left > 0 else -_FAR)
-    # What differs by rounding alone is the same.
+    # Tolerance for rounding errors.
     holds = margin >= -1e-9
     return ConstraintValue(kind, title, value, limit, unit, holds, margin, sense)
 
 
 class DefocusBlurConstraint(ConstraintSpec):
-    """Largest diameter of the blur disc over some depths: f A |1/Z - 1/Z_f|."""
+    """Largest diameter of the blur disc in a depth range: f A |1/Z - 1/Z_f|."""
 
     unit: ClassVar[str] = "px"
 
     kind: Literal["defocus_blur"] = "defocus_blur"
 
     depths_mm: tuple[Positive, Positive] | None = None
-    """Nearest and farthest depth; the median depth of the first objective's region if not given."""
+    """Nearest and farthest depth; default: the median depth of the first objective's region."""
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "blur out of focus"
+        """Name of the bounded property."""
+        return "defocus blur"
 
     def value(self, facts: RigContext) -> float:
-        """Return the largest diameter."""
+        """Return the largest diameter of the blur disc."""
         defocus = facts.scene.optics.defocus
         if defocus is None:
             return 0.0
@@ -115,22 +115,22 @@ class DefocusBlurConstraint(ConstraintSpec):
 
 
 class DepthOfFieldConstraint(ConstraintSpec):
-    """Depths whose blur disc is smaller than some pixels: f A |1/Z - 1/Z_f| < blur_px."""
+    """Depth range with a blur disc below a limit: f A |1/Z - 1/Z_f| < blur_px."""
 
     unit: ClassVar[str] = "mm"
 
     kind: Literal["depth_of_field"] = "depth_of_field"
 
     blur_px: Positive = 1.0
-    """Diameter of the blur disc that is sharp enough."""
+    """Largest acceptable diameter of the blur disc."""
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return f"depth of field, discs under {self.blur_px:g} px"
+        """Name of the bounded property."""
+        return f"depth of field, blur disc under {self.blur_px:g} px"
 
     def value(self, facts: RigContext) -> float:
-        """Return the distance of the two depths; infinite if everything is sharp."""
+        """Return the length of the depth range; infinite without an upper end or defocus."""
         defocus = facts.scene.optics.defocus
         if defocus is None:
             return math.inf
@@ -140,7 +140,7 @@ class DepthOfFieldConstraint(ConstraintSpec):
 
 
 class DisparityConstraint(ConstraintSpec):
-    """Disparity of a step at the median depth of the first objective's region: f B / Z."""
+    """Disparity per step at the median depth of the first objective's region: f B / Z."""
 
     unit: ClassVar[str] = "px"
 
@@ -148,33 +148,33 @@ class DisparityConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "disparity per step"
 
     def value(self, facts: RigContext) -> float:
-        """Return the disparity, without its sign."""
+        """Return the absolute value of the disparity."""
         return abs(facts.causes.disparity_px)
 
 
 class FieldOfViewConstraint(ConstraintSpec):
-    """Width, or height, of what images show at the median depth of the first objective's region: W Z / f."""
+    """Field of view at the median depth of the first objective's region: W Z / f."""
 
     unit: ClassVar[str] = "mm"
 
     kind: Literal["field_of_view"] = "field_of_view"
 
     axis: Literal["x", "y"] = "x"
-    """Along the image's width, or its height."""
+    """Image axis: width or height."""
     seen_by: Literal["reference", "all"] = "reference"
-    """Seen by the reference camera, or from all positions of the stage."""
+    """Field of view of the reference camera, or the one common to all stage positions."""
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return f"field of view along {self.axis}" + (", seen from all positions" if self.seen_by == "all" else "")
+        """Name of the bounded property."""
+        return f"field of view along {self.axis}" + (", common to all positions" if self.seen_by == "all" else "")
 
     def value(self, facts: RigContext) -> float:
-        """Return the width or height, less the stage's travel if all positions must see it."""
+        """Return the width or height; the width common to all positions is smaller by the stage travel."""
         camera = facts.scene.camera
         pixels = camera.width if self.axis == "x" else camera.height
         whole = pixels * facts.depth_mm / camera.focal_px
@@ -182,7 +182,7 @@ class FieldOfViewConstraint(ConstraintSpec):
 
 
 class StereoAngleConstraint(ConstraintSpec):
-    """Angle between the rays from the outermost positions at the median depth of the first objective's region."""
+    """Stereo angle of the outermost positions at the median depth of the first objective's region."""
 
     unit: ClassVar[str] = "°"
 
@@ -190,8 +190,8 @@ class StereoAngleConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "angle between the outermost views"
+        """Name of the bounded property."""
+        return "stereo angle of the outermost positions"
 
     def value(self, facts: RigContext) -> float:
         """Return the angle."""
@@ -199,7 +199,7 @@ class StereoAngleConstraint(ConstraintSpec):
 
 
 class TextureWavelengthConstraint(ConstraintSpec):
-    """Rms mean wavelength of the texture in the images; dots have about half of it."""
+    """RMS mean wavelength of the texture in the images; the size of speckles is about half of it."""
 
     unit: ClassVar[str] = "px"
 
@@ -207,8 +207,8 @@ class TextureWavelengthConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "wavelength of the texture in the image"
+        """Name of the bounded property."""
+        return "texture wavelength in the image"
 
     def value(self, facts: RigContext) -> float:
         """Return the wavelength."""
@@ -216,7 +216,7 @@ class TextureWavelengthConstraint(ConstraintSpec):
 
 
 class TotalDisparityConstraint(ConstraintSpec):
-    """Disparity between the outermost positions, as a share of the image's width; beyond 1, none sees the other's."""
+    """Disparity between the outermost positions, as a fraction of the image width; no overlap above 1."""
 
     unit: ClassVar[str] = "1"
 
@@ -224,11 +224,11 @@ class TotalDisparityConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "disparity between the outermost positions over the image's width"
+        """Name of the bounded property."""
+        return "disparity between the outermost positions relative to the image width"
 
     def value(self, facts: RigContext) -> float:
-        """Return the share."""
+        """Return the fraction."""
         camera = facts.scene.camera
         return camera.focal_px * facts.travel_mm / facts.depth_mm / camera.width
 
@@ -240,7 +240,7 @@ __all__ = ["WindowConstraint"]
 
 
 class WindowConstraint(ConstraintSpec):
-    """Width at half maximum of the estimator's window on the surface, 2.355 σ Z / f; smaller details are lost."""
+    """Full width at half maximum of the analysis window on the surface: 2.355 σ Z / f."""
 
     unit: ClassVar[str] = "mm"
 
@@ -248,8 +248,8 @@ class WindowConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "window on the surface"
+        """Name of the bounded property."""
+        return "analysis window on the surface"
 
     def value(self, facts: RigContext) -> float:
         """Return the width."""
@@ -265,7 +265,7 @@ class WorkingDistanceConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "working distance"
 
     def value(self, facts: RigContext) -> float:
@@ -274,7 +274,7 @@ class WorkingDistanceConstraint(ConstraintSpec):
 
 
 class DataRateConstraint(ConstraintSpec):
-    """Bytes of all images of a frame over the time from frame to frame, 1e6 bytes a megabyte."""
+    """Bytes of all images of a frame per frame interval (1 MB = 1e6 bytes)."""
 
     unit: ClassVar[str] = "MB/s"
 
@@ -282,18 +282,18 @@ class DataRateConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "data rate"
 
     def value(self, facts: RigContext) -> float:
-        """Return the rate."""
+        """Return the data rate."""
         camera, bits = facts.scene.camera, getattr(facts.scene.sensor, "bit_depth", None) or 16
         size = camera.width * camera.height * math.ceil(bits / 8)
         return facts.images_per_frame * size / facts.scene.frames.frame_interval_s / 1e6
 
 
 class ExposureConstraint(ConstraintSpec):
-    """Exposure time of the shutter; of the sensor if the shutter has none."""
+    """Exposure time of the shutter, or of the sensor if that of the shutter is zero."""
 
     unit: ClassVar[str] = "s"
 
@@ -301,16 +301,16 @@ class ExposureConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "exposure time"
 
     def value(self, facts: RigContext) -> float:
-        """Return the time."""
+        """Return the exposure time."""
         return facts.scene.shutter.exposure_time_s or float(getattr(facts.scene.sensor, "exposure_time_s", 0.0))
 
 
 class FlowConstraint(ConstraintSpec):
-    """Optical flow, median length over the first objective's region."""
+    """Median length of the optical flow in the first objective's region."""
 
     unit: ClassVar[str] = "px/frame"
 
@@ -318,16 +318,16 @@ class FlowConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "motion in the image from frame to frame"
+        """Name of the bounded property."""
+        return "optical flow"
 
     def value(self, facts: RigContext) -> float:
-        """Return the length."""
+        """Return the length in the image."""
         return facts.causes.flow_px
 
 
 class FrameIntervalConstraint(ConstraintSpec):
-    """Time from frame to frame."""
+    """Frame interval."""
 
     unit: ClassVar[str] = "s"
 
@@ -335,18 +335,18 @@ class FrameIntervalConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "time from frame to frame"
+        """Name of the bounded property."""
+        return "frame interval"
 
     def value(self, facts: RigContext) -> float:
-        """Return the time."""
+        """Return the frame interval."""
         return facts.scene.frames.frame_interval_s
 
 
 class GreyLevelConstraint(ConstraintSpec):
-    """Brightest grey values of the texture, as a share of full scale: over 1 is saturated.
+    """Brightest grey values of the texture, as a fraction of full scale; saturated above 1.
 
-    The mean and three standard deviations, and no more than white has; medians over the first objective's region.
+    Mean plus three standard deviations, limited by the grey value of white; medians over the first objective's region.
     """
 
     unit: ClassVar[str] = "1"
@@ -355,16 +355,16 @@ class GreyLevelConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "brightest grey values, share of full scale"
+        """Name of the bounded property."""
+        return "brightest grey values, fraction of full scale"
 
     def value(self, facts: RigContext) -> float:
-        """Return the share."""
+        """Return the fraction."""
         return facts.causes.brightest_level
 
 
 class ImagesConstraint(ConstraintSpec):
-    """Images of all positions and frames."""
+    """Number of images of all positions and frames."""
 
     unit: ClassVar[str] = "images"
 
@@ -372,18 +372,18 @@ class ImagesConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "images"
 
     def value(self, facts: RigContext) -> float:
-        """Return the number."""
+        """Return the number of images."""
         return float(facts.images_per_frame * facts.scene.frames.count)
 
 
 class MotionBlurConstraint(ConstraintSpec):
-    """Motion in the image during the exposure, of object and stage.
+    """Motion blur by object and stage: 95th percentile of the image motion during the exposure.
 
-    Of the points of the first objective's region that move at all, 95 % move less.
+    Taken over the moving points of the first objective's region.
     """
 
     unit: ClassVar[str] = "px"
@@ -392,37 +392,37 @@ class MotionBlurConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "motion blur"
 
     def value(self, facts: RigContext) -> float:
-        """Return the length."""
+        """Return the length in the image."""
         return facts.causes.blur_px
 
 
 class RecordingTimeConstraint(ConstraintSpec):
-    """Time from the first frame to the last; of the frames that are estimated together, if wanted."""
+    """Time from the first to the last frame of the recording or of the temporal window."""
 
     unit: ClassVar[str] = "s"
 
     kind: Literal["recording_time"] = "recording_time"
 
     of: Literal["recording", "window"] = "recording"
-    """Of all frames, or of those that are estimated together."""
+    """All frames, or the frames of the temporal window of the method."""
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "time from the first frame to the last" + (" of a window" if self.of == "window" else "")
+        """Name of the bounded property."""
+        return "time from the first to the last frame" + (" of a window" if self.of == "window" else "")
 
     def value(self, facts: RigContext) -> float:
-        """Return the time."""
+        """Return the duration."""
         frames = facts.causes.frames if self.of == "window" else facts.scene.frames.count
         return (frames - 1) * facts.scene.frames.frame_interval_s
 
 
 class TimePerCaptureConstraint(ConstraintSpec):
-    """Time from the first image of a frame to the end of the last: positions times travel, settling and exposure."""
+    """Duration of a capture of all positions: number of positions times travel, settling and exposure time."""
 
     unit: ClassVar[str] = "s"
 
@@ -430,17 +430,17 @@ class TimePerCaptureConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "time per capture"
 
     def value(self, facts: RigContext) -> float:
-        """Return the time."""
+        """Return the duration."""
         each = max(facts.scene.stage.time_per_position_s, facts.scene.shutter.exposure_time_s)
         return facts.images_per_frame * each
 
 
 class PriceConstraint(ConstraintSpec):
-    """Sum of the prices of what is from catalogues, in euros; entries without a price are not allowed."""
+    """Sum of the prices of the catalogue entries, in euros; entries without a price violate the constraint."""
 
     unit: ClassVar[str] = "EUR"
 
@@ -448,16 +448,16 @@ class PriceConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "price"
 
     def value(self, facts: RigContext) -> float:
-        """Return the sum; NaN if a price is not known."""
+        """Return the sum; NaN if a price is missing."""
         return math.nan if facts.price is None else facts.price
 
 
 class StageErrorConstraint(ConstraintSpec):
-    """Shift of an image along x by the errors of its position, one standard deviation: yaw f psi, position f dX / Z."""
+    """Standard deviation of the image shift along x due to stage errors: yaw f psi, position f dX / Z."""
 
     unit: ClassVar[str] = "px"
 
@@ -465,16 +465,16 @@ class StageErrorConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
-        return "shift of images by stage errors"
+        """Name of the bounded property."""
+        return "image shift due to stage errors"
 
     def value(self, facts: RigContext) -> float:
-        """Return the shift."""
+        """Return the standard deviation of the shift."""
         return compute_stage_shifts_px(facts.scene, facts.depth_mm).along
 
 
 class StageTravelConstraint(ConstraintSpec):
-    """Distance of the outermost positions."""
+    """Distance between the outermost positions."""
 
     unit: ClassVar[str] = "mm"
 
@@ -482,7 +482,7 @@ class StageTravelConstraint(ConstraintSpec):
 
     @property
     def title(self) -> str:
-        """What is bounded, in words."""
+        """Name of the bounded property."""
         return "stage travel"
 
     def value(self, facts: RigContext) -> float:

@@ -1,7 +1,4 @@
-"""Records of a design.
-
-Objectives, constraint values, rigs, sensitivities, prediction intervals, and the error of a specification.
-"""
+"""Records of a design: objectives, constraint values, rigs, sensitivities and prediction intervals."""
 
 from __future__ import annotations
 
@@ -35,20 +32,16 @@ __all__ = [
 ]
 
 
-"""What an objective may be of; see `STATISTICS`."""
-
-
 Statistic = Literal["scaled_median_abs_error", "rmse", "p95_abs_error"]
 
 
 @dataclass(frozen=True)
 class StatisticKind:
-    """A statistic of errors that simulations and predictions both tell.
+    """A statistic of errors that is available from simulations and predictions.
 
-    ``title``: What it is, in words.
-    ``scored``: The statistic of a score that it is taken from.
-    ``factor``: What that is multiplied with.
-    ``of_normal``: What it is of normal errors with a standard deviation of 1.
+    ``scored``: Underlying statistic of a score.
+    ``factor``: Factor from the scored statistic to this statistic.
+    ``of_normal``: Value for normal errors with a standard deviation of 1.
     """
 
     title: str
@@ -58,33 +51,33 @@ class StatisticKind:
 
 
 STATISTICS: Mapping[str, StatisticKind] = {
-    # The median of a normal error's size is 0.6745 of its standard deviation.
+    # The median absolute value of a normal error is 0.6745 times its standard deviation.
     "scaled_median_abs_error": StatisticKind(
         STATISTIC_TITLES["scaled_median_abs_error"], "median_abs_error", 1.4826, 1.0
     ),
     "rmse": StatisticKind(STATISTIC_TITLES["rmse"], "rmse", 1.0, 1.0),
     "p95_abs_error": StatisticKind(STATISTIC_TITLES["p95_abs_error"], "p95_abs_error", 1.0, 1.95996),
 }
-"""By name. ``scaled_median_abs_error``: 1.4826 times the median of the errors' sizes, the standard deviation of normal
-errors with that median; predicted by the median of standard deviations over the region. ``rmse``: predicted by the
-root of their mean square. ``p95_abs_error``: predicted for normal errors with these standard deviations."""
+"""Statistics by name. ``scaled_median_abs_error``: 1.4826 times the median absolute error; predicted by the median of
+the standard deviations over the region. ``rmse``: predicted by their root mean square. ``p95_abs_error``: predicted for
+normal errors with these standard deviations."""
 
 assert set(STATISTICS) == set(get_args(Statistic))
 
 
 def compute_predicted_statistic(figure: PredictedValue, statistic: Statistic) -> float:
-    """Return what a prediction says of a statistic, in units for people."""
+    """Return a predicted statistic, in the units of the report."""
     told = {"scaled_median_abs_error": figure.value, "rmse": figure.rmse, "p95_abs_error": figure.p95_abs_error}
     return told[statistic]
 
 
 @dataclass(frozen=True)
 class PredictionInterval:
-    """A figure from simulations, with the interval in which another recording's figure lies with 95 %.
+    """A simulated statistic with the 95 % prediction interval of one further recording.
 
     ``value``: Root mean square over seeds.
-    ``pi_low``, ``pi_high``: Ends of the interval for one further seed; NaN where fewer than two seeds tell.
-    ``seeds``: How many recordings were simulated.
+    ``pi_low``, ``pi_high``: Ends of the prediction interval; NaN with fewer than two valid seeds.
+    ``seeds``: Number of simulated recordings.
     """
 
     value: float
@@ -95,16 +88,12 @@ class PredictionInterval:
 
 @dataclass(frozen=True)
 class ConstraintValue:
-    """A constraint at one rig.
+    """A constraint evaluated for one rig.
 
-    ``kind``: Kind of the constraint: ``field_of_view``, ``motion_blur``, ...
-    ``title``: What is bounded, in words.
-    ``value``: What the rig has; in ``unit``.
-    ``limit``: What is allowed; in ``unit``.
-    ``unit``: Unit of ``value`` and ``limit``.
-    ``holds``: Whether the rig is allowed.
-    ``margin``: Share of the limit that is left: positive where it holds, 0 at the limit.
-    ``sense``: ``"at most"`` or ``"at least"``: how ``value`` must lie to ``limit``.
+    ``kind``: Type of the constraint: ``field_of_view``, ``motion_blur``, ...
+    ``value``, ``limit``: Value of the property and bound, in ``unit``.
+    ``margin``: Distance to the bound relative to it: positive if satisfied, 0 at the bound.
+    ``sense``: ``"at most"`` or ``"at least"``: type of the bound.
     """
 
     kind: str
@@ -119,15 +108,12 @@ class ConstraintValue:
 
 @dataclass(frozen=True)
 class Objective:
-    """What is to be known precisely: a statistic of errors that is to be small.
+    """An objective: a statistic of errors that is minimised.
 
     ``quantity``: Key of `scenetruth.scoring.QUANTITIES`.
-    ``region``: Region of the scene: ``all``, ``interior`` or ``object_NAME``.
-    ``unit``: Unit of its figures, for people: growth in % per hour.
-    ``title``: What it is called everywhere else: keys of ``RigDesign.predicted`` and ``RigDesign.simulated``.
-    ``wanted``: The figure that is good enough; None to minimise.
-    ``statistic``: Key of `scenetruth.design.optimisation.design_records.STATISTICS`: what predictions and simulations
-      are told in.
+    ``title``: Unique title: the key in ``RigDesign.predicted`` and ``RigDesign.simulated``.
+    ``wanted``: Target value; None to minimise.
+    ``statistic``: Key of `scenetruth.design.optimisation.design_records.STATISTICS`.
     """
 
     quantity: str
@@ -139,26 +125,21 @@ class Objective:
 
     @property
     def told_in(self) -> str:
-        """The statistic in words."""
+        """Title of the statistic."""
         return STATISTICS[self.statistic].title
 
 
 @dataclass(frozen=True)
 class RigDesign:
-    """A rig: its parameters, its scene, and what it reaches.
+    """A rig with its parameters, scene, and predicted and simulated statistics.
 
-    ``number``: Number of the prediction that found it: row of ``DesignResult.screened``.
-    ``parameters``: Design variables: values by path, or names of entries by catalogue (``lens``, ``camera``,
-      ``stage``).
-    ``scene``: The scene with it, as plain values, ready to run.
-    ``predicted``: Predicted statistics of errors, by objective's title.
-    ``simulated``: The same statistics of errors against the truth, by objective's title; empty if it was not simulated.
-    ``constraints``: Every constraint of the design specification.
-    ``price``: Sum of the prices of what is from catalogues; None if one is not known, or none was chosen.
-    ``limits``: What limits it, in words.
-    ``figures``: All statistics of simulations, by objective's title and statistic: one figure for each seed, NaN where
-      nothing was told; ``density`` is the share of the region's pixels that the method tells. The seeds are the same
-      for all rigs.
+    ``number``: Index of its evaluation: row of ``DesignResult.screened``.
+    ``parameters``: Design variables: values by path, or names of catalogue entries (``lens``, ``camera``, ``stage``).
+    ``predicted``, ``simulated``: Statistics by title of the objective; ``simulated`` is empty without simulations.
+    ``price``: Sum of the prices of the catalogue entries; None without entries or if a price is missing.
+    ``limits``: Description of the limiting factors.
+    ``figures``: Simulated values by title of the objective and statistic, one for each seed, NaN where invalid;
+      ``density`` is the fraction of the region that is valid. The seeds are the same for all rigs.
     """
 
     number: int
@@ -172,32 +153,28 @@ class RigDesign:
     figures: Mapping[str, Mapping[str, tuple[float, ...]]] = field(default_factory=dict, repr=False)
 
     def density(self, title: str) -> float:
-        """Return the share of an objective's region that simulations tell, in the mean; NaN if there are none."""
+        """Return the mean simulated density in the region of an objective; NaN without simulations."""
         each = [one for one in self.figures.get(title, {}).get("density", ()) if math.isfinite(one)]
         return sum(each) / len(each) if each else math.nan
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether it was simulated."""
+        """Whether the rig was simulated."""
         return bool(self.simulated)
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What a parameter does to an objective.
+    """Sensitivity of an objective to a parameter; NaN where not computed.
 
-    ``parameter``: Path, or catalogue.
-    ``objective``: Title of the objective.
-    ``morris_mu_star``, ``morris_sigma``: Mean size and scatter of the elementary effects over the whole range (Morris
-      1991, Campolongo 2007), of the natural logarithm of the objective: 0.7 is a factor of two. NaN if not computed.
-    ``sobol_first``, ``sobol_total``: Shares of the logarithm's variance: of the parameter alone, and with all its
-      interactions. NaN if not computed. Estimates from few samples may lie outside of 0 to 1, and the first above the
-      total.
-    ``ten_percent``, ``ten_percent_less``: Relative change of the objective at the recommended rig for 10 % more of the
-      parameter, and for 10 % less: -0.09 is 9 % better. NaN of choices that have no size.
-    ``sobol_first_half``, ``sobol_total_half``: Half widths of the indices' intervals of 95 %, from resampling. NaN if
-      not computed.
-    ``sobol_samples``: Base samples from which the indices are estimated.
+    ``morris_mu_star``, ``morris_sigma``: Mean absolute value and standard deviation of the elementary effects over the
+      whole range (Morris 1991, Campolongo 2007), for the natural logarithm of the objective: 0.7 is a factor of two.
+    ``sobol_first``, ``sobol_total``: First-order and total Sobol' index of the logarithm. Estimates from few samples
+      may be outside 0 to 1, and the first-order index above the total.
+    ``ten_percent``, ``ten_percent_less``: Relative change of the objective of the recommended rig if the parameter is
+      increased or decreased by 10 %; -0.09 is 9 % better. NaN for non-numeric choices.
+    ``sobol_first_half``, ``sobol_total_half``: Half widths of the 95 % intervals of the indices, by bootstrap.
+    ``sobol_samples``: Number of base samples of the indices.
     """
 
     parameter: str
@@ -215,15 +192,14 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class RankConsistency:
-    """Two rigs that were simulated, and whether simulations keep the order that was predicted.
+    """Comparison of the predicted and simulated rank of two rigs.
 
-    ``objective``: Title of the objective.
-    ``better``, ``worse``: Numbers of the rigs: which is predicted to be better, which worse.
-    ``predicted``: Prediction of the worse one over that of the better one: above 1.
-    ``simulated``: The same of simulations, geometric mean over seeds; NaN if fewer than two seeds tell both.
-    ``ci_low``, ``ci_high``: Interval of that mean, 95 %.
-    ``seeds``: How many seeds tell both.
-    ``verdict``: ``"kept"`` or ``"swapped"`` if the interval is on one side of 1, else ``"cannot be told"``.
+    ``better``, ``worse``: Numbers of the rigs with the better and the worse prediction.
+    ``predicted``: Ratio of the predictions, worse over better: above 1.
+    ``simulated``: The same ratio of simulations, geometric mean over seeds; NaN with fewer than two common valid seeds.
+    ``ci_low``, ``ci_high``: 95 % confidence interval of the mean ratio.
+    ``seeds``: Number of seeds that are valid for both rigs.
+    ``verdict``: ``"kept"`` or ``"swapped"`` if the interval is on one side of 1, else ``"undecided"``.
     """
 
     objective: str
@@ -239,14 +215,7 @@ class RankConsistency:
 
 @dataclass(frozen=True)
 class RuleOfThumb:
-    """A rule of thumb of the field, and whether the recommended rig keeps it.
-
-    ``title``: What it is about.
-    ``source``: Who says so.
-    ``says``: The rule in words.
-    ``here``: What the recommended rig has, in words with its unit.
-    ``holds``: Whether it is kept.
-    """
+    """A rule of thumb with its text and reference, evaluated for the recommended rig (``here``, ``holds``)."""
 
     title: str
     source: str
@@ -257,15 +226,11 @@ class RuleOfThumb:
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """Prediction beside simulation at one rig.
+    """Comparison of prediction and simulation of an objective for one rig.
 
-    ``rig``: Number of the rig.
-    ``objective``: Title of the objective.
-    ``predicted``: What is predicted of the images that were simulated: the objective's statistic.
-    ``simulated``: What it is compared with: ``RigDesign.simulated``.
+    ``predicted``: Prediction for the simulated images.
     ``ratio``: Simulated over predicted.
-    ``notable``: Whether the two differ by more than the prediction claims to know, and the interval allows.
-    ``says``: That in words.
+    ``notable``: Whether the difference exceeds the uncertainty of the prediction and the interval.
     """
 
     rig: int
@@ -281,16 +246,16 @@ _LEVEL = 0.975
 
 
 def compute_rig_interval(rig: RigDesign, title: str, statistic: str) -> PredictionInterval:
-    """Return what simulations say of any statistic of a rig."""
+    """Return the prediction interval of any simulated statistic of a rig."""
     figures = rig.figures.get(title, {}).get(statistic, ())
     return compute_prediction_interval([one for one in figures if math.isfinite(one)])
 
 
 def compute_prediction_interval(values: Sequence[float]) -> PredictionInterval:
-    """Return the root mean square of figures, and the interval of one further figure with 95 %.
+    """Return the root mean square of values with the 95 % prediction interval of one further value.
 
-    Logarithms of figures are taken for normal. The next of them lies within t s √(1 + 1/n) of their mean, with
-    Student's t of n - 1 degrees of freedom and their standard deviation s.
+    The logarithms are assumed to be normal. The interval is ± t s √(1 + 1/n) about their mean, with Student's t for
+    n - 1 degrees of freedom and their standard deviation s.
 
     >>> found = compute_prediction_interval([0.9, 1.0, 1.1, 1.0])
     >>> round(found.value, 3), round(found.pi_low, 2), round(found.pi_high, 2), found.seeds

@@ -1,4 +1,4 @@
-"""The result of an optimisation: recommended rig, Pareto front, sensitivities, summary text, and its serialisation."""
+"""The result of an optimisation: recommended rig, Pareto front, sensitivities, summary and serialisation."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _TEXT_COLUMNS = ("phase", "problem")
 
 
 def write_screening_table(table: pd.DataFrame, file: Path) -> None:
-    """Write all predictions; values that are neither numbers nor texts are written as JSON."""
+    """Write all evaluations; values that are neither numbers nor texts are written as JSON."""
     told = table.copy()
     for name in told.columns:
         if told[name].dtype == object and name not in _TEXT_COLUMNS:
@@ -54,7 +54,7 @@ def write_screening_table(table: pd.DataFrame, file: Path) -> None:
 
 
 def read_screening_table(file: Path, variables: Mapping[str, Any]) -> pd.DataFrame:
-    """Return all predictions of a file."""
+    """Return all evaluations of a file."""
     import pandas as pd
 
     table = pd.read_csv(file, dtype=str, keep_default_na=False)
@@ -91,7 +91,7 @@ def _number(text: str) -> float | int | bool:
 
 _MOST_LISTED = 3
 SUFFICIENT_DENSITY = 0.9
-"""Share of a region that must be told, or else it is said that it is not."""
+"""Density of a region below which the summary reports it."""
 
 
 def compose_summary(
@@ -102,7 +102,7 @@ def compose_summary(
     rules: Sequence[RuleOfThumb],
     orders: Sequence[RankConsistency] = (),
 ) -> tuple[str, ...]:
-    """Return a design in words, a line each."""
+    """Return the lines of a summary text."""
     values = ", ".join(f"{name} = {format_parameter(value)}" for name, value in rig.parameters.items())
     found = [f"recommended, rig {rig.number}: {values}", *_reached(objectives, rig)]
     if rig.limits:
@@ -111,24 +111,24 @@ def compose_summary(
     found += _compared(discrepancies)
     found += describe_rank_consistency(objectives, orders)
     broken = [one.title for one in rules if not one.holds]
-    return tuple(found + ([f"rules of thumb that are not kept: {', '.join(broken)}"] if broken else []))
+    return tuple(found + ([f"rules of thumb not satisfied: {', '.join(broken)}"] if broken else []))
 
 
 def format_parameter(value: Any) -> str:
-    """Return a value of a parameter as people write it."""
+    """Return the text of a parameter value."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def describe_rank_consistency(objectives: Sequence[Objective], orders: Sequence[RankConsistency]) -> Iterator[str]:
-    """Say whether simulated rigs keep the order of their predictions, objective by objective."""
+    """Yield a line on the rank consistency of simulated rigs for each objective."""
     for objective in objectives:
         own = [one for one in orders if one.objective == objective.title]
         count = Counter(one.verdict for one in own)
         if own:
             yield (
                 f"{objective.title}: of {len(own)} pair{'s' if len(own) > 1 else ''} of simulated rigs, "
-                f"{count['kept']} keep the order that was predicted, {count['swapped']} have swapped it, and of "
-                f"{count['cannot be told']} it cannot be told from {min(one.seeds for one in own)} seeds"
+                f"{count['kept']} keep the predicted order, {count['swapped']} reverse it, and "
+                f"{count['undecided']} are undecided with {min(one.seeds for one in own)} seeds"
             )
 
 
@@ -139,7 +139,7 @@ def _changed(objectives: Sequence[Objective], sensitivities: Sequence[Sensitivit
         parts = [f"{one.parameter} {_signed(one.ten_percent)} ({_signed(one.ten_percent_less)})" for one in own]
         if parts:
             most = ", ".join(parts[:_MOST_LISTED])
-            yield f"10 % more (less) of each parameter changes {objective.title.lower()} by: {most}"
+            yield f"an increase (decrease) of each parameter by 10 % changes {objective.title.lower()} by: {most}"
 
 
 def _signed(share: float) -> str:
@@ -149,9 +149,9 @@ def _signed(share: float) -> str:
 def _compared(discrepancies: Sequence[Discrepancy]) -> Iterator[str]:
     notable = [one for one in discrepancies if one.notable]
     if notable:
-        yield f"{len(notable)} of {len(discrepancies)} simulated figures differ notably from their prediction"
+        yield f"{len(notable)} of {len(discrepancies)} simulated values differ notably from their prediction"
     elif discrepancies:
-        yield f"all {len(discrepancies)} simulated figures agree with their prediction, as far as seeds tell"
+        yield f"all {len(discrepancies)} simulated values agree with their prediction within the scatter of seeds"
     yield from (f"rig {one.rig}: {one.says}" for one in notable)
 
 
@@ -164,29 +164,29 @@ def _reached(objectives: Sequence[Objective], rig: RigDesign) -> Iterator[str]:
             figure, known = found.value, "simulated"
             told += f", simulated {found.value:.3g} ({_seeds(found)}{_compare_rmse(rig, one)})"
             if rig.density(one.title) < SUFFICIENT_DENSITY:
-                told += f"; only {100 * rig.density(one.title):.0f} % of the pixels are told"
+                told += f"; only {100 * rig.density(one.title):.0f} % of the pixels are valid"
         if one.wanted is not None:
-            reached = "reached" if figure <= one.wanted else "NOT reached"
+            reached = "met" if figure <= one.wanted else "NOT met"
             if found is not None and figure <= one.wanted < found.pi_high:
-                reached = "reached, but another recording may miss it"
-            told += f"; wanted {one.wanted:g}: {reached} ({known})"
+                reached = "met, but a further recording may miss it"
+            told += f"; target {one.wanted:g}: {reached} ({known})"
         yield told
 
 
 def _seeds(found: PredictionInterval) -> str:
     if found.seeds < 2 or not math.isfinite(found.pi_low):
         return f"from {'one seed' if found.seeds == 1 else f'{found.seeds} seeds'}: no interval"
-    return f"another recording: {found.pi_low:.3g} to {found.pi_high:.3g} with 95 %, from {found.seeds} seeds"
+    return f"95 % prediction interval {found.pi_low:.3g} to {found.pi_high:.3g}, from {found.seeds} seeds"
 
 
 def _compare_rmse(rig: RigDesign, objective: Objective) -> str:
-    """Return the RMSE where it is not what the objective is of: it tells of places that are far off."""
+    """Return the RMSE, which includes outliers, if the objective has another statistic."""
     rms = compute_rig_interval(rig, objective.title, "rmse")
     return f"; RMSE {rms.value:.3g}" if objective.statistic != "rmse" and rms.seeds else ""
 
 
 RESULT_FILE, SCREENING_FILE = "design.json", "evaluations.csv"
-"""Files of a folder: the answer as plain values, and all predictions."""
+"""Files of a design directory: the result as plain data, and the table of all evaluations."""
 _FORMAT = 3
 _PARTS: Mapping[str, Any] = {
     "title": str,
@@ -204,44 +204,43 @@ _PARTS: Mapping[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class DesignResult(Result):
-    """The answer: a rig, the front, alternatives, and what stands behind them.
+    """The result of an optimisation: recommended rig, Pareto front, alternatives and their analysis.
 
     Parameters
     ----------
-    spec
-        The design specification as plain values.
+    specification
+        The design specification as plain data.
     title
-        What is designed.
+        Title of the design.
     objectives
-        What is to be known precisely.
+        The objectives.
     recommended
-        The best rig: one of the front or of the alternatives.
+        The recommended rig, from the front or the alternatives.
     front
-        Rigs of which no other is predicted to be better in every objective; sorted by the first objective. Those that
-        were simulated have ``simulated``.
+        Non-dominated rigs by prediction, sorted by the first objective.
     screened
-        Every prediction: parameters by path, objectives by title, ``holds``, ``excess`` and ``phase``.
+        Table of all evaluations: parameters by path, objectives by title, ``holds``, ``excess`` and ``phase``.
     sensitivities
-        What parameters do to objectives.
+        Sensitivities of the objectives to the parameters.
     rules
-        Rules of thumb, at the recommended rig.
+        Rules of thumb, evaluated for the recommended rig.
     assumptions
-        What was taken for granted, in words.
+        Descriptions of the assumptions.
     discrepancies
-        Prediction beside simulation, of every rig that was simulated.
+        Comparison of prediction and simulation for every simulated rig.
     folder
-        Where it lies; None if it was not kept.
+        Output directory; None without one.
     seconds
-        What took how long: seconds by name.
+        Run time of each step in seconds.
     alternatives
-        Rigs behind the front that are nearly as good and differ from those on it; none where the front has enough.
+        Nearly as good rigs that differ from those of a small front.
     orders
-        Whether simulations keep the order of predictions: all pairs of rigs that were simulated.
+        Rank consistency of all pairs of simulated rigs.
 
     See Also
     --------
-    scenetruth.design.optimisation.optimise : Makes it.
-    scenetruth.design.optimisation.report.design_report.write_design_page : A page of it.
+    scenetruth.design.optimisation.optimise : Optimise a rig.
+    scenetruth.design.optimisation.report.design_report.write_design_page : Write the report.
 
     Examples
     --------
@@ -262,7 +261,7 @@ class DesignResult(Result):
     baseline 6 mm: depth to 0.22 mm
     baseline 4 mm: depth to 0.32 mm
 
-    What does not keep the constraints was screened too:
+    The table of evaluations includes rigs that violate constraints:
 
     >>> design.screened[["stage.baseline_mm", "holds"]].sort_values("stage.baseline_mm").values.tolist()
     [[4, True], [6, True], [8, True], [10, False]]
@@ -290,13 +289,13 @@ class DesignResult(Result):
         return tuple(sorted((*self.front, *self.alternatives), key=lambda rig: [rig.predicted[one] for one in titles]))
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return the front and the alternatives, a rig each row.
+        """Return a table of the front and the alternatives, one row per rig.
 
         Returns
         -------
         pandas.DataFrame
-            ``rig``, ``recommended``, ``front`` (whether it is on it), a column for each parameter; for each objective
-            ``TITLE``, ``TITLE simulated``, ``TITLE low``, ``TITLE high`` (missing where it was not simulated);
+            ``rig``, ``recommended``, ``front`` (member of the front), a column for each parameter; for each objective
+            ``TITLE``, ``TITLE simulated``, ``TITLE pi_low``, ``TITLE pi_high`` (missing without simulations);
             ``price`` and ``limits``.
         """
         import pandas as pd
@@ -375,9 +374,9 @@ class DesignResult(Result):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all but the screened predictions as plain values: what ``design.json`` holds.
+        """Return the content of ``design.json``: all but the table of evaluations as plain data.
 
-        Numbers that are not finite are None (not a number), ``"inf"`` and ``"-inf"``.
+        Non-finite numbers are None (NaN), ``"inf"`` and ``"-inf"``.
         """
         told = {name: to_plain_data(getattr(self, name)) for name in _PARTS}
         more = {"recommended": self.recommended.number, "summary": self.summary().splitlines()}
@@ -409,7 +408,7 @@ class DesignResult(Result):
 
     @classmethod
     def load(cls, path: str | Path) -> DesignResult:
-        """Load what `optimise` left in a folder.
+        """Load the result of `optimise` from its output directory.
 
         Parameters
         ----------
@@ -419,29 +418,29 @@ class DesignResult(Result):
         Raises
         ------
         StoreError
-            If one of them is missing, damaged, or of another version.
+            If a file is missing, damaged, or of another version.
 
         Examples
         --------
-        To write the page again, without optimising:
+        Write the report again without an optimisation:
 
         >>> from scenetruth.design.optimisation.report.design_report import write_design_page
         >>> write_design_page(DesignResult.load("outputs/rig"), "outputs/rig")  # doctest: +SKIP
         """
         place = Path(path)
         file = place / RESULT_FILE
-        remedy = "run 'scenetruth design optimise' again; what is kept of predictions and simulations is used"
+        remedy = "run 'scenetruth design optimise' again; existing predictions and simulations are reused"
         try:
             plain = parse_json(file.read_bytes())
             if isinstance(plain, dict) and plain.get("format") != _FORMAT:
-                raise StoreError(file, f"is of format {plain.get('format')}, and not {_FORMAT}: {remedy}")
+                raise StoreError(file, f"has format {plain.get('format')} instead of {_FORMAT}; {remedy}")
             parts = {name: from_plain_data(kind, plain[name]) for name, kind in _PARTS.items()}
             specification = dict(plain["specification"])
             (best,) = (rig for rig in (*parts["front"], *parts["alternatives"]) if rig.number == plain["recommended"])
             file = place / SCREENING_FILE
             table = read_screening_table(file, specification.get("variables", {}))
         except FileNotFoundError as error:
-            raise StoreError(file, f"is missing: {remedy}") from error
+            raise StoreError(file, f"is missing; {remedy}") from error
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise StoreError(file, f"is damaged ({type(error).__name__}: {error}): {remedy}") from error
+            raise StoreError(file, f"is damaged ({type(error).__name__}: {error}); {remedy}") from error
         return cls(specification=specification, recommended=best, screened=table, folder=place, **parts)

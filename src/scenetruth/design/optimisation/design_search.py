@@ -32,7 +32,7 @@ __all__ = [
 
 
 def import_optional(name: str) -> Any:
-    """Return a module of a library that only designs need."""
+    """Return a module of an optional library; raise `MachineError` if it is missing."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -41,7 +41,7 @@ def import_optional(name: str) -> Any:
 
 
 def require_optional_libraries() -> None:
-    """Refuse to begin without the libraries."""
+    """Raise `MachineError` unless Optuna and SALib are installed."""
     import_optional("optuna")
     import_optional("SALib.sample.morris")
 
@@ -52,13 +52,13 @@ _LEAST_SEARCHED = 0.3
 
 @dataclass(frozen=True)
 class EvaluationBudget:
-    """Numbers of predictions.
+    """Allocation of the evaluations.
 
-    ``even``: Sobol's points, a power of two.
-    ``morris``: Trajectories.
+    ``even``: Points of the initial Sobol sequence, a power of two.
+    ``morris``: Trajectories of the Morris method.
     ``sobol``: Base samples of Sobol' indices, a power of two; 0 for none.
-    ``search``: Trials of the search.
-    ``last``: Steps around the best.
+    ``search``: Trials of the global search.
+    ``last``: Steps of the local refinement.
     """
 
     even: int
@@ -69,9 +69,7 @@ class EvaluationBudget:
 
 
 def allocate_evaluations(search: SearchSpec, parameters: int) -> EvaluationBudget:
-    """Return how many predictions everything gets.
-
-    Sensitivity gets less than asked for where it would leave too few for the search.
+    """Return the allocation of evaluations; the search takes precedence over the sensitivity analysis.
 
     >>> allocate_evaluations(SearchSpec(), 8)
     EvaluationBudget(even=512, morris=10, sobol=64, search=798, last=360)
@@ -82,7 +80,7 @@ def allocate_evaluations(search: SearchSpec, parameters: int) -> EvaluationBudge
     room = total - even - last - int(_LEAST_SEARCHED * total)
     morris = min(search.morris_trajectories, max(room, 0) // (parameters + 1))
     room -= morris * (parameters + 1)
-    # Below eight base samples, indices say nothing.
+    # With fewer than eight base samples, the indices are not significant.
     sobol = _floor_power_of_two(min(search.sobol, max(room, 0) // (parameters + 2)))
     sobol = sobol if sobol >= 8 else 0
     used = even + last + morris * (parameters + 1) + sobol * (parameters + 2)
@@ -98,18 +96,18 @@ _BATCH = 16
 _POPULATION = 48
 _SEARCH_STARTS = 48
 _FAR = 1e3
-"""Logarithm of the objectives of what cannot be made; finite, for samplers reckon with it."""
+"""Log objective of an invalid candidate; finite, as the samplers require."""
 _MOST_TPE = 400
-"""Trials of the tree-structured Parzen estimator, whose own time grows with their number."""
+"""Most trials of the tree-structured Parzen estimator, whose overhead grows with their number."""
 
 
 def search_with_optuna(
     ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], trials: int, seed: int
 ) -> None:
-    """Search for rigs that are good in all objectives and satisfy the constraints.
+    """Search for feasible candidates with small objectives.
 
-    One objective is searched by the tree-structured Parzen estimator, and from its 400th trial on by NSGA-II, as
-    several are from the first.
+    A single objective is searched by the tree-structured Parzen estimator for up to 400 trials, then by NSGA-II;
+    several objectives by NSGA-II only.
     """
     if trials <= 0:
         return
@@ -171,7 +169,7 @@ def _distribution(optuna: Any, parameter: Parameter) -> Any:
 
 
 def _unit(parameter: Parameter, told: float) -> float:
-    """Return the number from 0 to 1 that stands for what a sampler says."""
+    """Return the coordinate in the unit cube of a sampler's value."""
     return (told + 0.5) / parameter.levels if parameter.levels else float(told)
 
 
@@ -187,7 +185,6 @@ def _enqueue(study: Any, space: DesignSpace, one: Evaluation) -> None:
 
 
 def _search_starts(found: Sequence[Evaluation]) -> list[Evaluation]:
-    """Return the best rigs so far: what the search starts from."""
     return rank_evaluations(found)[:_SEARCH_STARTS]
 
 
@@ -201,13 +198,13 @@ _POOL = 16
 _SINGLE, _DIFFERENCES, _HALVES = 8, 12, 4
 _CROSSED, _OTHER_CHOICE = 0.7, 0.15
 _PATIENCE = 3
-"""Rounds without a better rig after which the next start has its turn."""
+"""Iterations without improvement before the next starting point."""
 
 
 def refine_locally(
     ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], count: int, seed: int
 ) -> None:
-    """Step from the best rigs to better ones: by the product of the objectives, and by each of them."""
+    """Refine the best candidates locally, for the product of the objectives and for each objective."""
     end = len(ledger) + count
     generator = np.random.default_rng(seed)
     goals: list[tuple[Objective, ...]] = [tuple(objectives)]
@@ -238,7 +235,7 @@ def _pool(found: Sequence[Evaluation], wanted: Sequence[Objective]) -> list[Eval
 
 
 def _compute_merit(one: Evaluation, wanted: Sequence[Objective]) -> float:
-    """Return what is to be small: logarithms of objectives, whether constraints hold or not."""
+    """Return the sum of the log objectives, regardless of the constraints."""
     return sum(math.log(one.predicted[each.title]) if one.predicted[each.title] > 0 else math.inf for each in wanted)
 
 
@@ -277,7 +274,7 @@ def _descend(
 
 
 def _halfway(place: Sequence[float], other: Sequence[float], space: DesignSpace) -> list[float]:
-    """Return what lies between two rigs; its choices are those of the second."""
+    """Return the midpoint of two candidates, with the choices of the second."""
     return [
         b if parameter.choices else (a + b) / 2 for a, b, parameter in zip(place, other, space.parameters, strict=True)
     ]
@@ -303,7 +300,7 @@ def _stepped(parameter: Parameter, unit: float, step: float, generator: np.rando
 def _difference(
     place: Sequence[float], pool: Sequence[Sequence[float]], space: DesignSpace, generator: np.random.Generator
 ) -> list[float]:
-    """Return the best rig with the difference of two good ones added."""
+    """Return the best candidate plus a scaled difference of two good candidates (differential evolution)."""
     one, other, third = (pool[int(generator.integers(len(pool)))] for _ in range(3))
     size = generator.uniform(0.3, 1.2)
     found = []
@@ -331,11 +328,10 @@ _FEWEST_BASE = 8
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """Sobol' indices of a parameter.
+    """First-order and total Sobol' index of a parameter.
 
-    ``first``, ``total``: Of the parameter alone, and with all its interactions.
-    ``first_half``, ``total_half``: Half widths of their intervals of 95 %, from resampling the base samples.
-    ``samples``: Base samples that tell.
+    ``first_half``, ``total_half``: Half widths of the 95 % intervals, by bootstrap of the base samples.
+    ``samples``: Number of valid base samples.
     """
 
     first: float
@@ -347,11 +343,11 @@ class SobolIndices:
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """What sensitivity analyses say, by objective's title and parameter's name.
+    """Sensitivities by title of the objective and name of the parameter.
 
-    ``morris``: Mean size and scatter of elementary effects.
+    ``morris``: Mean absolute value and standard deviation of the elementary effects.
     ``sobol``: Sobol' indices.
-    ``left_out``: Share of the trajectories and of the base samples that held a rig that cannot be made.
+    ``left_out``: Fraction of the trajectories and of the base samples with an invalid candidate.
     """
 
     morris: Mapping[tuple[str, str], tuple[float, float]]
@@ -362,9 +358,9 @@ class SensitivityResult:
 def analyse_sensitivity(
     ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], morris: int, sobol: int, seed: int
 ) -> SensitivityResult:
-    """Return what parameters do to objectives, over their whole ranges and without regard to constraints.
+    """Return the sensitivities over the whole design space, regardless of the constraints.
 
-    Trajectories and base samples that hold a rig that cannot be made are left out.
+    Trajectories and base samples with an invalid candidate are excluded.
 
     ``sobol``: Base samples of Sobol' indices, a power of two; 0 for none.
     """
@@ -394,7 +390,7 @@ def _each(
     problem: Mapping[str, Any],
     analysed: Any,
 ) -> float:
-    """Analyse every objective; return the largest share of blocks that were left out."""
+    """Analyse every objective; return the largest fraction of excluded blocks."""
     lost = 0.0
     for one in objectives:
         logs = np.array([_log_finite(each.predicted[one.title]) for each in values])
@@ -426,7 +422,6 @@ def _sobol(problem: Mapping[str, Any], points: Array, logs: Array) -> list[Sobol
 
 
 def _quiet(work: Any, *arguments: Any, **named: Any) -> Any:
-    """Call a library that warns of what is no concern of ours."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         return work(*arguments, **named)

@@ -1,4 +1,4 @@
-"""The log of all evaluations of a search: computed by workers, appended to a file, never computed twice."""
+"""The log of all evaluations of a search, stored in a file and reused."""
 
 from __future__ import annotations
 
@@ -19,16 +19,12 @@ __all__ = ["EvaluationLog"]
 
 
 class EvaluationLog:
-    """The predictions that there are, by the values of the design variables.
+    """Evaluations by the values of the design variables.
 
-    A file keeps them: a search that was killed finds them there, asks for the same rigs again in the same order, and so
-    comes to the same end.
+    With a file, an interrupted search is deterministic when resumed: it requests the same candidates in the same order.
 
-    ``task``, ``space``: What is designed.
-    ``workers``: Who predicts.
-    ``file``: Where predictions are kept; None to keep none.
-    ``progress``: Called with ("predictions", done, total).
-    ``total``: How many there will be, for progress.
+    ``file``: Log file; None for memory only.
+    ``progress``, ``total``: Called with ("predictions", done, total); expected number of evaluations.
     """
 
     def __init__(
@@ -48,25 +44,25 @@ class EvaluationLog:
         self._kept = _read(self._log.lines)
 
     def __len__(self) -> int:
-        """Return how many rigs were asked for."""
+        """Return the number of requested evaluations."""
         return len(self._known)
 
     @property
     def evaluations(self) -> list[Evaluation]:
-        """All of them, in the order in which they were first asked for."""
+        """All evaluations, in the order of the first request."""
         return list(self._known.values())
 
     @property
     def phases(self) -> list[str]:
-        """For what each was first asked."""
+        """Phase of the first request of each evaluation."""
         return list(self._phases.values())
 
     def ask(self, points: Sequence[Sequence[float]], phase: str) -> list[Evaluation]:
-        """Return the predictions of points of the unit cube, in their order."""
+        """Return the evaluations of points of the unit cube."""
         return self.ask_values([self._space.values(point) for point in points], phase)
 
     def ask_values(self, many: Sequence[Mapping[str, Any]], phase: str) -> list[Evaluation]:
-        """Return the predictions of rigs given by their values, in their order."""
+        """Return the evaluations of candidates given by their values."""
         keys = [_key(values) for values in many]
         wanted = {key: values for key, values in zip(keys, many, strict=True) if key not in self._known}
         for key in wanted:
@@ -83,7 +79,7 @@ class EvaluationLog:
         self._log.close()
 
     def _made(self, missing: Mapping[str, Mapping[str, Any]]) -> dict[str, Evaluation]:
-        """Predict in several processes; those that die are started anew."""
+        """Evaluate in several processes; failed processes are restarted."""
         found: dict[str, Evaluation] = {}
 
         def take(key: str, one: Evaluation) -> None:
@@ -111,7 +107,7 @@ def _plain(one: Evaluation) -> dict[str, Any]:
 
 
 def _read(lines: Sequence[Mapping[str, Any]]) -> dict[str, Evaluation]:
-    """Return the predictions of a file; lines that hold none are left out."""
+    """Return the evaluations of a file; invalid lines are skipped."""
     found = {}
     for line in lines:
         try:

@@ -1,4 +1,4 @@
-"""What the results of a search mean: limiting factors, rig records, rules of thumb, assumptions, infeasibility."""
+"""Interpretation of a search: limiting factors, rig records, rules of thumb, assumptions and infeasibility."""
 
 from __future__ import annotations
 
@@ -43,25 +43,25 @@ __all__ = [
 
 
 _NEAR = 0.03
-"""Share of its limit that is left of a constraint that limits."""
+"""Margin below which a constraint counts as active."""
 _AT_END = 0.01
-"""Share of its range that a parameter is from an end that limits."""
+"""Distance of a parameter from an end of its range that counts as limiting, as a fraction of the range."""
 _CONTRIBUTION_TITLES = {
-    "noise": "the noise of the images",
-    "stage": "the stage's errors",
+    "noise": "image noise",
+    "stage": "stage errors",
     "scan": "motion during a scan",
 }
 
 
 def describe_limiting_factors(one: Evaluation, space: DesignSpace, objectives: tuple[Objective, ...]) -> str:
-    """Return what limits a rig."""
+    """Return a description of the limiting factors of a rig."""
     parts = [*_errors(one, objectives)]
     used = [
         f"{each.title} ({each.value:.4g} of {each.limit:.4g}{'' if each.unit == '1' else f' {each.unit}'})"
         for each in find_active_constraints(one)
     ]
     if used:
-        parts.append(f"used up: {', '.join(used)}")
+        parts.append(f"active constraints: {', '.join(used)}")
     ends = list(_ends(one, space))
     if ends:
         parts.append(f"at the end of its range: {', '.join(ends)}")
@@ -69,7 +69,7 @@ def describe_limiting_factors(one: Evaluation, space: DesignSpace, objectives: t
 
 
 def find_active_constraints(one: Evaluation) -> list[ConstraintValue]:
-    """Return the constraints of a rig that leave nothing, the tightest first."""
+    """Return the active constraints of a rig, the smallest margin first."""
     near = [each for each in one.constraints if each.margin < _NEAR]
     return sorted(near, key=lambda each: each.margin)
 
@@ -104,7 +104,7 @@ _OTHER = "another length"
 
 
 def rig_from_evaluation(number: int, one: Evaluation, prepared: OptimisationProblem) -> RigDesign:
-    """Return the rig of an evaluation."""
+    """Return the record of an evaluated rig."""
     task = prepared.task
     built = build_rig(task.base, one.values)
     plain = Scene.from_dict(built.plain).to_dict()
@@ -118,13 +118,13 @@ def rig_from_evaluation(number: int, one: Evaluation, prepared: OptimisationProb
 def compute_local_sensitivities(
     one: Evaluation, prepared: OptimisationProblem, factor: float = 1.1
 ) -> dict[tuple[str, str], float]:
-    """Return by what share objectives change for ten percent more of each parameter, by objective and parameter.
+    """Return the relative change of each objective for a change of each parameter by ``factor``.
 
-    Of whole numbers, at least one more or less is taken, and what ten percent would do follows on logarithmic scales.
-    Of a lens, it is the focal length. What cannot be made, or has no size, is left out.
+    An integer is changed by at least 1, and the result is rescaled logarithmically. For a lens, the focal length is
+    changed. Invalid rigs and non-numeric parameters are omitted.
     """
     task, found = prepared.task, dict[tuple[str, str], float]()
-    # Not the prediction that is kept: it may be of an earlier version.
+    # Not the stored prediction, which may be of an earlier version.
     here = evaluate_rig(task, one.values)
     for parameter in prepared.space.parameters:
         value = one.values[parameter.name]
@@ -142,7 +142,7 @@ def compute_local_sensitivities(
 
 
 def _changed(task: EvaluationTask, name: str, value: Any, factor: float) -> tuple[EvaluationTask, Any, float] | None:
-    """Return what evaluates a changed parameter, its new value, and by what it changed; None if it has no size."""
+    """Return the task, the new value and its actual factor for a changed parameter; None if it is not numeric."""
     if name == "lens":
         entry = task.base.entries.lenses[value]
         other = entry.model_copy(update={"focal_length_mm": factor * entry.focal_length_mm})
@@ -159,16 +159,16 @@ def _changed(task: EvaluationTask, name: str, value: Any, factor: float) -> tupl
 
 
 _GUIDE = "International Digital Image Correlation Society, A Good Practices Guide for Digital Image Correlation, 2018"
-_VIC = "Correlated Solutions, manual of VIC-3D 8: speckles that are 3 to 5 pixels in size"
+_VIC = "Correlated Solutions, manual of VIC-3D 8: speckles of 3 to 5 pixels"
 _PRACTICE = "common practice in image correlation"
 _CUT = 2.0
-"""The window is cut at so many standard deviations."""
+"""Half width of the window, in standard deviations."""
 
 
 def check_rules_of_thumb(facts: RigContext) -> tuple[RuleOfThumb, ...]:
-    """Return the rules at a rig."""
+    """Return the rules of thumb, evaluated for a rig."""
     causes, camera = facts.causes, facts.scene.camera
-    # Dots of a diameter D have most of their gradient in waves of about 2 D.
+    # Speckles of diameter D have most of their gradient at wavelengths of about 2 D.
     speckle = causes.wavelength_px / 2
     angle = math.degrees(2 * math.atan2(facts.travel_mm / 2, facts.depth_mm))
     brightest = causes.brightest_level
@@ -177,23 +177,23 @@ def check_rules_of_thumb(facts: RigContext) -> tuple[RuleOfThumb, ...]:
     blur = causes.blur_px
     return (
         RuleOfThumb(
-            "size of speckles",
-            f"{_VIC}; likewise {_GUIDE}",
-            "3 to 5 px, lest they are folded by the pixels",
+            "speckle size",
+            f"{_VIC}; also {_GUIDE}",
+            "3 to 5 px, to avoid aliasing",
             f"{speckle:.1f} px (half the mean wavelength)",
             3 <= speckle <= 5,
         ),
         RuleOfThumb(
             "stereo angle",
             _GUIDE,
-            "15 to 35° between two cameras; with many positions in small steps, matching needs no such compromise",
+            "15 to 35° between two cameras; not required for many positions in small steps",
             f"{angle:.1f}° between the outermost positions",
             15 <= angle <= 35,
         ),
         RuleOfThumb(
             "motion blur",
-            f"{_PRACTICE}: what moves by 0.1 px loses 0.1 % of the contrast of waves of 4 px",
-            "less than 0.1 px while an image is exposed",
+            f"{_PRACTICE}: a motion of 0.1 px reduces the contrast at a wavelength of 4 px by 0.1 %",
+            "less than 0.1 px during the exposure",
             f"{blur:.2g} px",
             blur < 0.1,
         ),
@@ -205,16 +205,16 @@ def check_rules_of_thumb(facts: RigContext) -> tuple[RuleOfThumb, ...]:
             brightest < 1,
         ),
         RuleOfThumb(
-            "features in a window",
-            f"{_GUIDE}: a subset holds three features or more along each side",
-            "three speckles or more along a side",
+            "speckles per window",
+            f"{_GUIDE}: a subset has at least three features along each side",
+            "at least three speckles along each side",
             f"{2 * features:.1f} along {2 * _CUT * causes.window_sigma_px:.0f} px",
             2 * features >= 3,
         ),
         RuleOfThumb(
             "overlap of the outermost views",
             _PRACTICE,
-            "more than half of the image's width",
+            "more than half of the image width",
             f"{100 * max(overlap, 0.0):.0f} %",
             overlap > 0.5,
         ),
@@ -228,7 +228,7 @@ def list_assumptions(
     left_out: tuple[float, float],
     effects: Sequence[Sensitivity],
 ) -> tuple[str, ...]:
-    """Return what is taken for granted."""
+    """Return descriptions of the assumptions."""
     return tuple(_lines(spec, facts, changes, left_out, effects))
 
 
@@ -240,47 +240,47 @@ def _lines(
     effects: Sequence[Sensitivity],
 ) -> Iterator[str]:
     yield (
-        "predictions are standard deviations of noise (Cramér-Rao bound of the method's window and motion, from "
-        "geometry and the texture's spectrum), with the stage's errors and its time in closed form; the method's own "
-        "bias, curved surfaces and edges are not in them, and show in the simulations"
+        "predictions are standard deviations due to noise (Cramér-Rao bound for the window and motion model of the "
+        "method, from geometry and texture spectrum), with closed-form contributions of stage errors and scan time; "
+        "method bias, curved surfaces and edges are included in the simulations only"
     )
     yield from facts.prediction.notes
     if facts.lens is not None:
         yield (
-            "the lens is a thin one, focused where the first objective's region is; its blur and diffraction are one "
-            "Gaussian; it is calibrated"
+            "the lens is a calibrated thin lens, focused on the first objective's region; its aberrations and "
+            "diffraction are a Gaussian point spread function"
         )
         residual_px = facts.lens.distortion_residual_um / (facts.scene.camera.pixel_pitch_um or 1.0)
         if residual_px > 0:
             off = facts.depth_mm * residual_px / max(abs(facts.causes.disparity_px), 1e-9)
             yield (
-                f"what calibration leaves of distortion is not in any figure: {residual_px:.2g} px here, up to "
-                f"{off:.2g} mm of depth from place to place"
+                f"the distortion residual after calibration is not included: {residual_px:.2g} px, or up to "
+                f"{off:.2g} mm of depth, varying over the image"
             )
     if facts.camera is not None and spec.light is None:
-        yield "there is as much light as the camera needs: a white surface fills 80 % of what the sensor can say"
+        yield "the illumination is adapted to the camera: a white surface gives 80 % of full scale"
     if spec.light is not None:
-        yield f"a white surface has {spec.light.illuminance_lux:g} lux, all of it at {spec.light.wavelength_um:g} µm"
+        yield f"the illuminance is {spec.light.illuminance_lux:g} lux, the wavelength {spec.light.wavelength_um:g} µm"
     chosen = {"lens": facts.lens, "camera": facts.camera, "stage": facts.stage}
     typical = [name for name, one in chosen.items() if one is not None and "typical" in one.source]
     if typical:
-        yield f"figures of the chosen {', '.join(typical)} are at least in part typical of the class; see the catalogue"
+        yield f"values of the selected {', '.join(typical)} are partly typical of the class; see the catalogue"
     if "frames.frame_interval_s" in spec.variables and _has_rates(facts.scene.to_dict()):
-        yield "motions that the scene gives per frame are the same per frame at any interval; give them per hour if not"
+        yield "motions specified per frame do not depend on the frame interval; specify them per hour otherwise"
     yield from (f"in the simulations: {change}" for change in changes)
     for name, share in zip(("Morris", "Sobol'"), left_out, strict=True):
         if share > 0:
-            yield f"sensitivity by {name} leaves out {100 * share:.0f} % of its samples, with rigs that cannot be made"
+            yield f"sensitivity by {name} excludes {100 * share:.0f} % of its samples, which contain invalid rigs"
     by_name: dict[str, list[Sensitivity]] = {}
     for one in effects:
         by_name.setdefault(one.parameter, []).append(one)
     idle = [name for name, told in by_name.items() if all(one.morris_mu_star == 0.0 for one in told)]
     if idle:
-        yield f"no effect on any objective: {', '.join(idle)}; constraints or chance choose their values"
+        yield f"no effect on any objective: {', '.join(idle)}; their values follow from constraints or are arbitrary"
 
 
 def _has_rates(plain: Any) -> bool:
-    """Whether something in a scene moves by so much per frame."""
+    """Return whether a scene has nonzero motion specified per frame."""
     if isinstance(plain, Mapping):
         return any(
             ("per_frame" in str(key) and _is_nonzero(value)) or _has_rates(value) for key, value in plain.items()
@@ -294,26 +294,26 @@ def _is_nonzero(value: Any) -> bool:
 
 
 def refuse_infeasible(spec: DesignSpec, found: Sequence[Evaluation]) -> None:
-    """Refuse a design specification that no rig meets."""
+    """Raise `DesignSpecError` if no evaluated rig is feasible."""
     if any(one.holds for one in found):
         return
     made = [one for one in found if one.constraints]
     if not made:
         (problem, count), *_ = Counter(one.problem for one in found).most_common(1)
         raise DesignSpecError(
-            [Problem("variables", f"none of {len(found):,} rigs can be made; {count:,} of them: {problem}")]
+            [Problem("variables", f"none of {len(found):,} rigs is valid; {count:,} of them: {problem}")]
         )
     nearest = rank_evaluations(made)[0]
     problems = [_describe_exclusion(spec, one, made) for one in nearest.constraints if not one.holds]
     values = ", ".join(f"{name} = {format_parameter(value)}" for name, value in nearest.values.items())
     if not problems:
-        problems.append(Problem("objectives", f"are told of none of {len(made):,} rigs"))
-    problems.append(Problem("variables", f"the nearest of {len(found):,} rigs that were tried has {values}"))
+        problems.append(Problem("objectives", f"no rig has a valid prediction ({len(made):,} evaluated)"))
+    problems.append(Problem("variables", f"the nearest of {len(found):,} evaluated rigs has {values}"))
     raise DesignSpecError(problems)
 
 
 def _describe_exclusion(spec: DesignSpec, one: ConstraintValue, made: Sequence[Evaluation]) -> Problem:
-    """Return how a constraint excludes the nearest rig, and whether it excludes all others too."""
+    """Return the problem of a constraint that the nearest rig violates, with the number of rigs that satisfy it."""
     kinds = [str(getattr(limit, "kind", "")) for limit in spec.constraints]
     path = f"constraints.{kinds.index(one.kind)}" if one.kind in kinds else one.kind
     same = [
@@ -326,6 +326,8 @@ def _describe_exclusion(spec: DesignSpec, one: ConstraintValue, made: Sequence[E
     unit = "" if one.unit == "1" else f" {one.unit}"
     here = f"{one.title} must be {one.sense} {one.limit:.4g}{unit}; the nearest rig has {one.value:.4g}"
     if holding:
-        return Problem(path, f"{here}; {holding:,} of {len(same):,} rigs satisfy it, but none of them all the others")
+        return Problem(
+            path, f"{here}; {holding:,} of {len(same):,} rigs satisfy it, but none of them all other constraints"
+        )
     best = max(same, key=lambda each: each.margin)
-    return Problem(path, f"{here}; it excludes all of {len(same):,} rigs, of which the best has {best.value:.4g}")
+    return Problem(path, f"{here}; it excludes all {len(same):,} rigs, the best of which has {best.value:.4g}")

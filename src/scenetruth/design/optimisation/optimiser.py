@@ -1,4 +1,4 @@
-"""Runs an optimisation from specification to result: search, sensitivity, Pareto front, confirmation; resumable."""
+"""Execution of an optimisation: search, sensitivity, Pareto front and confirmation; resumable."""
 
 from __future__ import annotations
 
@@ -49,6 +49,7 @@ from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.results import compute_key
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.progress import Progress, say
+from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, Scene
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
 __all__ = ["optimise"]
 
 INDEX = "specification.json"
-"""What a folder of a design is known by."""
+"""File that identifies the directory of a design."""
 _FOLDER = JobFolder(INDEX, "a design", "simulations", compared=("key",), indent=None)
 _PREDICTIONS = "predictions.jsonl"
 _MOST_SHOWN = 24
@@ -67,61 +68,65 @@ def optimise(
     specification: DesignSpecLike,
     *,
     overrides: Overrides = (),
+    seeds: int | None = None,
+    limits: Limits | None = None,
     output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> DesignResult:
-    """Find the rig that knows best what is to be known, within constraints.
+    """Optimise a camera rig under constraints by predicted uncertainty, and confirm the best candidates by simulation.
 
-    Predictions from theory screen thousands of rigs: an even design, a search by Optuna, steps around the best, and
-    analyses of sensitivity. The best of the front are simulated, estimated and scored with several seeds; the
-    recommended rig is the best of these. What is done stays in the folder: an interrupted design goes on where it was,
-    and comes to the same end.
+    Thousands of rigs are evaluated by closed-form predictions: an initial Sobol sequence, a search by Optuna, a local
+    refinement and a sensitivity analysis. The best rigs of the front are simulated, estimated and scored with several
+    seeds; the best of them is recommended. Existing results in the output directory are reused, and a resumed
+    optimisation gives the same result.
 
     Parameters
     ----------
     specification
-        The design specification, its values, its file, or the name of one that is shipped.
+        The design specification, its plain data, its file, or the name of a bundled one.
     overrides
-        Changes of the specification, as of `scenetruth.load_scene`.
+        Changes of the specification, as in `scenetruth.load_scene`.
+    seeds
+        Number of simulated recordings of each confirmed rig; by default ``confirmation.seeds`` of the specification.
+    limits
+        Resource limits of every scene that is simulated (`scenetruth.Limits`); the default limits if not given.
     output
-        Where the answer is kept: the page ``index.html``, ``recommended.yaml``, a part of it that is soon rendered,
-        ``recommended_preview.yaml``, ``pareto_front.csv``, ``evaluations.csv``, ``design.json``. If not given, nothing
-        is kept.
+        Output directory: the report ``index.html``, ``recommended.yaml``, ``recommended_preview.yaml`` of reduced cost,
+        ``pareto_front.csv``, ``evaluations.csv``, ``design.json``. Nothing is written by default.
     workers
-        Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
-        processors.
+        Number of single-threaded processes: 1, the default, uses this process only; -1 uses all processors.
     scheduler
-        Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
+        Address of a Dask scheduler whose workers are used instead; they need the directory under the same path.
     progress
-        Called with (what, done, total).
+        Called with (label, done, total).
 
     Returns
     -------
-    Design
-        The recommended rig, the front, alternatives, and what stands behind them.
+    DesignResult
+        The recommended rig, the Pareto front, alternatives and their analysis.
 
     Raises
     ------
-    RecipeError
-        If the design specification cannot be followed, or no rig meets its constraints; lists all that is wrong.
+    DesignSpecError
+        If the design specification is invalid, or no rig satisfies its constraints; lists all problems.
     ArgumentError
-        If the number of workers is impossible, or a scheduler has no folder.
+        If the number of workers is invalid, or a scheduler is used without an output directory.
     MachineError
         If Optuna or SALib is not installed.
     OutputExistsError
-        If the folder holds something else.
+        If the directory has other contents.
 
     See Also
     --------
-    predict : The precision of one scene.
-    sweep : Simulations over whatever varies.
-    scenetruth.design.optimisation.load_design_spec : A design specification from a file.
+    predict : Predict the uncertainty of one scene.
+    sweep : Simulate, estimate and score scenes over the levels of factors.
+    scenetruth.design.optimisation.load_design_spec : Load a design specification from a file.
 
     Examples
     --------
-    Three positions before a wall, on a stage with 16 mm of travel; nothing is simulated:
+    Three positions in front of a wall, on a stage with 16 mm of travel, without simulations:
 
     >>> from scenetruth.design.optimisation import optimise
     >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
@@ -140,11 +145,14 @@ def optimise(
     resolve_workers(workers)
     require_optional_libraries()
     known = load_design_spec(specification, overrides=overrides)
+    if seeds is not None:
+        known = load_design_spec(known, overrides={"confirmation.seeds": seeds})
     prepared = prepare_problem(known)
+    refuse_beyond_limits(prepared.scene, limits)
     identity = {"format": 1, "key": _key(prepared), "title": known.title}
-    other = "is of a design with another scene, other constraints or objectives; choose another folder"
+    other = "belongs to a design with another scene, other constraints or objectives; use another directory"
     with _FOLDER.open(output, identity, other=other, scheduler=scheduler) as place:
-        run = _Run(known, prepared, place, progress, say)
+        run = _Run(known, prepared, place, progress, say, limits)
         crew = create_executor(workers, 1, scheduler)
         try:
             run.search(crew)
@@ -159,7 +167,6 @@ def optimise(
 
 
 def _key(prepared: OptimisationProblem) -> str:
-    """Return a hash of all that predictions depend on."""
     task = prepared.task
     depends = {
         "scene": task.base.plain,
@@ -179,13 +186,14 @@ _KINDS = ("lens", "camera", "stage")
 
 @dataclass
 class _Run:
-    """A design in the making."""
+    """State of a running optimisation."""
 
     spec: DesignSpec
     prepared: OptimisationProblem
     folder: Path
     progress: Progress | None
     say: Callable[[str], None]
+    limits: Limits | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     found: list[Evaluation] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
@@ -193,13 +201,13 @@ class _Run:
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:
-        """Measure how long something takes."""
+        """Record the run time of a step."""
         start = time.perf_counter()
         yield
         self.seconds[what] = round(time.perf_counter() - start, 2)
 
     def search(self, crew: TaskExecutor) -> None:
-        """Make all predictions."""
+        """Evaluate all candidates."""
         from scipy.stats import qmc
 
         space, objectives, search = self.prepared.space, self.prepared.task.objectives, self.spec.search
@@ -221,7 +229,7 @@ class _Run:
         self.found, self.phases = ledger.evaluations, ledger.phases
 
     def answer(self, workers: int, scheduler: str | None) -> DesignResult:
-        """Simulate the best, and put all together."""
+        """Simulate the best rigs, and return the result."""
         space, task = self.prepared.space, self.prepared.task
         front = find_pareto_front(self.found, task.objectives)
         first = select_recommended([self.found[number].predicted for number in front], task.objectives)
@@ -240,6 +248,7 @@ class _Run:
                 scheduler=scheduler,
                 progress=self.progress,
                 notice=self.say,
+                limits=self.limits,
             )
         by_number = {rig.number: simulated.rigs.get(rig.number, rig) for rig in rigs}
         recommended = self._recommended(list(by_number.values()), simulated)
@@ -275,14 +284,14 @@ class _Run:
         return np.log([[self.found[number].predicted[title] for title in titles] for number in numbers])
 
     def _recommended(self, rigs: list[RigDesign], simulated: ConfirmationResult) -> RigDesign:
-        """Return the best of the rigs that were simulated, as the simulations tell; else as predicted."""
+        """Return the best simulated rig, or the best predicted rig without valid simulations."""
         objectives = self.prepared.task.objectives
         told = [rig for rig in rigs if all(one.title in rig.simulated for one in objectives)]
         if told:
             figures = [{one.title: rig.simulated[one.title].value for one in objectives} for rig in told]
             return told[select_recommended(figures, objectives)]
         if simulated.rigs:
-            self.say("no simulation told all objectives; the recommended rig is that of the predictions")
+            self.say("no simulation has valid values of all objectives; the recommended rig is based on predictions")
         return rigs[select_recommended([rig.predicted for rig in rigs], objectives)]
 
     def _sensitivities(self, one: Evaluation) -> tuple[Sensitivity, ...]:

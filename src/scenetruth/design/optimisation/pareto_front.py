@@ -1,4 +1,4 @@
-"""The Pareto front: non-dominated candidates, the recommended one, alternatives, and which are simulated and shown."""
+"""The Pareto front, and the selection of recommended, alternative, simulated and displayed candidates."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ __all__ = ["add_alternatives", "find_pareto_front", "select_distinguishable", "s
 Array = NDArray[np.float64]
 
 _APART = 0.2
-"""Rigs are other rigs if a parameter differs by this share of its range, or a choice is another."""
+"""Smallest difference between distinct rigs: a fraction of the range of a parameter, or a different choice."""
 _MOST_FACTOR = 3.0
 _DISTINGUISHABLE = math.log(1.3)
-"""Rigs that differ by less are within what predictions know. With five seeds, simulations tell factors of 1.2 to 1.4:
-of rigs for the growth of a leaf, paired logarithms scatter by 0.17 (growth) and 0.27 (depth)."""
+"""Smallest difference of log objectives beyond the uncertainty of predictions. Simulations with five seeds resolve
+factors of 1.2 to 1.4: for rigs of leaf growth, paired logarithms scatter by 0.17 (growth) and 0.27 (depth)."""
 _AS_GOOD = 1.1
-"""Worst factors that differ by less are as good as each other."""
+"""Factor within which worst ratios count as equal."""
 
 
 def find_pareto_front(found: Sequence[Evaluation], objectives: Sequence[Objective]) -> list[int]:
-    """Return the numbers of the rigs on the front, by the first objective; with one objective, of its best."""
+    """Return the indices of the non-dominated feasible candidates, sorted by the first objective."""
     held = [number for number, one in enumerate(found) if one.holds]
     if not held:
         return []
@@ -45,7 +45,7 @@ def add_alternatives(
     front: Sequence[int],
     count: int = 6,
 ) -> list[int]:
-    """Return the front, and if it has few rigs, the best of those that differ from it and from each other."""
+    """Return the front; if it is small, also the best candidates that differ from it and from each other."""
     chosen = list(front)
     least = {one.title: min(found[number].predicted[one.title] for number in front) for one in objectives}
     worths = {
@@ -75,12 +75,12 @@ def _differ(one: Sequence[float], other: Sequence[float], space: DesignSpace) ->
 def compute_target_ratios(
     figures: Mapping[str, float], objectives: Sequence[Objective], least: Mapping[str, float]
 ) -> list[float]:
-    """Return how far a rig is from what is wanted, or from the best that there is: factors, one for each objective."""
+    """Return the ratio of each objective to its target, or to the best value without a target."""
     return [figures[one.title] / (one.wanted if one.wanted is not None else least[one.title]) for one in objectives]
 
 
 def select_recommended(figures: Sequence[Mapping[str, float]], objectives: Sequence[Objective]) -> int:
-    """Return the index of the rig to recommend: the least worst ratio to the best value, then least product."""
+    """Return the index of the recommended candidate: smallest worst ratio, then smallest product of ratios."""
     least = {
         one.title: min((each[one.title] for each in figures if math.isfinite(each[one.title])), default=math.inf)
         for one in objectives
@@ -93,11 +93,11 @@ def select_recommended(figures: Sequence[Mapping[str, float]], objectives: Seque
 
 
 def select_distinguishable(figures: Array, on_front: int, count: int) -> list[int]:
-    """Return which rigs to simulate: the first, then those far enough from it and each other for simulations to tell.
+    """Return the indices of the rigs to simulate: the first, then rigs with resolvable differences.
 
-    Of the front, the farthest come first; then alternatives in their order. If these are too few, the rest follows.
+    The most distant rigs of the front come first, then the alternatives in order, then the rest.
 
-    ``figures``: Logarithms of the objectives, shape (rigs, objectives): the front's first.
+    ``figures``: Logarithms of the objectives, shape (rigs, objectives); the front comes first.
     """
     chosen = [0][:count]
 
@@ -118,7 +118,7 @@ def select_distinguishable(figures: Array, on_front: int, count: int) -> list[in
 
 
 def thin_front(figures: Array, count: int, first: int) -> list[int]:
-    """Return some points of a front that are far from each other, ends first.
+    """Return the indices of ``count`` well separated points of a front, ends first.
 
     ``figures``: Logarithms of the objectives, shape (points, objectives).
     """

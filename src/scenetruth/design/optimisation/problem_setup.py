@@ -1,7 +1,4 @@
-"""From a design specification to the optimisation problem.
-
-Base scene, catalogues and design space, with all problems reported together.
-"""
+"""Set-up of the optimisation problem from a design specification: base scene, catalogues and design space."""
 
 from __future__ import annotations
 
@@ -44,17 +41,12 @@ __all__ = ["OptimisationProblem", "prepare_problem"]
 
 _NO_EFFECT = ("format", "description", "storage", "seed", "score")
 _MOST_TRIED = 64
-"""Rigs that are tried until one can be predicted."""
+"""Number of rigs that are tried until one has a prediction."""
 
 
 @dataclass(frozen=True)
 class OptimisationProblem:
-    """A design specification that can be followed.
-
-    ``task``: What evaluates rigs.
-    ``space``: What is variable.
-    ``scene``: The base scene, with the design specification's changes.
-    """
+    """A validated optimisation problem: input of the evaluations, design space and base scene."""
 
     task: EvaluationTask
     space: DesignSpace
@@ -62,7 +54,7 @@ class OptimisationProblem:
 
 
 def prepare_problem(spec: DesignSpec) -> OptimisationProblem:
-    """Return what is searched."""
+    """Return the optimisation problem; raise `DesignSpecError` with all problems."""
     problems: list[Problem] = []
     entries = _entries(spec, problems)
     scene = _scene(spec, problems)
@@ -113,7 +105,7 @@ def _entries(spec: DesignSpec, problems: list[Problem]) -> CatalogueEntries | No
 
 
 def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
-    """Return the base scene with the design specification's changes and method."""
+    """Return the base scene with the changes and the method of the design specification."""
     try:
         scene = load_scene(spec.scene)
         plain = scene.to_dict()
@@ -140,7 +132,7 @@ def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
 
 
 def _read_method(given: Mapping[str, Any]) -> MethodSpec:
-    """Return a method that is given by a mapping of ``method`` and its settings, and perhaps ``label``."""
+    """Return a method given as a mapping of ``method``, its settings and an optional ``label``."""
     fields = {key: value for key, value in given.items() if key != "label"}
     chosen = choose(fields, from_file=True)
     return MethodSpec(chosen.method, {key: value for key, value in fields.items() if key != "method"})
@@ -162,7 +154,6 @@ def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tup
 def _parameter(
     name: str, variable: DesignVariable, plain: Mapping[str, Any], places: tuple[str, ...], problems: list[Problem]
 ) -> Parameter | None:
-    """Return a parameter that is a field of the scene."""
     if variable.values is not None:
         return _choice(name, variable, problems)
     try:
@@ -177,7 +168,7 @@ def _parameter(
 def _range(name: str, variable: DesignVariable, problems: list[Problem], *, whole: bool) -> Parameter | None:
     low, high = float(variable.from_ or 0.0), float(variable.to or 0.0)
     if whole and math.ceil(low) >= math.floor(high):
-        problems.append(Problem(f"variables.{name}", "takes whole numbers, of which there are not two", [low, high]))
+        problems.append(Problem(f"variables.{name}", "must contain at least two integers", [low, high]))
         return None
     return Parameter(name, low, high, variable.log, whole)
 
@@ -185,39 +176,44 @@ def _range(name: str, variable: DesignVariable, problems: list[Problem], *, whol
 def _choice(name: str, variable: DesignVariable, problems: list[Problem]) -> Parameter | None:
     if variable.values == "all" or variable.values is None:
         problems.append(
-            Problem(f"variables.{name}", f"is none of {', '.join(CATALOGUES)}: list its values", variable.values)
+            Problem(
+                f"variables.{name}",
+                f"is none of the catalogues {', '.join(CATALOGUES)}; list its values",
+                variable.values,
+            )
         )
         return None
     values = list(variable.values)
     if any(value in values[:number] for number, value in enumerate(values)):
-        problems.append(Problem(f"variables.{name}", "has a value twice", values))
+        problems.append(Problem(f"variables.{name}", "has duplicate values", values))
         return None
     if len(values) < 2:
-        message = "does not vary anything: give two values or more, or set it under 'set'"
+        message = "must have at least two values; specify a constant under 'set'"
         problems.append(Problem(f"variables.{name}", message, values))
         return None
     return Parameter(name, choices=tuple(values))
 
 
 def _named(name: str, variable: DesignVariable, entries: CatalogueEntries, problems: list[Problem]) -> Parameter | None:
-    """Return a parameter that design specifications know by name."""
     if name not in CATALOGUES:
         if variable.values is not None:
             return _choice(name, variable, problems)
         if (variable.from_ or 0.0) <= 0:
-            problems.append(Problem(f"variables.{name}", "must begin above 0", variable.from_))
+            problems.append(Problem(f"variables.{name}", "must start above 0", variable.from_))
             return None
         return _range(name, variable, problems, whole=False)
     known = entries.of(name)
     if variable.values is None:
-        problems.append(Problem(f"variables.{name}", "is chosen from a catalogue: list names of entries, or write all"))
+        problems.append(
+            Problem(f"variables.{name}", "is chosen from a catalogue; list names of entries, or specify all")
+        )
         return None
     values = list(known) if variable.values == "all" else list(variable.values)
     for one in values:
         if one not in known:
             near = difflib.get_close_matches(str(one), list(known), n=2)
-            told = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
-            problems.append(Problem(f"variables.{name}", f"no catalogue has it; {told}", one))
+            told = f"did you mean {' or '.join(near)}?" if near else f"valid entries: {', '.join(known)}"
+            problems.append(Problem(f"variables.{name}", f"unknown catalogue entry; {told}", one))
     if any(one not in known for one in values):
         return None
     return Parameter(name, choices=tuple(dict.fromkeys(values)))
@@ -232,7 +228,7 @@ def _overlaps(places: Mapping[str, tuple[str, ...]]) -> Iterator[Problem]:
                 for here in places[one]
                 for there in places[other]
             ):
-                yield Problem(f"variables.{one}", f"sets what '{other}' sets, or a part of it: vary one of them")
+                yield Problem(f"variables.{one}", f"overlaps with '{other}'; vary only one of the two")
 
 
 _CHOSEN = {
@@ -241,28 +237,30 @@ _CHOSEN = {
     "stage": ("stage.errors", "stage.time_per_position_s"),
     "exposure_s": ("shutter.exposure_time_s",),
 }
-"""Fields that are no longer the scene's where a parameter is variable."""
+"""Scene fields that a named variable determines."""
 
 
 def _find_undetermined(spec: DesignSpec, scene: Scene, entries: CatalogueEntries) -> Iterator[Problem]:
-    """Tell which parameters need others, or are decided by them."""
+    """Yield the problems of parameters that require or are determined by others."""
     if "f_number" in spec.variables and "lens" not in spec.variables:
         yield Problem(
-            "variables.f_number", "needs a lens of the catalogue: add 'lens' to the variables, if only one entry of it"
+            "variables.f_number", "requires a lens; add 'lens' with at least one catalogue entry to the variables"
         )
     if "lens" in spec.variables and "camera" not in spec.variables and scene.camera.pixel_pitch_um is None:
         message = (
-            "needs the size of pixels: give camera.pixel_pitch_um and focal_length_mm in the scene, or add 'camera'"
+            "requires the pixel pitch; specify camera.pixel_pitch_um and focal_length_mm in the scene, or add 'camera'"
         )
         yield Problem("variables.lens", f"{message} to the variables")
     for name, taken in _CHOSEN.items():
         for path in spec.variables if name in spec.variables else ():
             if any(f"{path}.".startswith(f"{one}.") for one in taken):
-                yield Problem(f"variables.{path}", f"does not vary anything: '{name}' decides it; vary one of them")
+                yield Problem(
+                    f"variables.{path}", f"has no effect: it is determined by '{name}'; vary only one of the two"
+                )
 
 
 def _compute_depth(scene: Scene, spec: DesignSpec) -> float:
-    """Return the depth of what is measured in the base scene, in mm."""
+    """Return the median depth of the first objective's region in the base scene, in mm."""
     try:
         quiet = scene.model_copy(update={"sensor": Scene.from_dict({**scene.to_dict(), "sensor": _SOME_NOISE}).sensor})
         prediction = predict_scene(quiet, scene.estimate.method)
@@ -278,7 +276,7 @@ _SOME_NOISE = {"noise_std": 0.01}
 
 
 def _find_invalid_values(base: BaseRig, space: DesignSpace) -> Iterator[Problem]:
-    """Tell which values no scene can have, whatever the others are."""
+    """Yield the problems of values that are invalid for any values of the other parameters."""
     for number, one in enumerate(space.parameters):
         if one.name not in base.places:
             continue
@@ -296,7 +294,6 @@ def _find_invalid_values(base: BaseRig, space: DesignSpace) -> Iterator[Problem]
 
 
 def _with(base: BaseRig, space: DesignSpace, number: int, value: Any) -> dict[str, Any]:
-    """Return a scene with one value changed, and the base scene's where it has any."""
     plain = copy.deepcopy(dict(base.plain))
     for place in base.places[space.parameters[number].name]:
         assign(plain, place, copy.deepcopy(value))
@@ -304,7 +301,7 @@ def _with(base: BaseRig, space: DesignSpace, number: int, value: Any) -> dict[st
 
 
 def _find_ineffective(base: BaseRig, space: DesignSpace) -> Iterator[Problem]:
-    """Tell which parameters change nothing on which a figure depends."""
+    """Yield a problem for each parameter without an effect on any statistic."""
     middle = [0.5] * len(space)
     for number, one in enumerate(space.parameters):
         if one.name in CATALOGUES:
@@ -320,11 +317,11 @@ def _find_ineffective(base: BaseRig, space: DesignSpace) -> Iterator[Problem]:
                 break
             ends.append({key: value for key, value in plain.items() if key not in _NO_EFFECT})
         if len(ends) > 1 and all(end == ends[0] for end in ends):
-            yield Problem(f"variables.{one.name}", "does not vary anything: no figure depends on it; leave it out")
+            yield Problem(f"variables.{one.name}", "has no effect on any statistic; omit it")
 
 
 def _predict_middle(base: BaseRig, space: DesignSpace, method: str) -> Prediction:
-    """Return the prediction of some rig, the middle one if it can be made."""
+    """Return the prediction of the central rig of the design space, or of another valid rig."""
     from scipy.stats import qmc
 
     points = np.vstack([np.full(len(space), 0.5), qmc.Sobol(len(space), seed=0).random(_MOST_TRIED)])
@@ -338,7 +335,7 @@ def _predict_middle(base: BaseRig, space: DesignSpace, method: str) -> Predictio
     problems = [
         Problem(
             one.path or "variables",
-            f"{one.message}; none of {_MOST_TRIED} rigs of this space can be predicted",
+            f"{one.message}; none of {_MOST_TRIED} tested rigs has a prediction",
             one.value,
         )
         for one in last.problems
@@ -348,19 +345,18 @@ def _predict_middle(base: BaseRig, space: DesignSpace, method: str) -> Predictio
 
 def _not_predicted(where: str, wanted: ObjectiveSpec, prediction: Prediction, method: str) -> Iterator[Problem]:
     if wanted.region not in prediction.regions:
-        message = f"is no region of this scene; there are {', '.join(prediction.regions)}"
+        message = f"unknown region; valid regions: {', '.join(prediction.regions)}"
         yield Problem(f"{where}.region", message, wanted.region)
     if wanted.quantity not in prediction.quantities:
         known = ", ".join(prediction.quantities) or "nothing"
-        message = f"is not predicted for this scene by {method}, which tells {known}"
+        message = f"is not available for this scene and method {method}; available quantities: {known}"
         yield Problem(f"{where}.quantity", message, wanted.quantity)
     elif wanted.statistic == "p95_abs_error" and QUANTITIES[wanted.quantity].error != "difference":
-        message = f"is not predicted of {wanted.quantity}, which is a distance or an angle; choose typical or rms"
+        message = f"is not available for {wanted.quantity}, a distance or an angle; use another statistic, such as rmse"
         yield Problem(f"{where}.statistic", message, wanted.statistic)
 
 
 def _with_unique_title(objective: Objective, others: list[Objective]) -> Objective:
-    """Return an objective with a title of its own."""
     name = get_title(objective.quantity)
     place = objective.region.removeprefix("object_")
     alone = len({one.region for one in others}) == 1 and objective.region in ("all", "interior")

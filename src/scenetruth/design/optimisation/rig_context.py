@@ -1,7 +1,4 @@
-"""What constraints and predictions need of a rig.
-
-Its scene, prediction and catalogue entries, and the uncertainty of its stage.
-"""
+"""Context of a rig for constraints and predictions: scene, prediction, catalogue entries and stage uncertainty."""
 
 from __future__ import annotations
 
@@ -20,17 +17,17 @@ __all__ = ["RigContext", "StageShifts", "compute_stage_shifts_px", "compute_stag
 
 
 _UNIFORM = 1 / math.sqrt(12)
-"""Rms distance from the middle, as a share of the whole."""
+"""RMS distance from the centre of an interval, as a fraction of its length."""
 
 
 @dataclass(frozen=True)
 class StageShifts:
-    """How far errors of the stage move images, standard deviations.
+    """Standard deviations of image shifts along x due to stage errors.
 
-    ``along``: Along x, of a position: all of it, px.
-    ``guide``: The part that is the same at every visit, px.
-    ``visit``: The part that is new at every visit, px.
-    ``turn_x``, ``turn_y``: Change of the shift along x per px along x, and along y.
+    ``along``: Total shift, px.
+    ``guide``: Shift that is the same at every visit of a position, px.
+    ``visit``: Shift that is independent at every visit, px.
+    ``turn_x``, ``turn_y``: Gradient of the shift along x and along y.
     """
 
     along: float
@@ -41,13 +38,13 @@ class StageShifts:
 
 
 def compute_stage_shifts_px(scene: Scene, depth_mm: float) -> StageShifts:
-    """Return how far the errors of a scene's stage move images."""
+    """Return the image shifts due to the stage errors of a scene."""
     errors, camera = scene.stage.errors, scene.camera
     if errors is None:
         return StageShifts(0.0, 0.0, 0.0, 0.0, 0.0)
     focal = camera.focal_px
     nearer = 1e-3 * errors.straightness_um / depth_mm
-    # A camera that turns by ψ about Y moves a point at x by f ψ (1 + x²/f²).
+    # A camera rotation ψ about Y shifts an image point at x by f ψ (1 + x²/f²).
     turn_x = math.hypot(nearer, 2e-6 * errors.yaw_urad * camera.width * _UNIFORM / focal)
     turn_y = 1e-6 * errors.roll_urad
     middle = 1e-6 * errors.yaw_urad * focal
@@ -59,9 +56,9 @@ def compute_stage_shifts_px(scene: Scene, depth_mm: float) -> StageShifts:
 def compute_stage_uncertainty(
     scene: Scene, causes: PredictionInputs, signals: Mapping[str, float | None]
 ) -> dict[str, dict[str, float]]:
-    """Return standard deviations that the stage adds, by what adds it (``stage``, ``scan``) and quantity.
+    """Return standard uncertainties due to the stage, by source (``stage``, ``scan``) and quantity.
 
-    Returns: Units of `QUANTITIES`, growth per frame; only what is not zero.
+    Returns: Nonzero values in the units of `QUANTITIES`, growth per frame.
     """
     s = scene.stage.x_mm / scene.stage.baseline_mm
     t = np.arange(causes.frames) - (causes.frames - 1) / 2
@@ -78,7 +75,7 @@ def compute_stage_uncertainty(
             nearer = depth / disparity * shifts.visit / (over_s * over_t)
             lateral = depth * flow / focal
             told |= {"flow_x": flow, "velocity_x": lateral, "velocity_z": nearer, "growth_rate": 2 * nearer / depth}
-            # What comes nearer is taken for growth of all lengths alike.
+            # An apparent approach acts as equal growth of all lengths.
             told |= {"growth_principal_1": nearer / depth, "growth_principal_2": nearer / depth}
             told["velocity_epe"] = math.hypot(lateral, nearer)
         found["stage"] = told
@@ -91,7 +88,7 @@ def compute_stage_uncertainty(
 
 
 def _propagate_disparity(d: float, depth: float, disparity: float, slope_x: float, slope_y: float) -> dict[str, float]:
-    """Return what errors of disparity and slopes mean."""
+    """Return the uncertainties that follow from those of disparity and slopes."""
     told = {"disparity": d, "depth": depth * d / disparity, "slope_x": slope_x, "slope_y": slope_y}
     told["normal"] = math.degrees(math.hypot(slope_x, slope_y))
     return told
@@ -99,15 +96,7 @@ def _propagate_disparity(d: float, depth: float, disparity: float, slope_x: floa
 
 @dataclass(frozen=True)
 class RigContext:
-    """A rig as constraints see it.
-
-    ``scene``: Its scene.
-    ``prediction``: What is predicted of it.
-    ``region``: The region of the first objective.
-    ``parameters``: Design variables, by name.
-    ``lens``, ``camera``, ``stage``: What was chosen from catalogues; None if nothing was.
-    ``f_number``: Of the lens; None without one.
-    """
+    """Input of the constraints for a rig; ``region`` is that of the first objective."""
 
     scene: Scene
     prediction: Prediction
@@ -120,28 +109,28 @@ class RigContext:
 
     @property
     def causes(self) -> PredictionInputs:
-        """What was predicted of the region."""
+        """Prediction inputs of the region."""
         return self.prediction.by_region[self.region]
 
     @property
     def depth_mm(self) -> float:
-        """Median depth of the region."""
+        """Median depth of the region, in mm."""
         return self.causes.depth_mm
 
     @property
     def travel_mm(self) -> float:
-        """How far the stage goes from the first position to the last."""
+        """Distance between the outermost stage positions, in mm."""
         places = self.scene.stage.x_mm
         return float(places.max() - places.min())
 
     @property
     def images_per_frame(self) -> int:
-        """Images that are taken in each frame."""
+        """Number of images of each frame."""
         return self.scene.stage.positions * self.scene.stage.rows
 
     @property
     def price(self) -> float | None:
-        """Sum of the prices of what was chosen, in euros; None if one is not known or nothing was chosen."""
+        """Sum of the prices of the selected entries, in euros; None without entries or if a price is missing."""
         chosen = [one for one in (self.lens, self.camera, self.stage) if one is not None]
         prices = [one.price_eur for one in chosen]
         return sum(price for price in prices if price is not None) if prices and None not in prices else None

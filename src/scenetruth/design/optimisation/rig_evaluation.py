@@ -1,4 +1,4 @@
-"""The design space, the scene of a candidate rig, and its evaluation: prediction, objectives and constraints."""
+"""The design space, and the evaluation of a candidate rig: scene, prediction, objectives and constraints."""
 
 from __future__ import annotations
 
@@ -43,18 +43,17 @@ __all__ = [
 
 
 _DIGITS = 4
-"""Digits of numbers that are searched: nobody builds a rig to more."""
+"""Significant digits of searched values."""
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One design variable.
 
-    ``name``: Path of a field, or a name that design specifications know.
+    ``name``: Path of a field, or a named variable of the design specification.
     ``low``, ``high``: Ends of a range.
-    ``logarithmic``: Whether it is searched on a logarithmic scale.
-    ``whole``: Whether its values are whole numbers.
-    ``choices``: Values to choose from, instead of a range.
+    ``whole``: Whether the values are integers.
+    ``choices``: Choices in place of a range.
     """
 
     name: str
@@ -65,7 +64,7 @@ class Parameter:
     choices: tuple[Any, ...] = ()
 
     def value(self, unit: float) -> Any:
-        """Return the value that a number from 0 to 1 stands for."""
+        """Return the value at a coordinate from 0 to 1."""
         if self.choices:
             return self.choices[min(int(unit * len(self.choices)), len(self.choices) - 1)]
         if self.whole and not self.logarithmic:
@@ -78,13 +77,13 @@ class Parameter:
         return self.rounded(value)
 
     def rounded(self, value: float) -> float | int:
-        """Return a number of the range as it is told: whole, or with few digits; inside the range."""
+        """Return a value of the range, rounded to an integer or to four digits."""
         if self.whole:
             return min(max(round(value), math.ceil(self.low)), math.floor(self.high))
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
 
     def unit(self, value: Any) -> float:
-        """Return a number from 0 to 1 that stands for a value."""
+        """Return the coordinate from 0 to 1 of a value."""
         if self.choices:
             return (self.choices.index(value) + 0.5) / len(self.choices)
         if self.whole and not self.logarithmic:
@@ -96,7 +95,7 @@ class Parameter:
 
     @property
     def levels(self) -> int:
-        """How many values there are; 0 for a range of real numbers."""
+        """Number of values; 0 for a range of real numbers."""
         if self.choices:
             return len(self.choices)
         return math.floor(self.high) - math.ceil(self.low) + 1 if self.whole else 0
@@ -104,20 +103,17 @@ class Parameter:
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """All design variables.
-
-    ``parameters``: In the order of the design specification.
-    """
+    """All design variables, in the order of the design specification."""
 
     parameters: tuple[Parameter, ...]
 
     def __len__(self) -> int:
-        """Return how many parameters there are."""
+        """Return the number of parameters."""
         return len(self.parameters)
 
     @property
     def names(self) -> list[str]:
-        """Their names."""
+        """Names of the parameters."""
         return [one.name for one in self.parameters]
 
     def values(self, point: Sequence[float]) -> dict[str, Any]:
@@ -125,29 +121,28 @@ class DesignSpace:
         return {one.name: one.value(float(unit)) for one, unit in zip(self.parameters, point, strict=True)}
 
     def point(self, values: Mapping[str, Any]) -> list[float]:
-        """Return a point of the unit cube that stands for values."""
+        """Return the point of the unit cube of given values."""
         return [one.unit(values[one.name]) for one in self.parameters]
 
 
 PHOTONS_PER_LUX_UM2_S = 4.09e3
-"""Photons per µm² and second of light of 555 nm and 1 lux: 1 / 683 W/m² over h c / λ = 3.58e-19 J."""
+"""Photons per µm² and second at 1 lux and 555 nm: 1 / 683 W/m² over h c / λ = 3.58e-19 J."""
 _WAVELENGTH_UM = 0.55
 _AIRY_SIGMA = 0.421
-"""Standard deviation of the Gaussian that fits the core of Airy's disc, in λ N: 0.345 of its radius of 1.22 λ N."""
+"""Standard deviation of the Gaussian fit to the core of the Airy disc, in λ N: 0.345 of its radius 1.22 λ N."""
 _EXPOSED = 0.8
-"""Share of what a sensor can say that radiance 1 fills, where no light is given."""
+"""Fraction of full scale of radiance 1 without a specified illumination."""
 _EXPOSURE_S = 0.01
 
 
 @dataclass(frozen=True)
 class BaseRig:
-    """What all rigs have in common.
+    """Common properties of all rigs.
 
-    ``plain``: The base scene as plain values, with all fields.
-    ``places``: Paths without wildcards, by those of the design specification.
-    ``entries``: The catalogues.
-    ``light``: The light; None for as much as cameras need.
-    ``depth_mm``: Depth of what is measured in the base scene: the lens is focused there.
+    ``plain``: The base scene as plain data, with all fields.
+    ``places``: Paths without wildcards, by path of the design specification.
+    ``light``: The illumination; None for one adapted to the camera.
+    ``depth_mm``: Median depth of the measured region in the base scene, at which the lens is focused.
     """
 
     plain: Mapping[str, Any]
@@ -159,7 +154,7 @@ class BaseRig:
 
 @dataclass(frozen=True)
 class BuiltRig:
-    """A rig's scene as plain values, and what was chosen from catalogues."""
+    """The scene of a rig as plain data, and the selected catalogue entries."""
 
     plain: dict[str, Any]
     lens: LensEntry | None = None
@@ -197,7 +192,7 @@ def build_rig(base: BaseRig, values: Mapping[str, Any]) -> BuiltRig:
 
 
 def _move(plain: dict[str, Any], by_mm: float) -> None:
-    """Move all that stands before the camera, and the focus with it."""
+    """Move all objects and the focus along Z, in place."""
     for thing in (*plain.get("objects", ()), *plain.get("plants", ())):
         x, y, z = thing["pose"]["position_mm"]
         thing["pose"]["position_mm"] = [x, y, z + by_mm]
@@ -210,7 +205,7 @@ def _put_camera(plain: dict[str, Any], entry: CameraEntry, exposure_s: float) ->
     camera = plain["camera"]
     focal = camera["focal_length_mm"]
     if focal is None and camera["pixel_pitch_um"] is None:
-        # The base scene's field of view in px says nothing of a lens; a lens of the catalogue replaces it.
+        # The focal length in px is converted to mm; a lens of the catalogue replaces it.
         focal = 1e-3 * camera["focal_length_px"] * entry.pixel_pitch_um
     camera |= {"width": entry.width, "height": entry.height, "pixel_pitch_um": entry.pixel_pitch_um}
     camera |= {"focal_length_mm": focal, "focal_length_px": None, "principal_point_px": None}
@@ -240,12 +235,12 @@ def _put_lens(
     camera = plain["camera"]
     pitch = camera["pixel_pitch_um"]
     if pitch is None:
-        message = "must be given with a lens: its focal length is in mm; or add camera to the variables"
+        message = "is required with a lens, whose focal length is in mm; or add camera to the variables"
         raise SceneError([Problem("camera.pixel_pitch_um", message)])
     if depth_mm <= lens.focal_length_mm:
-        message = f"the lens's focal length of {lens.focal_length_mm:g} mm leaves no image at this distance"
+        message = f"must be above the focal length of the lens, {lens.focal_length_mm:g} mm"
         raise SceneError([Problem("working_distance_mm", message, depth_mm)])
-    # A thin lens that is focused at Z has its image at f Z / (Z - f): all scales with that.
+    # Image distance of a thin lens focused at Z: f Z / (Z - f).
     image_mm = lens.focal_length_mm * depth_mm / (depth_mm - lens.focal_length_mm)
     effective = f_number * image_mm / lens.focal_length_mm
     camera |= {"focal_length_mm": image_mm, "focal_length_px": None, "distortion": None}
@@ -274,20 +269,14 @@ def _put_stage(plain: dict[str, Any], entry: StageEntry, exposure_s: float) -> N
 
 
 _NO_SCENE = 100.0
-"""Excess of what makes no scene, or shows nothing: far more than any constraint's."""
+"""Excess of a candidate without a valid scene or visible region, above that of any constraint."""
 _MOST_EXCESS = 10.0
 _S_PER_H = 3600.0
 
 
 @dataclass(frozen=True)
 class EvaluationTask:
-    """All that is needed to evaluate any rig.
-
-    ``base``: What all rigs have in common.
-    ``limits``: The constraints of the design specification.
-    ``objectives``: What is to be known.
-    ``method``: Name of the method; its settings are the scene's.
-    """
+    """Input of the evaluation of any rig; the method has the settings of the scene."""
 
     base: BaseRig
     limits: tuple[ConstraintSpec, ...]
@@ -297,13 +286,13 @@ class EvaluationTask:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a rig is worth.
+    """Evaluation of a candidate rig.
 
-    ``values``: Of the design variables, by name.
-    ``predicted``: Of each objective its statistic, by title; infinite where nothing is told.
-    ``parts``: What they are made of, by title: ``noise``, ``stage``, ``scan``.
-    ``constraints``: All constraints; empty if there is no scene.
-    ``problem``: Why there is no scene; empty if there is.
+    ``values``: Values of the design variables by name.
+    ``predicted``: Predicted statistics by title of the objective; infinite if not available.
+    ``parts``: Contributions ``noise``, ``stage`` and ``scan`` by title of the objective.
+    ``constraints``: All evaluated constraints; empty for an invalid scene.
+    ``problem``: Reason for an invalid scene, or an empty text.
     """
 
     values: Mapping[str, Any]
@@ -314,13 +303,13 @@ class Evaluation:
 
     @property
     def holds(self) -> bool:
-        """Whether there is such a rig, and it satisfies all constraints."""
+        """Whether the rig is valid and satisfies all constraints."""
         told = all(math.isfinite(value) for value in self.predicted.values())
         return not self.problem and told and all(one.holds for one in self.constraints)
 
     @property
     def excess(self) -> float:
-        """By how much constraints are exceeded, as a sum of shares of their limits; 0 if it holds."""
+        """Sum of the relative constraint violations; 0 for a feasible rig."""
         if self.problem:
             return _NO_SCENE
         over = sum(min(-one.margin, _MOST_EXCESS) for one in self.constraints if not one.holds)
@@ -340,7 +329,7 @@ def evaluate_rig(task: EvaluationTask, values: Mapping[str, Any]) -> Evaluation:
     facts = compute_rig_context(task, built, scene, prediction, values)
     if facts is None:
         region = task.objectives[0].region
-        return Evaluation(values, nothing, problem=f"{region}: nothing of it is seen")
+        return Evaluation(values, nothing, problem=f"{region}: is not visible")
     parts = {one.title: compute_objective_contributions(one, scene, prediction) for one in task.objectives}
     total = {title: _root_sum(each.values()) if each else math.inf for title, each in parts.items()}
     constraints = tuple(one for limit in task.limits for one in limit.checked(facts))
@@ -348,7 +337,7 @@ def evaluate_rig(task: EvaluationTask, values: Mapping[str, Any]) -> Evaluation:
 
 
 def predict_scene(scene: Scene, method: str) -> Prediction:
-    """Return what theory says of a scene, without warnings: of thousands nobody reads them."""
+    """Return the prediction of a scene, without warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -358,7 +347,7 @@ def predict_scene(scene: Scene, method: str) -> Prediction:
 def compute_rig_context(
     task: EvaluationTask, built: BuiltRig, scene: Scene, prediction: Prediction, values: Mapping[str, Any]
 ) -> RigContext | None:
-    """Return a rig as constraints see it; None if the first objective's region is not seen."""
+    """Return the context of a rig; None if the first objective's region is not visible."""
     region = task.objectives[0].region
     if region not in prediction.by_region:
         return None
@@ -366,7 +355,7 @@ def compute_rig_context(
 
 
 def compute_objective_contributions(objective: Objective, scene: Scene, prediction: Prediction) -> dict[str, float]:
-    """Return what an objective's statistic is made of, by its causes alone; empty if nothing is told."""
+    """Return the contributions of each source to the statistic of an objective; empty if it is not predicted."""
     quantity, region = objective.quantity, objective.region
     figures = prediction.precisions.get(region, {})
     if quantity not in figures:
@@ -386,7 +375,6 @@ def _root_sum(values: Any) -> float:
 
 
 def _hardware_constraints(facts: RigContext) -> Iterator[ConstraintValue]:
-    """Give what the chosen lens and stage allow."""
     lens, stage = facts.lens, facts.stage
     if lens is not None:
         focus = facts.scene.optics.defocus
@@ -406,7 +394,7 @@ def _aperture_constraints(f_number: float, least: float, most: float) -> Iterato
 
 
 def rank_evaluations(found: Sequence[Evaluation]) -> list[Evaluation]:
-    """Return evaluations, those that hold first, by the product of their objectives; then by their excess."""
+    """Return evaluations sorted by excess, feasible first, then by the product of the objectives."""
 
     def worth(one: Evaluation) -> tuple[float, float]:
         logs = [math.log(value) for value in one.predicted.values() if math.isfinite(value)]

@@ -1,7 +1,4 @@
-"""The design specification.
-
-Design variables, objectives, constraints, search and confirmation, read from YAML and validated.
-"""
+"""The design specification: design variables, objectives, constraints, search and confirmation."""
 
 from __future__ import annotations
 
@@ -40,21 +37,21 @@ __all__ = [
 
 
 class DesignVariable(FrozenModel):
-    """A range ``{from: 2, to: 40, log: true}``, or ``{values: [60, 300]}``, which a list may stand for.
+    """A range ``{from: 2, to: 40, log: true}``, or choices ``{values: [60, 300]}``, also given as a list.
 
-    Of a catalogue, the values are names of entries, or ``all``.
+    The choices of a catalogue are names of entries, or ``all``.
     """
 
     model_config = ConfigDict(populate_by_name=True)
 
     from_: Finite | None = Field(default=None, alias="from")
-    """Low end of a range."""
+    """Lower end of a range."""
     to: Finite | None = None
-    """High end of a range."""
+    """Upper end of a range."""
     log: bool = False
-    """Whether the range is searched evenly on a logarithmic scale."""
+    """Whether the range is searched on a logarithmic scale."""
     values: tuple[Any, ...] | Literal["all"] | None = None
-    """Values to choose from."""
+    """Choices."""
 
     @model_validator(mode="before")
     @classmethod
@@ -69,82 +66,82 @@ class DesignVariable(FrozenModel):
             raise ValueError(msg)
         if self.values is not None:
             if self.log:
-                msg = "has values, which no logarithmic scale changes: leave out log"
+                msg = "has choices, for which log has no effect; omit log"
                 raise ValueError(msg)
             return self
         if low is None or high is None:
-            msg = f"has no {'from' if low is None else 'to'}: a range needs both ends"
+            msg = f"has no {'from' if low is None else 'to'}; specify both ends of a range"
             raise ValueError(msg)
         if not low < high:
-            msg = f"has no values: from {low:g} is not below to {high:g}"
+            msg = f"is empty: from {low:g} is not below to {high:g}"
             raise ValueError(msg)
         if self.log and low <= 0:
-            msg = f"is logarithmic, and must begin above 0 (from {low:g}): leave out log"
+            msg = f"is logarithmic and must start above 0 (from {low:g}); omit log for a linear range"
             raise ValueError(msg)
         return self
 
 
 class ObjectiveSpec(FrozenModel):
-    """A quantity whose errors are to be small."""
+    """A quantity whose error is minimised."""
 
     quantity: str
-    """What is to be known: a key of `scenetruth.scoring.QUANTITIES`, such as ``depth`` or ``growth_rate``."""
+    """Key of `scenetruth.scoring.QUANTITIES`, such as ``depth`` or ``growth_rate``."""
     region: Name = "interior"
-    """Where: ``all``, ``interior``, or ``object_NAME``."""
+    """Region: ``all``, ``interior``, or ``object_NAME``."""
     statistic: Statistic = "scaled_median_abs_error"
-    """Of which statistic of the errors in the region: ``scaled_median_abs_error``, 1.4826 times the median of their
-    sizes, which is the standard deviation where errors are normal, and which few places that are far off do not change;
-    ``rmse``, which they do; ``p95_abs_error``, below which the sizes of 95 % of them lie."""
+    """Statistic of the errors in the region: ``scaled_median_abs_error``, 1.4826 times the median absolute error (the
+    standard deviation of normal errors, robust against outliers); ``rmse``; ``p95_abs_error``, the 95th percentile of
+    the absolute error."""
     target: Positive | None = None
-    """Value that is good enough, in mm, mm/frame or %/h; the smaller the better if not given."""
+    """Sufficient value, in mm, mm/frame or %/h; default: as small as possible."""
 
 
 class IlluminationSpec(FrozenModel):
-    """The light that falls on the scene, which says how many photons the pixels of a camera get.
+    """The illumination of the scene, which determines the photon rate of the camera pixels.
 
-    A white matt surface in E lux sends E / (4 N²) lux through a lens at the effective f-number N; at 555 nm, a lux is
-    1 / 683 W/m².
+    A white Lambertian surface at E lux gives E / (4 N²) lux on the sensor for an effective f-number N; at 555 nm, 1 lux
+    is 1 / 683 W/m².
     """
 
     illuminance_lux: Positive
-    """On a surface whose radiance is 1 in the scene. A bright office has 500, a lit bench 10,000, sunlight 100,000."""
+    """Illuminance of a surface with radiance 1. Typical: bright office 500, lit bench 10,000, sunlight 100,000."""
     wavelength_um: Annotated[float, Field(ge=0.3, le=1.2)] = 0.55
-    """Wavelength of the light, for diffraction."""
+    """Wavelength for diffraction."""
 
 
 class SearchSpec(FrozenModel):
-    """How many predictions are made, and of which kind."""
+    """Allocation of the predictions of a search."""
 
     predictions: Annotated[int, Field(ge=16, le=1_000_000)] = 2400
-    """Predictions in all, at most."""
+    """Maximum total number of predictions."""
     morris_trajectories: Annotated[int, Field(ge=0, le=1000)] = 10
-    """Trajectories of Morris' method; each takes one prediction more than there are design variables. 0 for none."""
+    """Trajectories of Morris' method, with one prediction per design variable plus one each. 0 for none."""
     sobol: Annotated[int, Field(ge=0, le=65536)] = 64
-    """Base samples of Sobol' indices, a power of two; each takes two predictions more than there are design variables.
-    0 for none."""
+    """Base samples of Sobol' indices, a power of two, with one prediction per design variable plus two each. 0 for
+    none."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     """Seed of the search."""
 
 
 class ConfirmationSpec(FrozenModel):
-    """Which rigs are simulated, and how."""
+    """Confirmation runs: number of rigs, seeds and image size."""
 
     rigs: Annotated[int, Field(ge=0, le=1000)] = 3
-    """How many rigs of the front; 0 to simulate nothing."""
+    """Number of simulated rigs; 0 for no simulations."""
     seeds: Annotated[int, Field(ge=1, le=1000)] = 5
-    """Recordings of each, with other textures, noise and errors of the stage. Few tell little: from 3, 5 and 8 seeds,
-    intervals of another recording reach 5.0, 3.0 and 2.5 standard deviations to either side."""
+    """Recordings per rig with independent textures, noise and stage errors. The half width of the prediction interval
+    of a further recording is 5.0, 3.0 and 2.5 standard deviations for 3, 5 and 8 seeds."""
     max_size_px: Annotated[int, Field(ge=32, le=32768)] | None = 240
-    """Images are cut to so many pixels along their longer side, around the middle of the first objective's region; they
-    are wider by the disparity between the outermost positions, and lower in return. null for whole images."""
+    """Images are cropped to this size along the longer side, around the centre of the first objective's region; the
+    width is increased by the disparity of the outermost positions, and the height reduced. null for full images."""
 
 
 CONSTRAINT_MODULES = ("scenetruth.design.optimisation.constraints",)
 """Modules that define constraints."""
 CATALOGUES = ("lens", "camera", "stage")
-"""Parameters that are entries of catalogues."""
+"""Parameters with values from catalogues."""
 NAMED_VARIABLES = (*CATALOGUES, "f_number", "exposure_s", "working_distance_mm")
-"""Parameters that are no fields of the scene."""
+"""Parameters that are not fields of the scene."""
 
 if TYPE_CHECKING:
     AnyConstraint = ConstraintSpec
@@ -153,7 +150,7 @@ else:
 
 _PATH_PATTERN = r"^[A-Za-z0-9_*-]+(\.[A-Za-z0-9_*-]+)*$"
 FieldPath = Annotated[str, Field(pattern=_PATH_PATTERN, max_length=300)]
-"""Path of a field of the scene, keys and indices with dots between them; ``*`` stands for every one."""
+"""Path of a scene field: keys and indices separated by dots; ``*`` stands for all list entries."""
 
 
 class DesignSpec(FrozenModel):
@@ -161,9 +158,9 @@ class DesignSpec(FrozenModel):
 
     See Also
     --------
-    load_design_spec : A design specification from a file in YAML.
-    DesignSpec.from_dict : A specification from its values.
-    scenetruth.design.optimisation.optimise : Finds the rig.
+    load_design_spec : Load a design specification from a YAML file.
+    DesignSpec.from_dict : Validate a design specification given as plain data.
+    scenetruth.design.optimisation.optimise : Optimise a rig.
 
     Examples
     --------
@@ -182,44 +179,44 @@ class DesignSpec(FrozenModel):
     format: Literal[1] = 1
     """Version of the format of design specifications."""
     title: Name = "A rig"
-    """What is designed, in a few words."""
+    """Title of the design."""
     description: Annotated[str, Field(max_length=10_000)] = ""
-    """What it is for."""
+    """Description of the design."""
     scene: SceneFile | dict[str, Any]
-    """What is to be measured: a scene's file, the name of one that is shipped, or the scene itself. Its camera, stage
-    and times hold where nothing else is said."""
+    """The measured scene: a file, the name of a bundled scene, or the scene itself. Its camera, stage and times are the
+    defaults of the rig."""
     method: str | dict[str, Any] = "refined"
-    """The method of estimation, with settings as in ``refined[window_sigma_px: 4]`` or in a mapping."""
+    """Estimation method, with settings as in ``refined[window_sigma_px: 4]`` or as a mapping."""
     set: dict[FieldPath, Any] = Field(default_factory=dict)
-    """Changes of the scene: values by path."""
+    """Changes of the scene: values by path of a field."""
     variables: dict[FieldPath, DesignVariable] = Field(min_length=1)
-    """Design variables: ranges and values by path of a field. In addition, ``lens``, ``camera`` and ``stage`` are
-    entries of catalogues; ``f_number`` needs a lens; ``exposure_s`` is that of shutter and sensor;
-    ``working_distance_mm`` moves all that stands before the camera."""
+    """Design variables: ranges or choices by path of a field. In addition, ``lens``, ``camera`` and ``stage`` are
+    catalogue entries; ``f_number`` requires a lens; ``exposure_s`` is the exposure time of shutter and sensor;
+    ``working_distance_mm`` moves all objects along Z."""
     catalogues: tuple[InputFile, ...] = ()
-    """Files with more entries of catalogues."""
+    """Files with further catalogue entries."""
     light: IlluminationSpec | None = None
-    """The light; if not given, there is as much as cameras of the catalogue need."""
+    """The illumination; default: adapted to each camera of the catalogue."""
     constraints: tuple[AnyConstraint, ...] = ()
-    """What a rig must satisfy."""
+    """Constraints on a rig."""
     objectives: Annotated[tuple[ObjectiveSpec, ...], Field(min_length=1, max_length=6)]
-    """What is to be known precisely."""
+    """Objectives to minimise."""
     search: SearchSpec = SearchSpec()
-    """How long to search."""
+    """Extent of the search."""
     confirmation: ConfirmationSpec = ConfirmationSpec()
-    """Which rigs are simulated."""
+    """Confirmation runs."""
 
     @field_validator("objectives")
     @classmethod
     def _scored(cls, value: tuple[ObjectiveSpec, ...]) -> tuple[ObjectiveSpec, ...]:
         unknown = sorted({one.quantity for one in value} - set(QUANTITIES))
         if unknown:
-            msg = f"no such quantity: {', '.join(unknown)}; there are {', '.join(QUANTITIES)}"
+            msg = f"unknown quantity {', '.join(unknown)}; valid quantities: {', '.join(QUANTITIES)}"
             raise ValueError(msg)
         told = Counter((one.quantity, one.region, one.statistic) for one in value)
         twice = [key for key, count in told.items() if count > 1]
         if twice:
-            msg = f"is there twice: {', '.join(f'{name} of {region}, {kind}' for name, region, kind in twice)}"
+            msg = f"must be unique: {', '.join(f'{name} of {region}, {kind}' for name, region, kind in twice)}"
             raise ValueError(msg)
         return value
 
@@ -227,7 +224,7 @@ class DesignSpec(FrozenModel):
     def _variable_or_set(self) -> Self:
         both = sorted(set(self.variables) & set(self.set))
         if both:
-            msg = f"is both set and a variable: {', '.join(both)}"
+            msg = f"fields are both set and variable: {', '.join(both)}"
             raise ValueError(msg)
         return self
 
@@ -235,31 +232,31 @@ class DesignSpec(FrozenModel):
     def from_dict(
         cls, values: Mapping[str, Any], *, source: str | Path | None = None, folder: Path | None = None
     ) -> DesignSpec:
-        """Validate a design specification given by its values.
+        """Validate a design specification given as plain data.
 
         Parameters
         ----------
         values
-            The values, as in a file.
+            Plain data, as in a file.
         source
-            Where they are from, for messages.
+            Name of the source for messages.
         folder
-            Folder that relative paths of files count from; None leaves them as they are.
+            Base directory of relative paths; None leaves them unchanged.
 
         Returns
         -------
         DesignSpec
-            Validated and frozen.
+            The validated, immutable specification.
 
         Raises
         ------
-        GoalError
+        DesignSpecError
             With every problem and its path.
 
         See Also
         --------
-        load_design_spec : A design specification from a file in YAML.
-        scenetruth.design.optimisation.optimise : Finds the rig.
+        load_design_spec : Load a design specification from a YAML file.
+        scenetruth.design.optimisation.optimise : Optimise a rig.
 
         Examples
         --------
@@ -269,7 +266,7 @@ class DesignSpec(FrozenModel):
         ... except RecipeError as error:
         ...     print(error)
         2 problems with the design specification:
-          - variables.stage.baseline_mm: has no values: from 5 is not below to 2 (got {'from': 5, 'to': 2})
+          - variables.stage.baseline_mm: is empty: from 5 is not below to 2 (got {'from': 5, 'to': 2})
           - objectives: is missing
         """
         if not isinstance(values, Mapping):
@@ -291,7 +288,7 @@ _MAPPING = "a mapping of scene, variables, constraints, objectives, ..."
 
 
 DesignSpecLike = DesignSpec | Mapping[str, Any] | str | PathLike[str]
-"""A specification, its values as in a file, the path of its file, or the name of one that is shipped."""
+"""A specification, its plain data, the path of its file, or the name of a bundled one."""
 
 
 def load_design_spec(specification: DesignSpecLike, *, overrides: Overrides = ()) -> DesignSpec:
@@ -300,25 +297,25 @@ def load_design_spec(specification: DesignSpecLike, *, overrides: Overrides = ()
     Parameters
     ----------
     specification
-        The YAML file, or the name of a design that is shipped, as ``"leaf_growth"``, if no file has it. Relative paths
-        in it count from its folder. Also its values as a mapping, or a specification.
+        The YAML file, with relative paths based on its directory; or the name of a bundled design such as
+        ``"leaf_growth"``; or plain data as a mapping; or a specification.
     overrides
-        Changes to apply first, as of `scenetruth.load_scene`.
+        Changes that are applied first, as in `scenetruth.load_scene`.
 
     Returns
     -------
     DesignSpec
-        Validated and frozen.
+        The validated, immutable specification.
 
     Raises
     ------
     DesignSpecError
-        If the file cannot be read, or with every problem of its form.
+        If the file cannot be read or is invalid; lists every problem.
 
     See Also
     --------
-    DesignSpec.from_dict : A specification from its values.
-    scenetruth.design.optimisation.optimise : Finds the rig.
+    DesignSpec.from_dict : Validate a design specification given as plain data.
+    scenetruth.design.optimisation.optimise : Optimise a rig.
 
     Examples
     --------
@@ -339,7 +336,7 @@ def load_design_spec(specification: DesignSpecLike, *, overrides: Overrides = ()
     >>> spec.title, spec.objectives[0].target, list(spec.variables)
     ('Depth of a cube', 0.05, ['stage.baseline_mm'])
 
-    A design specification that is shipped:
+    A bundled design specification:
 
     >>> load_design_spec("cube_depth").title
     'Depth and motion of the noise cube'
@@ -356,7 +353,7 @@ def load_design_spec(specification: DesignSpecLike, *, overrides: Overrides = ()
 
 
 def _find_contradictions(spec: DesignSpec) -> Sequence[Problem]:
-    """Return which bounds of one thing leave nothing between them."""
+    """Return the problems of contradictory bounds on the same property."""
     found = []
     bounds: dict[str, tuple[int, float | None, float | None]] = {}
     for number, one in enumerate(spec.constraints):
@@ -367,9 +364,7 @@ def _find_contradictions(spec: DesignSpec) -> Sequence[Problem]:
         earlier = bounds.get(key)
         bounds[key] = (number, low, high)
         if low is not None and high is not None and low > high:
-            message = (
-                f"contradicts constraints.{earlier[0] if earlier else number}: {one.title} would have to be at least"
-            )
+            message = f"contradicts constraints.{earlier[0] if earlier else number}: {one.title} must be at least"
             found.append(Problem(f"constraints.{number}", f"{message} {low:g} and at most {high:g} {one.unit}"))
     return found
 
@@ -384,9 +379,9 @@ def _list_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Pro
         elif entry["type"] == "missing":
             message = "is missing"
         elif entry["type"] == "union_tag_invalid":
-            message = f"is of no known kind: '{entry['ctx']['tag']}' is none of {entry['ctx']['expected_tags']}"
+            message = f"has an unknown type '{entry['ctx']['tag']}'; valid types: {entry['ctx']['expected_tags']}"
         elif entry["type"] == "union_tag_not_found":
-            message = "needs a kind, such as {kind: stage_travel, max: 50}"
+            message = "requires the key `kind`, for example `{kind: stage_travel, max: 50}`"
         value = None if entry["type"] == "missing" or not inside else entry.get("input")
         found.setdefault((path, message), Problem(path, message[:1].lower() + message[1:], value))
     return list(found.values())
@@ -396,11 +391,11 @@ def _suggest_key(key: str, loc: Sequence[Any]) -> str:
     if len(loc) != 1:
         return ""
     near = difflib.get_close_matches(key, list(DesignSpec.model_fields), n=1)
-    return f"; did you mean '{near[0]}'?" if near else f"; known here: {', '.join(DesignSpec.model_fields)}"
+    return f"; did you mean '{near[0]}'?" if near else f"; valid keys: {', '.join(DesignSpec.model_fields)}"
 
 
 def _path_in(plain: Any, loc: Sequence[Any]) -> tuple[str, bool]:
-    """Spell a location as keys of the file, leaving out the kinds that pydantic puts in between; and if it has any."""
+    """Return a location as keys of the file, without the type tags that pydantic inserts, and whether it has any."""
     keys, here = list[str](), plain
     for index, key in enumerate(loc):
         inside = isinstance(here, Mapping) and key in here
@@ -414,5 +409,5 @@ def _path_in(plain: Any, loc: Sequence[Any]) -> tuple[str, bool]:
 
 
 def _is_type(key: Any, here: Any) -> bool:
-    """Whether a last key names one of several types of a value, and no key of it."""
+    """Return whether a last key is the name of a type that pydantic inserts."""
     return isinstance(key, str) and not isinstance(here, Mapping | list | tuple) and (key == "str" or "[" in key)

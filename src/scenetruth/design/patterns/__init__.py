@@ -1,4 +1,4 @@
-"""Patterns to print for a rig, and their assessment."""
+"""Printed patterns for a rig, and their assessment."""
 
 from scenetruth.design.patterns.assessment import PatternAssessment, assess_pattern
 from scenetruth.design.patterns.generation import Pattern, generate_pattern

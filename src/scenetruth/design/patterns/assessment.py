@@ -1,4 +1,4 @@
-"""Assessment of a pattern for a rig: intensity gradients and the resulting precision, with summary text and plots."""
+"""Assessment of a pattern for a rig: intensity gradients and predicted uncertainty, with summary text and plots."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from scenetruth.bound import ClosedFormBound, closed_form_bound
 from scenetruth.design.patterns.generation import Pattern, list_pattern_types
-from scenetruth.design.patterns.pattern_model import PatternError
 from scenetruth.design.patterns.pattern_rig import PatternGreyLevel, PatternRig, compute_grey_level, find_grey_level
 from scenetruth.design.patterns.pattern_spectrum import (
     NYQUIST,
@@ -46,13 +45,13 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-# The part of a pattern that is looked at, in px, and points per px.
+# Assessed part of a pattern in px, and samples per px.
 _PATCH_PX, _PARTS = 320, 4
-# Pixels that are pictured.
+# Size of the displayed part in px.
 _SHOWN_PX = 64
-# Of a picture, in px of the rig: fewer of them tell nothing.
+# Least size of a picture in px of the rig.
 _LEAST_PX = 24
-# Raster of theory: so many points, at least so many px or lengths along each side.
+# Raster of analytic spectra: number of points, least number of px, or of lengths, along each side.
 _COUNT, _THEORY_PX, _THEORY_LENGTHS = 1024, 256, 12
 
 
@@ -80,43 +79,43 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class PatternAssessment(Result):
-    """What a pattern is worth to a rig. Grey values are shares of full scale.
+    """Assessment of a pattern for a rig. Grey values are relative to full scale.
 
     Parameters
     ----------
     label
-        What it is.
+        Name of the pattern.
     mean
         Mean grey value.
     contrast
         Standard deviation of the grey values.
     gradient_x, gradient_y
-        Rms of their derivatives, per px.
+        RMS of the derivatives along x and y, per px.
     theory_gradient
-        The same of one axis from the pattern's closed form; None if there is none.
+        RMS derivative along one axis from the closed form of the pattern; None without a closed form.
     wavelength_px
-        Of the wave with the same contrast and gradient.
+        Wavelength of a wave with the same contrast and gradient.
     size_px
-        Size of speckles: full width at half maximum of the image's autocorrelation.
+        Speckle size: full width at half maximum of the autocorrelation of the image.
     aliased_share
-        Share of the variance in waves too short for the pixels.
+        Fraction of the variance beyond the Nyquist frequency.
     noise_std
-        Noise of the images.
+        Standard deviation of the image noise.
     window_sigma_px
-        Standard deviation of the window behind the figures that follow.
+        Standard deviation of the analysis window for the following values.
     disparity_px, depth_mm, slope, flow_px, velocity_lateral_mm, velocity_depth_mm, growth_rate
-        Least standard deviations, as of `scenetruth.bound.ClosedFormBound`; None where the rig does not tell them.
+        Lowest standard deviations, as in `scenetruth.bound.ClosedFormBound`; None where the rig does not measure them.
     spectrum
-        The pattern's spectrum in grey values, before lens and pixels if ``optics`` is set.
+        Spectrum of the pattern in grey values, before blur by lens and pixels if ``optics`` is set.
     optics
-        The rig whose lens and pixels act on it; None if they have already.
+        The rig whose lens and pixels are applied; None if the picture already includes them.
     patch
-        Grey values of some pixels in its middle, shape (y, x), without noise of a pattern. `save` leaves ``spectrum``,
-        ``optics`` and ``patch`` out: after `load` they are None, and the assessment cannot be plotted.
+        Grey values of the central pixels, shape (y, x); without noise for a generated pattern. `save` omits
+        ``spectrum``, ``optics`` and ``patch``: after `load` they are None, and the assessment cannot be plotted.
 
     See Also
     --------
-    scenetruth.design.patterns.assess_pattern : Makes it.
+    scenetruth.design.patterns.assess_pattern : Computes an assessment.
     scenetruth.bound.ClosedFormBound : The same standard deviations, from a gradient.
 
     Examples
@@ -129,7 +128,7 @@ class PatternAssessment(Result):
     >>> f"depth to {worth.depth_mm:.3f} mm; {100 * worth.aliased_share:.0f} % too fine for the pixels"
     'depth to 0.010 mm; 1 % too fine for the pixels'
 
-    One frame tells nothing of motion, and dots that keep apart have no closed form:
+    One frame gives no motion, and dots with a least distance have no closed form:
 
     >>> [name for name, value in worth.statistics().items() if value is None]
     ['theory_gradient', 'flow_px', 'velocity_lateral_mm', 'velocity_depth_mm', 'growth_rate']
@@ -161,7 +160,7 @@ class PatternAssessment(Result):
 
     @property
     def gradient(self) -> float:
-        """Rms of the derivative along one axis, mean square of both, per px."""
+        """RMS derivative along one axis, averaged over both axes, per px."""
         return math.hypot(self.gradient_x, self.gradient_y) / math.sqrt(2)
 
     def statistics(self) -> dict[str, float | None]:
@@ -216,48 +215,48 @@ def assess_pattern(
     motion: str = "rigid",
     label: str | None = None,
 ) -> PatternAssessment:
-    """Tell what a pattern, or a photograph of one, is worth to a rig.
+    """Assess a printed pattern or a photograph of one: contrast, gradient, predicted uncertainty.
 
     Parameters
     ----------
     pattern
-        The pattern, or a photograph: an image file, or an array of grey values as of `make_recording`.
+        The pattern, or a photograph: an image file, or an array of grey values as in `make_recording`.
     rig
-        The rig; that which the pattern was made for if not given.
+        The rig; default: the rig of the pattern.
     mm_per_px
-        Of a photograph: the size of its pixels on the surface. Not given, it was taken by the rig's own camera at its
-        distance, and lens and pixels have acted already.
+        Pixel size of a photograph on the surface. By default, it was recorded by the camera of the rig at its distance,
+        and includes blur by lens and pixels.
     encoding
-        Of a photograph: ``"srgb"``, as cameras write JPEG files, or ``"linear"``. What it shows as 1 is a perfectly
-        white surface; in a picture by the rig's own camera, full scale.
+        Encoding of a photograph: ``"srgb"``, as in JPEG files, or ``"linear"``. A value of 1 is a perfectly white
+        surface; in a photograph by the camera of the rig, full scale.
     picture_noise_std
-        Of a photograph: standard deviation of its noise, as a share of full scale. Not given, it has the rig's noise if
-        the rig's camera took it, and none otherwise.
+        Standard deviation of the noise of a photograph, relative to full scale. Default: the noise of the rig for a
+        photograph by its camera, otherwise none.
     window_sigma_px
-        Standard deviation of the Gaussian window in which depth and motion are found.
+        Standard deviation of the Gaussian window in which depth and motion are estimated.
     motion
-        What is known of the motion, as of `scenetruth.bound.cramer_rao_bound`.
+        Motion model, as in `scenetruth.bound.cramer_rao_bound`.
     label
-        What it is called; the pattern's kind or the file's name if not given.
+        Name of the pattern; default: its type, or the name of the file.
 
     Returns
     -------
-    Worth
-        Its figures.
+    PatternAssessment
+        The assessment.
 
     Raises
     ------
     ArgumentError
-        If the picture cannot be used, or a number is impossible.
+        If the picture is not usable, or a number is invalid.
 
     See Also
     --------
-    scenetruth.design.patterns.generate_pattern : A pattern for a rig.
-    scenetruth.bound.closed_form_bound : Standard deviations from a gradient that is known already.
+    scenetruth.design.patterns.generate_pattern : Generates a pattern for a rig.
+    scenetruth.bound.closed_form_bound : Standard deviations from a given gradient.
 
     Examples
     --------
-    Dots of 4 and of 8 px, and a photograph of waves of 0.8 mm, whose pixels are 0.05 mm on the surface:
+    Dots of 4 and of 8 px, and a photograph of waves of 0.8 mm with pixels of 0.05 mm on the surface:
 
     >>> import numpy as np
     >>> from scenetruth.design.patterns import generate_pattern, assess_pattern, PatternRig
@@ -285,20 +284,22 @@ def assess_pattern(
             motion,
         )
     if rig is None:
-        raise PatternError([Problem("rig", "is missing: a photograph does not tell for which camera")])
+        raise ArgumentError(
+            [Problem("rig", "is missing: the assessment of a photograph requires a rig")], source="a pattern"
+        )
     _refuse_numbers(mm_per_px, picture_noise_std)
     grey = load_grey_values(pattern, encoding)
     name = label or (Path(pattern).name if isinstance(pattern, str | Path) else "picture")
     pitch = 1.0 if mm_per_px is None else mm_per_px / rig.mm_per_px
     if min(grey.shape) * pitch < _LEAST_PX:
-        message = f"shows less than {_LEAST_PX} px of the rig's image along a side: take a larger picture"
+        message = f"shows less than {_LEAST_PX} px of the rig's image along a side: use a larger picture"
         told = " x ".join(f"{side * pitch:.3g}" for side in reversed(grey.shape)) + " px"
-        raise PatternError([Problem("picture", message, told)])
+        raise ArgumentError([Problem("picture", message, told)], source="a pattern")
     if pitch > 1:
-        message = f"is coarser than the rig sees, {rig.mm_per_px:.4g} mm per px: take a picture from nearer by"
-        raise PatternError([Problem("mm_per_px", message, mm_per_px)])
+        message = f"is coarser than the pixels of the rig, {rig.mm_per_px:.4g} mm per px: use a higher resolution"
+        raise ArgumentError([Problem("mm_per_px", message, mm_per_px)], source="a pattern")
     if grey.mean() <= 0:
-        raise PatternError([Problem("picture", "is black", name)])
+        raise ArgumentError([Problem("picture", "is black", name)], source="a pattern")
     if mm_per_px is not None:
         shown = _illuminate(remove_shading(grey), rig, pitch, noise_std=picture_noise_std or 0.0)
     else:
@@ -310,7 +311,7 @@ def assess_pattern(
 
 @dataclass(frozen=True, eq=False)
 class _ImagedPattern:
-    """Grey values of a pattern: their distance on the sensor, the rig that acts on them, and what spoils them."""
+    """Grey values of a pattern, their spacing on the sensor, the optics to apply, and their noise."""
 
     grey: Array
     level: PatternGreyLevel
@@ -321,7 +322,7 @@ class _ImagedPattern:
 
 
 def compute_theoretical_statistics(pattern: Pattern, rig: PatternRig) -> PatternStatistics | None:
-    """Return what a rig sees of a pattern from its closed form; None if it has none."""
+    """Return the image statistics of a pattern from its closed form; None without a closed form."""
     model = pattern.model
     side_mm = max(_THEORY_PX * rig.mm_per_px, _THEORY_LENGTHS * model.coarsest_mm)
     power = model.power(_COUNT, side_mm / _COUNT)
@@ -335,10 +336,7 @@ def compute_theoretical_statistics(pattern: Pattern, rig: PatternRig) -> Pattern
 def compute_statistics_by_size(
     rig: PatternRig, sizes_px: Sequence[float], coverage: float = 0.5
 ) -> dict[float, PatternStatistics]:
-    """Return what a rig sees of random dots of several diameters, from the closed form of dots that lie anywhere.
-
-    ``sizes_px``: Diameters in px.
-    """
+    """Return the image statistics of random dots with diameters ``sizes_px``, for a Boolean model."""
     found: dict[float, PatternStatistics] = {}
     for size in sizes_px:
         side, count = max(_THEORY_PX / 2, _THEORY_LENGTHS * size), _COUNT // 2
@@ -352,7 +350,7 @@ def compute_statistics_by_size(
 
 
 def assessments_to_dataframe(worths: Sequence[PatternAssessment]) -> pd.DataFrame:
-    """Return the figures of several patterns beside each other."""
+    """Return the assessments of several patterns as a table."""
     import pandas as pd
 
     rows = [
@@ -364,36 +362,36 @@ def assessments_to_dataframe(worths: Sequence[PatternAssessment]) -> pd.DataFram
 
 
 def _range(pattern: Pattern, rig: PatternRig) -> float:
-    """Return the step from ink to paper, as a share of full scale."""
+    """Return the difference between paper and ink, relative to full scale."""
     ink, paper = pattern.model.radiances
     return (paper - ink) * rig.light * compute_grey_level(rig, (paper + ink) / 2 * rig.light).gain
 
 
 def _render_pattern(pattern: Pattern, rig: PatternRig) -> _ImagedPattern:
-    """Return the grey values of the middle of a pattern."""
+    """Return the grey values of the centre of a pattern."""
     sides_px = [min(side / rig.mm_per_px, _PATCH_PX) for side in pattern.size_mm]
     if min(sides_px) < _LEAST_PX:
-        message = f"is less than {_LEAST_PX} px of the rig's image along a side: make a larger pattern"
-        raise PatternError([Problem("size_mm", message, pattern.size_mm)])
+        message = f"is less than {_LEAST_PX} px of the rig's image along a side: use a larger pattern"
+        raise ArgumentError([Problem("size_mm", message, pattern.size_mm)], source="a pattern")
     columns, rows = (int(side) * _PARTS for side in sides_px)
     width, height = (count / _PARTS * rig.mm_per_px for count in (columns, rows))
     box = ((pattern.size_mm[0] - width) / 2, (pattern.size_mm[1] - height) / 2, width, height)
     shown = _illuminate(pattern.radiance(box, (rows, columns)).astype(np.float64), rig, 1 / _PARTS, texel_px=1 / _PARTS)
     brightest = float(shown.grey.max())
     if brightest > 1:
-        message = f"saturates the sensor: paper would be at {100 * brightest:.0f} % of full scale; lower it, or expose"
-        raise PatternError([Problem("light", f"{message} for a shorter time", rig.light)])
+        message = f"saturates the sensor: paper would be at {100 * brightest:.0f} % of full scale; reduce the light, or"
+        raise ArgumentError([Problem("light", f"{message} the exposure time", rig.light)], source="a pattern")
     return shown
 
 
 def _illuminate(
     reflectance: Array, rig: PatternRig, pitch_px: float, texel_px: float = 0.0, noise_std: float = 0.0
 ) -> _ImagedPattern:
-    """Return the grey values of a surface whose reflectance is known."""
+    """Return the grey values of a surface with given reflectance."""
     level = compute_grey_level(rig, float(reflectance.mean()) * rig.light)
     if level.gain <= 0:
-        message = "gives a grey value that does not follow the light: the sensor is saturated; lower it"
-        raise PatternError([Problem("light", message, rig.light)])
+        message = "saturates the sensor: the grey value does not depend on the light; reduce it"
+        raise ArgumentError([Problem("light", message, rig.light)], source="a pattern")
     grey = level.grey + level.gain * rig.light * (reflectance - reflectance.mean())
     return _ImagedPattern(grey, level, pitch_px, rig, texel_px, noise_std * level.gain * rig.light)
 
@@ -432,11 +430,11 @@ def _assess(
 def _precision(
     rig: PatternRig, seen: PatternStatistics, noise: float, window_sigma_px: float, motion: str
 ) -> dict[str, float | None]:
-    """Return the least standard deviations; None where the rig or a sensor without noise does not tell them."""
+    """Return the lowest standard deviations; None where the rig or a noise-free sensor does not define them."""
     names = [one.name for one in fields(ClosedFormBound)]
     if noise == 0 or rig.positions < 2 or min(seen.gradient_x, seen.gradient_y) <= 0:
         return dict.fromkeys(names)
-    # Disparities are along x; what shows along both axes has the mean of both.
+    # Disparity is measured along x; quantities measured along both axes have the mean gradient.
     along, mean = (
         asdict(
             closed_form_bound(
@@ -464,13 +462,13 @@ def _refuse_numbers(mm_per_px: float | None, picture_noise_std: float | None) ->
     if mm_per_px is not None and not 0 < mm_per_px < math.inf:
         problems.append(Problem("mm_per_px", "must be a positive number", mm_per_px))
     if picture_noise_std is not None and not 0 <= picture_noise_std < 1:
-        problems.append(Problem("picture_noise_std", "must be a share of full scale, from 0 on", picture_noise_std))
+        problems.append(Problem("picture_noise_std", "must be a fraction of full scale", picture_noise_std))
     if problems:
-        raise PatternError(problems)
+        raise ArgumentError(problems, source="a pattern")
 
 
 SIZES_PX = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0)
-"""Diameters of dots that are compared."""
+"""Dot diameters in the size table."""
 
 _ALIASED = 0.05
 _BLEACHED, _DARK = 0.9, 0.1
@@ -478,27 +476,29 @@ _OWN_PX = 4.0
 
 
 def describe_assessments(worths: Sequence[PatternAssessment]) -> list[str]:
-    """Return what the first pattern allows, and how the others compare to it."""
+    """Return sentences on the precision with each pattern, and comparisons with the first."""
     found = []
     for number, worth in enumerate(worths):
-        told = f"{worth.label}: gradients of {100 * worth.gradient:.3g} % of full scale per px"
-        told += f", noise {100 * worth.noise_std:.2g} %, speckles of {worth.size_px:.2g} px"
+        told = f"{worth.label}: RMS gradient {100 * worth.gradient:.3g} % of full scale per px"
+        told += f", noise {100 * worth.noise_std:.2g} %, speckle size {worth.size_px:.2g} px"
         if worth.disparity_px is not None:
-            told += f"; disparity to {worth.disparity_px:.2g} px per step at best"
+            told += f"; lowest standard deviation of disparity {worth.disparity_px:.2g} px per step"
         if worth.depth_mm is not None:
-            told += f", depth to {worth.depth_mm:.2g} mm"
+            told += f", of depth {worth.depth_mm:.2g} mm"
         if worth.flow_px is not None:
-            told += f", flow to {worth.flow_px:.2g} px per frame"
+            told += f", of flow {worth.flow_px:.2g} px per frame"
         found.append(f"{told} (window σ {worth.window_sigma_px:g} px)")
         found += _warnings(worth)
         if number and worths[0].gradient > 0 and worth.gradient > 0:
             ratio = _noise_over_gradient(worth) / _noise_over_gradient(worths[0])
-            found.append(f"{worth.label}: {ratio:.2g} times the noise of depth and motion that {worths[0].label} gives")
+            found.append(
+                f"{worth.label}: {ratio:.2g} times the noise of depth and motion (reference: {worths[0].label})"
+            )
     return found
 
 
 def _noise_over_gradient(worth: PatternAssessment) -> float:
-    # A sensor without noise leaves the gradients.
+    # For a noise-free sensor, compare the gradients.
     return (worth.noise_std or 1.0) / worth.gradient
 
 
@@ -506,22 +506,22 @@ def _warnings(worth: PatternAssessment) -> list[str]:
     found = []
     if worth.aliased_share > _ALIASED:
         share = f"{100 * worth.aliased_share:.0f} %"
-        found.append(f"{worth.label}: {share} of its variance is too fine for the pixels (aliasing): make it coarser")
+        found.append(f"{worth.label}: {share} of the variance is beyond the Nyquist frequency: use a coarser pattern")
     if worth.mean > _BLEACHED:
-        found.append(f"{worth.label}: {100 * worth.mean:.0f} % of full scale in the mean: expose for a shorter time")
+        found.append(f"{worth.label}: {100 * worth.mean:.0f} % of full scale on average: reduce the exposure time")
     if worth.mean < _DARK:
-        found.append(f"{worth.label}: {100 * worth.mean:.0f} % of full scale in the mean: give more light")
+        found.append(f"{worth.label}: {100 * worth.mean:.0f} % of full scale on average: increase the light")
     return found
 
 
 def describe_pattern(pattern: Pattern) -> list[str]:
-    """Return what a pattern is, and how large its dots are at the nearest and the farthest depth."""
+    """Return a description of a pattern, and its finest features at the smallest and largest depth."""
     rig, width = pattern.rig, pattern.size_mm
     found = [f"{pattern.model.kind} of {width[0]:g} x {width[1]:g} mm: {pattern.told}"]
     if rig.depth_range_mm is not None and rig.depth_range_mm[0] < rig.depth_range_mm[1]:
         near, far = (pattern.model.finest_mm * rig.focal_length_px / depth for depth in rig.depth_range_mm)
         depths = " and ".join(f"{depth:.0f} mm" for depth in rig.depth_range_mm)
-        found.append(f"finest {near:.2f} and {far:.2f} px at the scene's nearest and farthest depths, {depths}")
+        found.append(f"finest feature {near:.2f} and {far:.2f} px at the smallest and largest scene depth, {depths}")
     seen = rig.field_mm
     if seen is not None and (seen[0] > width[0] or seen[1] > width[1]):
         found.append(f"smaller than the field of view, {seen[0]:.0f} x {seen[1]:.0f} mm")
@@ -529,23 +529,19 @@ def describe_pattern(pattern: Pattern) -> list[str]:
 
 
 def compute_size_table(rig: PatternRig, coverage: float = 0.5) -> list[tuple[float, float, float, float]]:
-    """Return what dots of several sizes are worth to a rig, from theory: dots that lie anywhere.
-
-    Returns: Diameter in px and in mm, noise of depth and motion relative to dots of 4 px, and the share of the variance
-    that is too fine for the pixels.
-    """
+    """Return dot diameters in px and mm, noise relative to dots of 4 px, and aliased fraction, for a Boolean model."""
     seen = compute_statistics_by_size(rig, SIZES_PX, coverage)
     own = seen[_OWN_PX].gradient_x
     return [(size, size * rig.mm_per_px, own / each.gradient_x, each.aliased_share) for size, each in seen.items()]
 
 
-# Colours that colour-blind readers can tell apart (after Okabe and Ito).
+# Colour-blind-safe colours (after Okabe and Ito).
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _RINGS = 40
 
 
 def plot_assessments(file: Path, worths: Sequence[PatternAssessment]) -> None:
-    """Draw what the rig sees of patterns, and the spectrum that lens and pixels leave."""
+    """Plot the imaged patterns, and their spectra after blur by lens and pixels."""
     import matplotlib.style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -563,11 +559,11 @@ def plot_assessments(file: Path, worths: Sequence[PatternAssessment]) -> None:
         for worth, colour in zip(worths, _COLOURS * len(worths), strict=False):
             assert worth.spectrum is not None
             density = compute_ring_means(worth.spectrum, worth.optics, edges)
-            # What a ring adds to the square of the gradient: its circumference, and (2 π f)² / 2 for one axis.
+            # Contribution of a ring to the squared gradient: its circumference, times (2 π f)² / 2 for one axis.
             adds = 4 * np.pi**3 * middle**3 * np.maximum(density, 0.0)
             axes[-1].plot(middle, adds, color=colour, label=worth.label)
         axes[-1].axvline(NYQUIST, color="0.5", linestyle=":", label="2 px")
         axes[-1].set(xlabel="spatial frequency, periods per px", ylabel="squared gradient per frequency")
-        axes[-1].set(xlim=(0, edges[-1]), ylim=(0, None), title="what its waves give, through lens and pixels")
+        axes[-1].set(xlim=(0, edges[-1]), ylim=(0, None), title="squared gradient after lens and pixels")
         axes[-1].legend(frameon=False)
         figure.savefig(file, dpi=110, metadata={"Software": "scenetruth"})

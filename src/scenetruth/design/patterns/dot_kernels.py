@@ -1,4 +1,4 @@
-"""Kernels that place dots at a minimum distance from each other and rasterise them."""
+"""Kernels that place dots with a minimum distance and rasterise them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def place_dots(
     wanted: int,
     so_far: int,
 ) -> Any:
-    """Place candidates one by one, unless they come too near to what is there, until enough is covered.
+    """Place candidates one after another, unless they are too close to placed dots, up to the required coverage.
 
-    ``candidates``: Centres (x, y) from the sheet's upper left corner, shape (n, 2), not further outside than
+    ``candidates``: Centres (x, y) from the upper left corner of the sheet, shape (n, 2), outside by at most
       ``radius``.
     """
     rows, columns = covered.shape
@@ -65,10 +65,10 @@ def place_dots(
 
 @numba.njit(cache=True, nogil=True)
 def draw_discs(raster: NDArray[np.float32], centres: NDArray[np.float64], radius: float) -> None:
-    """Lay discs on a raster: texels become the share that any of them covers.
+    """Draw discs on a raster of ink coverage.
 
-    ``centres``, shape (n, 2), are columns and rows, and ``radius`` is in texels. At a rim the share falls linearly over
-    a texel; where rims cross, shares multiply.
+    ``centres``, shape (n, 2), are columns and rows, and ``radius`` is in texels. At a rim the coverage falls linearly
+    over a texel; where rims cross, the uncovered fractions are multiplied.
     """
     rows, columns = raster.shape
     reach = radius + 0.5

@@ -1,4 +1,4 @@
-"""Generation of a pattern for a rig: lengths from its pixels, drawn with a seed."""
+"""Generation of a pattern for a rig, with lengths derived from its pixels, and a seed."""
 
 from __future__ import annotations
 
@@ -11,51 +11,44 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.design.patterns.pattern_model import (
-    Box,
-    Marks,
-    PatternDrawing,
-    PatternError,
-    PatternModel,
-    validate_values,
-)
+from scenetruth.design.patterns.pattern_model import Box, Marks, PatternDrawing, PatternModel, validate_values
 from scenetruth.design.patterns.pattern_rig import PatternRig
 from scenetruth.discovery import kinds_in
-from scenetruth.errors import Problem
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 
 __all__ = ["Pattern", "generate_pattern", "list_pattern_types"]
 
 _TYPES_MODULE = "scenetruth.design.patterns.pattern_types"
-# Of the field of view: so much more than the image shows, along each axis.
+# Default size relative to the field of view, along each axis.
 _BEYOND = 1.1
-# In px, where no length is given. Dots of 3 to 5 px are the field's rule (iDICs, Good Practices Guide, 2018).
+# Default lengths in px. Dots of 3 to 5 px are recommended for DIC (iDICs, Good Practices Guide, 2018).
 _LENGTHS_PX: dict[str, Any] = {"dot_mm": 4.0, "wavelength_mm": (5.0, 20.0)}
 _LEAST_DOTS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """A pattern that has been drawn for a rig.
+    """A pattern generated for a rig.
 
     Parameters
     ----------
     model
-        What it is, with all lengths in mm.
+        Model of the pattern, with all lengths in mm.
     size_mm
-        Width and height.
+        Width and height in mm.
     seed
-        Of what is irregular.
+        Seed of the random pattern.
     rig
-        The camera that it is made for.
+        The rig that the pattern is designed for.
     drawing
-        Where ink lies.
+        Distribution of ink.
 
     See Also
     --------
-    scenetruth.design.patterns.generate_pattern : Makes it.
-    scenetruth.design.patterns.export_pattern : Prints it.
+    scenetruth.design.patterns.generate_pattern : Generates a pattern.
+    scenetruth.design.patterns.export_pattern : Exports it for printing.
 
     Examples
     --------
@@ -65,7 +58,7 @@ class Pattern:
     >>> pattern.told
     'dots of 0.480 mm (4.00 px), 50 % covered, centres at least 1 diameters apart'
 
-    Its reflectance, from ink to paper, in texels of 0.1 mm:
+    Its reflectance, between those of ink and paper, in texels of 0.1 mm:
 
     >>> grey = pattern.radiance((0, 0, 30, 20), (200, 300))
     >>> f"{grey.min():.2f} to {grey.max():.2f}, in the mean {grey.mean():.2f}"
@@ -80,33 +73,33 @@ class Pattern:
 
     @property
     def told(self) -> str:
-        """What it is, in a line."""
+        """One-line description."""
         return self.model.told(self.rig.mm_per_px)
 
     def radiance(self, box_mm: Box, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return the mean reflectance of texels.
+        """Return the mean reflectance of texels, shape (rows, columns).
 
         Parameters
         ----------
         box_mm
-            Left and upper border, width and height of what the texels cover; y runs down.
+            Left and upper border, width and height of the area of the texels in mm; y points down.
         shape
-            Rows and columns.
+            Number of rows and columns.
         """
         ink, paper = self.model.radiances
         return np.asarray(paper + (ink - paper) * self.drawing.ink(box_mm, shape), dtype=np.float32)
 
     def marks(self, box_mm: Box) -> Marks:
-        """Return what is to be printed in a box."""
+        """Return the marks to print in a box."""
         return self.drawing.marks(box_mm)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what it is made from as plain values."""
+        """Return the parameters as plain values."""
         return {**self.model.model_dump(mode="json"), "size_mm": list(self.size_mm), "seed": self.seed}
 
 
 def list_pattern_types() -> dict[str, type[PatternModel]]:
-    """Return the models of all kinds of patterns, by name."""
+    """Return the models of all pattern types, by name."""
     return kinds_in(PatternModel, _TYPES_MODULE)  # type: ignore[return-value]
 
 
@@ -118,40 +111,40 @@ def generate_pattern(
     seed: int = 0,
     **settings: Any,
 ) -> Pattern:
-    """Make a pattern to print, for a rig.
+    """Generate a printable pattern for a rig.
 
     Parameters
     ----------
     rig
-        The camera, or a scene, its plain values or file.
+        The rig, or a scene, its plain values or file.
     kind
-        ``"speckle"``: random dots; ``"noise"``: noise of a band of wavelengths, cut into ink and paper;
-        ``"grey_noise"``: such noise in shades of grey, for photographic prints.
+        ``"speckle"``: random dots; ``"noise"``: band-limited noise, thresholded to ink and paper; ``"grey_noise"``:
+        band-limited noise in shades of grey, for photographic prints.
     size_mm
-        Width and height; 1.1 times what the camera's image shows, to whole mm, if not given.
+        Width and height in mm; default: 1.1 times the field of view of the camera, in whole mm.
     seed
-        Of what is irregular.
+        Seed of the random pattern.
     **settings
-        Fields of the kind's model. Lengths may be given in px on the sensor: ``dot_px``, ``wavelength_px`` instead of
-        ``dot_mm``, ``wavelength_mm``. By default dots have 4 px, and noise 5 to 20 px.
+        Fields of the model of this type. Lengths may be given in px on the sensor: ``dot_px``, ``wavelength_px``
+        instead of ``dot_mm``, ``wavelength_mm``. Default: dots of 4 px, noise of 5 to 20 px.
 
     Returns
     -------
     Pattern
-        The pattern: `assess_pattern` tells what it is worth, `export_pattern` prints it.
+        The generated pattern.
 
     Raises
     ------
     ArgumentError
-        With everything that is wrong.
+        If an argument is invalid; lists all errors.
     SceneError
-        If the scene cannot be made.
+        If the scene is invalid.
 
     See Also
     --------
-    scenetruth.design.patterns.PatternRig.from_scene : The camera, from a scene or a few numbers.
-    scenetruth.design.patterns.assess_pattern : What a pattern is worth.
-    scenetruth.design.patterns.export_pattern : Pages to print.
+    scenetruth.design.patterns.PatternRig.from_scene : A rig from a scene or from numbers.
+    scenetruth.design.patterns.assess_pattern : Assesses a pattern.
+    scenetruth.design.patterns.export_pattern : Exports a pattern for printing.
 
     Examples
     --------
@@ -163,7 +156,7 @@ def generate_pattern(
     rig = rig if isinstance(rig, PatternRig) else PatternRig.from_scene(rig)
     kinds = list_pattern_types()
     if kind not in kinds:
-        raise PatternError([Problem("kind", f"must be one of {', '.join(kinds)}", kind)])
+        raise ArgumentError([Problem("kind", f"must be one of {', '.join(kinds)}", kind)], source="a pattern")
     lengths, problems = _in_mm(settings, kinds[kind], rig)
     model, found = validate_values(kinds[kind], {"kind": kind, **lengths})
     problems += found
@@ -176,7 +169,7 @@ def generate_pattern(
         else:
             problems += model.size_problems(size)
     if model is None or size is None or problems:
-        raise PatternError(problems)
+        raise ArgumentError(problems, source="a pattern")
     width, height = (float(side) for side in size)
     drawing = model.draw((width, height), generator_for(seed, "pattern", kind))
     return Pattern(model, (width, height), seed, rig, drawing)
@@ -185,12 +178,12 @@ def generate_pattern(
 def _in_mm(
     settings: Mapping[str, Any], model: type[PatternModel], rig: PatternRig
 ) -> tuple[dict[str, Any], list[Problem]]:
-    """Return settings with lengths in mm, and what is wrong with those in px."""
+    """Return settings with lengths in mm, and the problems of lengths in px."""
     found, problems = dict(settings), []
     for name in [field for field in _LENGTHS_PX if field in model.model_fields]:
         in_px = name.replace("_mm", "_px")
         if name in found and in_px in found:
-            problems.append(Problem(in_px, f"give either {in_px} or {name}", found.pop(in_px)))
+            problems.append(Problem(in_px, f"specify either {in_px} or {name}", found.pop(in_px)))
         if name in found:
             continue
         given = found.pop(in_px, _LENGTHS_PX[name])
@@ -198,7 +191,7 @@ def _in_mm(
             several = isinstance(given, list | tuple)
             found[name] = tuple(float(each) * rig.mm_per_px for each in given) if several else given * rig.mm_per_px
         except (TypeError, ValueError):
-            problems.append(Problem(in_px, "must be a number, or as many as the length has", given))
+            problems.append(Problem(in_px, "must be a number, or several where the length has several", given))
             found[name] = _LENGTHS_PX[name]
     return found, problems
 
@@ -210,7 +203,7 @@ def _visible_size_mm(rig: PatternRig) -> tuple[float, float] | None:
 
 def _size_problems(size: Any) -> list[Problem]:
     if size is None:
-        return [Problem("size_mm", "is missing: the rig does not tell the size of its images; give width and height")]
+        return [Problem("size_mm", "is missing: the rig has no image size; specify width and height")]
     try:
         width, height = (float(side) for side in size)
     except (TypeError, ValueError):
@@ -225,4 +218,4 @@ def _is_seed(seed: Any) -> bool:
 
 
 def _seed_problem(seed: Any) -> Problem:
-    return Problem("seed", "must be a whole number from 0 on, below 2^63", seed)
+    return Problem("seed", "must be an integer from 0 to below 2^63", seed)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 from scenetruth.design.patterns.generation import Pattern
-from scenetruth.design.patterns.pattern_model import Box, PatternError
-from scenetruth.errors import Problem
+from scenetruth.design.patterns.pattern_model import Box
+from scenetruth.errors import ArgumentError, Problem
 
 __all__ = ["PageLine", "PageText", "PrintPage", "lay_out_pages"]
 
@@ -23,16 +23,16 @@ PAGES_MM = {
     "A0": (841.0, 1189.0),
     "letter": (215.9, 279.4),
 }
-"""Width and height of pages, upright (ISO 216)."""
+"""Width and height of pages in portrait orientation (ISO 216)."""
 
 RULER_MM = 100
-"""Length of the rulers."""
+"""Length of the rulers in mm."""
 
-# Beside and around a tile: the room of crop marks, that of a ruler, and the least size of a tile.
+# Space around a tile for crop marks, for a ruler, and the least size of a tile.
 _CROP_MM, _RULER_SPACE_MM, _LEAST_TILE_MM = 5.0, 9.0, 20.0
 _GAP_MM = 1.0
 _TEXT_MM, _LINE_MM = 2.6, 3.6
-# Of a sans serif font: mean width of a letter over its size, rounded up.
+# Mean width of a letter relative to the font size of a sans-serif font, rounded up.
 _LETTER = 0.58
 _HAIR_MM, _THIN_MM = 0.1, 0.2
 _MOST_PAGES = 400
@@ -40,7 +40,7 @@ _MOST_PAGES = 400
 
 @dataclass(frozen=True)
 class PageLine:
-    """A straight line on a page, all in mm from its upper left corner."""
+    """A straight line on a page, in mm from the upper left corner."""
 
     x0: float
     y0: float
@@ -51,7 +51,7 @@ class PageLine:
 
 @dataclass(frozen=True)
 class PageText:
-    """A line of text; ``anchor`` is what of it stands at (x, y), on the base line; upright text reads upwards."""
+    """A line of text; ``anchor`` is its alignment at (x, y) on the baseline; ``upright`` text reads upwards."""
 
     x: float
     y: float
@@ -63,13 +63,7 @@ class PageText:
 
 @dataclass(frozen=True)
 class PrintPage:
-    """A page to print.
-
-    ``size_mm``: Width and height.
-    ``place_mm``: Where the tile is on the page.
-    ``tile_mm``: Which part of the pattern it is.
-    ``lines``, ``texts``: What else is on the page.
-    """
+    """A page to print: size, positions of the tile on the page and in the pattern, crop marks, rulers and labels."""
 
     size_mm: tuple[float, float]
     place_mm: Box
@@ -79,28 +73,24 @@ class PrintPage:
 
 
 def lay_out_pages(pattern: Pattern, page: str = "A4", margin_mm: float = 10.0) -> list[PrintPage]:
-    """Lay a pattern out on pages.
-
-    ``page``: A size of paper (`PAGES_MM`), or its width and height in mm: ``"300x400"``. Known sizes are laid across
-      where that takes fewer pages.
-    """
+    """Lay out a pattern on pages of a named size, in either orientation, or of WIDTHxHEIGHT in mm."""
     sizes = _page_sizes(page)
     problems = [] if sizes else [Problem("page", f"must be one of {', '.join(PAGES_MM)}, or WIDTHxHEIGHT in mm", page)]
     if not 0 <= margin_mm <= 100:
         problems.append(Problem("margin_mm", "must be from 0 to 100 mm", margin_mm))
     if problems:
-        raise PatternError(problems)
+        raise ArgumentError(problems, source="a pattern")
     told = _compose_label(pattern)
     laid = [(size, _compute_tile_area(size, margin_mm, told)) for size in sizes]
     laid = [(size, room) for size, room in laid if min(room[2:]) >= _LEAST_TILE_MM]
     if not laid:
-        message = f"leaves less than {_LEAST_TILE_MM:g} mm for the pattern within its margins; take a larger one"
-        raise PatternError([Problem("page", message, page)])
+        message = f"leaves less than {_LEAST_TILE_MM:g} mm for the pattern within its margins; choose a larger page"
+        raise ArgumentError([Problem("page", message, page)], source="a pattern")
     size, room = min(laid, key=lambda each: math.prod(_tiles(pattern.size_mm, each[1])))
     columns, rows = _tiles(pattern.size_mm, room)
     if columns * rows > _MOST_PAGES:
-        message = f"takes {columns * rows:,} pages, more than {_MOST_PAGES}; take larger ones, or a smaller pattern"
-        raise PatternError([Problem("page", message, page)])
+        message = f"takes {columns * rows:,} pages, more than {_MOST_PAGES}; choose larger pages or a smaller pattern"
+        raise ArgumentError([Problem("page", message, page)], source="a pattern")
     return [
         _page(pattern, size, room, (row, column), (rows, columns), margin_mm, told)
         for row in range(rows)
@@ -136,9 +126,9 @@ def _wrapped(told: list[str], width_mm: float) -> list[str]:
 
 
 def _compute_tile_area(size: tuple[float, float], margin_mm: float, told: list[str]) -> Box:
-    """Return where the largest tile is on a page."""
+    """Return the largest tile on a page."""
     left, top = margin_mm + _RULER_SPACE_MM + _CROP_MM, margin_mm + _CROP_MM
-    # One more line than what is told says which page it is.
+    # One additional line for the page number.
     text = _LINE_MM * (len(_wrapped(told, size[0] - 2 * margin_mm)) + 1)
     below = _CROP_MM + _RULER_SPACE_MM + text
     return left, top, size[0] - left - margin_mm - _CROP_MM, size[1] - top - margin_mm - below
@@ -190,7 +180,7 @@ def _crop_marks(place: Box) -> list[PageLine]:
 
 
 def _ruler(room: Box, *, upright: bool) -> tuple[list[PageLine], list[PageText]]:
-    """Return a ruler below the tile, or an upright one to the left of it, with a tick for every mm."""
+    """Return a ruler below the tile, or an upright ruler to its left, with a tick for every mm."""
     left, top, width, height = room
     length = min(RULER_MM, int((height if upright else width) // 10) * 10)
     # Ticks point away from the tile.

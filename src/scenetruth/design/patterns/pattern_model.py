@@ -1,4 +1,4 @@
-"""What all patterns share: the base model, the drawing made from it, validation, and the error of a pattern."""
+"""Base model of patterns, drawings, validation, and the exception for patterns."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from scenetruth.errors import ArgumentError, Problem
+from scenetruth.errors import Problem
 from scenetruth.validated_model import FrozenModel
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "InkDots",
     "Marks",
     "PatternDrawing",
-    "PatternError",
     "PatternModel",
     "validate_values",
 ]
@@ -30,16 +29,10 @@ __all__ = [
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class PatternError(ArgumentError):
-    """A pattern that cannot be made, printed or judged; lists every problem with its path."""
-
-    _noun = "pattern"
-
-
 def validate_values(
     model: type[Model], values: Mapping[str, Any], path: str = ""
 ) -> tuple[Model | None, list[Problem]]:
-    """Return a model made of values, or what is wrong with them."""
+    """Return a validated model, or the problems of the values."""
     try:
         return model.model_validate(dict(values)), []
     except ValidationError as error:
@@ -48,7 +41,7 @@ def validate_values(
 
 
 def list_problems(error: ValidationError, path: str, known: str) -> list[Problem]:
-    """Return the problems that a validation has found."""
+    """Return the problems of a validation error."""
     found = []
     for entry in error.errors():
         where = ".".join([path, *map(str, entry["loc"])] if path else map(str, entry["loc"]))
@@ -57,23 +50,19 @@ def list_problems(error: ValidationError, path: str, known: str) -> list[Problem
             found.append(Problem(where, "is missing"))
             continue
         if entry["type"] == "extra_forbidden":
-            message = f"is no setting here; there are {known}"
+            message = f"is unknown; choose {known}"
         found.append(Problem(where, message, entry.get("input")))
     return found
 
 
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
-"""Left and upper border, width and height in mm; y runs down, (0, 0) is the pattern's upper left corner."""
+"""Left and upper border, width and height in mm; y points down, (0, 0) is the upper left corner of the pattern."""
 
 
 @dataclass(frozen=True, eq=False)
 class InkDots:
-    """Discs of ink.
-
-    ``centres_mm``: Shape (n, 2).
-    ``diameter_mm``: Of all of them.
-    """
+    """Discs of ink with a common diameter and centres of shape (n, 2)."""
 
     centres_mm: Array
     diameter_mm: float
@@ -81,49 +70,42 @@ class InkDots:
 
 @dataclass(frozen=True, eq=False)
 class InkAreas:
-    """Areas of ink.
-
-    ``outlines_mm``: Closed polygons, each of shape (n, 2); holes run the other way round than what they are in.
-    """
+    """Areas of ink: closed polygons, each of shape (n, 2); holes have the opposite orientation."""
 
     outlines_mm: list[Array]
 
 
 @dataclass(frozen=True, eq=False)
 class GreyPicture:
-    """A picture in shades of grey.
-
-    ``values``: sRGB grey values, shape (rows, columns), uint8.
-    ``box_mm``: What it covers.
-    """
+    """A picture in shades of grey: sRGB values, shape (rows, columns), uint8, and the box that it covers."""
 
     values: NDArray[np.uint8]
     box_mm: Box
 
 
 Marks = InkDots | InkAreas | GreyPicture
-"""What a printer puts on paper."""
+"""Marks on paper."""
 
 
 class PatternDrawing(ABC):
-    """A pattern that has been drawn."""
+    """A drawn pattern."""
 
     @abstractmethod
     def ink(self, box_mm: Box, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return how much of every texel ink covers."""
+        """Return the ink coverage of every texel."""
 
     @abstractmethod
     def marks(self, box_mm: Box) -> Marks:
-        """Return what is to be printed in a part of the pattern; it may reach beyond."""
+        """Return the marks to print in a part of the pattern; they may extend beyond it."""
 
 
 class PatternModel(FrozenModel, ABC):
-    """What all patterns share. A pattern is a model derived from this one, in a module of `pattern.kinds`."""
+    """Base class of the pattern types in the module `pattern_types`."""
 
     kind: str
-    """Name of the pattern."""
+    """Name of the pattern type."""
     radiances: tuple[Annotated[float, Field(ge=0, le=1)], Annotated[float, Field(ge=0, le=1)]] = (0.05, 0.85)
-    """Reflectance of ink and of paper; matt paper and toner have about 0.85 and 0.05."""
+    """Reflectance of ink and of paper; about 0.05 for toner and 0.85 for matt paper."""
 
     @model_validator(mode="after")
     def _seen(self) -> PatternModel:
@@ -138,7 +120,7 @@ class PatternModel(FrozenModel, ABC):
 
     @abstractmethod
     def told(self, mm_per_px: float) -> str:
-        """Return what the pattern is, in a line: lengths in mm, and in px of the camera that it is made for."""
+        """Return a one-line description, with lengths in mm and in px of the rig."""
 
     @property
     @abstractmethod
@@ -151,13 +133,9 @@ class PatternModel(FrozenModel, ABC):
         """Diameter of dots, or longest wavelength, in mm."""
 
     def size_problems(self, size_mm: tuple[float, float]) -> list[Problem]:
-        """Return what keeps a pattern of that size from being drawn."""
+        """Return the problems that prevent drawing a pattern of this size."""
         return []
 
     def power(self, count: int, pitch_mm: float) -> Array | None:
-        """Return the spectrum of the ink from theory.
-
-        Returns: Power at the frequencies of `numpy.fft.fftfreq` along y and x, shape (count, count), which sums to the
-        variance of the ink; None if there is no closed form.
-        """
+        """Return the analytic power of the ink at `numpy.fft.fftfreq` frequencies, shape (count, count), or None."""
         return None

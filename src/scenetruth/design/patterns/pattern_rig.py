@@ -1,4 +1,4 @@
-"""The camera for which a pattern is made: pixel size on the surface, contrast transfer, grey levels and their noise."""
+"""The rig that a pattern is designed for: pixel size on the surface, contrast transfer, grey levels and noise."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pydantic import Field
 
 from scenetruth.camera import AnySensor, Defocus, GaussianSensor, build_sensor_chain
 from scenetruth.camera.lens import Psf
-from scenetruth.design.patterns.pattern_model import PatternError, validate_values
+from scenetruth.design.patterns.pattern_model import validate_values
 from scenetruth.design.prediction.camera_response import compute_grey_levels
-from scenetruth.errors import Problem, SceneError, SceneWarning
+from scenetruth.errors import ArgumentError, Problem, SceneError, SceneWarning
 from scenetruth.scene import Scene, SceneLike, load_scene
 from scenetruth.scene.texture.procedural_textures import UniformTexture
 from scenetruth.validated_model import FrozenModel, Positive
@@ -28,17 +28,17 @@ __all__ = [
 ]
 
 
-# Pixels along the longer side of the image from which the distance of a scene's surfaces is taken.
+# Pixels along the longer side of the coarse image from which surface distances are measured.
 _COARSE_PX = 64
 
 
 class PatternRig(FrozenModel):
-    """A camera on its stage, in front of a flat surface that faces it.
+    """A camera on its stage, in front of a flat, fronto-parallel surface.
 
     See Also
     --------
-    scenetruth.design.patterns.PatternRig.from_scene : The rig of a scene, or of a few numbers.
-    scenetruth.design.patterns.generate_pattern : A pattern for it.
+    scenetruth.design.patterns.PatternRig.from_scene : A rig from a scene or from numbers.
+    scenetruth.design.patterns.generate_pattern : Generates a pattern for a rig.
 
     Examples
     --------
@@ -54,23 +54,23 @@ class PatternRig(FrozenModel):
     distance_mm: Positive
     """Depth Z of the surface in mm."""
     depth_range_mm: tuple[Positive, Positive] | None = None
-    """Nearest and farthest depth that the pattern will be seen at; null if there is no other than ``distance_mm``."""
+    """Smallest and largest depth of the pattern in mm; null if it is used at ``distance_mm`` only."""
     image_size_px: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] | None = None
-    """Width and height of the image; null if unknown."""
+    """Width and height of the image in px; null if unspecified."""
     baseline_mm: Positive | None = None
-    """Distance of neighbouring positions; null if unknown: then nothing can be said of depth in mm."""
+    """Distance of neighbouring positions in mm; null if unspecified: depth is then not assessed."""
     positions: Annotated[int, Field(ge=1)] = 2
-    """Camera positions."""
+    """Number of camera positions."""
     frames: Annotated[int, Field(ge=1)] = 1
-    """Frames at each of them."""
+    """Number of frames at each position."""
     psf: Psf | None = None
-    """Point spread function of the lens in focus; null for a perfect lens."""
+    """Point-spread function of the lens in focus; null for a perfect lens."""
     defocus: Defocus | None = None
-    """Its aperture and focus; null if everything is sharp."""
+    """Aperture and focus distance; null without defocus."""
     sensor: AnySensor = GaussianSensor(noise_std=0.01)
-    """The sensor, for its noise: 1 % of full scale, 8 bits, if nothing is known."""
+    """Sensor model; default: noise of 1 % of full scale, 8 bits."""
     light: Positive = 1.0
-    """Radiance of a perfectly white surface; textures of scenes without lamps have 1."""
+    """Radiance of a perfectly white surface; 1 in scenes without lamps."""
 
     @classmethod
     def from_scene(
@@ -81,34 +81,34 @@ class PatternRig(FrozenModel):
         light: float | None = None,
         **changes: Any,
     ) -> PatternRig:
-        """Return the rig of a scene, or of a few numbers.
+        """Return a rig from a scene or from numbers.
 
         Parameters
         ----------
         scene
-            The scene, its values, its file, or the name of one that is shipped; None for a rig of numbers alone.
+            The scene, its values, its file, or the name of a bundled scene; None for a rig from numbers.
         distance_mm
-            Depth of the surface; of a scene, the median depth of what the reference camera sees if not given.
+            Depth of the surface; default: the median depth seen by the reference camera.
         light
-            Radiance of a perfectly white surface, 1 if not given.
+            Radiance of a perfectly white surface; default: 1.
         **changes
-            Other fields of `PatternRig`, which replace the scene's.
+            Other fields of `PatternRig`, which override those of the scene.
 
         Returns
         -------
         PatternRig
-            Positions that are not equidistant count as so many with the same spread.
+            Unequal position intervals are replaced by equal intervals with the same variance.
 
         Raises
         ------
-        PatternError
-            If a number is missing or impossible; lists all that is wrong.
+        ArgumentError
+            If a number is missing or invalid; lists all errors.
         SceneError
-            If the scene cannot be made.
+            If the scene is invalid.
 
         See Also
         --------
-        scenetruth.design.patterns.generate_pattern : A pattern for a rig.
+        scenetruth.design.patterns.generate_pattern : Generates a pattern for a rig.
 
         Examples
         --------
@@ -117,7 +117,7 @@ class PatternRig(FrozenModel):
         >>> f"{rig.mm_per_px:.2f} mm per px"
         '0.12 mm per px'
 
-        Of a scene, at the depth that its camera sees:
+        From a scene, at the depth seen by its camera:
 
         >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
         >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
@@ -136,7 +136,7 @@ class PatternRig(FrozenModel):
             values = {**_read_values(load_scene(scene), measured=distance_mm is None), **values}
         rig, problems = validate_values(cls, values)
         if rig is None:
-            raise PatternError(problems, source="the rig")
+            raise ArgumentError(problems, source="the rig")
         return rig
 
     @property
@@ -146,14 +146,14 @@ class PatternRig(FrozenModel):
 
     @property
     def field_mm(self) -> tuple[float, float] | None:
-        """Width and height of what the image shows of the surface in mm; None if the image's size is unknown."""
+        """Width and height of the field of view in mm; None without an image size."""
         if self.image_size_px is None:
             return None
         return self.image_size_px[0] * self.mm_per_px, self.image_size_px[1] * self.mm_per_px
 
 
 def _read_values(scene: Scene, *, measured: bool) -> dict[str, Any]:
-    """Return the fields of a scene's rig; its distance only if it is to be ``measured``."""
+    """Return the rig fields of a scene, including its distance if ``measured``."""
     camera, stage = scene.camera, scene.stage
     values: dict[str, Any] = {
         "focal_length_px": camera.focal_px,
@@ -165,7 +165,7 @@ def _read_values(scene: Scene, *, measured: bool) -> dict[str, Any]:
         "sensor": scene.sensor,
     }
     if stage.positions > 1:
-        # As far apart as gives the same sum of squares.
+        # Equal intervals with the same sum of squares.
         even = np.arange(stage.positions)
         values["baseline_mm"] = float(np.std(stage.x_mm) / np.std(even))
     if measured:
@@ -175,22 +175,22 @@ def _read_values(scene: Scene, *, measured: bool) -> dict[str, Any]:
 
 
 def _depths(scene: Scene) -> tuple[float, float, float]:
-    """Return the least depth, the median and the largest of what the reference camera sees, on a coarse grid."""
+    """Return the minimum, median and maximum depth seen by the reference camera, on a coarse grid."""
     from scenetruth.truth import make_truth
 
     with warnings.catch_warnings():
-        # What is seen on a coarse grid is not what the scene should be warned of.
+        # Warnings on a coarse grid do not apply to the scene.
         warnings.simplefilter("ignore", SceneWarning)
         depth = make_truth(_unpainted(scene).shrunk_to(_COARSE_PX))["depth"].values
     seen = depth[np.isfinite(depth)]
     if not seen.size:
-        message = "cannot be told: the reference camera sees no surface; give it"
+        message = "cannot be measured: no surface is visible to the reference camera; specify it"
         raise SceneError([Problem("distance_mm", message)])
     return float(seen.min()), float(np.median(seen)), float(seen.max())
 
 
 def _unpainted(scene: Scene) -> Scene:
-    """Return a scene whose objects have no textures, which take long to paint."""
+    """Return a scene with uniform textures, which need no painting."""
     plain = UniformTexture(kind="uniform")
     return scene.model_copy(
         update={"objects": tuple(item.model_copy(update={"texture": plain}) for item in scene.objects)}
@@ -201,11 +201,10 @@ Array = NDArray[np.float64]
 
 
 def compute_contrast_transfer(rig: PatternRig, along_x: Array, along_y: Array) -> Array:
-    """Return the modulation transfer of a rig: lens in focus, blur disc out of focus, and the pixel's aperture.
+    """Return the modulation transfer of a rig: lens in focus, defocus disc, and pixel aperture.
 
-    ``along_x``, ``along_y``: Spatial frequencies in periods per px; they are broadcast.
-    Returns: Contrast that is left; negative where a blur disc reverses it. A disc of diameter b px leaves 2 J1(π b f) /
-    (π b f), a square pixel sin(π f) / (π f) along each axis.
+    A disc of diameter b px gives 2 J1(π b f) / (π b f), negative where contrast is reversed, and a square pixel
+    sin(π f) / (π f) along each axis. ``along_x``, ``along_y``: Frequencies in periods per px, broadcast.
     """
     from scipy.special import j1
 
@@ -220,18 +219,13 @@ def compute_contrast_transfer(rig: PatternRig, along_x: Array, along_y: Array) -
     return np.asarray(left)
 
 
-# Levels between which a sensor's response is inverted.
+# Number of levels for the inversion of a sensor's response.
 _LEVELS = 257
 
 
 @dataclass(frozen=True)
 class PatternGreyLevel:
-    """A grey value, as a share of full scale.
-
-    ``grey``: The grey value.
-    ``gain``: What it changes by per radiance.
-    ``noise_std``: Standard deviation of the noise that is new in every image, rounding included; 0 of an ideal sensor.
-    """
+    """Grey value relative to full scale, its derivative by radiance, and temporal noise including rounding."""
 
     grey: float
     gain: float
@@ -239,12 +233,12 @@ class PatternGreyLevel:
 
 
 def compute_grey_level(rig: PatternRig, radiance: float) -> PatternGreyLevel:
-    """Return the grey value that a rig's sensor gives of a radiance."""
+    """Return the grey level of a rig's sensor for a radiance."""
     found = compute_grey_levels(rig.sensor, np.array([radiance]))
     return PatternGreyLevel(float(found.level[0]), float(found.gain[0]), float(found.noise[0]))
 
 
 def find_grey_level(rig: PatternRig, grey: float) -> PatternGreyLevel:
-    """Return the level of light at which a rig's sensor gives a grey value."""
+    """Return the grey level of a rig's sensor closest to a grey value."""
     radiances = np.linspace(0.0, build_sensor_chain(rig.sensor).saturation_radiance, _LEVELS)
     return compute_grey_level(rig, float(np.interp(grey, compute_grey_levels(rig.sensor, radiances).level, radiances)))

@@ -1,4 +1,4 @@
-"""Photographs of patterns and power spectra: contrast, intensity gradients and feature size as the rig images them."""
+"""Photographs of patterns and power spectra: contrast, gradients and speckle size as imaged by the rig."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.compilation import thread_count
-from scenetruth.design.patterns.pattern_model import PatternError
 from scenetruth.design.patterns.pattern_rig import PatternRig, compute_contrast_transfer
 from scenetruth.design.prediction.camera_response import compute_derivative_response
-from scenetruth.errors import Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.scene.texture.image_textures import compute_luminance, read_image_header
 
 __all__ = [
@@ -36,22 +35,22 @@ _MOST_SIDE = 2048
 
 
 def load_grey_values(picture: str | Path | NDArray[Any], encoding: str) -> Array:
-    """Return the linear grey values of a photograph, from 0 to 1; of a large one, its middle."""
+    """Return the linear grey values of a photograph, from 0 to 1; of the centre if it is large."""
     if encoding not in ("linear", "srgb"):
-        raise PatternError([Problem("encoding", "must be linear or srgb", encoding)])
+        raise ArgumentError([Problem("encoding", "must be linear or srgb", encoding)], source="a pattern")
     image = _read(Path(picture)) if isinstance(picture, str | Path) else np.asarray(picture)
     told = str(picture) if isinstance(picture, str | Path) else f"shape {image.shape}, {image.dtype}"
     if image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
-        raise PatternError([Problem("picture", "must be one picture in grey or in colours", told)])
+        raise ArgumentError([Problem("picture", "must be a single grey or colour picture", told)], source="a pattern")
     if image.dtype.kind not in "uifb" or not np.isfinite(image).all():
-        raise PatternError([Problem("picture", "must hold numbers, all of them finite", told)])
+        raise ArgumentError([Problem("picture", "must contain finite numbers", told)], source="a pattern")
     slices = tuple(slice(max((side - _MOST_SIDE) // 2, 0), None) for side in image.shape[:2])
     image = image[slices][:_MOST_SIDE, :_MOST_SIDE]
     return compute_luminance(image, encoding).astype(np.float64)
 
 
 def remove_shading(grey: Array) -> Array:
-    """Return a picture without uneven light: divided by the quadratic surface through it, its mean kept."""
+    """Return a picture divided by its quadratic trend, with its mean preserved, to correct uneven illumination."""
     rows, columns = grey.shape
     y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1).reshape(-1, 6)
@@ -67,32 +66,34 @@ def _read(file: Path) -> NDArray[Any]:
     try:
         read_image_header(file)
     except SceneError as error:
-        raise PatternError([Problem("picture", problem.message, str(file)) for problem in error.problems]) from error
+        raise ArgumentError(
+            [Problem("picture", problem.message, str(file)) for problem in error.problems], source="a pattern"
+        ) from error
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             image = np.asarray(imageio.imread(file.read_bytes(), extension=file.suffix))
-    except Exception as error:  # the readers of imageio's plugins raise whatever they like
+    except Exception as error:  # imageio plugins raise various exceptions
         told = " ".join(str(error).split())[:200] or type(error).__name__
-        raise PatternError([Problem("picture", f"cannot be read as an image: {told}", str(file))]) from error
+        raise ArgumentError(
+            [Problem("picture", f"cannot be read as an image: {told}", str(file))], source="a pattern"
+        ) from error
     return image[0] if image.ndim > 2 and image.shape[0] == 1 else image
 
 
 NYQUIST = 0.5
-"""Periods per px beyond which waves are not seen as what they are."""
+"""Nyquist frequency in periods per px."""
 
 _REACH_PX = 16
 
 
 @dataclass(frozen=True, eq=False)
 class PatternSpectrum:
-    """Power at the frequencies of `numpy.fft.fftfreq`; it sums to the variance.
+    """Power (rows, columns) at the frequencies of `numpy.fft.fftfreq`; its sum is the variance.
 
-    ``power``: Shape (rows, columns).
-    ``pitch_px``: Distance of the raster's points on the sensor, in px.
-    ``window``: Correlation of the window that the picture was faded out with, by distance in rows and columns; None for
-      none.
-    ``fade``: What the slopes of this window along x and y add to squared gradients, per variance.
+    ``pitch_px``: Sampling distance on the sensor, in px.
+    ``window``: Autocorrelation of the window applied to the picture, by distance in rows and columns; None for none.
+    ``fade``: Contribution of the window's slopes along x and y to squared gradients, relative to the variance.
     """
 
     power: Array
@@ -108,12 +109,11 @@ class PatternSpectrum:
 
 @dataclass(frozen=True)
 class PatternStatistics:
-    """What a rig sees of a pattern, in shares of the picture's unit.
+    """Image statistics of a pattern for a rig, in units of the picture.
 
-    ``contrast``: Standard deviation.
-    ``gradient_x``, ``gradient_y``: Rms of the derivatives, per px, of the quintic spline through the pixels, from which
-      the bound and the refined method take them: of waves that are sampled finely enough.
-    ``aliased_share``: Share of the variance in waves that are too short for the pixels.
+    ``gradient_x``, ``gradient_y``: RMS derivatives, per px, of the quintic spline through the pixels, as used by the
+      bound and the refined method, for frequencies below Nyquist.
+    ``aliased_share``: Fraction of the variance beyond the Nyquist frequency.
     ``size_px``: Full width at half maximum of the autocorrelation, mean of x and y.
     """
 
@@ -125,10 +125,7 @@ class PatternStatistics:
 
 
 def compute_spectrum(picture: Array, pitch_px: float, noise_std: float = 0.0) -> PatternSpectrum:
-    """Return the spectrum of a picture that does not repeat: without its mean, faded out towards its borders.
-
-    ``pitch_px``: Distance of its points on the sensor, in px.
-    """
+    """Return the spectrum of a non-periodic picture with samples ``pitch_px`` apart, without its mean, windowed."""
     from scipy import fft
 
     fade = np.outer(*(np.hanning(side + 2)[1:-1] for side in picture.shape))
@@ -136,7 +133,7 @@ def compute_spectrum(picture: Array, pitch_px: float, noise_std: float = 0.0) ->
     square = float((fade**2).sum())
     found = np.abs(fft.fft2(fade * (picture - mean), workers=thread_count())) ** 2 / (square * picture.size)
     window = fft.ifft2(np.abs(fft.fft2(fade)) ** 2, workers=thread_count()).real / square
-    # Mean squared slope over mean square of a cosine bell of length L: (2 π / √3 L)².
+    # Mean squared slope over mean square of a Hann window of length L: (2 π / √3 L)².
     slopes = tuple((2 * np.pi / (side * pitch_px)) ** 2 / 3 for side in reversed(picture.shape))
     return PatternSpectrum(found - noise_std**2 / picture.size, pitch_px, window, (slopes[0], slopes[1]))
 
@@ -144,10 +141,10 @@ def compute_spectrum(picture: Array, pitch_px: float, noise_std: float = 0.0) ->
 def compute_pattern_statistics(
     spectrum: PatternSpectrum, rig: PatternRig | None, texel_px: float = 0.0
 ) -> PatternStatistics:
-    """Return what a rig sees of a pattern with that spectrum."""
+    """Return the image statistics of a pattern with a given spectrum."""
     f_x, f_y = spectrum.frequencies()
     left = np.ones_like(spectrum.power) if rig is None else compute_contrast_transfer(rig, f_x, f_y)
-    # Beyond, where nothing is taken back, hardly anything is left.
+    # Beyond the Nyquist frequency, the power is small and not corrected.
     clear = (np.abs(f_x) <= NYQUIST) & (np.abs(f_y) <= NYQUIST)
     if texel_px > 0:
         left = left / np.where(clear, np.sinc(f_x * texel_px) * np.sinc(f_y * texel_px), 1.0)
@@ -168,12 +165,12 @@ def compute_pattern_statistics(
 
 
 def sample_patch(picture: Array, pitch_px: float, rig: PatternRig | None, side_px: int) -> Array:
-    """Return the middle of a picture as a rig's pixels sample it, or as it is if they have taken it."""
+    """Return the centre of a picture as sampled by a rig's pixels, or unchanged if recorded by the rig."""
     from scipy import fft
     from scipy.ndimage import map_coordinates
 
     sides = [min(side_px, int(count * pitch_px)) for count in picture.shape]
-    # Lens and pixels reach no farther than this.
+    # Largest extent of blur by lens and pixels.
     wide = [
         min(count, math.ceil((side + 2 * _REACH_PX) / pitch_px))
         for side, count in zip(sides, picture.shape, strict=True)
@@ -191,13 +188,10 @@ def sample_patch(picture: Array, pitch_px: float, rig: PatternRig | None, side_p
 
 
 def compute_ring_means(spectrum: PatternSpectrum, rig: PatternRig | None, edges: Array) -> Array:
-    """Return the mean power density in rings of frequencies, as the rig sees it, times px²; NaN in rings without any.
-
-    ``edges``: Borders of the rings in periods per px.
-    """
+    """Return the mean power density by rings of frequencies with borders ``edges`` in periods per px; NaN if empty."""
     f_x, f_y = spectrum.frequencies()
     left = 1.0 if rig is None else compute_contrast_transfer(rig, f_x, f_y)
-    # One frequency stands for an area of 1 / (rows columns pitch²).
+    # Each frequency represents an area of 1 / (rows columns pitch²).
     density = spectrum.power * left**2 * spectrum.power.size * spectrum.pitch_px**2
     ring = np.digitize(np.hypot(f_x, f_y).ravel(), edges) - 1
     inside = (ring >= 0) & (ring < len(edges) - 1)
@@ -212,7 +206,7 @@ def _frequencies(rows: int, columns: int, pitch_px: float) -> tuple[Array, Array
 
 
 def _width(seen: Array, spectrum: PatternSpectrum) -> float:
-    """Return the full width at half maximum of the autocorrelation; NaN if it does not fall that far."""
+    """Return the full width at half maximum of the autocorrelation; NaN if it does not fall below half."""
     from scipy import fft
 
     correlation = fft.ifft2(seen, workers=thread_count()).real
@@ -223,7 +217,7 @@ def _width(seen: Array, spectrum: PatternSpectrum) -> float:
         along = lags[:half].copy()
         if spectrum.window is not None:
             fade = spectrum.window[:, 0] if axis == 0 else spectrum.window[0]
-            # Far apart, the window leaves nothing.
+            # At large distances, the autocorrelation of the window vanishes.
             along = np.where(fade[:half] > 0.1, along / np.maximum(fade[:half], 0.1), 0.0)
         below = np.flatnonzero(along < along[0] / 2)
         if along[0] <= 0 or not below.size:

@@ -1,7 +1,4 @@
-"""The types of patterns, a class each.
-
-Grey noise, binary noise, speckle; and the band-limited noise field behind two of them.
-"""
+"""Pattern types: grey noise, binary noise, speckle."""
 
 from __future__ import annotations
 
@@ -21,10 +18,9 @@ from scenetruth.design.patterns.pattern_model import (
     InkAreas,
     InkDots,
     PatternDrawing,
-    PatternError,
     PatternModel,
 )
-from scenetruth.errors import Problem
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.scene.texture.band_limited_noise import contains_wavelength, make_band_limited_noise
 from scenetruth.validated_model import Positive
 
@@ -39,22 +35,18 @@ __all__ = [
 
 
 MOST_TEXELS = 40_000_000
-"""Points at which noise is known on a printed sheet: more of them make files that nothing prints."""
+"""Largest number of noise samples on a printed sheet; larger files cannot be printed."""
 
 SAMPLES = 8
-"""Points per shortest wavelength on a printed sheet."""
+"""Samples per shortest wavelength on a printed sheet."""
 
-# Points that are looked up at a time.
+# Points evaluated per batch.
 _PART = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseField:
-    """Noise of zero mean and unit variance that repeats.
-
-    ``coefficients``: Of a periodic cubic spline.
-    ``period_mm``: Width and height after which it repeats.
-    """
+    """Periodic noise with zero mean and unit variance: coefficients of a cubic spline, and size of the period."""
 
     coefficients: NDArray[np.float32]
     period_mm: tuple[float, float]
@@ -73,7 +65,7 @@ class NoiseField:
         return out
 
     def texels(self, box_mm: Box, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Return the noise in the middle of texels that cover a box."""
+        """Return the noise at the centres of the texels of a box."""
         left, top, width, height = box_mm
         x = left + (np.arange(shape[1]) + 0.5) * width / shape[1]
         y = top + (np.arange(shape[0]) + 0.5) * height / shape[0]
@@ -87,16 +79,16 @@ def generate_noise_field(
     peak: float,
     generator: np.random.Generator,
 ) -> NoiseField:
-    """Make the noise of a sheet."""
+    """Generate the noise of a sheet."""
     noise = make_band_limited_noise(wavelength_mm, size_mm, generator, exponent=exponent, peak=peak)
     return NoiseField(noise.coefficients, noise.period)
 
 
 def list_band_problems(wavelength_mm: tuple[float, float], size_mm: tuple[float, float]) -> list[Problem]:
-    """Return what keeps noise of a band from being drawn on a sheet."""
+    """Return the problems of band-limited noise on a sheet."""
     problems = []
     if not contains_wavelength(wavelength_mm, size_mm):
-        message = "is so narrow a band that no wave of it fits on the sheet; make it wider"
+        message = "contains no wavelength that fits on the sheet; widen the band"
         problems.append(Problem("wavelength_mm", message, wavelength_mm))
     texels = SAMPLES**2 * size_mm[0] * size_mm[1] / wavelength_mm[0] ** 2
     if texels > MOST_TEXELS:
@@ -116,16 +108,16 @@ def compute_band_power(wavelength_mm: tuple[float, float], exponent: float, coun
 
 
 class GreyNoisePattern(PatternModel):
-    """Gaussian noise of a band of wavelengths, limited to what lies between ink and paper."""
+    """Band-limited Gaussian noise, clipped to the range between ink and paper."""
 
     kind: Literal["grey_noise"]
-    """``grey_noise``."""
+    """Pattern type: ``grey_noise``."""
     wavelength_mm: tuple[Positive, Positive]
     """Shortest and longest wavelength in mm."""
     spectrum_exponent: Annotated[float, Limited(ge=-10, le=10, allow_inf_nan=False)] = 0.0
-    """Power density is proportional to (spatial frequency) ** spectrum_exponent; 0 is white."""
+    """Exponent e of the power density, proportional to (spatial frequency) ** e; 0 is white noise."""
     contrast: Annotated[float, Limited(gt=0, le=0.25)] = 0.2
-    """Standard deviation, as a share of the range from ink to paper; extremes are kept within it inside the band."""
+    """Standard deviation relative to the range from ink to paper; extremes are limited to this range."""
 
     @field_validator("wavelength_mm")
     @classmethod
@@ -142,7 +134,7 @@ class GreyNoisePattern(PatternModel):
         return _GreyInk(field, self.contrast, self.radiances, self.wavelength_mm[0])
 
     def told(self, mm_per_px: float) -> str:
-        """Return what the pattern is, in a line; see `PatternModel`."""
+        """Return a one-line description; see `PatternModel`."""
         short, long = self.wavelength_mm
         lengths = f"{short:.3f} to {long:.3f} mm ({short / mm_per_px:.2f} to {long / mm_per_px:.2f} px)"
         return f"noise of wavelengths {lengths} in shades of grey, contrast {self.contrast:g} of the range"
@@ -158,17 +150,17 @@ class GreyNoisePattern(PatternModel):
         return self.wavelength_mm[1]
 
     def size_problems(self, size_mm: tuple[float, float]) -> list[Problem]:
-        """Return what keeps a pattern of that size from being drawn; see `PatternModel`."""
+        """Return the problems that prevent drawing a pattern of this size; see `PatternModel`."""
         return list_band_problems(self.wavelength_mm, size_mm)
 
     def power(self, count: int, pitch_mm: float) -> Array:
-        """Return the spectrum of the ink; see `PatternModel`."""
+        """Return the spectrum of the ink coverage; see `PatternModel`."""
         return self.contrast**2 * compute_band_power(self.wavelength_mm, self.spectrum_exponent, count, pitch_mm)
 
 
 @dataclass(frozen=True, eq=False)
 class _GreyInk(PatternDrawing):
-    """Noise, as the share of ink."""
+    """Ink coverage from noise."""
 
     field: NoiseField
     contrast: float
@@ -184,7 +176,7 @@ class _GreyInk(PatternDrawing):
         pitch = self.shortest_mm / SAMPLES
         shape = (max(round(height / pitch), 1), max(round(width / pitch), 1))
         ink, paper = self.radiances
-        # Printers take grey values as those of a screen: full ink is black, bare paper white.
+        # Printers interpret grey values as sRGB: full ink is black, bare paper white.
         share = 1.0 - self.ink(box_mm, shape)
         reflectance = share + (1.0 - share) * ink / paper
         srgb = np.where(reflectance <= 0.0031308, 12.92 * reflectance, 1.055 * reflectance ** (1 / 2.4) - 0.055)
@@ -196,16 +188,16 @@ _ORDERS, _ANGLES = 24, 4097
 
 
 class NoisePattern(PatternModel):
-    """Gaussian noise of a band of wavelengths; ink lies where it is below a threshold."""
+    """Band-limited Gaussian noise, with ink where it is below a threshold."""
 
     kind: Literal["noise"]
-    """``noise``."""
+    """Pattern type: ``noise``."""
     wavelength_mm: tuple[Positive, Positive]
     """Shortest and longest wavelength in mm."""
     spectrum_exponent: Annotated[float, Limited(ge=-10, le=10, allow_inf_nan=False)] = 0.0
-    """Before it is cut, its power density is proportional to (spatial frequency) ** spectrum_exponent; 0 is white."""
+    """Exponent e of the power density before thresholding, proportional to (spatial frequency) ** e; 0 is white."""
     coverage: Annotated[float, Limited(ge=0.05, le=0.95)] = 0.5
-    """Share of the sheet under ink."""
+    """Fraction of the sheet covered by ink."""
 
     @field_validator("wavelength_mm")
     @classmethod
@@ -226,10 +218,10 @@ class NoisePattern(PatternModel):
         return float(ndtri(self.coverage))
 
     def told(self, mm_per_px: float) -> str:
-        """Return what the pattern is, in a line; see `PatternModel`."""
+        """Return a one-line description; see `PatternModel`."""
         short, long = self.wavelength_mm
         lengths = f"{short:.3f} to {long:.3f} mm ({short / mm_per_px:.2f} to {long / mm_per_px:.2f} px)"
-        return f"noise of wavelengths {lengths}, cut into ink and paper, {100 * self.coverage:g} % covered"
+        return f"noise of wavelengths {lengths}, thresholded to ink and paper, {100 * self.coverage:g} % covered"
 
     @property
     def finest_mm(self) -> float:
@@ -242,14 +234,14 @@ class NoisePattern(PatternModel):
         return self.wavelength_mm[1]
 
     def size_problems(self, size_mm: tuple[float, float]) -> list[Problem]:
-        """Return what keeps a pattern of that size from being drawn; see `PatternModel`."""
+        """Return the problems that prevent drawing a pattern of this size; see `PatternModel`."""
         return list_band_problems(self.wavelength_mm, size_mm)
 
     def power(self, count: int, pitch_mm: float) -> Array:
-        """Return the spectrum of the ink; see `PatternModel`."""
+        """Return the spectrum of the ink coverage; see `PatternModel`."""
         before = compute_band_power(self.wavelength_mm, self.spectrum_exponent, count, pitch_mm)
         correlation = np.clip(np.fft.ifft2(before).real * count**2, -1.0, 1.0)
-        # In the angle, the covariance is smooth: 4097 values of it tell it to 1e-7.
+        # The covariance is a smooth function of the angle: 4097 samples give an accuracy of 1e-7.
         angles = np.linspace(-np.pi / 2, np.pi / 2, _ANGLES)
         known = compute_clipped_covariance(np.sin(angles), self._threshold())
         covariance = np.interp(np.arcsin(correlation), angles, known)
@@ -257,15 +249,12 @@ class NoisePattern(PatternModel):
 
 
 def compute_clipped_covariance(correlation: Array, threshold: float) -> Array:
-    """Return the covariance of where Gaussian noise is below a threshold.
+    """Return the covariance of the indicator of Gaussian noise below a threshold; p (1 - p) at ρ = 1.
 
-    The derivative by the correlation ρ is the density of two values at the threshold, so that the covariance is the
+    Its derivative by the correlation ρ (``correlation``) is the density of two values at the threshold, so it is the
     integral of exp(-h² / (1 + r)) / (2 π √(1 - r²)) over r from 0 to ρ. At h = 0 it is arcsin(ρ) / 2 π.
-
-    ``correlation``: ρ of two values, any shape.
-    Returns: Of the same shape; p (1 - p) at ρ = 1.
     """
-    # With r = sin a the root goes away.
+    # The substitution r = sin a removes the root.
     angle = np.arcsin(correlation)
     if threshold == 0:
         return np.asarray(angle / (2 * np.pi))
@@ -278,7 +267,7 @@ def compute_clipped_covariance(correlation: Array, threshold: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _BinaryInk(PatternDrawing):
-    """Noise, with ink where it is below a threshold."""
+    """Ink where noise is below a threshold."""
 
     field: NoiseField
     threshold: float
@@ -286,7 +275,7 @@ class _BinaryInk(PatternDrawing):
 
     def ink(self, box_mm: Box, shape: tuple[int, int]) -> NDArray[np.float32]:
         below = self.threshold - self.field.texels(box_mm, shape)
-        # A border crosses a texel over the width that its slope tells.
+        # The coverage of a texel at a border follows from the local slope.
         along_y, along_x = np.gradient(below)
         slope = np.maximum(np.hypot(along_x, along_y), np.float32(1e-6))
         return np.asarray(np.clip(0.5 + below / slope, 0.0, 1.0), dtype=np.float32)
@@ -300,7 +289,7 @@ class _BinaryInk(PatternDrawing):
         y = top + np.linspace(0, height, int(np.ceil(height / pitch)) + 1)
         values = self.field.at(x, y)
         lowest = min(float(values.min()), self.threshold) - 1.0
-        # Outlines of holes run the other way round than those around them.
+        # Outlines of holes have the opposite orientation.
         (path,) = Figure().add_subplot().contourf(x, y, values, levels=[lowest, self.threshold]).get_paths()
         if not len(path.vertices):
             return InkAreas([])
@@ -309,13 +298,13 @@ class _BinaryInk(PatternDrawing):
         return InkAreas([piece[:-1] for piece in pieces])
 
 
-# Texels per diameter on which the covered share is counted, and at most how many there are of them.
+# Texels per diameter for measuring the coverage, and their largest number.
 _TEXELS, _MOST_TEXELS = 16, 40_000_000
 MOST_DOTS = 3_000_000
-"""Dots of a pattern: more of them make files that nothing prints."""
-# Random sequential addition of discs that must not overlap ends at a coverage of 0.547 (Feder 1980), and is slow there.
+"""Largest number of dots of a pattern; larger files cannot be printed."""
+# Random sequential addition of non-overlapping discs saturates at a coverage of 0.547 (Feder 1980), and is slow there.
 _JAMMED = 0.5
-# Candidates offered, per dot that would fit if they lay side by side, before it is given up.
+# Largest number of candidates per dot of a dense packing.
 _PATIENCE = 400
 
 
@@ -323,20 +312,20 @@ class SpecklePattern(PatternModel):
     """Random dots, printed as discs."""
 
     kind: Literal["speckle"]
-    """``speckle``."""
+    """Pattern type: ``speckle``."""
     dot_mm: Positive
     """Diameter of the dots in mm."""
     coverage: Annotated[float, Field(gt=0, le=0.9)] = 0.5
-    """Share of the sheet that they cover."""
+    """Fraction of the sheet covered by dots."""
     spacing: Annotated[float, Field(ge=0, le=3)] = 1.0
-    """Least distance of two centres in diameters: from 1 on, dots do not overlap; 0 lets them lie anywhere."""
+    """Least distance of two centres in diameters: from 1, dots do not overlap; 0 allows any position."""
 
     def draw(self, size_mm: tuple[float, float], generator: np.random.Generator) -> PatternDrawing:
         """Draw the pattern; see `PatternModel`."""
         return _Speckle(_place_centres(self, size_mm, generator), self.dot_mm)
 
     def told(self, mm_per_px: float) -> str:
-        """Return what the pattern is, in a line; see `PatternModel`."""
+        """Return a one-line description; see `PatternModel`."""
         apart = "anywhere" if self.spacing == 0 else f"centres at least {self.spacing:g} diameters apart"
         px = self.dot_mm / mm_per_px
         return f"dots of {self.dot_mm:.3f} mm ({px:.2f} px), {100 * self.coverage:g} % covered, {apart}"
@@ -352,27 +341,27 @@ class SpecklePattern(PatternModel):
         return self.dot_mm
 
     def size_problems(self, size_mm: tuple[float, float]) -> list[Problem]:
-        """Return what keeps a pattern of that size from being drawn; see `PatternModel`."""
+        """Return the problems that prevent drawing a pattern of this size; see `PatternModel`."""
         problems = []
         most = self._most_coverage()
         if self.coverage > most:
-            message = f"is more than dots reach whose centres keep {self.spacing:g} diameters apart, {most:.2f}"
-            problems.append(Problem("coverage", f"{message}; lower it, or spacing", self.coverage))
+            message = f"exceeds the maximum for centres at least {self.spacing:g} diameters apart, {most:.2f}"
+            problems.append(Problem("coverage", f"{message}; reduce coverage or spacing", self.coverage))
         count = -math.log1p(-self.coverage) * 4 / math.pi * (size_mm[0] / self.dot_mm) * (size_mm[1] / self.dot_mm)
         if count > MOST_DOTS:
-            message = f"needs {count:,.0f} dots on a sheet of this size, more than {MOST_DOTS:,}; print a smaller sheet"
+            message = f"requires {count:,.0f} dots on a sheet of this size, more than {MOST_DOTS:,}; use a smaller one"
             problems.append(Problem("dot_mm", message, self.dot_mm))
         return problems
 
     def _most_coverage(self) -> float:
-        """Return a coverage that random places surely reach: as if they were independent, or without overlap."""
+        """Return a coverage that random placement reaches: as for independent dots, or without overlap."""
         if self.spacing == 0:
             return 0.9
         share = _JAMMED / self.spacing**2
         return min(max(-math.expm1(-share), min(share, _JAMMED)), 0.9)
 
     def power(self, count: int, pitch_mm: float) -> Array | None:
-        """Return the spectrum of the ink where dots may lie anywhere: a Boolean model; see `PatternModel`."""
+        """Return the spectrum of the ink coverage for a Boolean model (zero spacing); see `PatternModel`."""
         if self.spacing > 0:
             return None
         at = np.fft.fftfreq(count, 1 / (count * pitch_mm))
@@ -381,22 +370,20 @@ class SpecklePattern(PatternModel):
 
 
 def compute_boolean_covariance(distance_mm: Array, dot_mm: float, coverage: float) -> Array:
-    """Return the covariance of the ink of discs whose centres are a Poisson process (Matheron's Boolean model).
+    """Return the covariance of the ink coverage of discs with Poisson centres (Matheron's Boolean model).
 
-    With the share p covered by n discs per area, and A(r) what two discs at a distance r share, two points are both
-    bare with the probability exp(-n (π D² / 2 - A)): the covariance is (1 - p)² (exp(n A) - 1).
-
-    ``distance_mm``: Distances of two points, any shape.
+    With coverage p by n discs per area, and the common area A(r) of two discs at distance r (``distance_mm``), two
+    points are both bare with probability exp(-n (π D² / 2 - A)): the covariance is (1 - p)² (exp(n A) - 1).
     """
     share = np.minimum(np.asarray(distance_mm) / dot_mm, 1.0)
-    # As a share of one disc's area.
+    # Relative to the area of a disc.
     common = 2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share**2))
     return np.asarray((1 - coverage) ** 2 * np.expm1(-math.log1p(-coverage) * common))
 
 
 @dataclass(frozen=True, eq=False)
 class _Speckle(PatternDrawing):
-    """Dots that have been placed."""
+    """Placed dots."""
 
     centres_mm: Array
     dot_mm: float
@@ -406,7 +393,7 @@ class _Speckle(PatternDrawing):
 
         left, top, width, height = box_mm
         pitch = width / shape[1]
-        # Texels are square but for what rounding their number does.
+        # Texels are square up to the rounding of their number.
         scale = np.array([shape[1] / width, shape[0] / height])
         raster = np.zeros(shape, dtype=np.float32)
         centres = (self.marks(box_mm).centres_mm - (left, top)) * scale - 0.5
@@ -421,7 +408,7 @@ class _Speckle(PatternDrawing):
 
 
 def _place_centres(model: SpecklePattern, size_mm: tuple[float, float], generator: np.random.Generator) -> Array:
-    """Return centres of dots that cover the sheet as much as is wanted; some are just outside."""
+    """Return centres of dots with the required coverage; some are just outside the sheet."""
     from scenetruth.design.patterns.dot_kernels import place_dots
 
     (width, height), radius = size_mm, model.dot_mm / 2
@@ -430,7 +417,7 @@ def _place_centres(model: SpecklePattern, size_mm: tuple[float, float], generato
     texel = max(model.dot_mm / _TEXELS, math.sqrt(width * height / _MOST_TEXELS))
     covered = np.zeros((max(round(height / texel), 1), max(round(width / texel), 1)), dtype=np.bool_)
     wanted = round(model.coverage * covered.size)
-    # More dots than a coverage of 0.999 takes, and than fit if they keep apart.
+    # More dots than a coverage of 0.999 requires, and than fit with the least distance.
     expected = area / (math.pi * radius**2)
     placed = np.empty((int(8 * expected) + 64, 2))
     side = least / math.sqrt(2)
@@ -441,8 +428,8 @@ def _place_centres(model: SpecklePattern, size_mm: tuple[float, float], generato
     while so_far < wanted:
         if offered > _PATIENCE * max(expected, 1.0) + 64 * batch:
             reached = so_far / covered.size
-            message = f"is not reached: random places end at {reached:.2f}; lower it, or spacing"
-            raise PatternError([Problem("coverage", message, model.coverage)])
+            message = f"is not reached: random placement ends at {reached:.2f}; reduce coverage or spacing"
+            raise ArgumentError([Problem("coverage", message, model.coverage)], source="a pattern")
         candidates = generator.random((batch, 2)) * (width + 2 * radius, height + 2 * radius) - radius
         count, so_far = place_dots(candidates, placed, count, cells, least, covered, texel, radius, wanted, so_far)
         offered += batch

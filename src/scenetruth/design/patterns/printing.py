@@ -1,4 +1,4 @@
-"""Export of a pattern: SVG and PDF pages at true scale, an image texture, and the lines of a scene file that use it."""
+"""Export of a pattern: SVG and PDF pages at true scale, an image texture, and lines for a scene file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from scenetruth.design.patterns.pattern_model import Array, GreyPicture, InkArea
 __all__ = ["export_pattern", "format_scene_lines", "write_texture_image"]
 
 
-# Digits behind the point; outlines, which have many points, are told in whole µm.
+# Decimal digits; outlines, which have many points, are written in whole µm.
 _DIGITS, _OUTLINE_DIGITS = 4, 3
 
 
 def render_svg(pattern: Pattern, page: PrintPage) -> str:
-    """Return a page as an SVG document whose user unit is a mm."""
+    """Return a page as an SVG document with mm as user units."""
     width, height = (_number(side) for side in page.size_mm)
     left, top = page.place_mm[:2]
     shift = f"translate({_number(left - page.tile_mm[0])} {_number(top - page.tile_mm[1])})"
@@ -70,7 +70,7 @@ def _marks(marks: Marks) -> list[str]:
 
 
 def _outline(points: Array) -> str:
-    # Steps in whole units of the last digit: their sum does not drift.
+    # Steps in integer units of the last digit, so that rounding errors do not accumulate.
     whole = np.round(points * 10**_OUTLINE_DIGITS).astype(np.int64)
     steps = np.diff(whole, axis=0)
     parts = (whole[:1] / 10**_OUTLINE_DIGITS, steps[steps.any(axis=1)] / 10**_OUTLINE_DIGITS)
@@ -109,7 +109,7 @@ _POINTS_PER_MM = 72 / _MM_PER_INCH
 
 
 def write_pdf(file: Path, pattern: Pattern, pages: Sequence[PrintPage]) -> None:
-    """Write pages into a PDF file; the same bytes every time."""
+    """Write pages to a PDF file, with reproducible bytes."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
@@ -120,7 +120,7 @@ def write_pdf(file: Path, pattern: Pattern, pages: Sequence[PrintPage]) -> None:
         "Creator": "scenetruth",
         "CreationDate": None,
     }
-    # Outlines keep all of their points; letters stay letters.
+    # Keep all points of outlines, and text as text.
     settings = {"path.simplify": False, "pdf.fonttype": 42, "font.family": "DejaVu Sans", "pdf.compression": 6}
     with rc_context(settings), PdfPages(file, metadata=told) as pdf:
         for page in pages:
@@ -134,7 +134,7 @@ def _draw(figure: Any, pattern: Pattern, page: PrintPage) -> None:
 
     width, height = page.size_mm
     left, top, wide, high = page.place_mm
-    # Axes are cut off at their borders, as the tile is.
+    # Axes are clipped at their borders, as is the tile.
     tile = figure.add_axes((left / width, 1 - (top + high) / height, wide / width, high / height))
     x, y = page.tile_mm[:2]
     tile.set(xlim=(x, x + wide), ylim=(y + high, y))
@@ -177,7 +177,7 @@ def _add(axes: Any, marks: Marks) -> None:
         if pieces:
             codes = [[Outline.MOVETO] + [Outline.LINETO] * (len(piece) - 2) + [Outline.CLOSEPOLY] for piece in pieces]
             path = Outline(np.concatenate(pieces), np.concatenate(codes))
-            # Not as a patch: limits of axes, which are known, would be looked for along all outlines.
+            # Not as a patch: automatic axis limits would be computed from all outlines.
             axes.add_artist(PathPatch(path, facecolor="black", edgecolor="none", linewidth=0))
     else:
         left, top, width, height = marks.box_mm
@@ -186,39 +186,38 @@ def _add(axes: Any, marks: Marks) -> None:
 
 
 SIGN, PDF, IMAGE, SCENE_LINES = "pattern.json", "pattern.pdf", "pattern.png", "scene_lines.yaml"
-"""Names of the files, but for those of the pages in SVG."""
+"""Names of the output files, except SVG pages."""
 
-# Texels of the image: per px of the rig, and at most.
+# Texels of the image per px of the rig, and their largest number.
 _PER_PX, _MOST_TEXELS = 4, 64_000_000
 
 
 def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", margin_mm: float = 10.0) -> list[Path]:
-    """Write a pattern into a folder that exists.
+    """Write a pattern to an existing folder.
 
     Parameters
     ----------
     pattern
         The pattern.
     folder
-        The folder.
+        The output folder.
     page, margin_mm
-        Paper, as of `scenetruth.design.patterns.page_layout.lay_out_pages`.
+        Page size and margin, as in `scenetruth.design.patterns.page_layout.lay_out_pages`.
 
     Returns
     -------
     list of pathlib.Path
-        ``pattern.pdf`` with all pages, ``pattern.svg`` or one SVG file for each page, ``pattern.png``, the pattern as
-        an image texture, ``scene_lines.yaml``, what to write into a scene file, and ``pattern.json``, what it is
-        made from.
+        ``pattern.pdf`` with all pages; ``pattern.svg`` or one SVG file per page; ``pattern.png``, the pattern as an
+        image texture; ``scene_lines.yaml``, lines for a scene file; and ``pattern.json``, the parameters.
 
     Raises
     ------
-    PatternError
-        If the paper is unknown, or too small.
+    ArgumentError
+        If the page size is unknown or too small.
 
     See Also
     --------
-    scenetruth.design.patterns.generate_pattern : The pattern.
+    scenetruth.design.patterns.generate_pattern : Generates a pattern.
 
     Examples
     --------
@@ -261,7 +260,7 @@ def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", ma
 
 
 def format_scene_lines(pattern: Pattern, file: str = IMAGE) -> str:
-    """Return what a scene file needs to show the pattern on a plane."""
+    """Return the lines of a scene file that show the pattern on a plane."""
     width, height = pattern.size_mm
     return (
         f"# {pattern.told}; seed {pattern.seed}\n"
@@ -274,7 +273,7 @@ def format_scene_lines(pattern: Pattern, file: str = IMAGE) -> str:
 
 
 def write_texture_image(file: Path, pattern: Pattern) -> None:
-    """Write a pattern as an image texture: linear reflectance, four texels per px of the rig."""
+    """Write a pattern as an image texture of linear reflectance, with four texels per px of the rig."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 

@@ -1,4 +1,4 @@
-"""Predicted precision: the standard deviations of depth, motion and growth that the images of a scene allow."""
+"""Predicted precision of depth, motion and growth from the images of a scene."""
 
 from scenetruth.design.prediction.prediction_result import PredictedValue, Prediction, PredictionInputs
 from scenetruth.design.prediction.predictor import predict, recommend

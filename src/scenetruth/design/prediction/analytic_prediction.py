@@ -1,4 +1,4 @@
-"""Analytic prediction, in milliseconds: surface samples and the spectrum of their texture, nothing rendered."""
+"""Analytic prediction in milliseconds, from surface samples and texture spectra without rendering."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ Mask = NDArray[np.bool_]
 
 _MOST_NAMES = 3
 _S_PER_H = 3600.0
-# Of the standard deviation: what is less is hardly seen in RMSE.
+# Relative to the standard deviation: a smaller bias hardly changes the RMSE.
 _LARGE_BIAS = 0.3
-# Quintic splines lose 1.5 % of a wave of 3 px, and show as much of another. Errors on a cube with 45 % of its squared
-# gradients in shorter waves are 2.2 times the prediction; with 21 % they are within what seeds tell.
+# Quintic splines attenuate a wave of 3 px by 1.5 % and add an equally strong alias. Errors on a cube with 45 % of its
+# squared gradients in shorter waves are 2.2 times the prediction; with 21 % they agree within the scatter of seeds.
 _FINE_PX, _MUCH_FINE = 3.0, 0.35
-# Of what moves at all: background that rests blurs nothing.
+# Evaluated over moving points only: a static background is not blurred.
 _MOST_BLUR, _RESTS_PX = 0.95, 1e-6
 
 
@@ -52,10 +52,9 @@ def predict_analytic(
     *,
     painting: bool = True,
 ) -> Prediction:
-    """Predict the precision of a scene from points and spectra; see `predict`.
+    """Predict the precision of a scene from surface samples and spectra; see `predict`.
 
-    ``painting``: Whether textures without an exact formula are painted, which takes seconds once and loads compiled
-      code. If not, what is known of them counts, and objects of whose texture nothing is known are left out.
+    Without ``painting``, approximate spectra are used, objects without a spectrum are omitted, and no code is compiled.
     """
     setup = prepare_method(scene, method, window_sigma_px, motion)
     look = sample_surface(setup.scene, parts, folder)
@@ -65,10 +64,10 @@ def predict_analytic(
         unknown = [name for name in look.names if kinds[name] not in analytic_spectra()]
         look = look.of([number for number, name in enumerate(look.names) if name not in unknown])
     if not len(look) and unknown:
-        message = f"textures of {', '.join(unknown)} are not known before they are painted; "
-        raise SceneError([Problem("objects", message + "`scenetruth design predict` paints them")])
+        message = f"textures of {', '.join(unknown)} have no analytic spectrum; "
+        raise SceneError([Problem("objects", message + "run `scenetruth design predict`, which paints them")])
     if not len(look):
-        message = "the reference camera sees none of them at the reference frame"
+        message = "none is visible to the reference camera at the reference frame"
         raise SceneError([Problem("objects", message)])
     seen = compute_imaged_texture(setup.scene, look, parts, folder, painting=painting)
     problems = noise_problems(scene, seen.noise)
@@ -83,7 +82,7 @@ def predict_analytic(
             without = replace(seen, pattern=np.zeros_like(seen.pattern))
             less = compute_quantities(all_method_models()[method].from_spectrum(setup, look, without), slopes)
             cost = {name: _median_ratio(std[name], less[name]) for name in std}
-            # The same at all points: that of single points scatters by the waves that stand for their texture.
+            # The same factor at all points: factors of single points scatter with the waves of their texture.
             std = {name: cost[name] * values for name, values in less.items()}
     regions = select_regions(look.names, look.body, look.far_from_edges(scene.score.interior_margin_px))
     interval = scene.frames.frame_interval_s
@@ -106,15 +105,15 @@ def _median_ratio(one: Array, other: Array) -> float:
 
 
 def noise_problems(scene: Scene, noise: Array) -> list[Problem]:
-    """Return why nothing can be said of a sensor."""
+    """Return the problems of a sensor without noise."""
     if (noise > 0).all():
         return []
-    message = "has no noise, so that nothing limits precision: give it noise_std, or bit_depth"
+    message = "has no noise, so precision is unlimited: set noise_std or bit_depth"
     return [Problem("sensor", message, scene.sensor if isinstance(scene.sensor, str) else scene.sensor.kind)]
 
 
 def compute_signals(setup: MethodSetup, look: SurfaceSamples) -> dict[str, Array]:
-    """Return the motion and growth of points, by quantity."""
+    """Return the true motion and growth of points, by quantity."""
     if not setup.sees_motion:
         return {}
     flow = compute_flow(look)
@@ -168,23 +167,24 @@ def _summarise_inputs(
 
 
 def _notes(scene: Scene, look: SurfaceSamples, unknown: Sequence[str], *, painting: bool) -> tuple[str, ...]:
-    """Return what is not in a prediction, in words."""
+    """Return the effects that are not included in a prediction."""
     seen = {look.names[number] for number in np.unique(look.body)}
     veined = [item.name for _, item in scene.parts if item.name in seen and not _is_exact(item.texture.kind)]
     names = ", ".join(veined[:_MOST_NAMES]) + (" and others" if len(veined) > _MOST_NAMES else "")
     found: Mapping[str, bool] = {
-        f"not looked at, for their files take long to read: {', '.join(look.left_out)}": bool(look.left_out),
-        f"not looked at, for their textures must be painted first: {', '.join(unknown)}": bool(unknown),
-        f"veins are left out, so that more can be known of: {names}": bool(veined) and not painting,
-        "the lens is taken for one without distortion": scene.camera.distortion is not None,
-        "errors of the stage are no noise, and not in it": scene.stage.errors is not None,
-        "shadows are left out": scene.lighting.lit and scene.lighting.shadows and bool(scene.lighting.lights),
+        f"omitted, because their files are slow to read: {', '.join(look.left_out)}": bool(look.left_out),
+        f"omitted, because their textures must be painted first: {', '.join(unknown)}": bool(unknown),
+        f"leaf veins are not included, so the precision is better than predicted: {names}": bool(veined)
+        and not painting,
+        "lens distortion is not included": scene.camera.distortion is not None,
+        "stage errors are not included": scene.stage.errors is not None,
+        "shadows are not included": scene.lighting.lit and scene.lighting.shadows and bool(scene.lighting.lights),
     }
     return tuple(words for words, holds in found.items() if holds)
 
 
 def _too_fine(look: SurfaceSamples, seen: ImagedTexture) -> Iterator[str]:
-    """Tell of texture that interpolation between pixels does not keep."""
+    """Yield a note if interpolation between pixels attenuates the texture."""
     gradient = seen.variance * (seen.response**2).sum(axis=-1)
     fine = np.hypot(seen.frequency[..., 0], seen.frequency[..., 1]) > 1 / _FINE_PX
     weight = look.share[:, None] * gradient
@@ -192,13 +192,13 @@ def _too_fine(look: SurfaceSamples, seen: ImagedTexture) -> Iterator[str]:
     share = float(weight[fine].sum()) / total if total > 0 else 0.0
     if share > _MUCH_FINE:
         yield (
-            f"{100 * share:.0f} % of the squared gradients are of waves shorter than {_FINE_PX:g} px, which "
-            "interpolation between pixels does not keep: that is a bias, and not in it"
+            f"{100 * share:.0f} % of the squared gradients have wavelengths shorter than {_FINE_PX:g} px, which "
+            "interpolation between pixels attenuates: the resulting bias is not included"
         )
 
 
 def _describe_eigenvalue_bias(std: Mapping[str, Array], look: SurfaceSamples, frame_interval_s: float) -> Iterator[str]:
-    """Tell what noise does to the largest and the least growth of length, where that matters."""
+    """Yield a note if noise causes a considerable bias of the principal growth rates."""
     if "growth_apart" not in std:
         return
     largest, least = look.principal_growth_rates
@@ -212,8 +212,8 @@ def _describe_eigenvalue_bias(std: Mapping[str, Array], look: SurfaceSamples, fr
     )
     if middle > _LARGE_BIAS * noise:
         yield (
-            f"largest and least growth of length differ by less than their noise, which pushes them apart: expect the "
-            f"largest {middle:.2g} %/h too large in the mean, the least as much too small"
+            f"principal growth rates differ by less than their noise, which biases them: on average the "
+            f"largest is {middle:.2g} %/h too large, and the smallest too small by the same amount"
         )
 
 

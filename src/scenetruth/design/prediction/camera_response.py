@@ -1,4 +1,4 @@
-"""The camera's response: modulation transfer of pixels, lens, focus and motion; grey levels and their noise."""
+"""Camera response: modulation transfer of pixels, lens, focus and motion; grey levels and their noise."""
 
 from __future__ import annotations
 
@@ -26,20 +26,17 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-# Highest frequency that pixels can show, in periods per px.
+# Nyquist frequency, in periods per px.
 _NYQUIST = 0.5
 
 
 def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px: Array) -> Array:
-    """Return which share of the contrast of waves images have.
+    """Return the modulation transfer function of waves at points.
 
-    The pixel is a mean over its n x n samples, along x and along y sin(π f) / (n sin(π f / n)); the lens is its point
-    spread function; the aperture is a disc; motion is a mean over a line. Waves finer than two pixels are lost: images
-    show them as other waves, which do not move as the surface does.
-
-    ``frequency``: Frequencies along x and y in periods per px, shape (points, waves, 2).
-    ``depth_mm``: Depth of the points, shape (points,).
-    ``motion_px``: How far they move in the image while it is taken, shape (points, 2).
+    Pixels average over n x n samples, sin(π f) / (n sin(π f / n)) along x and y; the lens has its point-spread
+    function; the aperture is a disc; motion averages over a line. Waves beyond the Nyquist frequency are set to 0:
+    their aliases do not move with the surface. ``frequency`` is in periods per px, shape (points, waves, 2),
+    ``motion_px`` the motion during the exposure, shape (points, 2).
     """
     found = _pixel(frequency, scene.render.supersampling)
     optics, focal = scene.optics, scene.camera.focal_px
@@ -54,11 +51,7 @@ def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px:
 
 
 def compute_blur_px(scene: Scene, depth_mm: Array, flow_px: Array) -> Array:
-    """Return how far points move in the image while it is taken: by their own motion, and by that of the stage.
-
-    ``depth_mm``: Depth of the points, shape (points,).
-    ``flow_px``: Optical flow in px per frame, shape (points, 2).
-    """
+    """Return the motion (points, 2) in px during the exposure, by the flow in px per frame and by the stage."""
     shutter = scene.shutter
     found = flow_px * (shutter.exposure_time_s / scene.frames.frame_interval_s)
     travel_mm = shutter.stage_speed_mm_per_s * shutter.exposure_time_s
@@ -67,11 +60,7 @@ def compute_blur_px(scene: Scene, depth_mm: Array, flow_px: Array) -> Array:
 
 
 def compute_derivative_response(frequency: Array) -> Array:
-    """Return the derivative along one axis of the quintic spline through a wave of amplitude 1, at the pixels.
-
-    ``frequency``: Periods per px.
-    Returns: Radian per px: 2π f of long waves, 0 at two pixels per period.
-    """
+    """Return the derivative in radian per px of a quintic spline through waves at ``frequency`` periods per px."""
     turn = 2 * np.pi * frequency
     return np.asarray(5 * (10 * np.sin(turn) + np.sin(2 * turn)) / (33 + 26 * np.cos(turn) + np.cos(2 * turn)))
 
@@ -81,31 +70,29 @@ def _pixel(frequency: Array, samples: int) -> Array:
         return np.ones(frequency.shape[:-1])
     with np.errstate(invalid="ignore", divide="ignore"):
         along = np.sin(np.pi * frequency) / (samples * np.sin(np.pi * frequency / samples))
-    # Beyond what the samples of a pixel can tell, all is lost anyhow.
+    # Beyond the Nyquist frequency of the samples, the transfer is set to 0 anyway.
     return np.asarray(np.prod(np.where(np.abs(frequency) < 1e-9, 1.0, along), axis=-1))
 
 
 def _disc(argument: Array) -> Array:
-    """Return 2 J1(z) / z, the transform of an even disc, as the mean of a wave over its chords."""
+    """Return 2 J1(z) / z, the transform of a uniform disc, as the mean of a wave over its chords."""
     nodes, shares = np.polynomial.chebyshev.chebgauss(24)
-    # 2 J1(z) / z = 2/π ∫ √(1 - u²) cos(z u) du over [-1, 1]; Chebyshev's weight is 1 / √(1 - u²).
+    # 2 J1(z) / z = 2/π ∫ √(1 - u²) cos(z u) du over [-1, 1]; the Chebyshev weight is 1 / √(1 - u²).
     weights = 2 / np.pi * shares * (1 - nodes**2)
     return np.asarray(sum(weight * np.cos(argument * node) for node, weight in zip(nodes, weights, strict=True)))
 
 
 _ROUNDING = 1 / 12
-# Of a sensor without formula: images of so many pixels at so many levels.
+# Size, grey levels and number of the flat images from which a sensor without formula is measured.
 _SIDE, _LEVELS, _IMAGES = 48, 9, 8
 
 
 @dataclass(frozen=True, eq=False)
 class GreyLevelNoise:
-    """Grey values of points and their noise, as shares of full scale.
+    """Grey values of points and their noise, in fractions of full scale, each of shape (n,).
 
-    ``level``: Mean grey value, shape (n,).
-    ``gain``: What it changes by per radiance, shape (n,).
-    ``noise``: Standard deviation of the noise that is new in every image, rounding included, shape (n,).
-    ``pattern``: Standard deviation of what pixels keep over all images, shape (n,).
+    ``gain``: Derivative of the grey value by radiance.
+    ``noise``, ``pattern``: Standard deviations of temporal noise, including rounding, and of fixed-pattern noise.
     """
 
     level: Array
@@ -115,10 +102,7 @@ class GreyLevelNoise:
 
 
 def compute_grey_levels(sensor: Any, radiance: Array) -> GreyLevelNoise:
-    """Return grey values and noise of points.
-
-    ``radiance``: Mean radiance of the points, shape (n,).
-    """
+    """Return grey values and noise for the mean radiance of points, shape (n,)."""
     radiance = np.asarray(radiance, dtype=np.float64)
     if isinstance(sensor, GaussianSensor):
         variance = sensor.noise_std**2
@@ -138,10 +122,7 @@ def compute_grey_levels(sensor: Any, radiance: Array) -> GreyLevelNoise:
 
 
 def compute_irradiance(scene: Scene, points_mm: Array, normals: Array) -> Array:
-    """Return by what factor points are brighter than their texture says, at the reference frame; without shadows.
-
-    ``points_mm``, ``normals``: The points in the world, and unit normals towards the camera, shape (n, 3).
-    """
+    """Return radiance / texture value at world points with unit normals towards the camera at t = 0, unshadowed."""
     lighting = scene.lighting
     factor = np.full(len(points_mm), lighting.brightness(0.0))
     if not lighting.lit:
@@ -180,7 +161,7 @@ def _emva(sensor: EmvaSensor, radiance: Array) -> GreyLevelNoise:
 
 @lru_cache(maxsize=64)
 def _measured(chain: str) -> tuple[Array, Array, Array, Array]:
-    """Measure levels, slopes, noise and patterns of a sensor from flat images."""
+    """Measure levels, slopes, noise and fixed patterns of a sensor from flat images."""
     sensor = SensorChain.model_validate_json(chain)
     opened = sensor.open((_SIDE, _SIDE), partial(generator_for, 0, "prediction"))
     rows = []

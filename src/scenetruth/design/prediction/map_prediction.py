@@ -1,4 +1,4 @@
-"""Prediction as maps, in seconds: the Cramér-Rao bound from one rendered image and the ground truth."""
+"""Prediction as maps, in seconds: Cramér-Rao bound from one rendered image and the ground truth."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ _UNITS = {
 def predict_maps(
     scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | None, envelope: Prediction
 ) -> Prediction:
-    """Predict the precision of a scene from an image without noise; see `predict`."""
+    """Predict the precision of a scene from a noise-free image; see `predict`."""
     setup = prepare_method(scene, method, window_sigma_px, motion)
     frames = setup.scene.frames.model_copy(update={"count": len(np.unique(setup.views.t))})
-    # Rows that are exposed one after the other would have to be rendered one by one.
+    # With a rolling shutter, rows would have to be rendered separately.
     shutter = setup.scene.shutter.model_copy(update={"readout_time_s": 0.0})
     setup = replace(setup, scene=setup.scene.model_copy(update={"frames": frames, "shutter": shutter}))
     made = render_reference(setup.scene, complete=setup.motion == "affine")
@@ -74,7 +74,7 @@ def predict_maps(
 
 
 def _without_rounding(std: dict[str, Array]) -> dict[str, Array]:
-    """Return maps without what only the rounding of images tells: places that are known to many pixels."""
+    """Return maps without pixels whose only information is rounding: positions uncertain by many pixels."""
     for name in ("disparity", "flow.0"):
         if name in std:
             unknown = std[name] > _NO_INFORMATION_PX
@@ -110,6 +110,6 @@ def _maps(std: dict[str, Array], truth: xr.Dataset, envelope: Prediction, made: 
         else:
             found[f"{name}_std"] = (("y", "x"), parts[name] * envelope.pattern_cost.get(name, 1.0), attrs)
     noise = np.hypot(made.noise_map, made.pattern_map)
-    attrs = {"units": "1", "long_name": "noise of a grey value, of full scale"}
+    attrs = {"units": "1", "long_name": "noise of a grey value, relative to full scale"}
     found["noise_std"] = (("y", "x"), noise, attrs)
     return found

@@ -1,4 +1,4 @@
-"""Models of estimation methods: analysis window, motion model, and how the noise relates to the Cramér-Rao bound."""
+"""Models of estimation methods: analysis window, motion model, and noise propagation."""
 
 from __future__ import annotations
 
@@ -48,13 +48,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MethodSetup:
-    """A method with its settings, and the rig.
+    """An estimation method with its settings, applied to a scene.
 
-    ``scene``: The scene; its lens without distortion.
-    ``settings``: Of the method.
-    ``window_sigma_px``: Standard deviation of the window.
-    ``motion``: What is unknown of the velocity gradient.
-    ``views``: Images that are estimated together, those of the window's frames around the reference frame.
+    ``scene``: The scene, without lens distortion.
+    ``views``: Images that are estimated together: those of the window's frames around the reference frame.
     """
 
     scene: Scene
@@ -65,61 +62,58 @@ class MethodSetup:
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Of camera and stage."""
+        """Intrinsics of camera and stage."""
         return intrinsics_from(self.scene)
 
     @property
     def sees_depth(self) -> bool:
-        """Whether there is more than one camera."""
+        """Whether there are several cameras."""
         return len(np.unique(np.stack([self.views.s, self.views.s_y]), axis=1).T) > 1
 
     @property
     def sees_motion(self) -> bool:
-        """Whether there is more than one frame."""
+        """Whether there are several frames."""
         return len(np.unique(self.views.t)) > 1
 
 
 class MethodModel(ABC):
-    """A method of estimation as theory knows it."""
+    """Model of the uncertainty of an estimation method."""
 
     name: ClassVar[str]
-    """Its name."""
+    """Name of the method."""
 
     @abstractmethod
     def motion_of(self, settings: Any) -> Motion:
-        """Return what it does not know of the velocity gradient, by its settings."""
+        """Return the motion model of the method: its unknowns of the velocity gradient."""
 
     @abstractmethod
     def frames_of(self, settings: Any, count: int) -> int:
-        """Return how many frames it looks at together, of a recording of so many."""
+        """Return the number of frames estimated together, of a recording of ``count`` frames."""
 
     @abstractmethod
     def from_spectrum(self, setup: MethodSetup, look: SurfaceSamples, seen: ImagedTexture) -> dict[str, Array]:
-        """Return standard deviations of what it estimates at points, from the texture's spectrum.
+        """Return standard deviations at points, from the spectrum of the texture.
 
         Returns: ``disparity``, ``depth``, ``slope.0``, ``flow.0``, ``velocity.0`` ... ``growth_rate``, in the units of
-        data sets, as far as it tells them; each of shape (n,), not finite where nothing is told.
+        data sets, as far as the method estimates them; each of shape (n,), not finite where undetermined.
         """
 
     @abstractmethod
     def from_images(self, setup: MethodSetup, scene: ReferenceRender) -> dict[str, Array]:
-        """Return maps of standard deviations, from an image of the texture without noise.
-
-        Returns: As of `from_spectrum`, each of shape (y, x); noise that stays with the pixels is not in it.
-        """
+        """Return maps (y, x) of standard deviations by temporal noise, from a noise-free image; see `from_spectrum`."""
 
 
 @cache
 def all_method_models() -> Mapping[str, MethodModel]:
-    """Return the methods that theory knows, by name."""
+    """Return the method models by name."""
     return {cls.name: cls() for cls in classes_in(MethodModel, __name__)}
 
 
 def prepare_method(scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | None) -> MethodSetup:
-    """Return a method at work on a scene."""
+    """Return the setup of a method for a scene."""
     problems = []
     if method not in all_method_models():
-        message = f"theory knows the precision of {', '.join(all_method_models())} only"
+        message = f"precision can be predicted for {', '.join(all_method_models())} only"
         problems.append(Problem("method", message, method))
     if window_sigma_px is not None and not 0.5 <= window_sigma_px <= 100:
         problems.append(Problem("window_sigma_px", "must be 0.5 to 100 px", window_sigma_px))
@@ -137,7 +131,7 @@ def prepare_method(scene: Scene, method: str, window_sigma_px: float | None, mot
 
 
 def select_frames(views: ImageTimes, frames: int) -> ImageTimes:
-    """Return the images of so many frames around the reference."""
+    """Return the images of a number of frames around the reference."""
     kept = np.abs(views.t) <= max(frames - 1, 1) / 2 if frames > 1 else views.t == 0
     return replace(views, s=views.s[kept], s_y=views.s_y[kept], t=views.t[kept], frame_of=views.frame_of[kept])
 
@@ -153,20 +147,20 @@ def _views(scene: Scene, frames: int) -> ImageTimes:
 
 
 class RefinedModel(MethodModel):
-    """Its noise is that of the bound with its own window: a plane, and what the motion leaves unknown."""
+    """Cramér-Rao bound with the window of the method: a plane, and the unknowns of its motion model."""
 
     name: ClassVar[str] = "refined"
 
     def motion_of(self, settings: RefinedSettings) -> Motion:
-        """Return what it does not know of the velocity gradient; of ``auto``, what it takes where that does."""
+        """Return the motion model; for ``auto``, the model used where growth is present."""
         return "growing" if settings.motion == "auto" else settings.motion
 
     def frames_of(self, settings: RefinedSettings, count: int) -> int:
-        """Return how many frames it looks at together."""
+        """Return the number of frames estimated together."""
         return min(settings.window_frames, count)
 
     def from_spectrum(self, setup: MethodSetup, look: SurfaceSamples, seen: ImagedTexture) -> dict[str, Array]:
-        """Return standard deviations from the texture's spectrum; see `MethodModel`."""
+        """Return standard deviations from the texture spectrum; see `MethodModel`."""
         if not (setup.sees_depth or setup.sees_motion):
             return {}
         place = look.points.place(*(each[:, None] for each in (setup.views.s, setup.views.s_y, setup.views.t)))
@@ -180,14 +174,14 @@ class RefinedModel(MethodModel):
         )
 
     def from_images(self, setup: MethodSetup, scene: ReferenceRender) -> dict[str, Array]:
-        """Return maps from an image without noise; see `MethodModel`."""
+        """Return maps from a noise-free image; see `MethodModel`."""
         if not (setup.sees_depth or setup.sees_motion):
             return {}
         return bound_maps(scene.truth, scene.recording, scene.noise, window_unknowns(setup), setup.window_sigma_px)
 
 
 def window_unknowns(setup: MethodSetup) -> WindowUnknowns:
-    """Return what is unknown in the windows of a fit."""
+    """Return the unknowns in the windows of a fit."""
     surface: Surface = "constant" if setup.settings.surface == "constant" else "plane"
     return WindowUnknowns(surface, setup.motion, moving=setup.sees_motion, brightness=0, stereo=setup.sees_depth)
 
@@ -195,22 +189,22 @@ def window_unknowns(setup: MethodSetup) -> WindowUnknowns:
 Sums = dict[tuple[int, int], Array]
 
 _HIGHEST_POWER = 2
-# The two components of the gradient, as pairs.
+# Pairs of gradient components.
 _PAIRS = ((0, 0), (0, 1), (1, 1))
-# Registrations that are tried beside the nearest: of some, divergence has smaller error bars.
+# Registrations that are tried, relative to the nearest disparity: others may give a lower variance of the divergence.
 _OFF = (0, -1, 1, -2, 2)
-# Of a matrix with ones on its diagonal.
+# Least determinant of a matrix with unit diagonal.
 _LEAST_DETERMINANT = 1e-9
-# Disparities that are left are told apart by this.
+# Resolution of residual disparities.
 _STEP_PX = 0.25
 
 
 class _Texture(NamedTuple):
-    """Sums over windows of products of gradients, as far as noise and information need them.
+    """Sums over windows of products of gradients, for noise and information.
 
-    Products xx, xy and yy, by the powers of the distance. ``normal`` has the window's weights, the others have their
-    squares, and gradients that are smoothed once more, or differentiated once more along x or y. Of the change along x
-    between cameras of different places, ``change`` and ``change_smoothed``, there is no distance.
+    Products xx, xy and yy, by the powers of the distance. ``normal`` is weighted by the window, the others by its
+    square, with gradients smoothed once more, or differentiated once more along x or y. ``change`` and
+    ``change_smoothed`` refer to the change along x between cameras, without powers of the distance.
     """
 
     normal: list[Sums]
@@ -222,7 +216,7 @@ class _Texture(NamedTuple):
 
 
 class _At(NamedTuple):
-    """Where windows stand, and the noise there."""
+    """Positions of windows, and the noise there."""
 
     x: Array
     y: Array
@@ -233,36 +227,35 @@ class _At(NamedTuple):
     noise: Array
     pattern: Array
     shared: Callable[[Array, Array], Array | float]
-    """What filters along s and t leave of the variance of noise that stays with the pixels."""
+    """Factor by which filters along s and t reduce the variance of fixed-pattern noise."""
 
 
 class StructureTensorModel(MethodModel):
-    """Least squares of g_s, and of g_t, by g_x, g_y and x g_x + y g_y, with the noise that its filters let through.
+    """Least squares of g_s, and of g_t, by g_x, g_y and x g_x + y g_y, with the noise passed by the filters.
 
-    To the first order in the noise, total least squares is least squares. With a = (g_x, g_y, ξ g_x + η g_y + h), the
-    window w, and the noise e that the filters leave,
+    To first order in the noise, total least squares equals least squares. With a = (g_x, g_y, ξ g_x + η g_y + h), the
+    window w, and the filtered noise e,
 
         Cov p = (Σ w a aᵀ)⁻¹ Σ Σ w w' a a'ᵀ <e e'> (Σ w a aᵀ)⁻¹
 
-    The noise is smoothed along x and y as the gradients are, so that the double sum is one over w² of gradients that
-    are smoothed once more. Along s and t it has the energy of the filters, with the window along t. h is what each
-    camera's own coordinate x - D s adds where a disparity v is left after registration by D: of a wave of wave number
-    k, D Σ S_s s sin(k v s) times its gradient. Of the registrations near the disparity, the one that tells the
-    divergence best counts.
+    The noise is smoothed along x and y like the gradients, so the double sum equals a single sum with w² and gradients
+    smoothed once more. Along s and t it has the energy of the filters, with the window along t. h is the contribution
+    of each camera's coordinate x - D s if a disparity v remains after registration by D: for a wave of wave number k,
+    D Σ S_s s sin(k v s) times its gradient. The registration with the lowest variance of the divergence is used.
     """
 
     name: ClassVar[str] = "structure_tensor"
 
     def motion_of(self, settings: StructureTensorSettings) -> Motion:
-        """Return what it does not know of the velocity gradient: nothing, for it takes growth for coming nearer."""
+        """Return the motion model: no velocity gradient, since growth is interpreted as approach."""
         return "translation"
 
     def frames_of(self, settings: StructureTensorSettings, count: int) -> int:
-        """Return how many frames it looks at together."""
+        """Return the number of frames estimated together."""
         return choose_acquisition_axes(np.arange(3.0) - 1.0, count, settings).frames
 
     def from_spectrum(self, setup: MethodSetup, look: SurfaceSamples, seen: ImagedTexture) -> dict[str, Array]:
-        """Return standard deviations from the texture's spectrum; see `MethodModel`."""
+        """Return standard deviations from the texture spectrum; see `MethodModel`."""
         rig = _load_axes(setup)
         turn = 2 * np.pi * seen.frequency
         derivative, smoothing = (np.asarray(each) for each in transfer(turn))
@@ -280,7 +273,7 @@ class StructureTensorModel(MethodModel):
 
         def textured(left: Array) -> _Texture:
             phase = turn[..., 0, None] * left[:, None, None] * rig.over_s.nodes
-            # What is left to move blurs the mean over the cameras.
+            # Residual disparity blurs the mean over the cameras.
             kept = (rig.over_s.smoothing * np.cos(phase)).sum(axis=-1)
             odd = (rig.over_s.smoothing * rig.over_s.nodes * np.sin(phase)).sum(axis=-1)
             change = seen.variance * (gradient[..., 0] * odd) ** 2
@@ -301,9 +294,9 @@ class StructureTensorModel(MethodModel):
         return _deviations(setup, rig, at, textured)
 
     def from_images(self, setup: MethodSetup, scene: ReferenceRender) -> dict[str, Array]:
-        """Return maps from an image without noise; see `MethodModel`.
+        """Return maps from a noise-free image; see `MethodModel`.
 
-        What disparity is left after registration blurs all products as it blurs the square of the gradient along x.
+        Residual disparity is assumed to blur all products like the square of the gradient along x.
         """
         from scipy.ndimage import correlate1d
 
@@ -342,7 +335,7 @@ class StructureTensorModel(MethodModel):
 
         @cache
         def changes(step: int) -> tuple[Array, Array, Array, Array]:
-            # What is left to move between cameras blurs their mean, and changes from camera to camera.
+            # Residual disparity between cameras blurs their mean, and causes changes from camera to camera.
             phase = turn[:, None] * (step * _STEP_PX) * rig.over_s.nodes
             mean = (rig.over_s.smoothing * np.cos(phase)).sum(axis=1)
             odd = 1j * (rig.over_s.smoothing * rig.over_s.nodes * np.sin(phase)).sum(axis=1)
@@ -389,7 +382,7 @@ class StructureTensorModel(MethodModel):
 def _deviations(
     setup: MethodSetup, rig: AcquisitionAxes, at: _At, textured: Callable[[Array], _Texture]
 ) -> dict[str, Array]:
-    """Return what is told of windows: disparity, depth, flow and velocity."""
+    """Return the standard deviations of disparity, depth, flow and velocity in windows."""
     focal, found = setup.scene.camera.focal_px, dict[str, Array]()
     relative: Array = np.zeros_like(at.x)
     nearest = np.rint(at.disparity) if setup.sees_depth else np.zeros_like(at.x)
@@ -448,7 +441,7 @@ def _scaled(products: list[Sums], factor: Array) -> list[Sums]:
 
 
 def _energy(at: _At, over_s: Array, over_t: Array) -> Array:
-    """Return the variance of what filters along s and t leave of the noise."""
+    """Return the variance of the noise after filtering along s and t."""
     new = np.square(over_s).sum() * np.square(over_t).sum()
     kept = at.shared(over_s, over_t) if at.pattern.any() else 0.0
     return np.asarray(at.noise**2 * new + at.pattern**2 * kept)
@@ -463,12 +456,12 @@ def _shared(
     over_s: Array,
     over_t: Array,
 ) -> Array:
-    """Return what filters along s and t leave of the variance of noise that stays with the pixels.
+    """Return the factor by which filters along s and t reduce the variance of fixed-pattern noise.
 
-    Images that show the surface at places Δ apart share it as far as the texture's gradient, and the window, are like
-    themselves Δ further: of waves, filters along s leave |Σ_s f_s exp(i k d s)|².
+    Images that show the surface displaced by Δ share this noise by the autocorrelation at Δ of the texture gradient and
+    of the window: for waves, filters along s pass |Σ_s f_s exp(i k d s)|².
     """
-    # The same at every call: a prediction is no draw.
+    # A fixed seed: predictions are deterministic.
     scattered = turn[..., 0] + np.random.default_rng(0).normal(0.0, 1.0 / (np.sqrt(2.0) * sigma_px), turn.shape[:2])
     by_s = (scattered * look.points.d[:, None])[..., None] * rig.positions
     by_t = np.einsum("nwk,nk->nw", turn, compute_flow(look))[..., None] * np.arange(len(over_t))
@@ -479,7 +472,7 @@ def _shared(
 
 
 def _inverse(matrices: Array) -> Array:
-    """Return inverses; NaN where the texture does not tell all three."""
+    """Return inverse matrices; NaN where the texture does not determine all three unknowns."""
     scale = np.sqrt(np.abs(np.einsum("...ii->...i", matrices)))
     scaled = matrices / (scale[..., :, None] * scale[..., None, :])
     known = np.isfinite(scaled).all(axis=(-2, -1))

@@ -1,4 +1,4 @@
-"""The result of a prediction: standard deviations by region and quantity, the inputs behind them, table and maps."""
+"""Result of a prediction: standard deviations by region and quantity, their inputs, table and maps."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ UNITS: Mapping[str, str] = {
     "slope_y": "1",
     "normal": "°",
 }
-"""Units by quantity, for people: data sets have growth per frame."""
+"""Display units by quantity; data sets have growth per frame."""
 
 TITLES: Mapping[str, str] = {
     "depth": "Depth",
@@ -48,13 +48,13 @@ TITLES: Mapping[str, str] = {
     "flow_y": "Optical flow in y",
     "velocity_epe": "Velocity endpoint",
     "growth_rate": "Growth rate",
-    "growth_principal_1": "Largest growth of length",
-    "growth_principal_2": "Least growth of length",
+    "growth_principal_1": "Largest principal growth rate",
+    "growth_principal_2": "Smallest principal growth rate",
     "slope_x": "Slope in X",
     "slope_y": "Slope in Y",
     "normal": "Normal",
 }
-"""What they are, in words."""
+"""Titles by quantity."""
 
 
 Model = Literal["analytic", "maps"]
@@ -64,31 +64,31 @@ _UNITS_INSIDE = {"%/h": "1/frame"}
 
 @dataclass(frozen=True)
 class PredictedValue:
-    """How precisely a quantity can be known in a region.
+    """Predicted standard deviation of a quantity in a region.
 
     Parameters
     ----------
     std
-        Median over the region of its predicted standard deviation; infinite where the images do not tell it.
+        Median of the predicted standard deviation over the region; infinite where it is undetermined.
     unit
-        Unit of ``std`` and ``signal``: as in data sets, growth per frame.
+        Unit of ``std`` and ``signal``, as in data sets (growth per frame).
     signal
-        Rms over the region of what there is to be measured, of motion and growth; None of others.
+        RMS of the true motion or growth over the region; None for other quantities.
     value, signal_value, value_unit
-        The same for people: growth in % per hour, all else as it is.
+        ``std`` and ``signal`` in display units, with growth in %/h.
     valid_fraction
-        Share of the region where the images tell it.
+        Fraction of the region where the standard deviation is determined.
     rmse, p95_abs_error
-        Root mean square over the region of the standard deviation, and the 95th percentile of the sizes of normal
-        errors with such standard deviations; in ``value_unit``, infinite where the images do not tell it.
+        Root mean square of the standard deviation over the region, and 95th percentile of the absolute values of normal
+        errors with these standard deviations; in ``value_unit``, infinite where undetermined.
 
     See Also
     --------
-    Prediction : Has one for each region and quantity.
+    Prediction : Contains a value for each region and quantity.
 
     Examples
     --------
-    A sheet that grows by 2 % per hour, seen every ten minutes:
+    A sheet that grows by 2 % per hour, recorded every ten minutes:
 
     >>> import scenetruth as st
     >>> sheet = {"name": "sheet", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 600]}}
@@ -98,8 +98,8 @@ class PredictedValue:
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 5, "frame_interval_s": 600}}
     >>> prediction = st.predict(plain | {"sensor": {"noise_std": 0.01}}, method="refined")
     >>> figure = prediction.precision("growth_rate", "object_sheet")
-    >>> f"{figure.signal_value:.2f} {figure.value_unit}, known to {figure.value:.2f} in a pixel"
-    '2.00 %/h, known to 0.20 in a pixel'
+    >>> f"{figure.signal_value:.2f} {figure.value_unit}, standard deviation {figure.value:.2f} per pixel"
+    '2.00 %/h, standard deviation 0.20 per pixel'
     >>> f"{figure.signal:.5f} {figure.unit}, {figure.signal_to_noise:.0f} standard deviations"
     '0.00333 1/frame, 10 standard deviations'
     """
@@ -116,7 +116,7 @@ class PredictedValue:
 
     @property
     def signal_to_noise(self) -> float | None:
-        """The signal over the standard deviation; None where there is no signal to speak of."""
+        """Ratio of the signal to the standard deviation; None for quantities without a signal."""
         if self.signal is None:
             return None
         return self.signal / self.std if self.std > 0 else float("inf")
@@ -124,41 +124,41 @@ class PredictedValue:
 
 @dataclass(frozen=True)
 class PredictionInputs:
-    """What went into a prediction, medians over a region where nothing else is said.
+    """Inputs of a prediction: medians over a region unless stated otherwise.
 
     Parameters
     ----------
     noise_std
-        Standard deviation of a grey value in one image, of full scale, rounding included.
+        Standard deviation of temporal noise in an image, relative to full scale, including rounding.
     pattern_std
-        The same of what pixels keep in all images.
+        Standard deviation of fixed-pattern noise, relative to full scale.
     grey_level
-        Mean grey value, of full scale.
+        Mean grey value, relative to full scale.
     white_level
-        Grey value of what is as bright as a texture can be, in the same light, of full scale.
+        Grey value of the brightest possible texture in the same light, relative to full scale.
     contrast
-        Standard deviation of the texture in the images, of full scale.
+        Standard deviation of the texture in the images, relative to full scale.
     gradient_x, gradient_y
-        Rms of its derivatives, of full scale per px.
+        RMS derivatives of the texture, relative to full scale, per px.
     transfer
-        Share of the texture's contrast that lens, pixels and motion leave.
+        Fraction of the texture contrast that remains after blur by lens, pixels and motion.
     wavelength_px
-        Rms mean wavelength of the texture in the images, in px: 2π contrast over the gradient's length.
+        RMS mean wavelength of the texture in the images, in px: 2π contrast / length of the gradient.
     disparity_px, depth_mm
-        Disparity in px per step, and depth.
+        Disparity in px per step, and depth in mm.
     flow_px
-        Length of the optical flow, px per frame.
+        Magnitude of the optical flow, px per frame.
     blur_px
-        How far points move in the image while it is taken: of those that move, 95 % move less; 0 if none does.
+        95th percentile of the motion during the exposure over all moving points, px; 0 without motion.
     window_sigma_px, motion
-        Of the method.
+        Standard deviation of the window, and motion model of the method.
     positions, frames
         Number of cameras, and of frames that are estimated together.
 
     See Also
     --------
-    Prediction : Has them as ``causes``, and of every region as ``by_region``.
-    recommend : What to change of them.
+    Prediction : Contains the inputs as ``causes``, and by region as ``by_region``.
+    recommend : Recommends changes.
 
     Examples
     --------
@@ -196,45 +196,45 @@ class PredictionInputs:
 
     @property
     def brightest_level(self) -> float:
-        """Brightest grey values, of full scale: three standard deviations above the mean, and no brighter than white.
+        """Brightest grey values, relative to full scale: three standard deviations above the mean, at most white level.
 
-        Over 1, images are saturated.
+        Above 1, images are saturated.
         """
         return min(self.grey_level + 3 * self.contrast, self.white_level)
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction(Result):
-    """How precisely depth, motion, slopes and growth of a scene can be known from its images.
+    """Predicted standard deviations of depth, motion, slopes and growth of a scene.
 
     Parameters
     ----------
     model
-        ``"analytic"``: from geometry and the texture's spectrum; ``"maps"``: from an image without noise.
+        ``"analytic"``: from geometry and texture spectrum; ``"maps"``: from a noise-free image.
     method
-        The method whose noise it is.
+        Estimation method.
     regions
-        ``"all"``, ``"interior"``, and ``"object_NAME"`` for every object that is seen: its interior, or all of it if it
-        has none.
+        ``"all"``, ``"interior"``, and ``"object_NAME"`` for every visible object: its interior, or the whole object if
+        it has no interior.
     frame_interval_s
         Time between two frames.
     precisions
         Predicted standard deviations by region and quantity.
     by_region
-        What went into it, by region.
+        Inputs by region.
     maps
         Maps of the standard deviations, ``depth_std`` and so on as in `cramer_rao_bound`; None with ``analytic``, and
         after `load`: `save` leaves them out.
     notes
-        What is left out, in words.
+        Effects that are not included.
     pattern_cost
-        By what factor noise that stays with the pixels raises the standard deviations of quantities; those that are
-        missing do not suffer. It is in the figures.
+        Factor by which fixed-pattern noise increases the standard deviation, by quantity; missing quantities are not
+        affected. The predicted values include it.
 
     See Also
     --------
-    predict : Makes it.
-    recommend : What it warns of.
+    predict : Computes a prediction.
+    recommend : Returns recommendations.
 
     Examples
     --------
@@ -268,12 +268,12 @@ class Prediction(Result):
 
     @property
     def causes(self) -> PredictionInputs:
-        """What went into it: medians over all that is seen."""
+        """Inputs of the prediction: medians over the visible surface."""
         return self.by_region["all"]
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """The quantities that are predicted: keys of `scenetruth.scoring.QUANTITIES`."""
+        """Predicted quantities: keys of `scenetruth.scoring.QUANTITIES`."""
         return tuple(self.precisions["all"])
 
     def precision(self, quantity: str, region: str = "interior") -> PredictedValue:
@@ -344,7 +344,7 @@ class Prediction(Result):
         return {"xr": xarray}
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return a table, a figure each row: region, quantity, all of `PredictedValue`, level, method."""
+        """Return a table with one row per value: region, quantity, all fields of `PredictedValue`, model, method."""
         import pandas as pd
 
         rows: list[dict[str, Any]] = [
@@ -362,7 +362,7 @@ def compute_value(
     valid_fraction: float,
     frame_interval_s: float,
 ) -> PredictedValue:
-    """Return a figure with what it is for people."""
+    """Return a predicted value with its display units."""
     unit = UNITS[quantity]
     factor = 100.0 * _S_PER_H / frame_interval_s if unit in _UNITS_INSIDE else 1.0
     told = None if signal is None else factor * signal
@@ -375,13 +375,13 @@ def compute_value(
 
 _TABLE, _PICTURE = "prediction.csv", "prediction.png"
 _COLUMNS = 3
-# Of the values of a map, the share below which colours tell them apart: edges are far beyond.
+# Quantile of the values of a map at the end of the colour scale: values at edges are far larger.
 _MOST = 0.95
 _SHOWN = ("depth", "slope", "velocity", "growth_rate", "principal_growth_rates", "flow")
 
 
 def write_prediction(prediction: Prediction, folder: Path, *, overwrite: bool = False) -> list[str]:
-    """Write a prediction."""
+    """Write the table of a prediction and, if present, a figure of its maps."""
     names = [_TABLE]
     with write_atomically(folder, overwrite=overwrite, claim=claim_folder(_TABLE)) as aside:
         aside.mkdir()
@@ -417,7 +417,7 @@ def _draw(prediction: Prediction, file: Path) -> None:
 
 
 def _panels(prediction: Prediction) -> dict[str, Any]:
-    """Return what is drawn: maps by their titles."""
+    """Return the maps to draw, by title."""
     maps = prediction.maps
     assert maps is not None
     per_hour = 100.0 * _S_PER_H / prediction.frame_interval_s

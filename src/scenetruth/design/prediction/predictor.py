@@ -1,4 +1,4 @@
-"""The prediction of a scene's precision, and recommendations with the field to change and by how much."""
+"""Prediction of the precision of a scene, and recommendations of scene fields to change."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ __all__ = ["predict", "predict_quickly", "recommend"]
 
 
 SUFFICIENT_RATIO = 2.0
-"""What there is to be measured should be this many standard deviations."""
+"""Required ratio of a signal to its standard deviation."""
 
-# The standard deviation of depth should be less than this share of it.
+# Acceptable standard deviation of depth, relative to depth.
 _DEPTH_SHARE = 0.01
-# A window should not be narrower than half a wave: its standard deviation is a quarter of its width.
+# Largest wavelength in standard deviations of the window: half a wave per width of the window.
 _WAVES_PER_SIGMA = 8.0
 _LEAST_TRANSFER, _LEAST_DENSITY = 0.4, 0.5
-# Motion while an image is taken, as a share of the wavelength: beyond, less than two thirds of the contrast are left.
+# Motion during the exposure relative to the wavelength: beyond, less than two thirds of the contrast remain.
 _MOST_BLUR, _BETTER_BLUR = 0.5, 0.3
 _WIDEST_PX = 30.0
-# What is exactly as bright as full scale may have been rounded up.
+# Tolerance for rounding of grey values at full scale.
 _FULL = 1 + 1e-6
-# A longer interval moves things to where the texture is seen otherwise.
+# A longer interval moves surfaces to positions where the texture is imaged differently.
 _NEARLY = 0.9
-# Rounding of coarse meshes is no growth.
+# Growth below this value is rounding of coarse meshes.
 _NOTHING = 1e-7
 
 Predictor = Callable[[Scene], Prediction]
@@ -47,7 +47,7 @@ def make_recommendations(
     enough: float = SUFFICIENT_RATIO,
     growth_alone: bool = False,
 ) -> list[str]:
-    """Return what a prediction warns of, in words."""
+    """Return recommendations for a prediction, one per line."""
     found = list(_check_growth(scene, prediction, again, enough))
     if not growth_alone:
         found += [*_check_motion(scene, prediction, again, enough), *_check_depth(scene, prediction)]
@@ -84,47 +84,47 @@ def _check_depth(scene: Scene, prediction: Prediction) -> Iterator[str]:
         return
     std, depth = prediction.precision("depth", "all").std, prediction.causes.depth_mm
     if math.isfinite(std) and std > _DEPTH_SHARE * depth:
-        # Depth is as precise as the baseline is long.
+        # The precision of depth is proportional to the baseline.
         enough = _nice(abs(scene.stage.baseline_mm) * std / (_DEPTH_SHARE * depth))
         text = f"depth has a precision of {std:.2g} mm at {depth:.4g} mm, {100 * std / depth:.2g} %"
         yield f"{text}: raise stage.baseline_mm to {enough:g}"
     share = prediction.precision("depth", "all").valid_fraction
     if share < _LEAST_DENSITY:
-        text = f"images tell depth in {100 * share:.0f} % of what is seen only"
-        yield f"{text}: give surfaces a texture, or reduce stage.baseline_mm, so that all images show them"
+        text = f"depth is valid in {100 * share:.0f} % of the visible surface only"
+        yield f"{text}: add texture to the surfaces, or reduce stage.baseline_mm, so that all images show them"
 
 
 def _check_images(scene: Scene, prediction: Prediction) -> Iterator[str]:
     causes = prediction.causes
     sigma = causes.window_sigma_px
     if math.isfinite(causes.wavelength_px) and causes.wavelength_px > _WAVES_PER_SIGMA * sigma:
-        text = f"the texture's waves are about {causes.wavelength_px:.0f} px long, and a window's standard deviation "
-        text += f"is {sigma:g} px: make the texture's wavelengths shorter, or raise "
+        text = f"the texture wavelength is about {causes.wavelength_px:.0f} px, and the standard deviation of "
+        text += f"the window is {sigma:g} px: reduce the texture wavelength, or raise "
         yield text + f"estimate.window_sigma_px to {_nice(causes.wavelength_px / _WAVES_PER_SIGMA):g}"
     objects = {name: one for name, one in prediction.by_region.items() if name.startswith("object_")}
     region = max(objects, key=lambda name: objects[name].brightest_level)
     brightest = objects[region].brightest_level
     if brightest > _FULL:
-        remedy = "reduce lighting" if scene.lighting.lit else "let the sensor collect less light"
+        remedy = "reduce lighting" if scene.lighting.lit else "reduce the light collected by the sensor"
         where = _region_suffix(region)
         yield f"brightest grey values{where} are at {100 * brightest:.0f} % of full scale, saturated: {remedy}"
     time = scene.shutter.exposure_time_s
-    # What rests behind an object that moves blurs nothing, and has waves of its own.
+    # A static background behind a moving object is not blurred, and has another wavelength.
     region = max(objects, key=lambda name: objects[name].blur_px / objects[name].wavelength_px)
     moving = objects[region]
     if moving.blur_px > _MOST_BLUR * moving.wavelength_px and time > 0:
-        # What blurs less shows shorter waves.
+        # With less blur, shorter wavelengths remain visible.
         shorter = time * _BETTER_BLUR * moving.wavelength_px / moving.blur_px
-        text = f"points{_region_suffix(region)} move {moving.blur_px:.1f} px while an image is taken, "
-        waves = f"the texture's waves are about {moving.wavelength_px:.1f} px long"
+        text = f"points{_region_suffix(region)} move {moving.blur_px:.1f} px during the exposure, "
+        waves = f"the texture wavelength is about {moving.wavelength_px:.1f} px"
         yield f"{text}and {waves}: reduce shutter.exposure_time_s to {shorter:.2g}"
     elif 0 < causes.transfer < _LEAST_TRANSFER:
-        text = f"lens and pixels leave {100 * causes.transfer:.0f} % of the texture's contrast"
-        yield f"{text}: make its wavelengths longer, or change optics"
+        text = f"lens and pixels reduce the texture contrast to {100 * causes.transfer:.0f} %"
+        yield f"{text}: increase the texture wavelength, or change optics"
 
 
 def _most_moving(prediction: Prediction, quantity: str) -> str | None:
-    """Return the object of which there is most to be measured; None if there is nothing."""
+    """Return the object with the largest signal; None without any."""
     if quantity not in prediction.quantities:
         return None
     signals = {
@@ -146,38 +146,35 @@ def _region_suffix(region: str) -> str:
 
 
 def _longer(scene: Scene, region: str, quantity: str, figure: PredictedValue, again: Predictor) -> str | None:
-    """Return a longer interval, if what is to be measured grows with it."""
+    """Return the recommended longer interval, if the signal grows with it."""
     interval = _nice(scene.frames.frame_interval_s * _missing(figure))
     frames = scene.frames.model_copy(update={"frame_interval_s": interval})
     changed = again(scene.model_copy(update={"frames": frames}))
     if region not in changed.regions:
         return None
     ratio = changed.precision(quantity, region).signal_to_noise or 0.0
-    # Motion that is given per frame stays as it is.
+    # Motion specified per frame does not change.
     if ratio < _NEARLY * SUFFICIENT_RATIO:
         return None
     return f"raise frames.frame_interval_s to {interval:g}"
 
 
 def _wider(scene: Scene, figure: PredictedValue, power: float) -> str:
-    """Return another remedy: what is given per frame does not grow with the interval.
-
-    Standard deviations of motion fall with the window's width, those of its gradient with the square of it.
-    """
+    """Return another recommendation; the standard deviation is proportional to window width ** -``power``."""
     factor = _missing(figure)
     sigma = getattr(scene.estimate.settings, "window_sigma_px", None)
     if sigma is not None and (wider := _nice(sigma * factor ** (1 / power))) <= _WIDEST_PX:
         return f"raise estimate.window_sigma_px to {wider:g}, or the motion in the scene"
-    return f"it takes {factor:.2g} times less noise, or as much more motion: it is given per frame"
+    return f"a factor of {factor:.2g} in noise or motion is missing: the motion is specified per frame"
 
 
 def _missing(figure: PredictedValue) -> float:
-    """Return how many times more there should be to be measured."""
+    """Return the factor by which the signal is too small."""
     return SUFFICIENT_RATIO / max(figure.signal_to_noise or 0.0, 1e-9)
 
 
 def _nice(value: float) -> float:
-    """Return the next larger number of two digits."""
+    """Return the next larger number with two digits."""
     size = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.ceil(value / size - 1e-9) * size:.3g}")
 
@@ -193,47 +190,47 @@ def predict(
     overrides: Overrides = (),
     limits: Limits | None = None,
 ) -> Prediction:
-    """Predict how precisely depth, slopes, motion and growth of a scene can be known, without drawing any noise.
+    """Predict the standard deviations of depth, slopes, motion and growth of a scene, without simulating noise.
 
     Parameters
     ----------
     scene
-        The scene, its values, its file, or the name of one that is shipped.
+        The scene, its values, its file, or the name of a bundled scene.
     method
-        The method of estimation: ``"refined"`` or ``"structure_tensor"``, or one of them with settings
-        (`scenetruth.estimators.MethodSpec`); that of the scene if not given. If the scene estimates with it, its
-        settings are the scene's.
+        Estimation method: ``"refined"`` or ``"structure_tensor"``, with settings if given as
+        `scenetruth.estimators.MethodSpec`. Default: the method of the scene. Settings of the scene apply if it
+        specifies the same method.
     model
-        ``"analytic"``: from geometry and the spectrum of the texture, in milliseconds. ``"maps"``: from one rendered
-        image without noise and the exact truth, in seconds, with maps.
+        ``"analytic"``: from geometry and texture spectrum, in milliseconds. ``"maps"``: from one rendered noise-free
+        image and the exact ground truth, in seconds, with maps.
     settings
-        Settings of the method that replace its own.
+        Settings of the method to replace.
     window_sigma_px
-        Standard deviation of the window in px; that of the method's settings if not given.
+        Standard deviation of the window in px; default: the setting of the method.
     motion
-        What is unknown of how velocity changes in a window: ``"translation"``, ``"rigid"``, ``"growing"`` or
-        ``"affine"``; that of the method's settings if not given.
+        Motion model: ``"translation"``, ``"rigid"``, ``"growing"`` or ``"affine"`` velocity in a window; default: the
+        setting of the method.
     overrides
-        Changes of the scene, as of `scenetruth.load_scene`.
+        Changes to the scene, as in `scenetruth.load_scene`.
     limits
-        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
+        Limits on the scene (`scenetruth.Limits`); default: the standard limits.
 
     Returns
     -------
     Prediction
-        Standard deviations by region and quantity, and what went into them.
+        Standard deviations by region and quantity, and their inputs.
 
     Raises
     ------
     ArgumentError
-        If an argument is impossible; lists all that are.
+        If an argument is invalid; lists all errors.
     SceneError
-        If the scene cannot be made or passes a bound, nothing of it is seen, its sensor has no noise, or an argument is
-        impossible; lists all that is wrong.
+        If the scene is invalid or exceeds a limit, no surface is visible, its sensor has no noise, or an argument is
+        invalid; lists all errors.
 
     See Also
     --------
-    scenetruth.bound.cramer_rao_bound : The bound of a recording whose truth is known.
+    scenetruth.bound.cramer_rao_bound : The bound of a recording with ground truth.
 
     Examples
     --------
@@ -258,14 +255,14 @@ def predict(
     made = predict_analytic(known, name, window_sigma_px, motion, parts)
     if model == "analytic":
         return made
-    # Compiled code is loaded for this one alone.
+    # Compiled code is loaded only for this model.
     from scenetruth.design.prediction.map_prediction import predict_maps
 
     return predict_maps(known, name, window_sigma_px, motion, made)
 
 
 def predict_quickly(scene: Scene, parts: Sequence[ObjectWorkload], method: str) -> Prediction:
-    """Predict the precision of a scene by formulas alone: no compiled code is loaded, and no texture painted."""
+    """Predict the precision of a scene analytically, without loading compiled code or painting textures."""
     return predict_analytic(scene, method, None, None, parts, painting=False)
 
 
@@ -277,26 +274,26 @@ def recommend(
     painting: bool = True,
     growth_alone: bool = False,
 ) -> list[str]:
-    """Return what a prediction warns of: too little precision, and which field to change by how much.
+    """Return recommendations where the predicted precision is insufficient: which field to change, and to which value.
 
     Parameters
     ----------
     scene
         The scene.
     prediction
-        What is predicted for it.
+        Prediction for the scene.
     parts
-        Its objects, if they are at hand.
+        Workloads of its objects, if already computed.
     painting
-        Whether textures without a formula may be painted. If not, what is predicted of them is too large, and only
-        what cannot be seen at all is warned of.
+        Whether textures without an analytic spectrum may be painted. If not, their predicted standard deviations are
+        too large, and only signals that cannot be detected at all are reported.
     growth_alone
-        Whether nothing but growth is asked for.
+        Whether to check growth only.
 
     Returns
     -------
     list of str
-        One line for each warning; none if all is well.
+        One line per recommendation; empty if the precision is sufficient.
 
     See Also
     --------
@@ -304,7 +301,7 @@ def recommend(
 
     Examples
     --------
-    A sheet that grows by 2 % per hour, seen every minute, and then as seldom as is advised:
+    A sheet that grows by 2 % per hour, recorded every minute, and then at the recommended interval:
 
     >>> from scenetruth.design.prediction import recommend, predict
     >>> sheet = {"name": "sheet", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 600]}}

@@ -1,4 +1,4 @@
-"""A scene's noise-free reference image and its ground truth, as far as a Cramér-Rao bound needs them."""
+"""Noise-free reference image and ground truth of a scene, as input of the Cramér-Rao bound."""
 
 from __future__ import annotations
 
@@ -31,15 +31,11 @@ _CACHED_TIMES = 4
 
 @dataclass(frozen=True, eq=False)
 class ReferenceRender:
-    """What a bound needs of a scene.
+    """Inputs of the Cramér-Rao bound for a scene; grey values and noise are fractions of full scale.
 
     ``truth``: Maps of the reference camera and frame, and ``visible`` of all images.
-    ``recording``: Blank images, but for that of the reference camera and frame in all of them, without noise, as
-      ``image`` in shares of full scale and as ``radiance``.
-    ``noise``: Of a grey value, as a share of full scale.
-    ``noise_map``, ``pattern_map``, ``level_map``: Noise that is new in every image, noise that pixels keep, and grey
-      level, shares of full scale, shape (y, x).
-    ``names``: Names of the objects by their numbers.
+    ``recording``: The noise-free reference image, repeated for all images, as ``image`` and as ``radiance``.
+    ``noise_map``, ``pattern_map``, ``level_map``: Temporal noise, fixed-pattern noise and grey level, shape (y, x).
     """
 
     truth: xr.Dataset
@@ -52,7 +48,7 @@ class ReferenceRender:
 
 
 def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender:
-    """Render the reference image of a scene and compute what it shows, at the planned poses."""
+    """Render the reference image of a scene and compute its ground truth, at the planned poses."""
     world = build_scene(scene)
     check_scene(scene, world)
     schedule, stage, frames = build_schedule(scene), scene.stage, scene.frames
@@ -69,7 +65,7 @@ def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender
     points = PixelPoints(maps, geometry, reference.viewpoint)
     size = (scene.camera.height, scene.camera.width)
     shown = np.zeros((len(cameras), frames.count, *size), dtype=np.bool_)
-    # Frame by frame: the world at a time is kept.
+    # Iterate by frame: the geometry of a time is cached.
     for frame in range(frames.count):
         for index in range(len(cameras)):
             shown[index, frame] = follower.shown(points, index, frame)
@@ -78,7 +74,7 @@ def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender
     grey = compute_grey_levels(scene.sensor, radiance.ravel())
     level, noise, pattern = (each.reshape(size) for each in (grey.level, grey.noise, grey.pattern))
     lead = (stage.rows, stage.positions) if stage.rows > 1 else (stage.positions,)
-    # Of the other frames nobody asks anything but `visible`: they share the reference's maps, which takes no memory.
+    # Of the other frames, only `visible` is used: they share the maps of the reference, which takes no memory.
     arrays: dict[str, NDArray[Any]] = {
         name: np.broadcast_to(maps[name][..., None, :, :], (*maps[name].shape[:-2], frames.count, *size))
         for name in (*_MAPS, *_MORE_MAPS)
@@ -110,7 +106,7 @@ def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender
 
 
 def _linear(level: Array, noise: Array) -> GreyNoise:
-    """Return the line through the variance of grey values: exact for sensors that are linear."""
+    """Return the regression line of noise variance over grey level: exact for linear sensors."""
     variance = noise**2
     spread = level - level.mean()
     square = float(np.sum(spread**2))

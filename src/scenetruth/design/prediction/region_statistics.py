@@ -1,4 +1,4 @@
-"""Statistics over regions of standard deviations at points, and of the signals to be measured."""
+"""Statistics over regions of standard deviations at points, and of the true signals."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ _COMPONENTS = {
 }
 
 NAMES = {key: name for name, key in _COMPONENTS.items()}
-"""What scores call what models of methods tell, by component."""
+"""Names of the scored quantities, by the component names of method models."""
 
 
 def select_regions(names: tuple[str, ...], body: NDArray[np.int64], interior: Mask) -> dict[str, Mask]:
-    """Return which points are of which region."""
+    """Return the masks of all regions."""
     seen = body >= 0
     found = {"all": seen, "interior": seen & interior}
     for number, name in enumerate(names):
@@ -51,16 +51,13 @@ def select_regions(names: tuple[str, ...], body: NDArray[np.int64], interior: Ma
 
 
 def compute_quantities(std: Mapping[str, Array], slopes: Array | None) -> dict[str, Array]:
-    """Return standard deviations by the names that scores have.
-
-    ``slopes``: dZ/dX and dZ/dY, shape (2, ...), for the angle of the normal; None without.
-    """
+    """Return standard deviations by quantity; slopes dZ/dX and dZ/dY, shape (2, ...), give the angle of the normal."""
     found = {name: std[name] for name in ("depth", "disparity") if name in std}
     found |= {name: std[key] for name, key in _COMPONENTS.items() if key in std}
     if "velocity_x" in found:
         found["velocity_epe"] = np.sqrt(sum(found[f"velocity_{axis}"] ** 2 for axis in "xyz"))
     if "slope_x" in found and slopes is not None:
-        # Of n = (a, b, -1) / √(1 + a² + b²), with independent errors of a and b.
+        # For n = (a, b, -1) / √(1 + a² + b²), with independent errors of a and b.
         a, b = slopes
         square = (1 + b * b) * found["slope_x"] ** 2 + (1 + a * a) * found["slope_y"] ** 2
         found["normal"] = np.degrees(np.sqrt(square) / (1 + a * a + b * b))
@@ -74,7 +71,7 @@ def compute_values(
     share: Array,
     frame_interval_s: float,
 ) -> dict[str, dict[str, PredictedValue]]:
-    """Return figures by region and quantity."""
+    """Return predicted values by region and quantity."""
     found: dict[str, dict[str, PredictedValue]] = {}
     for region, mask in regions.items():
         found[region] = {}
@@ -94,7 +91,7 @@ def compute_values(
 
 
 def compute_spread(std: Array, weights: Array) -> tuple[float, float, float]:
-    """Return the median and the root mean square of standard deviations, and the 95th percentile of normal errors.
+    """Return median and root mean square of standard deviations, and the 95th percentile of absolute normal errors.
 
     >>> [round(one, 3) for one in compute_spread(np.full(9, 2.0), np.ones(9))]
     [2.0, 2.0, 3.92]
@@ -105,7 +102,7 @@ def compute_spread(std: Array, weights: Array) -> tuple[float, float, float]:
     std, weights = std[order], weights[order]
     total = np.cumsum(weights)
     rms = float(np.sqrt(np.sum(weights * std**2) / total[-1]))
-    # Some of them, each for the same weight.
+    # A sample of nodes with equal weights.
     places = np.searchsorted(total, (np.arange(_NODES) + 0.5) / _NODES * total[-1])
     return weighted_median(std, weights), rms, _percentile(std[places])
 
@@ -115,11 +112,11 @@ _PERCENTILE, _TOLERANCE = 0.95, 1e-4
 
 
 def _percentile(std: Array) -> float:
-    """Return below which size 95 % of normal errors lie, with standard deviations of equal weight."""
+    """Return the 95th percentile of the absolute values of normal errors with the given standard deviations."""
     from scipy.special import erf
 
     known = std[std > 0] * 2**0.5
-    # Two standard deviations hold more than 95 %.
+    # Two standard deviations cover more than 95 %.
     low, high = 0.0, float(2**0.5 * known[-1]) if len(known) else 0.0
     while high - low > _TOLERANCE * high:
         middle = (low + high) / 2
@@ -129,12 +126,12 @@ def _percentile(std: Array) -> float:
 
 
 def weighted_median(values: Array, weights: Array) -> float:
-    """Return the value below which half of the weight lies."""
+    """Return the weighted median."""
     return weighted_quantile(values, weights, 0.5)
 
 
 def weighted_quantile(values: Array, weights: Array, share: float) -> float:
-    """Return the value below which a share of the weight lies."""
+    """Return the weighted quantile."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, share * total[-1])])

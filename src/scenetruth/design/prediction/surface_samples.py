@@ -1,4 +1,4 @@
-"""A sample of the surface points that the reference camera sees: position, orientation, motion and illumination."""
+"""Sampled surface points visible to the reference camera: position, orientation, motion and illumination."""
 
 from __future__ import annotations
 
@@ -27,18 +27,14 @@ __all__ = ["SurfaceSamples", "label_patches", "rasterise", "sample_surface"]
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-# A point is on a triangle if it is outside by less than this share of it: no gaps between neighbours.
+# Tolerance of the point-in-triangle test, relative to the triangle, which avoids gaps between neighbours.
 _SLACK = 1e-9
-# Pairs of a triangle and a pixel in its box that are tried at a time.
+# Pairs of a triangle and a pixel in its bounding box per batch.
 _AT_A_TIME = 2_000_000
 
 
 def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> Numbers:
-    """Return the nearest triangle at points of the image.
-
-    ``corners_mm``: Corners of the triangles before the camera, shape (m, 3, 3).
-    Returns: Numbers of triangles, -1 for none, shape (rows, columns).
-    """
+    """Return the nearest triangle, given corners (m, 3, 3) in camera coordinates, at image points; -1 for none."""
     width, height = len(x_px), len(y_px)
     nearest = np.zeros(width * height)
     face = np.full(width * height, -1, dtype=np.int64)
@@ -60,13 +56,13 @@ def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> N
         column = left[triangle] + place % np.maximum(across[triangle], 1)
         row = top[triangle] + place // np.maximum(across[triangle], 1)
         with np.errstate(all="ignore"):
-            # Triangles that are seen edge on have no area.
+            # Triangles seen edge-on have no area.
             found = _inverse_depth(x[triangle], y[triangle], inverse[triangle], x_px[column], y_px[row])
         hit = found > 0
         pixel, found, triangle = (row * width + column)[hit], found[hit], triangle[hit]
         order = np.lexsort((found, pixel))
         pixel, found, triangle = pixel[order], found[order], triangle[order]
-        # The last of each pixel is the nearest.
+        # The last entry of each pixel is the nearest.
         closest = np.ones(len(pixel), dtype=np.bool_)
         closest[:-1] = pixel[1:] != pixel[:-1]
         pixel, found, triangle = pixel[closest], found[closest], triangle[closest]
@@ -77,10 +73,9 @@ def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> N
 
 
 def label_patches(face: Numbers, normals: Array, body: Numbers, most_turned: Array) -> Numbers:
-    """Give numbers to pieces of surface: neighbours in a picture on one body whose normals hardly differ are of one.
+    """Label surface segments: connected pixels of one body whose neighbouring normals differ by less than a limit.
 
-    ``normals``, ``body``: Of the triangles: unit normals towards the camera, and the object, shape (m, 3) and (m,).
-    Returns: The same shape: any number for each piece, -1 where nothing is seen.
+    ``normals``: Unit normals (m, 3) towards the camera. Returns: Labels in the shape of ``face``, -1 for background.
     """
     number = np.arange(face.size).reshape(face.shape)
     seen = face >= 0
@@ -104,7 +99,7 @@ def label_patches(face: Numbers, normals: Array, body: Numbers, most_turned: Arr
 
 
 def _span(corners: Array, places: Array) -> tuple[Numbers, Numbers]:
-    """Return the first, and the last + 1, of evenly spaced places that lie between the corners of triangles."""
+    """Return the first and the last + 1 of the evenly spaced positions between the corners of triangles."""
     step = places[1] - places[0] if len(places) > 1 else 1.0
     low, high = (each - places[0] for each in (corners.min(axis=1), corners.max(axis=1)))
     first = np.clip(np.ceil(low / step - _SLACK), 0, len(places)).astype(np.int64)
@@ -113,7 +108,7 @@ def _span(corners: Array, places: Array) -> tuple[Numbers, Numbers]:
 
 
 def _inverse_depth(x: Array, y: Array, inverse: Array, at_x: Array, at_y: Array) -> Array:
-    """Return 1/Z, linear in the image, of triangles at points; 0 outside of them."""
+    """Return 1/Z of triangles at image points, which is linear in the image; 0 outside."""
     one_x, one_y, two_x, two_y = (each[:, k] - each[:, 0] for k in (1, 2) for each in (x, y))
     area = one_x * two_y - one_y * two_x
     p_x, p_y = at_x - x[:, 0], at_y - y[:, 0]
@@ -126,33 +121,29 @@ def _inverse_depth(x: Array, y: Array, inverse: Array, at_x: Array, at_y: Array)
 
 Mask = NDArray[np.bool_]
 
-# Along the longer side of the picture, and points on it.
+# Longer side of the sampling raster in px, and numbers of sampled points.
 _PICTURE_PX, _MOST_POINTS, _FEWEST_POINTS = 96, 240, 16
-# Neighbouring triangles of a coarse mesh that differ by more are an edge.
+# Angle in degrees between neighbouring triangles of a coarse mesh beyond which their edge is a crease.
 _EDGE_DEG = 30.0
-# Pixels so near the end of a piece of surface do not count, as in the Cramér-Rao bound.
+# Pixels within this distance of the end of a surface segment are excluded, as in the Cramér-Rao bound.
 _LOST_PX = 2.5
 _HALF_FRAME = 0.5
-# Numbers that no piece has; -1 is where nothing is seen.
+# Labels that no segment has; -1 is background.
 _LOST, _OUTSIDE = -2, -3
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
-    """Points on the surfaces that the reference camera sees at the reference frame.
+    """Sampled surface points visible to the reference camera at the reference frame.
 
-    ``points``: Where they are, how their surface is turned, and how they move.
-    ``depth_mm``, ``normals``: Their depths, shape (n,), and unit normals towards the camera, shape (n, 3).
-    ``body``: Their objects, numbers of `names`, shape (n,).
-    ``names``: Names of the objects.
-    ``share``: Pixels of the image for which each stands, shape (n,).
-    ``chart``: How the place on the surface in mm changes per px along x and y, shape (n, 2, 2): chart by pixel.
-    ``light``: By what factor each is brighter than its texture.
-    ``growth``: Growth rate of the area around each, per frame, shape (n,).
-    ``principal_growth_rates``: Largest and least growth rate of length there, per frame, shape (2, n).
-    ``piece``, ``step_px``, ``first_px``: A picture of the pieces of surface, shape (rows, columns); the distance of its
-      pixels in those of the camera; and where its first one stands from the principal point (x, y).
-    ``left_out``: Names of objects that were not looked at: their files take long to read.
+    ``points``, ``normals``: Position and motion, and unit normals towards the camera, shape (n, 3).
+    ``share``: Image pixels represented by each point.
+    ``chart``: Derivative of surface coordinates in mm by px along x and y, shape (n, 2, 2): chart by pixel.
+    ``light``: Ratio of radiance to texture value.
+    ``growth``, ``principal_growth_rates``: Growth rate, and principal growth rates, shape (2, n), per frame.
+    ``piece``, ``step_px``, ``first_px``: Raster of segment labels; its spacing in camera pixels; and position (x, y) of
+      its first pixel from the principal point.
+    ``left_out``: Names of the omitted objects, whose files are slow to read.
     """
 
     points: ReferencePoints
@@ -174,11 +165,11 @@ class SurfaceSamples:
         return len(self.body)
 
     def piece_at(self, x_px: Array, y_px: Array) -> Numbers:
-        """Return the pieces at places from the principal point; negative where nothing is seen, and outside."""
+        """Return segment labels at positions from the principal point; negative for background and outside."""
         return _at(self.piece, *self._places(x_px, y_px))
 
     def _places(self, x_px: Array, y_px: Array) -> tuple[Numbers, Numbers]:
-        """Return rows and columns of the picture."""
+        """Return rows and columns in the raster."""
         column, row = (
             np.rint((each - first) / self.step_px).astype(np.int64)
             for each, first in zip((x_px, y_px), self.first_px, strict=True)
@@ -186,7 +177,7 @@ class SurfaceSamples:
         return row, column
 
     def of(self, bodies: Sequence[int]) -> SurfaceSamples:
-        """Return the points of some objects alone."""
+        """Return the points of the given objects."""
         kept = np.isin(self.body, bodies)
         names = ("depth_mm", "normals", "body", "share", "chart", "light", "growth")
         parts: dict[str, Any] = {name: getattr(self, name)[kept] for name in names}
@@ -194,17 +185,14 @@ class SurfaceSamples:
         return replace(self, points=self.points.at((np.flatnonzero(kept),)), **parts)
 
     def own_around(self, offsets_px: Array) -> Mask:
-        """Tell which places around each point are of its own piece of surface, and inside it.
-
-        ``offsets_px``: Steps along x and y, shape (m, 2).
-        """
+        """Return whether positions at ``offsets_px`` (m, 2) along x and y are inside the segment of each point."""
         x, y = (each[:, None] + offsets_px[:, k] for k, each in enumerate((self.points.x, self.points.y)))
         own = self.piece_at(self.points.x, self.points.y)[:, None]
         return np.asarray(_at(self._inside, *self._places(x, y)) == own)
 
     @cached_property
     def _inside(self) -> Numbers:
-        """The picture without what is too near to the end of its piece; -2 there."""
+        """The raster of labels with -2 at pixels too close to the end of a segment."""
         if self.step_px > 2 * _LOST_PX:
             return self.piece
         rows, columns = self.piece.shape
@@ -219,7 +207,7 @@ class SurfaceSamples:
         return np.where(kept, self.piece, _LOST)
 
     def far_from_edges(self, margin_px: float) -> Mask:
-        """Tell which points have no silhouette or sharp edge nearer than so many pixels, shape (n,)."""
+        """Return the points without a silhouette or crease within a distance, shape (n,)."""
         reach = np.arange(-np.ceil(margin_px / self.step_px), np.ceil(margin_px / self.step_px) + 1) * self.step_px
         across, down = (each.ravel() for each in np.meshgrid(reach, reach))
         offsets = np.stack([across, down], axis=-1)[np.hypot(across, down) < margin_px]
@@ -237,7 +225,7 @@ def _at(picture: Numbers, row: Numbers, column: Numbers) -> Numbers:
 
 @dataclass(frozen=True, eq=False)
 class _Body:
-    """One object: a coarse mesh and its movement."""
+    """An object: a coarse mesh and its motion."""
 
     mesh: TriangleMesh
     start: ReferenceConfiguration
@@ -245,7 +233,7 @@ class _Body:
     edge_cos: float
 
     def at(self, t: float) -> Array:
-        """Return where its vertices are at a time in frames, shape (n, 3)."""
+        """Return the vertex positions at a time in frames, shape (n, 3)."""
         time = np.array([float(t)])
         points = self.start.at(time)
         for item in self.maps:
@@ -254,7 +242,7 @@ class _Body:
 
 
 def sample_surface(scene: Scene, parts: Sequence[ObjectWorkload], folder: Path = Path()) -> SurfaceSamples:
-    """Look at a scene in passing."""
+    """Sample the visible surface points of a scene from coarse meshes."""
     known = [part for part in parts if part.sketch is not None]
     with np.errstate(all="ignore"):
         bodies = [_body(scene, part, folder) for part in known]
@@ -315,7 +303,7 @@ def _body(scene: Scene, part: ObjectWorkload, folder: Path) -> _Body:
         if isinstance(given, VertexModel)
         else make_reference_configuration(mesh)
     )
-    # A mesh that is made in full has the edges that it has; those of a coarse one are blunter.
+    # A complete mesh defines its creases; the edges of a coarse mesh are blunter.
     whole = len(mesh.faces) == part.size.faces
     edge = float(np.min(mesh.crease_deg)) if whole and not mesh.smooth else _EDGE_DEG
     return _Body(
@@ -333,7 +321,7 @@ def _normals(corners: Array) -> Array:
 
 
 def _chosen(face: Numbers, body: Numbers) -> tuple[Numbers, Array]:
-    """Choose pixels of the picture, evenly among those of each object, and how many each stands for."""
+    """Return randomly chosen pixels of each object, and the number of pixels that each represents."""
     places = np.flatnonzero(face.ravel() >= 0)
     if not len(places):
         return places, np.zeros(0)
@@ -342,7 +330,7 @@ def _chosen(face: Numbers, body: Numbers) -> tuple[Numbers, Array]:
     for one in np.unique(own):
         among = places[own == one]
         count = min(len(among), max(_FEWEST_POINTS, round(_MOST_POINTS * len(among) / len(places))))
-        # Not every n-th: that could follow the columns.
+        # Random rather than every n-th, which could align with columns.
         order = np.random.default_rng(0).permutation(len(among))[:count]
         chosen.append(np.sort(among[order]))
         shares.append(np.full(count, len(among) / count))
@@ -352,7 +340,7 @@ def _chosen(face: Numbers, body: Numbers) -> tuple[Numbers, Array]:
 def _points(
     scene: Scene, corners: Sequence[Array], charts: Array, x: Array, y: Array
 ) -> tuple[ReferencePoints, Array, Array, Array, Array]:
-    """Return points on triangles at places of the image, their depths, charts, and growth of area and length."""
+    """Return points on triangles at image positions, their depths, charts, and (principal) growth rates."""
     focal, baseline = scene.camera.focal_px, scene.stage.baseline_mm
     now, before, after = corners
     rays = np.column_stack([x, y, np.full_like(x, focal)])
@@ -365,7 +353,7 @@ def _points(
         depth = place[:, 2]
         d = focal * baseline / depth
         d_x, d_y = d * normal[:, 0] / toward, d * normal[:, 1] / toward
-        # Weights of the corners, from products with the edges.
+        # Barycentric weights from scalar products with the edges.
         gram = np.stack([np.stack([(a * b).sum(axis=1) for b in (one, two)]) for a in (one, two)])
         area = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
 
@@ -388,13 +376,13 @@ def _points(
         chart = np.stack([np.einsum("kn,nkc->nc", along(side), steps) for side in tangents], axis=-1)
         areas = [np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1) for c in (before, after)]
         growth = np.log(areas[1] / areas[0])
-        # Rates of the squares of lengths and of their product, ½ dg/dt with the metric g of the edges.
+        # Rates of the metric g of the edges, ½ dg/dt.
         change = [velocity[:, 1] - velocity[:, 0], velocity[:, 2] - velocity[:, 0]]
         mixed = np.stack([np.stack([(a * b).sum(axis=1) for b in change]) for a in (one, two)])
         rate = 0.5 * (mixed + mixed.swapaxes(0, 1))
         trace = (gram[1, 1] * rate[0, 0] - 2 * gram[0, 1] * rate[0, 1] + gram[0, 0] * rate[1, 1]) / area
         product = (rate[0, 0] * rate[1, 1] - rate[0, 1] ** 2) / area
         spread = np.sqrt(np.maximum((0.5 * trace) ** 2 - product, 0.0))
-        # Areas tell the sum more exactly: over a frame, lengths change by their logarithm.
+        # The sum from areas is more accurate: over a frame, it is the change of the logarithm.
         principal = np.stack([0.5 * growth + spread, 0.5 * growth - spread])
     return points, depth, chart, growth, principal

@@ -1,4 +1,4 @@
-"""The texture of surface points as it is imaged, and the Fisher information that its spectrum carries."""
+"""Imaged texture of surface points, and the Fisher information from its spectrum."""
 
 from __future__ import annotations
 
@@ -40,15 +40,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ImagedTexture:
-    """The texture of points as images have it, and the noise of the images there; grey values count in full scales.
+    """Imaged texture of n points, and the noise of the images; grey values are fractions of full scale.
 
-    ``frequency``: Waves in periods per px along x and y, shape (n, w, 2).
-    ``variance``: Variance of the grey value by each of them, shape (n, w).
-    ``surface_variance``: The same without lens, pixels and motion.
-    ``response``: What a derivative along x and along y makes of each wave, in radian per px, shape (n, w, 2).
-    ``level``, ``white``, ``noise``, ``pattern``: Mean grey value, that of a texture of 1 in the same light, and
-      standard deviations of the noise that is new in every image and of the one that stays, shape (n,).
-    ``blur_px``: How far points move while an image is taken, shape (n,).
+    ``frequency``: Frequencies of w waves in periods per px along x and y, shape (n, w, 2).
+    ``variance``, ``surface_variance``: Variance of the grey value per wave with and without blur, shape (n, w).
+    ``response``: Response of the derivatives along x and y to each wave, in radian per px, shape (n, w, 2).
+    ``level``, ``white``, ``noise``, ``pattern``: Mean grey value, grey value of a texture of 1 in the same light,
+      standard deviations of temporal and of fixed-pattern noise.
     """
 
     frequency: Array
@@ -65,7 +63,7 @@ class ImagedTexture:
 def compute_imaged_texture(
     scene: Scene, look: SurfaceSamples, parts: Sequence[ObjectWorkload], folder: Path = Path(), *, painting: bool = True
 ) -> ImagedTexture:
-    """Return what images show of points."""
+    """Return the imaged texture of points."""
     items = {part.item.name: part.item for part in parts}
     present = np.unique(look.body)
     waves: dict[int, SpectralComponents] = {}
@@ -128,26 +126,25 @@ def _vignetting(scene: Scene, look: SurfaceSamples) -> Array:
 Mask = NDArray[np.bool_]
 Moments = dict[tuple[int, int], Array]
 
-# Pixels of a window along one side that are looked at; of wider windows, every other or third one.
+# Samples along each side of a window; for wider windows, pixels are grouped.
 _ACROSS = 15
-# Where less of a window is on the surface, nothing is told: a strip along an edge tells neither slope nor motion.
+# Least fraction of a window on the surface: a strip along an edge does not determine slope or motion.
 _LEAST_SHARE = 0.1
-# Noise that stays with the pixels is left out where it is a smaller share than this of what is new in every image.
+# Fixed-pattern noise below this fraction of the temporal noise is neglected.
 _LITTLE_PATTERN = 0.05
-# Slopes are linear in the distance, and their products of second order.
+# Slopes are linear in the distance, and their products quadratic.
 _HIGHEST_POWER = 2
 
 
 def compute_moments(look: SurfaceSamples, sigma_px: float, highest: int) -> tuple[Moments, Moments]:
-    """Sum up the weights of windows, and their squares, times powers of the distance, over their own surface.
+    """Return sums over windows of the weights, and of their squares, times powers of the distance, on the own segment.
 
-    Returns: The sums by the powers along x and y, each of shape (n,); NaN where most of the window is not on the
-    surface.
+    Returns: The sums by the powers along x and y; NaN where too little of the window is on the segment.
     """
     line = window_weights("gaussian", sigma_px)[0]
     reach = len(line) // 2
     at = np.arange(-reach, reach + 1, dtype=np.float64)
-    # Of wide windows, pixels count where the middle of their group is; sums over whole windows stay exact.
+    # In wide windows, groups of pixels are tested at their centre; sums over whole windows remain exact.
     every = -(-len(line) // _ACROSS)
     group = np.rint(at / every).astype(np.int64)
     group -= group[0]
@@ -167,7 +164,7 @@ def compute_moments(look: SurfaceSamples, sigma_px: float, highest: int) -> tupl
 
 
 def factorise_gradients(variance: Array, response: Array) -> Array:
-    """Return two gradients for each point whose products add up to those of its texture, in the mean."""
+    """Return two gradients for each point whose products have the same sum as the mean products of its texture."""
     xx, xy, yy = ((variance * response[..., k] * response[..., m]).sum(axis=1) for k, m in ((0, 0), (0, 1), (1, 1)))
     first = np.sqrt(np.maximum(xx, 1e-300))
     slant = xy / first
@@ -183,16 +180,15 @@ def compute_deviations(
     model: WindowUnknowns,
     intrinsics: Intrinsics,
 ) -> dict[str, Array]:
-    """Return the least standard deviations of a fit in windows, as `cramer_rao_bound`, of the mean over textures.
+    """Return the lowest standard deviations of a fit in windows, averaged over textures; see `cramer_rao_bound`.
 
-    ``shown``: Which images show them, shape (images, n).
-    Returns: As of `compute_functionals`, each of shape (n,); not finite where the images do not tell it.
+    Returns: As in `compute_functionals`, each of shape (n,); not finite where undetermined.
     """
     points = look.points
     s, s_y, t = (each[:, None] for each in (views.s, views.s_y, views.t))
     inverse, moves = compute_sensitivity(points, s, s_y, t, shown)
     sides = []
-    # By a gradient of 1 along x, and along y.
+    # For a unit gradient along x, and along y.
     for along, down in ((inverse[0], inverse[2]), (inverse[1], inverse[3])):
         own = [along * moves[0] + down * moves[1]]
         if model.moving:
@@ -227,16 +223,15 @@ def compute_deviations(
 def _pattern_products(
     look: SurfaceSamples, views: ImageTimes, seen: ImagedTexture, change: Array, sigma_px: float
 ) -> Array:
-    """Return what noise that stays with the pixels adds to the scatter of fits.
+    """Return the contribution of fixed-pattern noise to the scatter of fits.
 
-    Images that show the surface at places Δ apart have the same noise there, seen against a texture that is Δ further:
-    they share it as far as the texture's gradient, and the window, are like themselves Δ further. With waves of the
-    texture that is Σ_waves |Σ_i a_i exp(i k x_i)|². The window takes exp(-Δ² / 4σ²), as waves that scatter by
-    1 / (√2 σ) do.
+    Images that show the surface displaced by Δ share this noise by the autocorrelation at Δ of the texture gradient and
+    of the window. For waves of the texture this gives Σ_waves |Σ_i a_i exp(i k x_i)|². The autocorrelation of the
+    window, exp(-Δ² / 4σ²), is that of waves with a scatter of 1 / (√2 σ).
     """
     place = look.points.place(*(each[:, None] for each in (views.s, views.s_y, views.t)))
     turn = 2 * np.pi * seen.frequency
-    # The same at every call: a prediction is no draw.
+    # A fixed seed: predictions are deterministic.
     turn = turn + np.random.default_rng(0).normal(0.0, 1.0 / (np.sqrt(2.0) * sigma_px), turn.shape)
     phase = np.einsum("nw,vn->nwv", turn[..., 0], place.x) + np.einsum("nw,vn->nwv", turn[..., 1], place.y)
     total = np.exp(1j * phase) @ np.moveaxis(change, -1, 0).reshape(len(look), -1, change.shape[2]).swapaxes(1, 2)

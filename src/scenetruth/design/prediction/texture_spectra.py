@@ -1,7 +1,4 @@
-"""Spectra of surface textures.
-
-Analytic for the types that have a formula, measured from a painted texture for others.
-"""
+"""Power spectra of surface textures: analytic where a formula exists, otherwise measured from a painted texture."""
 
 from __future__ import annotations
 
@@ -40,12 +37,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SpectralComponents:
-    """A texture as waves on its surface, whose phases do not matter.
-
-    ``frequencies_per_mm``: Their frequencies along both coordinates of the surface, shape (n, 2).
-    ``variances``: Variance of the radiance by each of them, shape (n,).
-    ``mean``: Mean radiance.
-    """
+    """Waves of random phase on a surface: frequencies (n, 2), variances of the radiance (n,), and mean radiance."""
 
     frequencies_per_mm: Array
     variances: Array
@@ -57,22 +49,22 @@ class SpectralComponents:
         return float(np.sqrt(self.variances.sum()))
 
     def joined(self, other: Self) -> SpectralComponents:
-        """Return both together: independent textures, one painted over the other."""
+        """Return the sum with another, independent texture."""
         frequencies = np.concatenate([self.frequencies_per_mm, other.frequencies_per_mm])
         return SpectralComponents(frequencies, np.concatenate([self.variances, other.variances]), self.mean)
 
 
 class TextureSpectrum(ABC):
-    """The waves of one kind of texture; one module of this room each, which is found by itself."""
+    """Spectrum of a texture type; subclasses in this module are discovered automatically."""
 
     kind: ClassVar[str]
-    """The texture's kind."""
+    """Name of the texture type."""
     exact: ClassVar[bool] = True
-    """Whether the waves are all that there is to be seen."""
+    """Whether the components describe the texture completely."""
 
     @abstractmethod
     def waves(self, texture: Any) -> SpectralComponents:
-        """Return the waves of a texture of this kind."""
+        """Return the spectral components of a texture."""
 
 
 def compute_ring_spectrum(
@@ -84,12 +76,12 @@ def compute_ring_spectrum(
     radii: int = 8,
     angles: int = 8,
 ) -> SpectralComponents:
-    """Return isotropic noise that is limited to a band."""
+    """Return the spectrum of band-limited isotropic noise."""
     nodes, shares = np.polynomial.legendre.leggauss(radii)
     octaves = np.log(wavelength_mm[1] / wavelength_mm[0])
     share_of_highest = np.exp(0.5 * octaves * (nodes - 1.0))
     frequency = share_of_highest / wavelength_mm[0]
-    # A ring of frequencies f has an area in proportion to f, and nodes stand evenly in its logarithm.
+    # The area of a ring of frequencies f is proportional to f, and nodes are evenly spaced in log f.
     shares = shares * share_of_highest ** (exponent + 2)
     turn = np.pi * (np.arange(angles) + 0.5) / angles
     grid = frequency[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
@@ -99,55 +91,55 @@ def compute_ring_spectrum(
 
 @cache
 def analytic_spectra() -> dict[str, TextureSpectrum]:
-    """Return all kinds of textures whose waves follow from their definition."""
+    """Return the analytic spectra by texture type."""
     return {cls.kind: cls() for cls in classes_in(TextureSpectrum, __name__)}
 
 
-# Of the overtones of a square wave, those that pixels can still show of the largest squares.
+# Highest harmonic of a square wave that pixels resolve for the largest squares.
 _HIGHEST = 31
 
 
 class CheckerboardSpectrum(TextureSpectrum):
-    """The product of two square waves, each 4/π Σ sin(k x) / k over odd k."""
+    """Product of two square waves, each 4/π Σ sin(k x) / k over odd k."""
 
     kind: ClassVar[str] = "checkerboard"
 
     def waves(self, texture: CheckerboardTexture) -> SpectralComponents:
-        """Return the waves; see `TextureSpectrum`."""
+        """Return the spectral components; see `TextureSpectrum`."""
         one, other = texture.radiances
         odd = np.arange(1, _HIGHEST + 1, 2)
         k, m = (each.ravel() for each in np.meshgrid(odd, odd))
         frequency = np.stack([k, m], axis=-1) / (2 * texture.square_mm)
-        # sin a sin b is half the difference of two waves.
+        # sin a sin b is half the difference of two cosines.
         variance = 0.5 * (8 * 0.5 * (one - other) / (np.pi**2 * k * m)) ** 2
         return SpectralComponents(
             np.concatenate([frequency, frequency * [1, -1]]), np.concatenate([variance] * 2), 0.5 * (one + other)
         )
 
 
-# Full width at half the height of a Gaussian, in its standard deviations.
+# Full width at half maximum of a Gaussian, in standard deviations.
 _WIDTH = 2.354820045
-# Beyond this many widths of its spectrum a dot has no waves.
+# Highest frequency of a dot, in widths of its spectrum.
 _DOT_BAND = 3.0
 _LEAF_RADII, _LEAF_ANGLES = 10, 8
 
 
 class LeafSpectrum(TextureSpectrum):
-    """Mottling, whose power density falls with the frequency to the power 2.5, and hairs at random places.
+    """Mottling with a power density f ** -2.5, and hairs at random positions.
 
-    Veins have no formula: what is told is the least that is seen, between them.
+    Veins have no formula and are not included: the result is a lower limit of the contrast.
     """
 
     kind: ClassVar[str] = "leaf"
     exact: ClassVar[bool] = False
 
     def waves(self, texture: LeafAppearance) -> SpectralComponents:
-        """Return the waves; see `TextureSpectrum`."""
+        """Return the spectral components; see `TextureSpectrum`."""
         values = texture.settings
         mean, contrast = values["mean"], values["mottling_contrast"]
         mottling = compute_ring_spectrum(texture.mottling_wavelength_mm, -2.5, (mean * contrast) ** 2, mean)
         sigma = texture.speckle_size_mm / _WIDTH
-        # Campbell's theorem: dots exp(-r² / 2σ²) of random places have the variance density x ∫ dot².
+        # Campbell's theorem: dots exp(-r² / 2σ²) at random positions have the variance density x ∫ dot².
         variance = texture.speckle_density_per_mm2 * np.pi * sigma**2 * (mean * values["speckle_contrast"]) ** 2
         if variance == 0:
             return mottling
@@ -159,20 +151,20 @@ class LeafSpectrum(TextureSpectrum):
         return mottling.joined(SpectralComponents(grid.reshape(-1, 2), each, mean))
 
 
-# Of a larger raster, the middle is measured.
+# Largest side of the measured part, at the centre of the raster.
 _MOST_TEXELS = 1024
 _MEASURED_RADII, _MEASURED_ANGLES = 24, 8
-# Of the lengths of edges: a chart that fits the raster worse is not flat on it.
+# Largest residual of an affine chart, relative to the edge lengths; otherwise the texture is not flat on the surface.
 _MOST_BENT = 0.1
 
 
 def measure_spectrum(item: SceneObject, seed: int, folder: Path) -> SpectralComponents:
-    """Paint the texture of an object and measure its waves."""
+    """Paint the texture of an object and measure its spectrum."""
     return _measured(_Key(item, seed, folder))
 
 
 class _Key:
-    """An object as far as its texture depends on it."""
+    """Cache key: the properties of an object that determine its texture."""
 
     def __init__(self, item: SceneObject, seed: int, folder: Path) -> None:
         self.item, self.seed, self.folder = item, seed, folder
@@ -197,20 +189,20 @@ def _measured(key: _Key) -> SpectralComponents:
     mean = float(part.mean())
     window = np.outer(np.hanning(part.shape[0] + 2)[1:-1], np.hanning(part.shape[1] + 2)[1:-1])
     power = np.abs(np.fft.rfft2((part - mean) * window)) ** 2
-    # Each but the first and the last column stands for two waves.
+    # Each column but the first and the last represents two waves.
     power[:, 1:] *= 2.0
     power /= window.size * np.square(window).sum()
     across = np.fft.rfftfreq(part.shape[1]) * columns
     down = np.fft.fftfreq(part.shape[0]) * rows
     if painted.texture.cubic:
-        # Coefficients of a cubic B-spline are more than its values.
+        # Values of a cubic B-spline are smoother than its coefficients.
         power *= np.square(np.outer(_spline(down / rows), _spline(across / columns)))
     f_u, f_v = np.meshgrid(across, down)
     return _binned(np.stack([f_u.ravel(), f_v.ravel()], axis=-1) @ per_mm, power.ravel(), mean)
 
 
 def _middle(places: Array, texels: int) -> slice:
-    """Return the middle of what a side of the mesh wears of a raster; the other side may wear another part."""
+    """Return the central part of the texels used along one side; the other side may use another part."""
     low, high = (float(np.clip(end, 0.0, 1.0)) * texels for end in (places.min(), places.max()))
     first, count = round(low), max(round(high) - round(low), 1)
     if np.ptp(places) > 1.0:
@@ -224,7 +216,7 @@ def _spline(frequency: Array) -> Array:
 
 
 def _tiles_per_mm(chart_mm: Array, uv: Array) -> Array:
-    """Return the matrix that makes steps in tiles of steps on the surface in mm."""
+    """Return the matrix from steps on the surface in mm to steps in texture tiles."""
     steps, tiles = (np.diff(each, axis=1).reshape(-1, 2) for each in (chart_mm, uv))
     matrix = np.linalg.lstsq(steps, tiles, rcond=None)[0].T
     if np.square(tiles - steps @ matrix.T).sum() > _MOST_BENT**2 * np.square(tiles).sum():
@@ -234,7 +226,7 @@ def _tiles_per_mm(chart_mm: Array, uv: Array) -> Array:
 
 
 def _binned(frequencies: Array, power: Array, mean: float) -> SpectralComponents:
-    """Gather waves in bins of frequency and direction."""
+    """Return spectral components binned by frequency and direction."""
     frequencies = frequencies * np.where(frequencies[:, 1] < 0, -1.0, 1.0)[:, None]
     size = np.hypot(*frequencies.T)
     kept = size > 0
@@ -255,23 +247,23 @@ def _binned(frequencies: Array, power: Array, mean: float) -> SpectralComponents
 
 
 class NoiseSpectrum(TextureSpectrum):
-    """Isotropic noise of a stated power density in a band."""
+    """Isotropic noise of a given power density in a band."""
 
     kind: ClassVar[str] = "noise"
 
     def waves(self, texture: NoiseTexture) -> SpectralComponents:
-        """Return the waves; see `TextureSpectrum`."""
+        """Return the spectral components; see `TextureSpectrum`."""
         variance = (texture.mean * texture.rms_contrast) ** 2
         return compute_ring_spectrum(texture.wavelength_mm, texture.spectrum_exponent, variance, texture.mean)
 
 
 class PlaidSpectrum(TextureSpectrum):
-    """The product of two waves is the mean of two others: cos a cos b = (cos(a + b) + cos(a - b)) / 2."""
+    """Product of two waves, the mean of two others: cos a cos b = (cos(a + b) + cos(a - b)) / 2."""
 
     kind: ClassVar[str] = "plaid"
 
     def waves(self, texture: PlaidTexture) -> SpectralComponents:
-        """Return the waves; see `TextureSpectrum`."""
+        """Return the spectral components; see `TextureSpectrum`."""
         across, down = 1.0 / texture.wavelength_mm[0], 1.0 / texture.wavelength_mm[1]
         return SpectralComponents(
             np.array([[across, down], [across, -down]]), np.full(2, texture.amplitude**2 / 8), texture.mean
@@ -279,10 +271,10 @@ class PlaidSpectrum(TextureSpectrum):
 
 
 class UniformSpectrum(TextureSpectrum):
-    """No waves: nothing can be seen to move."""
+    """No spectral components: no texture contrast."""
 
     kind: ClassVar[str] = "uniform"
 
     def waves(self, texture: UniformTexture) -> SpectralComponents:
-        """Return the waves; see `TextureSpectrum`."""
+        """Return the spectral components; see `TextureSpectrum`."""
         return SpectralComponents(np.zeros((0, 2)), np.zeros(0), texture.radiance)

@@ -1,7 +1,4 @@
-"""Aggregation over seeds.
-
-Statistics with confidence intervals, the records of a point, and the result of all points.
-"""
+"""Aggregation over seeds: statistics with confidence intervals, and records of design points."""
 
 from __future__ import annotations
 
@@ -35,16 +32,16 @@ __all__ = [
 
 
 Interval = tuple[float, float, float]
-"""A figure, and the low and high end of its interval: NaN where too few seeds tell."""
+"""A statistic and the lower and upper end of its confidence interval; NaN with too few seeds."""
 _LEVEL = 0.975
 _LARGEST_EXPONENT = 100.0
-"""An interval that is so wide tells nothing, and must not overflow."""
+"""Limit of the exponent, against overflow."""
 _FEWEST_LEFT_OUT = 3
-"""With fewer seeds, those that are left when one is left out have no scatter."""
+"""Fewest seeds for a jackknife interval: a variance requires two seeds after one is omitted."""
 
 
 def compute_mean(values: Sequence[float]) -> Interval:
-    """Return the mean over seeds, with the interval of Student's t.
+    """Return the mean over seeds with the confidence interval of Student's t distribution.
 
     >>> [round(one, 3) for one in compute_mean([1.0, 2.0, 3.0])]
     [2.0, -0.484, 4.484]
@@ -58,7 +55,7 @@ def compute_mean(values: Sequence[float]) -> Interval:
 
 
 def compute_positive_mean(values: Sequence[float]) -> Interval:
-    """Return the mean over seeds of what is never negative; the interval is that of its logarithm.
+    """Return the mean over seeds of a non-negative statistic; the interval is symmetric on a logarithmic scale.
 
     >>> [round(one, 3) for one in compute_positive_mean([1.0, 2.0, 3.0])]
     [2.0, 0.578, 6.926]
@@ -68,18 +65,17 @@ def compute_positive_mean(values: Sequence[float]) -> Interval:
 
 
 def compute_root_mean_square(values: Sequence[float]) -> Interval:
-    """Return the root of the mean square over seeds; the interval is that of the mean square's logarithm."""
+    """Return the root mean square over seeds; the interval is that of the logarithm of the mean square."""
     return _root(compute_positive_mean(np.square(values).tolist()))
 
 
 def compute_scatter(errors: NDArray[np.floating]) -> Interval | None:
     """Return the standard deviation between seeds: the root of the mean variance over pixels.
 
-    Its interval is that of the jackknife: each seed is left out once (B. Efron and C. Stein, Annals of Statistics 9,
-    1981); on the logarithm of the variance.
+    The interval is a jackknife interval on the logarithm of the variance (B. Efron and C. Stein, Annals of
+    Statistics 9, 1981).
 
-    ``errors``: Errors at the same pixels with each seed, shape (seed, n); NaN where nothing is told. Pixels that are
-      not told with every seed do not count.
+    ``errors``: Shape (seed, n); NaN where invalid. Only pixels that are valid with every seed are used.
     """
     always = np.isfinite(errors).all(axis=0)
     count = len(errors)
@@ -95,7 +91,7 @@ def compute_scatter(errors: NDArray[np.floating]) -> Interval | None:
 
 
 def _on_logarithm(centre: float, half: float) -> Interval:
-    """Return the interval whose logarithm reaches so far to either side, as far as a small one does without."""
+    """Return the interval that is symmetric on a logarithmic scale and has the relative half width half / centre."""
     if centre <= 0:
         return centre, math.nan, math.nan
     factor = math.exp(min(half / centre, _LARGEST_EXPONENT)) if math.isfinite(half) else math.nan
@@ -116,7 +112,7 @@ def _student(freedom: int) -> float:
 def compute_point_records(
     values: Mapping[str, Any], scene: str, found: Mapping[int, tuple[SimulationResult, Path | None]]
 ) -> Iterator[SweepRecord]:
-    """Give the figures of a point."""
+    """Yield the records of a design point: every seed, all seeds together, and the bound."""
     where = (values, scene)
     pooled: dict[tuple[str, str, str, str], list[float]] = {}
     for seed, (measured, _) in found.items():
@@ -155,7 +151,7 @@ def _over_seeds(statistic: str, numbers: Sequence[float]) -> Interval:
     if statistic == "median_abs_error":
         return compute_positive_mean(numbers)
     number, low, high = compute_mean(numbers)
-    # Shares stay shares.
+    # Densities stay between 0 and 1.
     return (number, max(low, 0.0), min(high, 1.0)) if statistic == "density" else (number, low, high)
 
 
@@ -181,7 +177,7 @@ def _make_record(
 
 
 def collect_result(job: SweepTask, keys: Sequence[str], failed: Mapping[str, str]) -> Sweep:
-    """Return what a sweep has found."""
+    """Return the result of a sweep from the stored results of its simulations."""
     plan = job.plan
     rows: list[SweepRecord] = []
     failures, notes = list(failed.values()), dict[str, None]()
@@ -214,7 +210,6 @@ def collect_result(job: SweepTask, keys: Sequence[str], failed: Mapping[str, str
 
 
 def _find_ineffective_factors(plan: SweepPlan, rows: Sequence[SweepRecord]) -> Iterable[str]:
-    """Tell which factors have changed no figure at all."""
     if not plan.is_grid:
         return
     for path in plan.factors:
@@ -227,4 +222,4 @@ def _find_ineffective_factors(plan: SweepPlan, rows: Sequence[SweepRecord]) -> I
             counts[what] = counts.get(what, 0) + 1
         compared = [what for what, count in counts.items() if count > 1]
         if compared and all(len(seen[what]) == 1 for what in compared):
-            yield f"{path} has changed no figure"
+            yield f"{path} has no effect on any statistic"

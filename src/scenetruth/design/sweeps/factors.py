@@ -1,4 +1,4 @@
-"""Factors of a sweep: fields of the scene and their levels, as lists, ranges or text."""
+"""Factors of a sweep: scene fields and their levels, as lists, ranges or text."""
 
 from __future__ import annotations
 
@@ -19,21 +19,20 @@ __all__ = ["Factor", "format_level", "parse_factors", "split_assignments"]
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})(?::(?:(?P<count>\d+)(?P<log>log)?|(?P<only>log)))?")
 _MEANT_AS_RANGE = re.compile(rf"\s*{_NUMBER}\s*\.\.")
-_SPELLING = "is not spelled as 1,2,5 or 1..10:4 (four values) or 1..10:4log"
+_SPELLING = "must have the form 1,2,5 or 1..10:4 (four levels) or 1..10:4log"
 _MOST_VALUES = 10_000
-# Numbers of a range are as short as they can be told apart: 0.1, and not 0.1000000000000001.
+# Significant digits of the levels of a range: 0.1 instead of 0.1000000000000001.
 _DIGITS = 12
 
 
 @dataclass(frozen=True)
 class Factor:
-    """A field that varies.
+    """A varied field.
 
-    ``path``: Its path in the scene, with ``*`` for every one.
-    ``values``: The values of a grid; empty for a range that points fill.
-    ``ends``: Low and high end of a range.
-    ``count``: How many values of a range there are in a grid; 0 for one that points fill.
-    ``logarithmic``: Whether values, or points, lie evenly on a logarithmic scale.
+    ``values``: Levels given as a list; empty for a range.
+    ``ends``: Lower and upper end of a range.
+    ``count``: Number of levels of a range; 0 for a range that is sampled by Sobol points.
+    ``logarithmic``: Whether levels or points are evenly spaced on a logarithmic scale.
     """
 
     path: str
@@ -44,11 +43,11 @@ class Factor:
 
     @property
     def is_filled(self) -> bool:
-        """Whether points fill it, and it has no values of a grid."""
+        """Whether the range is sampled by Sobol points."""
         return self.ends is not None and not self.count
 
     def listed(self, *, whole: bool) -> tuple[Any, ...]:
-        """Return the values of a grid."""
+        """Return the levels; rounded to integers and without duplicates if ``whole``."""
         if self.ends is None:
             return self.values
         numbers = (np.geomspace if self.logarithmic else np.linspace)(*self.ends, self.count).tolist()
@@ -57,7 +56,7 @@ class Factor:
 
 
 def format_level(value: Any) -> str:
-    """Return what a value is called in tables and plots: a number in short, anything else as in YAML.
+    """Return the label of a level in tables and plots: a number with six digits, any other value as YAML.
 
     >>> format_level(0.30000000000000004), format_level("ideal"), format_level({"kind": "box"})
     ('0.3', 'ideal', '{kind: box}')
@@ -71,7 +70,7 @@ def format_level(value: Any) -> str:
 
 
 def split_assignments(given: Sequence[str]) -> tuple[dict[str, str], list[Problem]]:
-    """Return what texts PATH=VALUES say by path, and what is wrong with their spelling.
+    """Parse texts PATH=VALUES; return the values by path, and the problems.
 
     >>> split_assignments(["stage.baseline_mm=1,2,5", "sensor.noise_std=0.001..0.02:4log"])[0]
     {'stage.baseline_mm': '1,2,5', 'sensor.noise_std': '0.001..0.02:4log'}
@@ -81,16 +80,18 @@ def split_assignments(given: Sequence[str]) -> tuple[dict[str, str], list[Proble
     for text in given:
         path, separator, values = (part.strip() for part in text.partition("="))
         if not (path and separator and values):
-            problems.append(Problem("--vary", "must read PATH=VALUES, as stage.baseline_mm=1,2,5", text))
+            problems.append(
+                Problem("--vary", "must have the form PATH=VALUES, for example stage.baseline_mm=1,2,5", text)
+            )
         elif path in found:
-            problems.append(Problem(f"vary.{path}", "is varied twice; give all of its values at once", text))
+            problems.append(Problem(f"vary.{path}", "is given twice; list all values in one option", text))
         else:
             found[path] = values
     return found, problems
 
 
 def parse_factors(vary: Mapping[str, Any], sobol: int) -> tuple[list[Factor], list[Problem]]:
-    """Return what varies, and what is wrong with it, as far as that shows without the scene."""
+    """Return the factors, and the problems that can be detected without the scene."""
     found, problems = [], []
     for path, given in vary.items():
         here: list[Problem] = []
@@ -101,9 +102,9 @@ def parse_factors(vary: Mapping[str, Any], sobol: int) -> tuple[list[Factor], li
         if factor is not None and not here:
             found.append(factor)
     if not vary:
-        problems.append(Problem("vary", "is missing: say what varies, as stage.baseline_mm=1,2,5"))
+        problems.append(Problem("vary", "is missing; specify a factor, for example stage.baseline_mm=1,2,5"))
     elif sobol and not problems and not any(factor.is_filled for factor in found):
-        message = "fills ranges, and there is none without a number of values: give one as 1..10, or 1..10:log"
+        message = "requires a range without a number of levels; specify one, for example 1..10 or 1..10:log"
         problems.append(Problem("sobol", message, sobol))
     return found, problems
 
@@ -113,7 +114,7 @@ def _factor(path: str, given: Any, problems: list[Problem]) -> Factor | None:
     if isinstance(given, str):
         return _spelled(path, given.strip(), problems)
     if not isinstance(given, Sequence | np.ndarray) or isinstance(given, bytes):
-        problems.append(Problem(where, "must be a list of values, or a text as '1..10:4'", given))
+        problems.append(Problem(where, "must be a list of values or a text such as '1..10:4'", given))
         return None
     return Factor(path, tuple(value.item() if isinstance(value, np.generic) else value for value in given))
 
@@ -136,7 +137,7 @@ def _spelled(path: str, text: str, problems: list[Problem]) -> Factor | None:
 
 
 def _as_number(value: Any) -> Any:
-    # YAML takes 1e-3 for a text, as it has no point.
+    # YAML reads 1e-3 as a text because it has no decimal point.
     return float(value) if isinstance(value, str) and re.fullmatch(_NUMBER, value) else value
 
 
@@ -146,22 +147,22 @@ def _list_problems(factor: Factor, sobol: int) -> list[Problem]:
         return _list_level_problems(where, factor.values)
     shown = "..".join(map(format_level, ends))
     if not all(map(math.isfinite, ends)) or not ends[0] < ends[1]:
-        return [Problem(where, "has no values: its low end is not below its high end", shown)]
+        return [Problem(where, "must have a lower end below its upper end", shown)]
     if factor.logarithmic and ends[0] <= 0:
-        return [Problem(where, "is logarithmic, and must be above 0; leave out log", shown)]
+        return [Problem(where, "is logarithmic and must be above 0; omit log for a linear range", shown)]
     if factor.is_filled and not sobol:
-        return [Problem(where, f"needs a number of values, as {shown}:4, or points that fill it: sobol", shown)]
+        return [Problem(where, f"requires a number of levels, for example {shown}:4, or Sobol points", shown)]
     if not factor.is_filled and not 2 <= factor.count <= _MOST_VALUES:
-        return [Problem(where, f"must have 2 to {_MOST_VALUES:,} values", factor.count)]
+        return [Problem(where, f"must have 2 to {_MOST_VALUES:,} levels", factor.count)]
     return []
 
 
 def _list_level_problems(where: str, values: Sequence[Any]) -> list[Problem]:
     twice = [format_level(value) for number, value in enumerate(values) if value in values[:number]]
     if twice:
-        return [Problem(where, f"has values twice: {', '.join(twice)}")]
+        return [Problem(where, f"has duplicate levels: {', '.join(twice)}")]
     if len(values) < 2:
-        return [Problem(where, "varies nothing: give two values or more, or set it in the scene", list(values))]
+        return [Problem(where, "must have at least two levels; set a constant in the scene instead", list(values))]
     if len(values) > _MOST_VALUES:
-        return [Problem(where, f"must have 2 to {_MOST_VALUES:,} values", len(values))]
+        return [Problem(where, f"must have 2 to {_MOST_VALUES:,} levels", len(values))]
     return []

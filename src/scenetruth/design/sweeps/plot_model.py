@@ -1,7 +1,4 @@
-"""What is plotted of a sweep, independent of the plotting library.
-
-Curves over one factor, maps over two, points over more.
-"""
+"""Plots of a sweep, independent of the plotting library: curves over one factor, maps over two, points over more."""
 
 from __future__ import annotations
 
@@ -31,23 +28,18 @@ __all__ = [
 ]
 
 POSITIVE = ("rmse", "precision_std", "median_abs_error")
-"""Statistics that are drawn on a logarithmic scale."""
+"""Statistics with a logarithmic axis."""
 _WIDE = 8.0
-"""Values that span more than this factor are drawn on a logarithmic scale."""
+"""Ratio of the largest to the smallest level from which an axis is logarithmic."""
 _MOST_CURVES = 8
-"""More curves nobody can tell apart."""
+"""Most curves of a panel."""
 
 Place = float | str
 
 
 @dataclass(frozen=True)
 class PanelAxis:
-    """An axis of a panel.
-
-    ``title``: What it is.
-    ``names``: What values are called that are no numbers, in their order; empty for numbers.
-    ``logarithmic``: Whether it is drawn so.
-    """
+    """An axis of a panel; ``names`` are the labels of non-numeric levels, in order."""
 
     title: str
     names: tuple[str, ...] = ()
@@ -56,13 +48,11 @@ class PanelAxis:
 
 @dataclass(frozen=True)
 class SweepCurve:
-    """A line, or points, with error bars.
+    """A line or a set of points with error bars.
 
-    ``name``: What it is called.
-    ``points``: (place, number, low, high); the interval is NaN where there is none.
-    ``colour``: Number of its colour.
-    ``is_bound``: Whether it is the bound of noise.
-    ``joined``: Whether points are joined by lines.
+    ``points``: (position, value, low, high); low and high are NaN without an interval.
+    ``colour``: Index of the colour.
+    ``is_bound``: Whether it shows the Cramér-Rao bound.
     """
 
     name: str
@@ -71,22 +61,18 @@ class SweepCurve:
     is_bound: bool = False
     joined: bool = True
     told: tuple[str, ...] = ()
-    """Where each point stands, in words, if more varies than the axis shows."""
+    """Labels of the points with all factors, if more than the factor of the axis varies."""
 
 
 @dataclass(frozen=True)
 class SweepMap:
-    """A figure over two factors.
-
-    ``cells``: (place along x, place along y, number, low, high, bound); NaN where there is none.
-    ``is_grid``: Whether they fill a grid.
-    """
+    """A statistic over two factors; ``cells`` are (x, y, value, low, high, bound), NaN where missing."""
 
     cells: tuple[tuple[Place, Place, float, float, float, float], ...]
     is_grid: bool
 
     def names(self, *, along_x: bool) -> list[str]:
-        """Return what the columns of a grid are called, or its rows: numbers rise, names stay in their order."""
+        """Return the labels of the columns or rows of a grid: numbers ascending, other labels in their order."""
         places = list(dict.fromkeys(cell[0] if along_x else cell[1] for cell in self.cells))
         numbers = [place for place in places if not isinstance(place, str)]
         return list(map(format_place, sorted(numbers) if len(numbers) == len(places) else places))
@@ -94,15 +80,7 @@ class SweepMap:
 
 @dataclass(frozen=True)
 class SweepPanel:
-    """One drawing.
-
-    ``title``: What it shows; empty if all is said above.
-    ``x``, ``y``: Its axes. Of a map, y is the second factor.
-    ``curves``: Lines and points.
-    ``map``: A map in place of curves.
-    ``number``: Title of what a map's colours show.
-    ``logarithmic``: Whether colours are.
-    """
+    """One chart, with curves or a map; ``number`` and ``logarithmic`` describe the colour scale of a map."""
 
     title: str
     x: PanelAxis
@@ -112,10 +90,10 @@ class SweepPanel:
     number: str = ""
     logarithmic: bool = False
     words: str = field(default="", compare=False)
-    """What it shows, in words."""
+    """Text alternative of the chart."""
 
     def decades(self, place: int) -> float:
-        """Return how many decades the numbers along x (0) or y (1) span, with their intervals."""
+        """Return the number of decades that the values and intervals along x (0) or y (1) span."""
         ends = [
             float(value)
             for curve in self.curves
@@ -129,24 +107,24 @@ class SweepPanel:
 
 
 def choose_main_region(found: Sweep) -> str:
-    """Return the region that is shown first: the interior, or all, where nothing is told of the interior."""
+    """Return the region that is shown first: the interior if it has valid pixels, else the first region."""
     regions = list(dict.fromkeys(row.region for row in found.rows if row.statistic == "rmse" and not row.is_bound))
     return "interior" if "interior" in regions or not regions else regions[0]
 
 
 def list_plotted_quantities(found: Sweep) -> list[str]:
-    """Return the quantities that are drawn: growth only where something grows."""
+    """Return the quantities that are plotted; growth only if an object grows."""
     there = {row.quantity for row in found.rows if not row.is_bound and row.statistic == "rmse"}
     return [name for name, entry in QUANTITIES.items() if name in there and (found.grows or not entry.is_growth)]
 
 
 def format_statistic_title(quantity: str, statistic: str) -> str:
-    """Return what a figure is, with its unit."""
+    """Return the title of a statistic of a quantity, with its unit."""
     return f"{get_title(quantity)}: {_short_title(quantity, statistic)}"
 
 
 def format_short(number: float, digits: int = 3) -> str:
-    """Return a number with so many digits, large ones without an exponent.
+    """Return a number with ``digits`` significant digits, large numbers without an exponent.
 
     >>> format_short(231.6, 2), format_short(0.012345)
     ('230', '0.0123')
@@ -155,7 +133,7 @@ def format_short(number: float, digits: int = 3) -> str:
 
 
 def build_panels(found: Sweep, quantity: str, statistic: str = "rmse", region: str = "interior") -> list[SweepPanel]:
-    """Return what is drawn of a figure."""
+    """Return the panels of a statistic of a quantity; empty without values."""
     assert statistic in STATISTICS
     rows = [row for row in found.selected(quantity, statistic, region=region) if math.isfinite(row.value)]
     if not any(not row.is_bound for row in rows):
@@ -191,7 +169,7 @@ def _place(axis: PanelAxis, value: Any) -> Place:
 
 
 def _groups(found: Sweep, rows: Sequence[SweepRecord]) -> list[tuple[str, list[SweepRecord], list[SweepRecord]]]:
-    """Return the figures of each method in each scene, with the bound of each."""
+    """Return (label, records, records of the bound) for each method in each scene."""
     groups = []
     for scene in found.scenes:
         for method in found.methods:
@@ -205,24 +183,23 @@ def _groups(found: Sweep, rows: Sequence[SweepRecord]) -> list[tuple[str, list[S
 
 
 def _title(found: Sweep, name: str) -> str:
-    """Return what tells a group's panels from those of others; nothing if there are no others."""
+    """Return the title that identifies a group's panels; empty for a single group."""
     return name if len(found.scenes) * len(found.methods) > 1 else ""
 
 
 def _curves_of_all(found: Sweep, rows: Sequence[SweepRecord], path: str, *, joined: bool) -> list[SweepCurve]:
-    """Return a curve for each method in each scene, and its bound."""
     axis, curves = _axis(found, path), []
     groups = _groups(found, rows)
     for colour, (name, own, bound) in enumerate(groups):
         curves.append(_curve(name, axis, own, colour, joined=joined))
         if bound:
-            told = "bound of noise" if len(groups) == 1 else f"bound of noise, {name}"
+            told = "Cramér-Rao bound" if len(groups) == 1 else f"Cramér-Rao bound, {name}"
             curves.append(_curve(told, axis, bound, colour, joined=joined))
     return curves
 
 
 def _curve(name: str, axis: PanelAxis, rows: Iterable[SweepRecord], colour: int, *, joined: bool = True) -> SweepCurve:
-    """Return a curve over the factor of an axis, from its first place to its last."""
+    """Return a curve over the factor of an axis, sorted along the axis."""
     path = axis.title
     placed = [(_place(axis, row.values[path]), row) for row in rows]
     placed.sort(key=lambda one: axis.names.index(str(one[0])) if axis.names else float(one[0]))
@@ -248,7 +225,7 @@ def _over_two(
     own: Sequence[SweepRecord],
     bound: Sequence[SweepRecord],
 ) -> list[SweepPanel]:
-    """Return a map over two factors, and in a grid the lines over the first for each value of the second."""
+    """Return a map over two factors; for a grid also curves over the first, one for each level of the second."""
     first, second = found.factors
     least = {_key(row): row.value for row in bound}
     cells = tuple(
@@ -263,7 +240,7 @@ def _over_two(
         for row in own
     )
     best = min(own, key=lambda row: abs(row.value))
-    told = f"least {format_short(best.value)} at " + ", ".join(
+    told = f"smallest {format_short(best.value)} at " + ", ".join(
         f"{path} = {format_level(one)}" for path, one in best.values.items()
     )
     words = f"{number.title} of {name} over {first} and {second}: {told}."
@@ -282,7 +259,7 @@ def _over_two(
     if not found.is_grid:
         for path in found.factors:
             curves = [_curve(name, axes[path], own, 0, joined=False)]
-            curves += [_curve("bound of noise", axes[path], bound, 0, joined=False)] if bound else []
+            curves += [_curve("Cramér-Rao bound", axes[path], bound, 0, joined=False)] if bound else []
             panels.append(_panel(_title(found, name), axes[path], number, curves))
         return panels
     if len(values) > _MOST_CURVES:
@@ -290,7 +267,7 @@ def _over_two(
     curves = []
     for colour, value in enumerate(values):
         label = f"{second} = {value}"
-        for rows, told in ((own, label), (bound, f"bound of noise, {label}")):
+        for rows, told in ((own, label), (bound, f"Cramér-Rao bound, {label}")):
             here = [row for row in rows if format_level(row.values[second]) == value]
             curves += [_curve(told, axes[first], here, colour)] if here else []
     return [*panels, _panel(_title(found, name), axes[first], number, curves)]
@@ -305,7 +282,6 @@ def _panel(title: str, x: PanelAxis, y: PanelAxis, curves: Sequence[SweepCurve])
 
 
 def _describe_curves(curves: Iterable[SweepCurve]) -> str:
-    """Say curves in words: each from its first point to its last."""
     told = []
     for curve in curves:
         (x0, y0, *_), (x1, y1, *_) = curve.points[0], curve.points[-1]
@@ -314,5 +290,5 @@ def _describe_curves(curves: Iterable[SweepCurve]) -> str:
 
 
 def format_place(place: Place) -> str:
-    """Return what a place is called."""
+    """Return the label of a position."""
     return place if isinstance(place, str) else f"{place:g}"

@@ -51,7 +51,7 @@ __all__ = [
 
 
 _PIXELS = 10_000
-"""Pixels of an image that are kept: errors of neighbours are alike over a window's width, so that more tell no more."""
+"""Largest number of retained pixels per image: errors are correlated over the width of a window."""
 
 _REGION, _ERROR = "region", "error"
 _REMEDY = "run the sweep again"
@@ -59,16 +59,16 @@ ErrorMap = NDArray[np.float32]
 
 
 def compute_step_px(dataset: xr.Dataset) -> int:
-    """Return the distance of the rows and columns that are kept."""
+    """Return the spacing of the retained rows and columns."""
     return max(1, math.ceil(math.sqrt(dataset.sizes["y"] * dataset.sizes["x"] / _PIXELS)))
 
 
 @dataclass(frozen=True)
 class RetainedErrors:
-    """Errors of a simulation at some pixels.
+    """Errors of a simulation at a subset of pixels.
 
-    ``regions``: Where regions lie at these pixels, by method and region.
-    ``errors``: Estimate minus truth by method and quantity, shape (t, y, x); NaN where nothing is told.
+    ``regions``: Masks by method and region, shape (t, y, x).
+    ``errors``: Estimate minus truth by method and quantity, shape (t, y, x); NaN where invalid.
     """
 
     regions: Mapping[tuple[str, str], NDArray[np.bool_]]
@@ -76,7 +76,7 @@ class RetainedErrors:
 
 
 def compute_retained_errors(pairs: Mapping[str, EstimateTruthPair], step_px: int) -> dict[str, ErrorMap]:
-    """Return the errors of all scalars in every so many rows and columns."""
+    """Return the errors of all scalar quantities in every ``step_px``-th row and column."""
     found = {}
     for name, pair in pairs.items():
         if QUANTITIES[name].error != "difference":
@@ -91,16 +91,16 @@ def compute_retained_errors(pairs: Mapping[str, EstimateTruthPair], step_px: int
 
 
 def write_retained_errors(kept: RetainedErrors, path: Path) -> None:
-    """Write errors to a file."""
+    """Write retained errors to a file."""
     arrays: dict[str, Any] = {json.dumps([_REGION, *names]): mask for names, mask in kept.regions.items()}
     arrays |= {json.dumps([_ERROR, *names]): errors for names, errors in kept.errors.items()}
-    # Names of methods may hold anything; those of arrays in a file may not.
+    # Labels of methods may contain any character; names of arrays in a file may not.
     numbered: dict[str, Any] = {f"a{number}": array for number, array in enumerate(arrays.values())}
     write_arrays(path, {"names": np.array(list(arrays), dtype=str), **numbered})
 
 
 def read_retained_errors(path: Path) -> RetainedErrors:
-    """Return what a file holds."""
+    """Return the retained errors of a file."""
     regions: dict[tuple[str, str], Any] = {}
     errors: dict[tuple[str, str], Any] = {}
     with refuse_damaged(path, _REMEDY), np.load(path, allow_pickle=False) as stored:
@@ -111,20 +111,16 @@ def read_retained_errors(path: Path) -> RetainedErrors:
 
 
 BOUND = "bound"
-"""Stands for a method where figures are the bound."""
+"""Label of records of the Cramér-Rao bound, in place of a method."""
 _SIGMA_PX = 6.0
-"""Window where a method has none: that of the others by default."""
+"""Window of the bound for methods without a window setting: the default of the built-in methods, in px."""
 
 StdMap = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class BoundWindow:
-    """What a bound is of: the window of a method, and what it does not know in it.
-
-    ``sigma_px``: Standard deviation of the Gaussian window, in px.
-    ``surface``, ``motion``, ``brightness``: As of `scenetruth.bound.cramer_rao_bound`.
-    """
+    """Window and unknown parameters of a bound, as in `scenetruth.bound.cramer_rao_bound`."""
 
     sigma_px: float
     surface: Surface
@@ -133,10 +129,10 @@ class BoundWindow:
 
 
 def bound_window_from_method(contestant: MethodSpec) -> BoundWindow:
-    """Return the window of a method, and what it does not know there, as its settings tell.
+    """Return the window and the unknown parameters of a method from its settings.
 
-    What settings leave to the images (``auto``) is unknown: slopes, rotation and growth. A method that has no such
-    settings may take slopes, the velocity gradient and brightness for known: so that no method goes below its bound.
+    For ``auto``, slopes, rotation and growth are unknown. For a method without such settings, slopes, the velocity
+    gradient and brightness are given, so that no method is below its bound.
     """
     settings = validate_settings(find_method(contestant.method), contestant.settings)
     sigma = getattr(settings, "window_sigma_px", None)
@@ -149,13 +145,13 @@ def bound_window_from_method(contestant: MethodSpec) -> BoundWindow:
 
 
 def _read_choice(settings: Any, name: str, words: Sequence[str], without: str, otherwise: str) -> str:
-    """Return a setting that is one of some words, or what stands for it: without it, or where it is another word."""
+    """Return a setting if it is one of ``words``; otherwise ``without`` (no such setting) or ``otherwise``."""
     told = getattr(settings, name, None)
     return without if told is None else told if told in words else otherwise
 
 
 def name_bounds(contestants: Sequence[MethodSpec]) -> dict[str, str]:
-    """Return what the bounds of methods are called, by label."""
+    """Return the names of the bounds by label of the method."""
     if len(contestants) == 1:
         return {contestants[0].label: BOUND}
     return {one.label: f"{BOUND} of {one.label}" for one in contestants}
@@ -164,10 +160,10 @@ def name_bounds(contestants: Sequence[MethodSpec]) -> dict[str, str]:
 def compute_bound_std(
     truth: xr.Dataset, recording: xr.Dataset, window: BoundWindow, step_px: int
 ) -> tuple[dict[str, StdMap], str]:
-    """Return the least standard deviations that noise allows, at the reference frame.
+    """Return the Cramér-Rao bound at the reference frame.
 
-    Returns: Maps by quantity, shape (y, x), in its units, NaN where there is no bound; and why there are none, or an
-    empty text.
+    Returns: Standard deviations by quantity, shape (y, x), in its units, NaN where undefined; and the reason for a
+    missing bound, or an empty text.
     """
     from scenetruth.bound import cramer_rao_bound
 
@@ -194,9 +190,9 @@ def compute_bound_std(
 
 
 def compute_normal_statistics(std: StdMap) -> dict[str, float]:
-    """Return how large errors are that are normal with these standard deviations: ``rmse`` and ``median_abs_error``.
+    """Return ``rmse`` and ``median_abs_error`` of normal errors with given standard deviations.
 
-    ``std``: Standard deviations, any shape; those that are not finite and positive do not count.
+    ``std``: Standard deviations, any shape; only finite positive values are used.
 
     >>> {name: round(size, 4) for name, size in compute_normal_statistics(np.array([1.0, 1.0, np.nan])).items()}
     {'rmse': 1.0, 'median_abs_error': 0.6745}
@@ -210,7 +206,7 @@ def compute_normal_statistics(std: StdMap) -> dict[str, float]:
 
 
 def _compute_median(std: StdMap) -> float:
-    """Return the median of the absolute values of normal errors with these standard deviations."""
+    """Return the median absolute value of normal errors with given standard deviations."""
     from scipy.optimize import brentq
     from scipy.special import erf, erfinv
 
@@ -222,7 +218,7 @@ def _compute_median(std: StdMap) -> float:
 
 
 SCORED_STATISTICS = ("rmse", "bias", "median_abs_error", "density")
-"""Statistics of a sweep that scores have."""
+"""Statistics of a sweep that are taken from scores."""
 
 Mask = NDArray[np.bool_]
 Figures = dict[str, dict[str, dict[str, float]]]
@@ -231,15 +227,12 @@ Figures = dict[str, dict[str, dict[str, float]]]
 
 @dataclass
 class SimulationResult:
-    """What came of a simulation.
+    """Result of one simulation.
 
-    ``figures``: By method.
-    ``bounds``: By the name of the bound; empty unless it was asked for.
-    ``failures``: Why methods have given nothing, by label.
-    ``notes``: Why there is no bound.
-    ``settled``: Labels of those whose failures need not be tried again: installed methods that refuse the recording.
-    ``grows``: Whether anything grows, so that errors of growth can be compared with growth.
-    ``kept``: Errors at some pixels; None unless they were asked for.
+    ``figures``, ``bounds``: Statistics by method and by name of the bound.
+    ``failures``, ``notes``: Reasons of failed methods, by label, and for missing bounds.
+    ``settled``: Labels of failures that are not repeated: installed methods that reject the recording.
+    ``kept``: Errors at a subset of pixels; None if not requested.
     """
 
     figures: dict[str, Figures] = field(default_factory=dict)
@@ -252,7 +245,7 @@ class SimulationResult:
 
 
 def methods_from_scene(scene: Scene) -> list[MethodSpec]:
-    """Return a scene's own method."""
+    """Return the method of the scene file."""
     settings = scene.estimate.settings.model_dump(mode="json")
     return [MethodSpec(scene.estimate.method, settings, scene.estimate.method)]
 
@@ -265,7 +258,7 @@ def simulate_and_score(
     keeps: bool,
     limits: Limits | None = None,
 ) -> SimulationResult:
-    """Make the images of a scene, let all methods estimate from them, and score what they find."""
+    """Simulate a scene, run all methods on the recording, and score the estimates."""
     methods = list(contestants) or methods_from_scene(scene)
     measured, seen = SimulationResult(), list[_MethodErrors]()
     with ignore_scene_warnings():
@@ -309,32 +302,32 @@ def simulate_and_score(
 
 
 def _is_further(maps: xr.Dataset, truth: xr.Dataset) -> bool:
-    """Whether an estimate tells something that is scored, and of which a truth says nothing."""
+    """Return whether an estimate has a scored quantity that the truth lacks."""
     return any(entry.variable in maps and not has_quantity(truth, name) for name, entry in QUANTITIES.items())
 
 
 @dataclass(frozen=True)
 class _MethodErrors:
-    """What a method has found at some pixels, regions and errors of the shape (t, y, x)."""
+    """Errors and region masks of a method at a subset of pixels, shape (t, y, x)."""
 
     contestant: MethodSpec
     regions: Mapping[str, Mask]
     errors: Mapping[str, NDArray[np.float32]]
     reference: int | None
-    """Place of the frame t = 0; None if it is not estimated."""
+    """Index of the frame t = 0; None if it is not estimated."""
     grows: bool
-    """Whether it tells growth itself, in its own window."""
+    """Whether the method itself estimates the growth rate, in its own window."""
 
     @property
     def window(self) -> BoundWindow:
         return bound_window_from_method(self.contestant)
 
     def least(self, std: Mapping[str, NDArray[np.float64]]) -> Figures:
-        """Return the least errors at the pixels that it tells."""
+        """Return the statistics of the bound at the valid pixels."""
         found: Figures = {}
         for region, mask in self.regions.items():
             for quantity, errors in self.errors.items():
-                # Growth that follows from depth and velocity has a larger window.
+                # Growth derived from depth and velocity has a larger window.
                 if self.reference is None or quantity not in std or (quantity == "growth_rate" and not self.grows):
                     continue
                 told = mask[self.reference] & np.isfinite(errors[self.reference])
@@ -370,7 +363,7 @@ def _figures(found: Score) -> Figures:
 
 
 def _regions(maps: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> dict[str, Mask]:
-    """Return where regions lie, as scores have them, at the frames of an estimate: shape (t, y, x)."""
+    """Return the masks of the scored regions at the frames of an estimate, shape (t, y, x)."""
     reference = truth.sel({dim: 0 for dim in ("s_y", "s") if dim in truth["depth"].dims})
     here = reference.sel(t=maps["t"].values)
     masks = main_regions(here, settings.interior_margin_px)
@@ -381,7 +374,7 @@ def _regions(maps: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> di
 def _errors(
     maps: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings, step_px: int
 ) -> dict[str, NDArray[np.float32]]:
-    """Return errors in every so many rows and columns by quantity, shape (t, y, x)."""
+    """Return errors in every ``step_px``-th row and column by quantity, shape (t, y, x)."""
     parts: list[dict[str, NDArray[np.float32]]] = []
     for found, exact in iterate_aligned_blocks(maps, truth):
         grown = compute_growth_pairs(found, exact, settings) if has_growth_rate(found, exact) else None
@@ -391,19 +384,12 @@ def _errors(
 
 
 _FORMAT = 3
-"""Counts up when figures of the same simulation change."""
+"""Version of the results; increased when the statistics of the same simulation change."""
 
 
 @dataclass(frozen=True)
 class SweepTask:
-    """All that a worker needs to make any simulation of a sweep.
-
-    ``folder``: Where the files of simulations go.
-    ``plan``: The simulations.
-    ``contestants``: The methods; the scenes' own if there are none.
-    ``versions``: What figures depend on besides.
-    ``limits``: Bounds of what scenes may ask for.
-    """
+    """Input of a worker for all simulations of a sweep; without ``contestants``, the method of each scene is used."""
 
     folder: str
     plan: SweepPlan
@@ -413,11 +399,11 @@ class SweepTask:
 
     @property
     def keeps(self) -> bool:
-        """Whether errors are kept, for the scatter between seeds."""
+        """Whether errors are retained for the scatter between seeds."""
         return self.plan.each > 1
 
     def key(self, number: int) -> str:
-        """Return a hash of all that the figures of a simulation depend on; its file goes by it."""
+        """Return a hash of all inputs of a simulation, which names its files."""
         scene = self.plan.scene(number)
         methods = self.contestants or tuple(methods_from_scene(scene))
         depends: dict[str, Any] = {
@@ -432,15 +418,15 @@ class SweepTask:
 
     @property
     def store(self) -> ResultStore:
-        """The results of simulations, which are named by their keys."""
+        """Results of the simulations by key."""
         return ResultStore(Path(self.folder), _REMEDY)
 
     def is_done(self, key: str) -> bool:
-        """Return whether the figures of a simulation are there, with no failure to try again."""
+        """Return whether the results of a simulation exist and have no failure to repeat."""
         return self.store.is_done(key, key, arrays=self.keeps)
 
     def told(self, number: int) -> str:
-        """Return which simulation it is, in words."""
+        """Return a label of a simulation with scene, levels and seed."""
         point, seed = self.plan.at(number)
         values = ", ".join(f"{path} = {format_level(value)}" for path, value in self.plan.values(point).items())
         scene = f"{self.plan.labels[point.scene]}, " if len(self.plan.labels) > 1 else ""
@@ -448,7 +434,7 @@ class SweepTask:
 
 
 def run_sweep_task(job: SweepTask, number: int) -> TaskResult:
-    """Make a simulation and measure it, for whoever works through many: what goes wrong is returned."""
+    """Run and score one simulation; an exception is returned as part of the result."""
 
     def work() -> dict[str, Any]:
         key = job.key(number)
@@ -473,7 +459,7 @@ def _plain(found: SimulationResult) -> dict[str, Any]:
 
 
 def read_simulation_result(job: SweepTask, key: str) -> SimulationResult:
-    """Return what the file of a simulation holds, without the errors that are kept beside it."""
+    """Return the stored result of a simulation without the retained errors."""
     with job.store.reading(key) as plain:
         return SimulationResult(
             dict(plain["figures"]),

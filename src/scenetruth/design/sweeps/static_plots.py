@@ -1,4 +1,4 @@
-"""Plots of a sweep as image files, drawn by matplotlib."""
+"""Plots of a sweep as image files (matplotlib)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _WIDTH, _HEIGHT = 5.2, 3.9
 
 
 def write_static_plots(found: Sweep, folder: str | Path, statistic: str = "rmse", region: str = "") -> list[Path]:
-    """Write a picture of each quantity; the folder appears whole, or not at all."""
+    """Write a PNG image of each quantity to a directory (atomic); return the paths."""
     made = []
     region = region or choose_main_region(found)
     with write_atomically(folder, overwrite=True, claim=_claim) as aside:
@@ -52,9 +52,9 @@ def write_static_plots(found: Sweep, folder: str | Path, statistic: str = "rmse"
 
 
 def _claim(folder: Path) -> OwnershipResult:
-    """Claim a folder's pictures of quantities; what else is in it stays."""
+    """Claim the plots in a directory; other files are kept."""
     if not folder.is_dir():
-        return OwnershipResult("is a file, and not a folder of pictures")
+        return OwnershipResult("is a file, not a directory of plots")
     ours = {f"{quantity}_{statistic}.png" for quantity in QUANTITIES for statistic in STATISTICS}
     return OwnershipResult(foreign=tuple(entry.name for entry in folder.iterdir() if entry.name not in ours))
 
@@ -101,18 +101,18 @@ def _draw(figure: Any, axes: Any, panel: SweepPanel) -> None:
         axes.set_xticks(range(len(panel.x.names)), panel.x.names)
     axes.grid(color="#d7dbe0", linewidth=0.5)
     if len(panel.curves) > 1:
-        # The legend tells of the bounds once: each has the colour of what it bounds.
+        # One legend entry for all bounds: each bound has the colour of its curve.
         handles, labels = axes.get_legend_handles_labels()
         told = {
-            ("bound of noise" if label.startswith("bound") else label): one
+            ("Cramér-Rao bound" if label.startswith("Cramér-Rao bound") else label): one
             for one, label in zip(handles, labels, strict=True)
         }
-        names = sorted(told, key=lambda name: name == "bound of noise")
+        names = sorted(told, key=lambda name: name == "Cramér-Rao bound")
         axes.legend([told[name] for name in names], names, framealpha=0.8)
 
 
 def _scale(axes: Any, panel: SweepPanel) -> None:
-    """Draw axes on a logarithmic scale that have one; within some decades, 2 and 5 are told too."""
+    """Apply logarithmic scales; axes of up to 2.5 decades also have labels at 2 and 5."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     for place, (axis, name) in enumerate(((panel.x, "x"), (panel.y, "y"))):
@@ -185,7 +185,6 @@ def _draw_field(figure: Any, axes: Any, panel: SweepPanel, drawn: SweepMap) -> N
 
 
 def _bar(figure: Any, axes: Any, drawn: Any, panel: SweepPanel) -> None:
-    """Add a colour bar that tells plain numbers."""
     bar = figure.colorbar(drawn, ax=axes, label=panel.number)
     if panel.logarithmic:
         low, high = drawn.norm.vmin, drawn.norm.vmax

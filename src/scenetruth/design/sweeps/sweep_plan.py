@@ -20,25 +20,16 @@ from scenetruth.dataset.distributions import (
 from scenetruth.dataset.sampler import UniformDraws
 from scenetruth.design.sweeps.factors import Factor, format_level, parse_factors
 from scenetruth.errors import ArgumentError, Problem, SceneError
+from scenetruth.plain_data import seed_problems
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
 
-__all__ = ["SweepError", "SweepPlan", "SweepPoint", "build_plan"]
-
-
-class SweepError(ArgumentError):
-    """A sweep that cannot be made; lists every problem with its path."""
-
-    _noun = "sweep"
+__all__ = ["SweepPlan", "SweepPoint", "build_plan"]
 
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """A scene, and the values of all that varies.
-
-    ``scene``: Number of the scene.
-    ``values``: The values, in the order of the factors.
-    """
+    """A design point: index of the scene, and levels in the order of the factors."""
 
     scene: int
     values: tuple[Any, ...]
@@ -46,16 +37,12 @@ class SweepPoint:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """All simulations of a sweep, each made from its number.
+    """All simulations of a sweep, numbered by design point and seed.
 
-    ``labels``: What the scenes are called.
-    ``plains``: The scenes, as plain values.
-    ``factors``: Paths of what varies.
     ``places``: Paths of the fields, without wildcards, by scene and factor.
-    ``points``: The points.
     ``seeds``: The seeds of each scene.
-    ``is_grid``: Whether points are all combinations of values, and none fill ranges.
-    ``logarithmic``: Factors that are drawn on a logarithmic scale.
+    ``is_grid``: Whether the points are a full grid of levels, without Sobol points.
+    ``logarithmic``: Factors with a logarithmic axis.
     """
 
     labels: tuple[str, ...]
@@ -68,16 +55,16 @@ class SweepPlan:
     logarithmic: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
-        """Return how many simulations there are."""
+        """Return the number of simulations."""
         return len(self.points) * self.each
 
     @property
     def each(self) -> int:
-        """How many simulations a point has."""
+        """Number of simulations of a point."""
         return len(self.seeds[0])
 
     def at(self, number: int) -> tuple[SweepPoint, int]:
-        """Return the point of a simulation, and its seed."""
+        """Return the point and the seed of a simulation."""
         place, which = divmod(number, self.each)
         point = self.points[place]
         return point, self.seeds[point.scene][which]
@@ -92,7 +79,7 @@ class SweepPlan:
         return Scene.from_dict({**self.plain(point), "seed": seed})
 
     def plain(self, point: SweepPoint) -> dict[str, Any]:
-        """Return the scene of a point as plain values."""
+        """Return the scene of a point as plain data."""
         found = copy.deepcopy(dict(self.plains[point.scene]))
         for places, value in zip(self.places[point.scene], point.values, strict=True):
             for place in places:
@@ -100,17 +87,17 @@ class SweepPlan:
         return found
 
     def values(self, point: SweepPoint) -> dict[str, Any]:
-        """Return the values of a point by what varies."""
+        """Return the levels of a point by factor."""
         return dict(zip(self.factors, point.values, strict=True))
 
 
 MOST_SIMULATIONS = 100_000
-"""More simulations than any machine makes in a month are a slip of the pen."""
+"""Largest number of simulations, against input errors: more take over a month on one machine."""
 _LARGEST_SEED = 2**63 - 1
 _MOST_LISTED = 30
 _DIGITS = 6
 _NO_EFFECT = ("format", "description", "storage", "seed")
-"""Sections of a scene on which no figure depends, and the seed, which is the same at every point."""
+"""Sections of a scene without an effect on any statistic, and the seed, which is the same at every point."""
 
 
 def build_plan(
@@ -122,10 +109,10 @@ def build_plan(
     overrides: Overrides = (),
     own_methods: bool = True,
 ) -> SweepPlan:
-    """Return all simulations of a sweep."""
+    """Return the plan of a sweep; raise `SweepError` with all problems."""
     labels, bases = _loaded(scenes, overrides)
     plains = tuple(base.to_dict() for base in bases)
-    wrong_seeds = list(_seed_problems(seeds))
+    wrong_seeds = seed_problems(seeds, MOST_SIMULATIONS)
     problems = [*wrong_seeds, *_sobol_problems(sobol)]
     factors, wrong = parse_factors(vary, 0 if _sobol_problems(sobol) else sobol)
     problems += wrong
@@ -138,11 +125,11 @@ def build_plan(
             placed.append((factor, places))
     plan = None
     if placed:
-        # What can be varied is tried, whatever is wrong with the rest: all is told at once.
+        # The valid factors are checked even if others are invalid, so that all problems are reported together.
         plan = _plan(labels, bases, plains, placed, 1 if wrong_seeds else seeds, 0 if _sobol_problems(sobol) else sobol)
         problems += [*_find_impossible(plan), *_find_ineffective(plan, [factor for factor, _ in placed], own_methods)]
     if problems or plan is None:
-        raise SweepError(_each_once(problems))
+        raise ArgumentError(_each_once(problems), source="a sweep")
     return plan
 
 
@@ -159,8 +146,8 @@ def _plan(
     own = _list_seeds(bases, seeds)
     count = len(combinations) * len(bases) * len(own[0])
     if count > MOST_SIMULATIONS:
-        message = f"makes {count:,} simulations, more than {MOST_SIMULATIONS:,}: fewer values, or sobol points"
-        raise SweepError([Problem("vary", message)])
+        message = f"gives {count:,} simulations, more than {MOST_SIMULATIONS:,}; reduce the levels or Sobol points"
+        raise ArgumentError([Problem("vary", message)], source="a sweep")
     return SweepPlan(
         labels,
         plains,
@@ -174,15 +161,14 @@ def _plan(
 
 
 def _each_once(problems: Sequence[Problem]) -> list[Problem]:
-    """Return problems, each once: several scenes may have the same."""
+    """Return the problems without duplicates: several scenes may have the same."""
     return list({(one.path, one.message): one for one in problems}.values())
 
 
 def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tuple[tuple[str, ...], list[Scene]]:
-    """Return the scenes, with what they are called."""
     several = [given] if isinstance(given, Scene | Mapping | str | PathLike) else list(given)
     if not several:
-        raise SweepError([Problem("scenes", "at least one scene is needed")])
+        raise ArgumentError([Problem("scenes", "must have at least one scene")], source="a sweep")
     scenes: list[Scene] = []
     failed: list[SceneError] = []
     for one in several:
@@ -211,27 +197,14 @@ def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tup
     ]
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
-        raise SweepError([Problem("scenes", "is there twice", label) for label in twice])
+        raise ArgumentError([Problem("scenes", "must be unique", label) for label in twice], source="a sweep")
     return tuple(labels), scenes
-
-
-def _seed_problems(seeds: int | Sequence[int]) -> Iterator[Problem]:
-    if isinstance(seeds, int) and not isinstance(seeds, bool):
-        if not 1 <= seeds <= MOST_SIMULATIONS:
-            yield Problem("seeds", "must be at least 1: how many, or a list of them", seeds)
-        return
-    if not isinstance(seeds, Sequence) or isinstance(seeds, str) or not len(seeds):
-        yield Problem("seeds", "must be a number of seeds, or a list of them", seeds)
-    elif not all(isinstance(seed, int) and 0 <= seed <= _LARGEST_SEED for seed in seeds):
-        yield Problem("seeds", "must be whole numbers from 0 on", list(seeds))
-    elif len(set(seeds)) < len(seeds):
-        yield Problem("seeds", "are there twice: the same seed makes the same images", list(seeds))
 
 
 def _sobol_problems(sobol: int) -> list[Problem]:
     if isinstance(sobol, int) and not isinstance(sobol, bool) and 0 <= sobol <= MOST_SIMULATIONS:
         return []
-    return [Problem("sobol", "must be a number of points, or 0 for none", sobol)]
+    return [Problem("sobol_points", "must be a number of points (0 for none)", sobol)]
 
 
 def _list_seeds(scenes: Sequence[Scene], seeds: int | Sequence[int]) -> tuple[tuple[int, ...], ...]:
@@ -242,7 +215,7 @@ def _list_seeds(scenes: Sequence[Scene], seeds: int | Sequence[int]) -> tuple[tu
 
 def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tuple[str, ...]:
     if path == "seed":
-        problems.append(Problem("vary.seed", "is what seeds are for: give seeds=5, or --seeds 5"))
+        problems.append(Problem("vary.seed", "cannot be varied; specify the seeds with seeds=5 or --seeds 5"))
         return ()
     try:
         return tuple(expand(plain, path))
@@ -254,7 +227,7 @@ def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tup
 def _overlaps(
     factor: Factor, places: Sequence[tuple[str, ...]], others: Sequence[tuple[Factor, list[tuple[str, ...]]]]
 ) -> Iterator[Problem]:
-    """Tell which factors set the same fields."""
+    """Yield a problem for each other factor that sets the same fields."""
     for other, theirs in others:
         both = [
             here
@@ -264,12 +237,12 @@ def _overlaps(
             if f"{here}.".startswith(f"{there}.") or f"{there}.".startswith(f"{here}.")
         ]
         if both:
-            message = f"sets what '{other.path}' sets, or a part of it: vary one of them"
+            message = f"overlaps with '{other.path}'; vary only one of the two"
             yield Problem(f"vary.{factor.path}", message)
 
 
 def _is_integer(plains: Sequence[Mapping[str, Any]], places: Sequence[tuple[str, ...]]) -> bool:
-    """Return whether fields hold whole numbers, as far as the scenes tell."""
+    """Return whether the fields hold integers in all scenes."""
     there = []
     for plain, own in zip(plains, places, strict=True):
         for place in own:
@@ -281,14 +254,14 @@ def _is_integer(plains: Sequence[Mapping[str, Any]], places: Sequence[tuple[str,
 
 
 def _integer_problems(factor: Factor, is_whole: bool) -> Iterator[Problem]:
-    """Tell of a range of whole numbers that holds fewer than two."""
+    """Yield a problem for a range of an integer field with fewer than two integers."""
     if is_whole and factor.ends is not None and math.ceil(factor.ends[0]) >= math.floor(factor.ends[1]):
         shown = "..".join(map(format_level, factor.ends))
-        yield Problem(f"vary.{factor.path}", "takes whole numbers, of which there are not two", shown)
+        yield Problem(f"vary.{factor.path}", "must contain at least two integers", shown)
 
 
 def _combinations(factors: Sequence[Factor], whole: Sequence[bool], sobol: int) -> list[tuple[Any, ...]]:
-    """Return the values of all points, in the order of the factors."""
+    """Return the levels of all points, in the order of the factors."""
     fills = {
         number: _SobolRange.of(factor, whole=whole[number]) for number, factor in enumerate(factors) if factor.is_filled
     }
@@ -304,14 +277,14 @@ def _combinations(factors: Sequence[Factor], whole: Sequence[bool], sobol: int) 
             for number, factor in enumerate(factors)
         ]
         for values in product(*axes):
-            # Whole numbers may be drawn again.
+            # Integers may be drawn more than once.
             found.setdefault(tuple(map(format_level, values)), values)
     return list(found.values())
 
 
 @dataclass(frozen=True)
 class _SobolRange:
-    """A range that Sobol's points fill."""
+    """A range that is sampled by Sobol points."""
 
     between: RandomDistribution
     whole: bool
@@ -332,7 +305,6 @@ class _SobolRange:
 
 
 def _find_impossible(plan: SweepPlan) -> list[Problem]:
-    """Return why points make no scenes, each reason once."""
     found: dict[tuple[str, str], Problem] = {}
     for point in plan.points:
         try:
@@ -349,7 +321,7 @@ def _find_impossible(plan: SweepPlan) -> list[Problem]:
 
 
 def _describe_problem(plan: SweepPlan, point: SweepPoint, problem: Problem) -> Problem:
-    """Return a problem of a scene as one of what varies."""
+    """Return a problem of a scene as a problem of the factor that causes it, or with the point."""
     for factor, places in zip(plan.factors, plan.places[point.scene], strict=True):
         if any(f"{problem.path}.".startswith(f"{place}.") for place in places):
             below = problem.path if problem.path not in places or "*" in factor else factor
@@ -363,18 +335,18 @@ def _spelled(plan: SweepPlan, point: SweepPoint) -> str:
 
 
 def _find_ineffective(plan: SweepPlan, factors: Sequence[Factor], own_methods: bool) -> Iterator[Problem]:
-    """Tell which factors no figure depends on."""
+    """Yield a problem for each factor without an effect on any statistic."""
     ignored = _NO_EFFECT if own_methods else (*_NO_EFFECT, "estimate")
     for number, factor in enumerate(factors):
         try:
             if any(_has_effect(plan, number, factor, scene, ignored) for scene in range(len(plan.labels))):
                 continue
         except (SceneError, PathError):
-            # That this is no scene is told already, or no point has this value.
+            # The invalid scene is reported already, or no point has this level.
             continue
-        message = "varies nothing: no figure depends on it"
+        message = "has no effect on any statistic"
         if not own_methods and factor.path.split(".")[0] == "estimate":
-            message = "varies nothing: methods are given; leave them out, or give their settings as NAME[setting: 4]"
+            message = "has no effect with given methods; omit them, or specify their settings as NAME[setting: 4]"
         yield Problem(f"vary.{factor.path}", message)
 
 

@@ -1,4 +1,4 @@
-"""The HTML report of a sweep, and its charts for plotly's JavaScript."""
+"""The HTML report of a sweep, with charts for plotly.js."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ __all__ = ["build_chart", "write_sweep_report"]
 _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
 _MANY_DECADES = 2.5
 _MOST_LABELLED = 100
-"""Cells in which numbers can be read."""
+"""Largest number of cells with printed values."""
 
 
 def build_chart(panel: SweepPanel) -> dict[str, Any]:
-    """Return data, layout and words of a panel."""
+    """Return the data, layout and text alternative of a panel."""
     if panel.map is not None:
         data = [_heat(panel, panel.map) if panel.map.is_grid else _field(panel, panel.map)]
     else:
@@ -52,21 +52,21 @@ def _axis(axis: PanelAxis, panel: SweepPanel, place: int) -> dict[str, Any]:
     if axis.names:
         return found | {"type": "category", "categoryorder": "array", "categoryarray": list(axis.names)}
     if panel.map is not None and panel.map.is_grid:
-        # Cells are as wide as each other, whatever lies between their values.
+        # All cells have the same width.
         names = panel.map.names(along_x=place == 0)
         return found | {"type": "category", "categoryorder": "array", "categoryarray": names}
     if not axis.logarithmic:
         return found | {"type": "linear", "exponentformat": "power"}
-    # Within some decades, 2 and 5 are told too.
+    # Axes of up to 2.5 decades also have labels at 2 and 5.
     return found | {"type": "log", "dtick": 1 if panel.decades(place) > _MANY_DECADES else "D2", "tickformat": "~g"}
 
 
 def _name_bounds_once(data: list[dict[str, Any]], panel: SweepPanel) -> None:
-    """Let the legend tell of the bounds once: each has the colour of what it bounds."""
+    """Use one legend entry for all bounds: each bound has the colour of its curve."""
     bounds = [trace for trace, curve in zip(data, panel.curves, strict=True) if curve.is_bound]
     for number, trace in enumerate(bounds):
         trace |= {"legendgroup": "bound", "showlegend": number == 0, "legendrank": 2000}
-        trace["name"] = "bound of noise"
+        trace["name"] = "Cramér-Rao bound"
 
 
 def _trace(curve: SweepCurve) -> dict[str, Any]:
@@ -140,7 +140,6 @@ def _scaled(number: float, panel: SweepPanel) -> float | None:
 
 
 def _bar(panel: SweepPanel, drawn: SweepMap) -> dict[str, Any]:
-    """Return a colour bar that tells numbers, and not their logarithms."""
     if not panel.logarithmic:
         return {"thickness": 12}
     low, high = (math.log10(each(cell[2] for cell in drawn.cells)) for each in (min, max))
@@ -156,7 +155,9 @@ def _short(cell: tuple[Any, ...]) -> str:
 def _long(cell: tuple[Any, ...]) -> str:
     _, _, number, low, high, bound = cell
     interval = f", 95 %: {format_short(low)} to {format_short(high)}" if math.isfinite(low) else ""
-    return format_short(number) + interval + (f", bound of noise {format_short(bound)}" if math.isfinite(bound) else "")
+    return (
+        format_short(number) + interval + (f", Cramér-Rao bound {format_short(bound)}" if math.isfinite(bound) else "")
+    )
 
 
 def _finite(number: float) -> float | None:
@@ -170,7 +171,7 @@ _STATISTIC = "rmse"
 
 
 def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Path:
-    """Write the page of a sweep."""
+    """Write the HTML report of a sweep; return its path."""
     quantities = list_plotted_quantities(found)
     regions = list(dict.fromkeys(row.region for row in found.rows))
     charts = {
@@ -224,7 +225,6 @@ _COLUMNS = (
 
 
 def _values(found: Sweep) -> list[tuple[str, str]]:
-    """Return what varies, with its values in words."""
     told = []
     for path in found.factors:
         values = {format_level(row.values[path]): row.values[path] for row in found.rows}
@@ -232,12 +232,12 @@ def _values(found: Sweep) -> list[tuple[str, str]]:
         if all(isinstance(value, int | float) for value in values.values()):
             labels.sort(key=lambda label: float(values[label]))
         several = len(labels) > _MOST_VALUES
-        told.append((path, f"{len(labels)} values, {labels[0]} to {labels[-1]}" if several else ", ".join(labels)))
+        told.append((path, f"{len(labels)} levels, {labels[0]} to {labels[-1]}" if several else ", ".join(labels)))
     return told
 
 
 def _find_best(found: Sweep, region: str) -> list[list[str]]:
-    """Return where each quantity has its least RMSE."""
+    """Return the rows of the table of smallest RMSE of each quantity."""
     lines = []
     for quantity in list_plotted_quantities(found):
         try:
@@ -252,7 +252,6 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
 
 
 def _lines(found: Sweep, region: str) -> list[list[str]]:
-    """Return a line for each point, method and quantity."""
     told: dict[tuple[Any, ...], dict[str, SweepRecord]] = {}
     bounds: dict[tuple[Any, ...], float] = {}
     shown = list_plotted_quantities(found)

@@ -1,4 +1,4 @@
-"""The result of a sweep: its records as a tidy table, and the best levels."""
+"""The result of a sweep: records as a tidy table, and the best levels."""
 
 from __future__ import annotations
 
@@ -20,25 +20,19 @@ __all__ = ["STATISTICS", "Sweep", "SweepRecord"]
 
 
 STATISTICS = ("rmse", "bias", "precision_std", "median_abs_error", "density")
-"""What is told of errors: root of the mean square, mean, standard deviation between seeds, median of the absolute
-error; and the share of the pixels that is told."""
+"""Statistics of errors; ``density`` is the fraction of the pixels that are valid."""
 
 
 @dataclass(frozen=True)
 class SweepRecord:
-    """One figure.
+    """One value of a statistic.
 
-    ``values``: What was varied: values by path.
-    ``scene``: What the scene is called.
-    ``method``: Label of the method; ``bound``, perhaps with the method whose window it has, where it is the Cramér-Rao
-      bound.
-    ``seed``: The scene's seed; None for figures of all seeds.
+    ``values``: Levels by factor.
+    ``method``: Label of the method; ``bound`` or ``bound of METHOD`` for the Cramér-Rao bound.
+    ``seed``: Seed of the scene; None for all seeds together.
     ``region``: Region of the score: ``all``, ``interior``, ``object_NAME``.
-    ``quantity``: What was measured: a key of `scenetruth.scoring.QUANTITIES`.
-    ``statistic``: One of `STATISTICS`.
-    ``value``: The figure.
-    ``ci_low``, ``ci_high``: Its 95 % confidence interval over seeds; NaN if there is none.
-    ``unit``: Its unit.
+    ``quantity``: A key of `scenetruth.scoring.QUANTITIES`.
+    ``ci_low``, ``ci_high``: Ends of the 95 % confidence interval over seeds; NaN if there is none.
     """
 
     values: Mapping[str, Any]
@@ -55,7 +49,7 @@ class SweepRecord:
 
     @property
     def is_bound(self) -> bool:
-        """Whether it is no error, but the bound of noise."""
+        """Whether the value is the Cramér-Rao bound."""
         return self.method.split(" ")[0] == "bound"
 
 
@@ -64,34 +58,34 @@ _COLUMNS = ("scene", "method", "seed", "region", "quantity", "statistic", "value
 
 @dataclass(frozen=True)
 class Sweep(Result):
-    """Figures of methods over what varies.
+    """Error statistics of methods over the levels of factors.
 
     Parameters
     ----------
     factors
-        Paths of what varies.
+        Paths of the factors.
     scenes
-        What the scenes are called.
+        Labels of the scenes.
     methods
         Labels of the methods.
     rows
-        All figures.
+        The records.
     failures
-        What gave nothing: lines to read.
+        Messages of failed simulations and methods.
     notes
-        What else is to be known: lines to read.
+        Other messages.
     folder
-        Where it lies; None if it was not kept.
+        Output directory; None without one.
     grows
-        Whether anything grows: of what does not, errors of growth are in the table alone.
+        Whether an object grows; otherwise errors of growth are in the table only.
     is_grid
-        Whether points are all combinations of values, and none fill ranges.
+        Whether the points are a full grid of levels, without Sobol points.
     logarithmic
-        Factors that are drawn on a logarithmic scale, whatever their values.
+        Factors with a logarithmic axis for any levels.
 
     See Also
     --------
-    sweep : Makes it.
+    sweep : Run a sweep.
 
     Examples
     --------
@@ -106,7 +100,7 @@ class Sweep(Result):
     >>> f"{row.value:.1f} {row.unit}"
     '0.7 mm'
 
-    Every point, and what noise alone leaves at least:
+    All points with the Cramér-Rao bound:
 
     >>> for row in found.selected("depth", "rmse"):
     ...     print(row.values, row.method, f"{row.value:.1f} {row.unit}")
@@ -130,14 +124,13 @@ class Sweep(Result):
     logarithmic: frozenset[str] = frozenset()
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return all figures, a row each.
+        """Return a table with one row per record.
 
         Returns
         -------
         pandas.DataFrame
-            A column for each factor, by its path: numbers, or what values are called that are none. Then the other
-            fields of `scenetruth.design.sweeps.sweep_result.SweepRecord`; ``seed`` is missing where figures are of all
-            seeds.
+            One column per factor with its levels: numbers, or labels of other levels. Then the other fields of
+            `scenetruth.design.sweeps.sweep_result.SweepRecord`; ``seed`` is missing for all seeds together.
         """
         import pandas as pd
 
@@ -183,7 +176,7 @@ class Sweep(Result):
         Raises
         ------
         ArgumentError
-            If there is none; the message names what was asked for.
+            If there is no such record; the message names what was asked for.
         """
         labels = self.methods[:1] if method is None else [method]
         for row in self.selected(quantity, statistic, region=region, methods=labels, scene=scene, seed=seed):
@@ -217,19 +210,19 @@ class Sweep(Result):
         method: str | None = None,
         scene: str | None = None,
     ) -> SweepRecord:
-        """Return the best figure of all seeds: the one nearest to 0, or of ``density`` the largest.
+        """Return the record nearest to 0 (the largest for ``density``) over all points, all seeds together.
 
         Parameters
         ----------
         quantity, statistic, region, scene
-            As of `value`; all scenes if none is given.
+            As in `value`; default: all scenes.
         method
-            Only this method; all if not given.
+            Label of the method; default: all methods.
 
         Raises
         ------
         ArgumentError
-            If there is none.
+            If there is no such record.
         """
         labels = self.methods if method is None else [method]
         rows = list(self.selected(quantity, statistic, region=region, methods=labels, scene=scene))
@@ -249,16 +242,16 @@ class Sweep(Result):
         scene: str | None = None,
         seed: int | None = None,
     ) -> Iterator[SweepRecord]:
-        """Give figures, point by point.
+        """Yield records, point by point.
 
         Parameters
         ----------
         quantity, statistic, region
-            What is told.
+            As in `figure`.
         methods, scene
-            Of which methods and scene; all if not given.
+            Labels of methods and scene; default: all.
         seed
-            Of a single seed; of all together if not given.
+            A single seed; default: all seeds together.
         """
         wanted = None if methods is None else set(methods)
         for row in self.rows:

@@ -1,4 +1,4 @@
-"""Runs a sweep: validation before any work, simulations by workers, result and report; resumable."""
+"""Execution of a sweep: validation, simulation by workers, result and report; resumable."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from typing import Any
 from scenetruth.design.sweeps.aggregation import collect_result
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.point_simulation import BOUND, SweepTask, methods_from_scene, run_sweep_task
-from scenetruth.design.sweeps.sweep_plan import SweepError, SweepPlan, build_plan
+from scenetruth.design.sweeps.sweep_plan import SweepPlan, build_plan
 from scenetruth.design.sweeps.sweep_result import Sweep
-from scenetruth.errors import EstimateError, Problem, SceneError
+from scenetruth.errors import ArgumentError, EstimateError, Problem, SceneError
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
@@ -34,20 +34,20 @@ _MOST_LISTED = 20
 
 
 def refuse_methods(contestants: Sequence[MethodSpec], workers: int, scheduler: str | None = None) -> None:
-    """Refuse methods that are called as bounds are, and those that other processes cannot be given."""
+    """Reject methods with the label of a bound, and methods that cannot be sent to other processes."""
     problems = []
     for one in contestants:
         if one.label.split(" ")[0] == BOUND:
-            problems.append(Problem("methods", "is what the bound of noise is called; give another label", one.label))
+            problems.append(Problem("methods", "is reserved for the Cramér-Rao bound; use another label", one.label))
         if why := describe_pickling_error(one, workers, scheduler):
-            message = f"cannot be sent to another process ({why}); give 'module:function', or workers=1"
+            message = f"cannot be sent to another process ({why}); specify 'module:function' or workers=1"
             problems.append(Problem("methods", message, one.label))
     if problems:
         raise EstimateError(problems)
 
 
 def assign_backends(plan: SweepPlan) -> SweepPlan:
-    """Return the plan with scenes that say what renders them, so that every process renders alike."""
+    """Return the plan with an explicit rendering backend in every scene, so that all processes use the same."""
     from scenetruth.render import choose_renderer
     from scenetruth.scene.built_scene import build_scene
 
@@ -70,7 +70,7 @@ def assign_backends(plan: SweepPlan) -> SweepPlan:
 
 
 def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: Progress | None) -> None:
-    """Refuse points whose scene passes a bound, shows nothing, or cannot be estimated by a method."""
+    """Reject points with a scene that exceeds a limit, shows no object, or does not suit a method."""
     from scenetruth.estimators import find_method, requirements, validate_settings
     from scenetruth.provenance import blank_recording
     from scenetruth.resources import refuse_beyond_limits
@@ -104,11 +104,11 @@ def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: P
     if progress is not None and points:
         progress("checks", len(points), len(points))
     if problems:
-        raise SweepError(list(problems.values()))
+        raise ArgumentError(list(problems.values()), source="a sweep")
 
 
 INDEX = "sweep.json"
-"""What a folder of a sweep is known by."""
+"""File that identifies the directory of a sweep."""
 _FOLDER = JobFolder(INDEX, "a sweep", "points", compared=(), indent=None)
 
 
@@ -126,62 +126,60 @@ def sweep(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
-    """Simulate, estimate and score scenes over what varies.
+    """Simulate, estimate and score scenes over the levels of factors.
 
-    Every combination of values is a point. A point is simulated with every seed, of textures, noise and errors of the
-    stage; seeds are the same at every point, so that differences between points are due to what varies. What is done
-    stays in the folder, and is not done again: with more values, points or seeds, only these are made.
+    Every combination of levels is a design point, and is simulated with every seed of textures, noise and stage
+    errors. The seeds are the same at every point, so that differences between points are due to the factors. Existing
+    results in the output directory are reused; additional levels, points or seeds are added.
 
     Parameters
     ----------
     scenes
-        One or several: scenes, plain values, or files.
+        One or several scenes, plain data or files.
     vary
-        What varies: values by path of a field, with ``*`` for every one. Values are a list, or a text as on the command
-        line: ``"1,2,5"``; ``"1..10:4"``, four values; ``"1..10:4log"``, on a logarithmic scale; ``"1..10"`` or
-        ``"1..10:log"``, filled by Sobol's points.
+        Levels by path of a field; ``*`` stands for all list entries. Levels are a list, or a text as on the command
+        line: ``"1,2,5"``; ``"1..10:4"``, four levels; ``"1..10:4log"``, on a logarithmic scale; ``"1..10"`` or
+        ``"1..10:log"``, sampled by Sobol points.
     methods
-        As of `scenetruth.compare`; every scene's own method if not given.
+        As in `scenetruth.compare`; default: the method of each scene.
     overrides
-        Changes of the scenes that hold at every point, as of `scenetruth.load_scene`: ``"camera.width=320"``.
+        Changes of the scenes at every point, as in `scenetruth.load_scene`: ``"camera.width=320"``.
     sobol_points
-        How many points fill the ranges that have no number of values.
+        Number of Sobol points of the ranges without a number of levels.
     seeds
-        How many, the scene's own seed being the first; or a list of them.
+        Number of seeds, starting with the seed of the scene; or a list of seeds.
     limits
-        Bounds of what a scene may ask for; those by default if not given.
+        Resource limits of a scene; default: those of `Limits`.
     output
-        Where figures are kept: the page ``index.html``, ``results.parquet``, ``results.csv``, ``plots/``, and a file
-        for each simulation. If not given, nothing is kept.
+        Output directory: the report ``index.html``, ``results.parquet``, ``results.csv``, ``plots/``, and a file for
+        each simulation. Nothing is written by default.
     workers
-        Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
-        processors.
+        Number of single-threaded processes: 1, the default, uses this process only; -1 uses all processors.
     scheduler
-        Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
+        Address of a Dask scheduler whose workers are used instead; they need the directory under the same path.
     progress
-        Called with (what, done, total).
+        Called with (label, done, total).
 
     Returns
     -------
     Sweep
-        All figures.
+        All records.
 
     Raises
     ------
     ArgumentError
-        If what varies cannot be: paths that lead nowhere or vary nothing, values that make no scene. Lists all.
-    ArgumentError
-        If the number of workers is impossible, or a scheduler has no folder.
+        If factors are invalid (unknown path, no effect, levels that give no valid scene; all problems are listed), the
+        number of workers is invalid, or a scheduler is used without an output directory.
     SceneError
-        If a scene is none.
+        If a scene is invalid.
     EstimateError
-        If there is no such method, a setting is impossible, or a function cannot be sent to another process.
+        If a method is unknown, a setting is invalid, or a function cannot be sent to another process.
     OutputExistsError
-        If the folder holds something else.
+        If the directory has other contents.
 
     See Also
     --------
-    compare : Methods over the cases of the metrology suite.
+    compare : Run methods on the benchmark suite.
 
     Examples
     --------
@@ -203,7 +201,7 @@ def sweep(
         versions = tuple(sorted(collect_versions().items()))
         job = SweepTask(str((place / "points").resolve()), plan, tuple(contestants), versions, limits)
         keys = [job.key(number) for number in range(len(plan))]
-        # Different values may make the same scene.
+        # Different levels may give the same scene.
         missing = {key: number for number, key in reversed(list(enumerate(keys))) if not job.is_done(key)}
         refuse_impossible_points(job, sorted(missing.values()), progress)
         _announce(job, len(missing), sum(key not in missing for key in keys))
@@ -228,8 +226,8 @@ def sweep(
 def _announce(job: SweepTask, missing: int, kept: int) -> None:
     plan = job.plan
     seeds = f"{plan.each} seed{'s' if plan.each > 1 else ''}"
-    told = f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to be made"
-    say(told + (f", {kept:,} kept from earlier" if kept else ""))
+    told = f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to run"
+    say(told + (f", {kept:,} results reused" if kept else ""))
 
 
 def _write(found: Sweep, job: SweepTask, again: str) -> None:
@@ -253,7 +251,7 @@ def _write(found: Sweep, job: SweepTask, again: str) -> None:
 def _command(
     scenes: Any, vary: Mapping[str, Any], seeds: Any, sobol: int, overrides: Overrides, contestants: Any
 ) -> str:
-    """Return the command that makes the sweep again; an empty text if scenes or methods are not files and names."""
+    """Return the command that repeats the sweep; an empty text if scenes or methods are not files and names."""
     files = [scenes] if isinstance(scenes, str | Path) else scenes
     if isinstance(files, Mapping | Scene) or not all(isinstance(file, str | Path) for file in files):
         return ""

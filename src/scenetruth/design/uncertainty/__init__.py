@@ -1,4 +1,4 @@
-"""The uncertainty budget of depth, motion and growth: contributions of all sources, and mitigations."""
+"""Uncertainty budget of depth, motion and growth: contributions of all sources, and mitigations."""
 
 from scenetruth.design.uncertainty.budget_builder import budget
 from scenetruth.design.uncertainty.source import Calibration

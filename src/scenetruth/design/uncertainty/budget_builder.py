@@ -1,4 +1,4 @@
-"""The uncertainty budget of a scene: every source alone, predicted, and the largest of them simulated."""
+"""Uncertainty budget of a scene: every source predicted separately, and the largest sources simulated."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
-from scenetruth.plain_data import parse_json
+from scenetruth.plain_data import parse_json, seed_problems
 from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
@@ -56,7 +56,7 @@ from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
 __all__ = ["budget"]
 
 INDEX = "budget.json"
-"""What a folder of a budget is known by."""
+"""File that identifies the folder of a budget."""
 _FOLDER = JobFolder(INDEX, "a budget", "runs")
 
 
@@ -75,72 +75,69 @@ def budget(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Budget:
-    """Find out which error of depth, motion and growth comes from where, in a scene and by a method.
+    """Compute the uncertainty budget of depth, motion and growth for a scene and a method.
 
-    The part of a cause is what the estimate changes by, pixel by pixel, when this cause alone is switched on. What
-    ideal images leave (slanted and curved surfaces, edges, the method's own bias) counts once. All parts are predicted
-    by propagation; the largest are simulated, until they make up a share ``simulated_share`` of the sum of squares, and
-    so is the scene with everything on. What is done stays in the folder, and is not done again.
+    The contribution of a source is the change of the estimate, pixel by pixel, when this source alone is switched on.
+    Errors with ideal images (slanted and curved surfaces, depth discontinuities, method bias) are counted once. All
+    contributions are predicted by propagation. The largest are also simulated, until they make up the fraction
+    ``simulated_share`` of the sum of squares, and so is the scene with all sources. Existing results are reused.
 
     Parameters
     ----------
     scene
-        The scene with all its imperfections: a scene, its values, its file, or the name of one that is shipped.
+        The scene with all its imperfections: a scene, its values, its file, or the name of a bundled scene.
     method
-        A method's name, or `scenetruth.estimators.MethodSpec` with its settings; that of the scene if not given. A
-        function or a method itself can be estimated by in this process alone.
+        Name of a method, or `scenetruth.estimators.MethodSpec` with its settings; default: the method of the scene.
+        Functions and method objects are supported in this process only.
     calibration
-        Standard deviations of focal length, principal point and baseline as the method is told them: ``"typical"``,
+        Standard deviations of focal length, principal point and baseline as given to the method: ``"typical"``,
         ``"perfect"``, a `Calibration`, or a mapping of its fields.
     simulated_share
-        Share of the sum of squares that is simulated; 1 for all causes, 0 for those alone that cannot be predicted.
+        Fraction of the sum of squares to simulate; 1 for all sources, 0 only for those that cannot be predicted.
     overrides
-        Changes of the scene, as of `scenetruth.load_scene`.
+        Changes to the scene, as in `scenetruth.load_scene`.
     region
-        Where the figures of the page and the picture are from: ``"all"``, ``"interior"``, or ``"object_NAME"``. The
-        table and what is returned have all regions.
+        Region of the page and the figure: ``"all"``, ``"interior"``, or ``"object_NAME"``. The table and the returned
+        budget contain all regions.
     seeds
-        How many seeds are simulated, or a list of them: of the stage's errors, the sensor's noise, the calibration's
-        errors, and of textures that are random. The first is the scene's own if not given.
+        Number of seeds, or a list of seeds: of stage errors, sensor noise, calibration errors, and random textures. By
+        default, the first is the seed of the scene.
     limits
-        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
+        Limits on the scene (`scenetruth.Limits`); default: the standard limits.
     output
-        Where runs, table and pictures are kept; if not given, nothing is.
+        Output folder for runs, table and figures; default: none.
     workers
-        Processes of this machine, of one thread each: 1, the default, for none besides this process, -1 for all
-        processors.
+        Number of local processes with one thread each; 1 uses this process only, -1 all processors.
     scheduler
-        Address of a Dask scheduler, whose workers are used instead. They must see the folder by the same path.
+        Address of a Dask scheduler to use instead. Its workers must have access to the folder by the same path.
     progress
-        Called with (what, done, total).
+        Callback with arguments (what, done, total).
 
     Returns
     -------
     Budget
-        All figures.
+        Contributions and combined uncertainties.
 
     Raises
     ------
     SceneError
-        If the scene cannot be made, or has several rows of cameras.
+        If the scene is invalid, or has several rows of cameras.
     EstimateError
-        If there is no such method, or ideal images cannot be estimated by it.
+        If the method does not exist, or gives no estimate for ideal images.
     ArgumentError
-        If an argument is impossible.
-    ArgumentError
-        If the number of workers is impossible, or a scheduler has no folder.
+        If an argument is invalid, including the number of workers, or a scheduler is used without a folder.
     OutputExistsError
-        If the folder holds the budget of another scene, or something else.
+        If the folder contains the budget of another scene, or other data.
 
     See Also
     --------
-    predict : What noise alone leaves, from theory.
-    sweep : Errors over whatever varies.
-    scenetruth.design.uncertainty.Calibration : How well the calibration is known.
+    predict : Predicts the uncertainty by noise alone.
+    sweep : Errors as a function of scene fields.
+    scenetruth.design.uncertainty.Calibration : Uncertainty of the calibration.
 
     Examples
     --------
-    A stage that yaws by 20 µrad, and a focal length known to 0.1 %; what can be predicted is not simulated:
+    A stage with a yaw of 20 µrad, and a focal length with an uncertainty of 0.1 %; only predicted:
 
     >>> from scenetruth.design.uncertainty import budget
     >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
@@ -153,19 +150,18 @@ def budget(
     >>> found = budget(scene, method="structure_tensor", calibration=known, seeds=1, simulated_share=0)
     >>> for part in found.contributions("depth")[:3]:
     ...     print(f"{part.title}, {part.size}: {part.value:.2f} {part.unit}")
-    yaw of the stage, 20 µrad: 1.61 mm
+    stage yaw, 20 µrad: 1.61 mm
     focal length, 0.1 %: 0.50 mm
-    noise of the sensor, 0.2 % of full scale: 0.12 mm
+    sensor noise, 0.2 % of full scale: 0.12 mm
     """
     resolve_workers(workers)
     whole, problems = load_scene(scene, overrides=overrides), []
     numbers = [whole.seed + k for k in range(seeds)] if isinstance(seeds, int) and 1 <= seeds <= _MAX_SEEDS else []
     if not isinstance(seeds, int):
         numbers = [seed for seed in seeds if isinstance(seed, int) and seed >= 0]
-    if not 1 <= len(numbers) <= _MAX_SEEDS or isinstance(seeds, bool) or len(set(numbers)) < len(numbers):
-        problems.append(Problem("seeds", f"must be how many, 1 to {_MAX_SEEDS}, or a list of different ones", seeds))
+    problems += seed_problems(seeds, _MAX_SEEDS)
     if not 0 <= simulated_share <= 1:
-        problems.append(Problem("simulated_share", "must be a share, 0 to 1", simulated_share))
+        problems.append(Problem("simulated_share", "must be a fraction from 0 to 1", simulated_share))
     regions = ["all", "interior", *(f"object_{item.name}" for _, item in whole.parts)]
     if region not in regions:
         problems.append(Problem("region", f"must be one of {', '.join(regions)}", region))
@@ -174,9 +170,9 @@ def budget(
     except ArgumentError as error:
         problems += error.problems
     if problems:
-        raise ArgumentError(problems, source="an error budget")
+        raise ArgumentError(problems, source="an uncertainty budget")
     if whole.stage.rows > 1:
-        message = "the budget is of one row of positions; leave rows out"
+        message = "must be 1: a budget supports one row of positions"
         raise SceneError([Problem("stage.rows", message, whole.stage.rows)])
     own = [] if method is None else [read_method(method)]
     refuse_beyond_limits(whole, limits)
@@ -184,7 +180,7 @@ def budget(
     whole = whole.model_copy(update={"estimate": chosen})
     causes = active_sources(whole, known)
     identity = {"format": 1, "scene": whole.to_dict(), "calibration": known.model_dump()}
-    other = "holds the budget of another scene, method or calibration; choose another"
+    other = "contains the budget of another scene, method or calibration; choose another"
     with (
         offered_methods(own),
         _FOLDER.open(output, identity, other=other, scheduler=scheduler) as place,
@@ -220,7 +216,7 @@ _MAX_SEEDS = 1000
 
 
 class _Work:
-    """The work on one budget."""
+    """Computation of one budget."""
 
     def __init__(
         self,
@@ -239,7 +235,7 @@ class _Work:
         self._kept: dict[SimulationRun, ErrorMaps] = {}
 
     def done(self, confirm: float) -> BudgetTable:
-        """Simulate, predict and gather."""
+        """Simulate, predict and combine the contributions."""
         base = [(), *([self.contrast] if self.contrast else []), *([self.everything] if self.everything else [])]
         self._simulate(list(dict.fromkeys(base)))
         if self._read((), self.seeds[0]) is None:
@@ -255,13 +251,13 @@ class _Work:
         return replace(gathered, sets=sets, drawn=drawn, everything=self.everything, explained=shares)
 
     def _beside(self, kind: str) -> tuple[str, ...]:
-        """Return what is on where a cause is looked at: in the sensor, what changes the looks of images stays on."""
+        """Return the sources switched on for a source: for sensor sources, those that change the contrast stay on."""
         beside = self.contrast if isinstance(all_sources()[kind], SensorSource) else ()
         return tuple(sorted({kind, *beside}))
 
     def _simulate(self, sets: Sequence[tuple[str, ...]]) -> None:
         runs = tuple(SimulationRun(kinds, seed, draw) for draw, seed in enumerate(self.seeds) for kinds in sets)
-        # Those of the same view follow each other; that of the first seed without errors is needed next.
+        # Runs with the same rendered images are consecutive; the ideal images of the first seed are needed next.
         runs = tuple(sorted(runs, key=lambda run: (run.draw, select_optical_sources(run.kinds)), reverse=True))
         job = replace(self.job, runs=runs)
         missing = [number for number, run in enumerate(runs) if not job.path(run).exists()]
@@ -285,12 +281,12 @@ class _Work:
 
     @cached_property
     def _seen(self) -> tuple[ObservationModel, Propagation | None, dict[str, Mask]]:
-        """What is seen of the scene, the model of the method, and the regions."""
+        """The observation model of the scene, the propagation model of the method, and the regions."""
         run = SimulationRun(self.contrast, self.seeds[0], 0)
         maps = self._read(run.kinds, run.seed)
         if maps is None:
             told = [Problem("scene", line) for line in self.failures]
-            raise EstimateError(told, source="images of the scene with its lens and light")
+            raise EstimateError(told, source="images of the scene with its lens and lighting")
         with suppress_warnings():
             recording, truth = simulate_run(self.job, run)
             sight = build_observation_model(self.scene, recording, truth, maps.known)
@@ -308,7 +304,7 @@ class _Work:
 
     def _predict(self, cause: UncertaintySource) -> Figures:
         sight, propagation, regions = self._seen
-        assert propagation is not None  # without a model, nobody asks
+        assert propagation is not None  # called for modelled methods only
         with suppress_warnings():
             return predict_contributions(cause, sight, propagation, self.known, regions)
 
@@ -316,7 +312,7 @@ class _Work:
         sight, propagation, regions = self._seen
         left = self._read((), self.seeds[0])
         assert propagation is not None
-        assert left is not None  # else there would be no budget
+        assert left is not None  # checked before
         with suppress_warnings():
             return compute_explained_fraction(sight, propagation, left, regions)
 
@@ -335,7 +331,7 @@ class _Work:
             return predict_for_seeds(cause, sight, propagation, self.known, regions, self.seeds)
 
     def _remembered(self, name: str, make: Callable[[], Figures]) -> Figures:
-        """Return figures that are kept in a file, whole or not at all."""
+        """Return figures from a cache file, or compute and write them."""
         path = self.job.path(SimulationRun(self.everything, self.seeds[0], 0)).with_suffix("")
         path = path.parent / "predicted" / path.name / f"{name}.json"
         try:
@@ -353,13 +349,13 @@ class _Work:
             self._options["progress"](what, done, total)
 
     def _worth(self, gathered: BudgetTable, confirm: float) -> list[str]:
-        """Return the causes that are worth a simulation."""
+        """Return the sources to simulate."""
         wanted = {one.kind for one in self.causes if one.coarse and confirm > 0}
         for quantity, region in gathered.places:
             squares = {one.kind: gathered.predicted_square(one.kind, quantity, region) for one in self.causes}
             wanted |= {kind for kind, square in squares.items() if not math.isfinite(square)}
             known = {kind: square for kind, square in squares.items() if math.isfinite(square)}
-            # What ideal images leave is simulated already.
+            # Errors with ideal images are already simulated.
             sure = gathered.ideal_square(quantity, region)
             total = sure + sum(known.values())
             for kind, square in sorted(known.items(), key=lambda pair: -pair[1]):

@@ -1,4 +1,4 @@
-"""The report of an uncertainty budget: waterfall charts, and a page that needs no network."""
+"""Report of an uncertainty budget: waterfall charts, and a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -20,24 +20,17 @@ __all__ = ["SHOWN_QUANTITIES", "WaterfallBar", "compute_bars", "make_waterfalls"
 
 
 SHOWN_QUANTITIES = ("depth", "velocity_x", "velocity_z", GROWTH)
-"""The quantities that are drawn."""
+"""Quantities with a chart."""
 COLOURS = {"images": "#0072B2", "stage": "#D55E00", "calibration": "#009E73", "surface": "#CC79A7"}
-"""Colours of groups of causes that people with colour blindness tell apart (M. Okabe and K. Ito, 2008)."""
+"""Colour-blind-safe colours by group of sources (M. Okabe and K. Ito, 2008)."""
 _TITLES = {"images": "images", "stage": "stage and shutter", "calibration": "calibration", "surface": "surface, method"}
-# Of the sum of squares: what is less is drawn together.
+# Smaller fractions of the sum of squares are combined in one bar.
 _LEAST = 1e-3
 
 
 @dataclass(frozen=True)
 class WaterfallBar:
-    """A bar of the waterfall.
-
-    ``title``: What it stands for.
-    ``group``: The causes that it belongs to; empty for several.
-    ``start``, ``end``: Root of the sum of squares before it and with it.
-    ``value``: The part alone.
-    ``simulated``: Whether it was simulated.
-    """
+    """A waterfall bar from the root sum of squares before to that with a contribution; no group for several sources."""
 
     title: str
     group: str
@@ -48,10 +41,7 @@ class WaterfallBar:
 
 
 def compute_bars(found: Budget, quantity: str, region: str = "interior") -> list[WaterfallBar]:
-    """Return the bars of a waterfall, the largest part first; what is hardly seen is one bar.
-
-    Parts add up by their squares: every bar reaches from the root of the sum before it to that with it.
-    """
+    """Return the bars of a waterfall in descending order; small contributions are combined in one bar."""
     from scenetruth.design.uncertainty.source import all_sources
 
     parts = [one for one in found.contributions(quantity, region) if math.isfinite(one.value) and one.value > 0]
@@ -69,7 +59,7 @@ def compute_bars(found: Budget, quantity: str, region: str = "interior") -> list
         before = after
     if small > 0:
         count = len(parts) - len(steps)
-        title = f"{count} smaller part{'s' if count > 1 else ''}"
+        title = f"{count} smaller contribution{'s' if count > 1 else ''}"
         steps.append(WaterfallBar(title, "", math.sqrt(before), math.sqrt(before + small), math.sqrt(small), False))
     return steps
 
@@ -88,7 +78,7 @@ def _heading(quantity: str) -> str:
 
 
 def write_waterfall(found: Budget, path: Path, region: str = "interior") -> None:
-    """Draw the waterfalls of depth, motion and growth into a PNG."""
+    """Draw the waterfall charts of depth, motion and growth to a PNG file."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
@@ -116,7 +106,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
         [*bars, (0.0, total.root_sum_square, "#444444", True, total.root_sum_square)]
     ):
         axis.barh(place, end - start, left=start, color=colour, alpha=1.0 if sure else 0.45, height=0.7)
-        # In front of the line, and of what is behind it.
+        # On top of lines and bars.
         axis.annotate(
             number(figure),
             (end, place),
@@ -130,7 +120,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
     if math.isfinite(total.simulated):
         axis.axvline(total.simulated, color="black", linestyle="--", linewidth=1)
         axis.annotate(
-            f"everything on, simulated: {number(total.simulated)}",
+            f"all sources, simulated: {number(total.simulated)}",
             (total.simulated, 1.0),
             (0, 3),
             xycoords=("data", "axes fraction"),
@@ -138,7 +128,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
             ha="right",
             fontsize=9,
         )
-    axis.set_yticks(range(last + 1), [*(step.title for step in steps), "root of the sum of squares"], fontsize=9)
+    axis.set_yticks(range(last + 1), [*(step.title for step in steps), "root sum of squares"], fontsize=9)
     axis.invert_yaxis()
     axis.set_xlim(0, 1.16 * max(total.root_sum_square, total.simulated if math.isfinite(total.simulated) else 0))
     axis.xaxis.set_major_locator(MaxNLocator(6))
@@ -155,7 +145,7 @@ def make_waterfalls(found: Budget, region: str = "interior") -> list[Chart]:
 def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
     total, steps = found.combined(quantity, region), compute_bars(found, quantity, region)
     unit = unit_text(total.unit)
-    titles = [*(step.title for step in steps), "root of the sum of squares"]
+    titles = [*(step.title for step in steps), "root sum of squares"]
     figures = [*(step.value for step in steps), total.root_sum_square]
     bar: dict[str, Any] = {
         "type": "bar",
@@ -180,7 +170,7 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
     layout: dict[str, Any] = {
         "title": {"text": f"{_heading(quantity)}, {unit}"},
         "yaxis": {"autorange": "reversed", "automargin": True},
-        # Room for numbers behind the bars, also on a phone.
+        # Space for numbers next to the bars, also on small screens.
         "xaxis": {
             "range": [0, 1.5 * max([total.root_sum_square, *_finite(total.simulated)])],
             "exponentformat": "none",
@@ -208,12 +198,12 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
                 "yref": "paper",
                 "yanchor": "bottom",
                 "xanchor": "right",
-                "text": f"everything on, simulated: {number(total.simulated)}",
+                "text": f"all sources, simulated: {number(total.simulated)}",
                 "showarrow": False,
             }
         ]
     told = "; ".join(f"{step.title} {number(step.value)}" for step in steps)
-    alt = f"{_heading(quantity)}, {unit}: {told}; together {number(total.root_sum_square)}."
+    alt = f"{_heading(quantity)}, {unit}: {told}; combined {number(total.root_sum_square)}."
     return Chart(f"waterfall-{quantity}", alt, [bar], layout)
 
 
@@ -221,28 +211,29 @@ PAGE_NAME = "index.html"
 
 _TEMPLATE = """{% extends "page_with_charts.html.j2" %}
 {% from "parts.html.j2" import plots, sortable %}
-{% block title %}Error budget: {{ found.scene or found.method }}{% endblock %}
+{% block title %}Uncertainty budget: {{ found.scene or found.method }}{% endblock %}
 {% block style %}
 tfoot td { color: var(--soft); }
 .charts { grid-template-columns: 1fr; }
 .chart { min-height: 0; }
 {% endblock %}
 {% block header %}
-<h1>Error budget</h1>
+<h1>Uncertainty budget</h1>
 {% endblock %}
 {% block main %}
 <p>{{ found.scene }}{{ "." if found.scene }}
-Method: {{ found.method }}; {{ found.draws }} draw{{ "s" if found.draws > 1 }}; rms over {{ place }}.</p>
+Method: {{ found.method }}; {{ found.draws }} seed{{ "s" if found.draws > 1 }}; RMS over {{ place }}.</p>
 <ul>
 {% for line in words %}
 <li>{{ line }}</li>
 {% endfor %}
 </ul>
 {{ plots(waterfalls) }}
-<p>A part is what the estimate changes by, pixel by pixel, when its cause alone is switched on. Parts add up by their
-squares; every bar reaches from the root of the sum before it to that with it. What ideal images leave counts once, as
-slanted surfaces, curved surfaces and the rest. Pale bars are predicted, full ones simulated.</p>
-<h2>All parts</h2>
+<p>A contribution is the change of the estimate, pixel by pixel, when one source alone is switched on. Contributions are
+combined in quadrature; every bar extends from the root sum of squares before it to that with it. Errors with ideal
+images are counted once, as slanted surfaces, curved surfaces and method bias. Pale bars are predicted, full bars
+simulated.</p>
+<h2>All contributions</h2>
 {% for table in tables %}
 {{ sortable(table) }}
 {% endfor %}
@@ -252,12 +243,12 @@ slanted surfaces, curved surfaces and the rest. Pale bars are predicted, full on
 {% endblock %}
 """
 
-_COLUMNS = ("cause", "size", "part", "predicted", "predicted, drawn", "simulated", "pixels told")
-_REGION_TITLES = {"interior": "the interior", "all": "all that is seen"}
+_COLUMNS = ("source", "magnitude", "contribution", "predicted", "predicted for seeds", "simulated", "valid pixels")
+_REGION_TITLES = {"interior": "the interior", "all": "the visible surface"}
 
 
 def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
-    """Write the page of a budget."""
+    """Write the HTML page of a budget."""
     environment = template_environment("scenetruth")
     tables = []
     for quantity in SHOWN_QUANTITIES:
@@ -268,7 +259,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         lines = [
             [
                 HtmlCell(one.title),
-                # Of several units: nothing to sort numbers by.
+                # Magnitudes have different units and sort as text.
                 HtmlCell(one.size),
                 *(_cell(value) for value in (one.value, one.predicted, one.predicted_for_seeds, one.simulated)),
                 _share(one.valid_fraction),
@@ -278,9 +269,9 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         foot = [
             [HtmlCell(text) for text in cells]
             for cells in (
-                ("root of the sum of squares", "", number(total.root_sum_square), "", "", "", ""),
-                ("added up pixel by pixel", "", number(total.signed_sum), "", "", "", ""),
-                ("everything on", "", "", "", "", number(total.simulated), _share(total.valid_fraction).text),
+                ("root sum of squares", "", number(total.root_sum_square), "", "", "", ""),
+                ("signed sum per pixel", "", number(total.signed_sum), "", "", "", ""),
+                ("all sources", "", "", "", "", number(total.simulated), _share(total.valid_fraction).text),
             )
         ]
         caption = f"{quantity.replace('_', ' ')}, {unit_text(total.unit)}"

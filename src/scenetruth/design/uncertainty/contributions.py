@@ -40,23 +40,15 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Contribution:
-    """What one cause adds to the error of one quantity, rms over the pixels of a region.
+    """Contribution of one source to the error of one quantity, RMS over the pixels of a region.
 
-    ``cause``: Its kind.
-    ``title``: What it is, in words.
-    ``size``: How large the cause is in this scene, with its unit.
-    ``quantity``: A key of `scenetruth.scoring.QUANTITIES`.
-    ``region``: Where.
-    ``unit``: Of the figures.
-    ``predicted``: By propagation, of one standard deviation of the cause; NaN where no model tells.
-    ``predicted_for_seeds``: By propagation, for the very errors that were simulated; NaN where the cause is no draw, or
-      was not simulated.
-    ``simulated``: Root of the mean square of what the estimate changes by, pixel by pixel, when the cause is switched
-      on; NaN if it was not simulated, as surfaces, which cannot be switched off.
-    ``valid_fraction``: Share of the pixels known with ideal images that are known with the cause too; NaN if not
-      simulated.
-    ``value``: What counts: simulated if it was, else predicted; of surfaces, as much of what ideal images leave as
-      goes along with the prediction. NaN if nothing is known.
+    ``size``: Magnitude of the source in this scene, with its unit.
+    ``predicted``: By propagation of one standard deviation of the source; NaN without a model.
+    ``predicted_for_seeds``: By propagation of the simulated errors; NaN if the source is not random or not simulated.
+    ``simulated``: RMS change of the estimate, pixel by pixel, when the source is switched on; NaN if not simulated.
+    ``valid_fraction``: Fraction of the pixels valid with ideal images that remain valid; NaN if not simulated.
+    ``value``: Contribution to the budget: simulated if available, otherwise predicted; for surfaces, the part of the
+      error with ideal images that correlates with the prediction. NaN if neither is available.
     """
 
     cause: str
@@ -74,16 +66,13 @@ class Contribution:
 
 @dataclass(frozen=True)
 class CombinedUncertainty:
-    """The error of one quantity, rms over the pixels of a region.
+    """Combined error of one quantity, RMS over the pixels of a region.
 
-    ``quantity``, ``region``, ``unit``: What and where.
-    ``root_sum_square``: Root of the sum of the squares of all parts, as if they were independent.
-    ``signed_sum``: Root of the mean square of all that was simulated, added up pixel by pixel with its sign, and of the
-      squares of what was predicted only. Biases may cancel each other; NaN if nothing was simulated but ideal images.
-    ``simulated``: The error with everything on; NaN if nothing was told then.
-    ``ideal``: The error with ideal images.
-    ``signal``: Root of the mean square of the true value.
-    ``valid_fraction``: Share of the region's pixels that are known with everything on.
+    ``root_sum_square``: Root sum of squares of all contributions, assuming independence.
+    ``signed_sum``: RMS of the signed sum, pixel by pixel, of all simulated contributions, combined in quadrature with
+      contributions that were only predicted. Biases may cancel; NaN if only ideal images were simulated.
+    ``simulated``, ``ideal``: The error with all sources (NaN without a valid estimate), and with ideal images.
+    ``signal``, ``valid_fraction``: RMS of the true value, and fraction of the pixels that are valid with all sources.
     """
 
     quantity: str
@@ -98,20 +87,20 @@ class CombinedUncertainty:
 
     @property
     def value(self) -> float:
-        """What counts: simulated, or the sum of the parts if nothing was told."""
+        """Combined uncertainty: simulated, or the root sum of squares without a valid estimate."""
         return self.simulated if math.isfinite(self.simulated) else self.root_sum_square
 
 
 def sort_contributions(parts: Iterable[Contribution], quantity: str, region: str) -> list[Contribution]:
-    """Return the parts of one quantity in one region, the largest first; unknown ones last."""
+    """Return the contributions to a quantity in a region in descending order; NaN last."""
     found = [one for one in parts if (one.quantity, one.region) == (quantity, region)]
     return sorted(found, key=lambda one: -one.value if math.isfinite(one.value) else math.inf)
 
 
 Figures = dict[tuple[str, str], float]
-"""Roots of mean squares by quantity and region."""
+"""RMS values by quantity and region."""
 
-# Windows of growth take time: of more errors than this, sums with random signs stand for all.
+# Windowed growth is slow: a larger number of errors is replaced by this number of sums with random signs.
 _MOST_GROWTHS = 4
 
 
@@ -122,7 +111,7 @@ def predict_contributions(
     calibration: Calibration,
     regions: Mapping[str, Mask],
 ) -> Figures:
-    """Return what one standard deviation of a cause makes of every quantity."""
+    """Return the contributions of one standard deviation of a source to every quantity."""
     found = list(cause.responses(sight, propagation, calibration))
     if not found:
         return {}
@@ -146,7 +135,7 @@ def predict_for_seeds(
     regions: Mapping[str, Mask],
     seeds: Iterable[int],
 ) -> Figures:
-    """Return what the very errors that are simulated make of every quantity; nothing if only their size is known."""
+    """Return the contributions of the simulated errors of a source; empty if only their magnitude is available."""
     total: dict[str, Map] = {}
     count = 0
     for draw, seed in enumerate(seeds):
@@ -171,9 +160,9 @@ def predict_for_seeds(
 def compute_explained_fraction(
     sight: ObservationModel, propagation: Propagation, left: ErrorMaps, regions: Mapping[str, Mask]
 ) -> Figures:
-    """Return which share of what ideal images leave goes along with what the surface is said to cause.
+    """Return the fraction of the error with ideal images that is explained by the predictions for the surface.
 
-    Maps are subtracted one after the other, each with the factor that leaves least, at most two.
+    Predicted maps are subtracted in turn, each with its least-squares factor, limited to 2.
     """
     found: Figures = {}
     maps = {kind: dict(errors) for kind, errors in propagation.own().items()}
@@ -198,12 +187,12 @@ def compute_explained_fraction(
     return found
 
 
-# Where a prediction is too small by more, what goes along with it does so by chance.
+# With a larger factor, the correlation with the prediction is accidental.
 _MOST_TIMES = 2.0
 
 
 def _growth(found: list[Errors], sight: ObservationModel) -> Map:
-    """Return the mean square error of growth per frame."""
+    """Return the mean square error of growth, per frame."""
     if len(found) <= _MOST_GROWTHS:
         return np.asarray(sum(compute_growth_error(sight, _select_motion(one)) ** 2 for one in found))
     generator = generator_for(0, "budget", "signs")
@@ -237,16 +226,12 @@ Reader = Callable[[tuple[str, ...], int], ErrorMaps | None]
 
 @dataclass(frozen=True, eq=False)
 class BudgetTable:
-    """What is known of a budget.
+    """Results and predictions for a budget.
 
-    ``read``: Gives the errors of a run by its causes and seed; None if it failed.
-    ``seeds``: The seeds.
-    ``scene``, ``calibration``: With all causes.
-    ``predicted``, ``drawn``: Predictions by cause: for one standard deviation, and for the errors that were drawn.
-    ``places``: Quantities and regions.
-    ``sets``: Which causes are on where one is looked at, by this one.
-    ``everything``: The causes that are on where all are.
-    ``explained``: Shares of what ideal images leave that surfaces explain.
+    ``read``: Returns the errors of a run by its sources and seed; None if it failed.
+    ``predicted``, ``drawn``: Predictions by source: for one standard deviation, and for the simulated errors.
+    ``sets``: The sources switched on to simulate a source.
+    ``explained``: Fractions of the error with ideal images that surfaces explain.
     """
 
     read: Reader
@@ -261,11 +246,11 @@ class BudgetTable:
     explained: Figures = field(default_factory=dict)
 
     def predicted_square(self, kind: str, quantity: str, region: str) -> float:
-        """Return the square of a prediction; NaN if there is none."""
+        """Return the square of a prediction; NaN without a prediction."""
         return self.predicted.get(kind, {}).get((quantity, region), math.nan) ** 2
 
     def ideal_square(self, quantity: str, region: str) -> float:
-        """Return the mean square of what ideal images leave."""
+        """Return the mean square error with ideal images."""
         return _mean_square(self._errors((), quantity, region))
 
     def _errors(self, kinds: tuple[str, ...], quantity: str, region: str) -> Iterator[np.ndarray]:
@@ -278,9 +263,9 @@ class BudgetTable:
 def aggregate_runs(
     read: Reader, seeds: Sequence[int], scene: Scene, calibration: Calibration, predicted: Mapping[str, Figures]
 ) -> BudgetTable:
-    """Return what is known before causes are simulated."""
+    """Return the budget before sources are simulated."""
     ideal = read((), seeds[0])
-    assert ideal is not None  # whoever calls has seen that it did not fail
+    assert ideal is not None  # checked by the caller
     places = []
     for quantity in BUDGET_QUANTITIES:
         for region, mask in ideal.regions.items():
@@ -290,7 +275,7 @@ def aggregate_runs(
 
 
 def compute_contributions(found: BudgetTable) -> tuple[list[Contribution], list[CombinedUncertainty]]:
-    """Return the parts of all causes, and their sums."""
+    """Return the contributions of all sources, and the combined uncertainties."""
     parts: list[Contribution] = []
     totals: list[CombinedUncertainty] = []
     for quantity, region in found.places:
@@ -326,8 +311,8 @@ def _source_contributions(found: BudgetTable, quantity: str, region: str) -> Ite
 
 
 def _surface_contributions(found: BudgetTable, quantity: str, region: str) -> Iterator[Contribution]:
-    """Give slopes and curvature as far as they explain what ideal images leave, edges, and the rest."""
-    # Near edges, propagation knows nothing.
+    """Yield slopes and curvature as far as they explain the error with ideal images, edges, and the method bias."""
+    # Propagation is not valid near edges.
     inside = "interior" if region == "all" and (quantity, "interior") in found.places else region
     left = found.ideal_square(quantity, inside)
     squares = {"edges": max(found.ideal_square(quantity, region) - left, 0.0)} if inside != region else {}
@@ -347,7 +332,7 @@ def _surface_contributions(found: BudgetTable, quantity: str, region: str) -> It
 def _difference(
     found: BudgetTable, kinds: tuple[str, ...], without: tuple[str, ...], quantity: str, region: str
 ) -> tuple[float, float]:
-    """Return the root of the mean square of what a cause changes, and the share of pixels that are left."""
+    """Return the RMS change by a source, and the fraction of pixels that remain valid."""
     squares, count, before = 0.0, 0, 0
     for seed in found.seeds:
         with_it, base = found.read(kinds, seed), found.read(without, seed)
@@ -369,7 +354,7 @@ def _not_simulated(found: BudgetTable) -> list[str]:
 
 
 def _signed_sum(found: BudgetTable, ideal: ErrorMaps, quantity: str, seed: int) -> np.ndarray:
-    """Return the error with ideal images and all that causes change it by, pixel by pixel."""
+    """Return the error with ideal images plus the changes by all sources, pixel by pixel."""
     total = ideal.errors[quantity].copy()
     for kind, kinds in found.sets.items():
         with_it, without = found.read(kinds, seed), found.read(tuple(one for one in kinds if one != kind), seed)
@@ -392,7 +377,7 @@ def _combine(found: BudgetTable, quantity: str, region: str, parts: float, unsur
         truths.append(ideal.truths[quantity][mask])
         added.append(_signed_sum(found, ideal, quantity, seed)[mask])
         if maps is not None and quantity in maps.errors:
-            # The same pixels as those of the parts.
+            # The pixels of the contributions.
             errors = maps.errors[quantity][mask & np.isfinite(ideal.errors[quantity])]
             simulated.append(errors)
             known += int(np.isfinite(errors).sum())

@@ -1,8 +1,4 @@
-"""The observation model of a scene.
-
-Noise-free images and the exact surface, from which errors are propagated, and errors of the growth rate that follow
-from those of depth and velocity.
-"""
+"""Observation model of a scene for error propagation: noise-free images, exact surface, and errors of growth."""
 
 from __future__ import annotations
 
@@ -44,11 +40,7 @@ Mask = NDArray[np.bool_]
 
 
 class ImageDisturbance(NamedTuple):
-    """What a disturbance does to one image, at the points that the reference's pixels show.
-
-    ``x``, ``y``: By how much the image shows them elsewhere, in px.
-    ``grey``: By how much it shows them brighter, as a share of full scale.
-    """
+    """Displacement in px of the reference points in an image, and change of grey values relative to full scale."""
 
     x: Map | float = 0.0
     y: Map | float = 0.0
@@ -56,21 +48,18 @@ class ImageDisturbance(NamedTuple):
 
 
 Disturbance = Callable[[int, int], ImageDisturbance | None]
-"""What is wrong with the image of the camera s at the frame t; None for nothing."""
+"""Disturbance of the image of camera s at frame t; None for no effect."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationModel:
-    """A scene without the errors that are looked for, seen by the reference camera at the reference frame.
+    """A scene without the errors under investigation, at the reference camera and frame.
 
     ``scene``: The scene with all its errors.
-    ``recording``: Images without them, as shares of full scale or digital numbers, and ``radiance``, what the sensor
-      was given.
-    ``truth``: The truth at t = 0, of one camera.
-    ``points``: The surface and its motion.
-    ``texture``: The reference's image, as a share of full scale.
-    ``intrinsics``: Of the camera.
-    ``known``: Where the method tells depth and motion of these images.
+    ``recording``: Images without errors, and ``radiance``, the input of the sensor.
+    ``truth``: Ground truth at t = 0, of one camera.
+    ``texture``: The reference image, relative to full scale.
+    ``known``: Mask of the valid depth and motion estimates for these images.
     """
 
     scene: Scene
@@ -83,12 +72,12 @@ class ObservationModel:
 
     @property
     def s(self) -> list[int]:
-        """The cameras, 0 the reference."""
+        """Camera indices; 0 is the reference."""
         return [int(one) for one in self.recording["s"].values]
 
     @property
     def t(self) -> list[int]:
-        """The frames, 0 the reference."""
+        """Frame indices; 0 is the reference."""
         return [int(one) for one in self.recording["t"].values]
 
     @property
@@ -111,14 +100,11 @@ class ObservationModel:
         return float(self.recording["stage_x_mm"].sel(s=s)) / self.intrinsics.baseline_mm
 
     def place(self, s: int, t: float) -> ImagePosition:
-        """Return where the camera s shows the points at a time in frames, from the principal point in px."""
+        """Return the image positions of the points for camera s at time t in frames."""
         return self.points.place(self.steps(s), 0.0, t)
 
     def fetched(self, image: Map, s: int, t: int) -> Map:
-        """Return what a map over the pixels of an image has at the points, from the nearest pixel.
-
-        ``image``: Values at the pixels of the image of camera s at frame t, shape (y, x).
-        """
+        """Return the values of an image (y, x) of camera s at frame t at the points, by nearest neighbour."""
         place = self.place(s, t)
         height, width = image.shape
         column = np.rint(place.x - self.points.x[0, 0])
@@ -129,10 +115,7 @@ class ObservationModel:
 
 
 def build_observation_model(scene: Scene, recording: xr.Dataset, truth: xr.Dataset, known: Mask) -> ObservationModel:
-    """Return what is seen of a scene.
-
-    ``known``: Where the method tells depth and motion, shape (y, x).
-    """
+    """Return the observation model, given the mask (y, x) of valid depth and motion estimates."""
     now = truth.drop_vars([name for name in ("visible", "view_count") if name in truth]).sel(t=0)
     intrinsics = read_intrinsics(recording)
     texture = recording["image"].sel(s=0, t=0).values.astype(np.float64) / float(recording.attrs["full_scale"])
@@ -148,10 +131,10 @@ def build_observation_model(scene: Scene, recording: xr.Dataset, truth: xr.Datas
 
 
 def shift_in_time(sight: ObservationModel, s: int, t: float, later: Map | float) -> ImageDisturbance:
-    """Return what it does to an image that its points are shown at a later time than planned."""
+    """Return the effect on an image of showing its points at a later time than planned."""
     planned = sight.place(s, t)
     time = np.asarray(t + np.asarray(later, dtype=np.float64))
-    # A time of its own for every point.
+    # Each point has its own time.
     real = sight.points.place(np.asarray(sight.steps(s)), np.asarray(0.0), time)
     return ImageDisturbance(real.x - planned.x, real.y - planned.y)
 
@@ -159,12 +142,12 @@ def shift_in_time(sight: ObservationModel, s: int, t: float, later: Map | float)
 def displace_camera(
     sight: ObservationModel, s: int, t: float, off_mm: NDArray[np.float64], turn_rad: NDArray[np.float64]
 ) -> ImageDisturbance:
-    """Return what a camera's error of position and angle does to its image, to the first order."""
+    """Return the first-order effect on an image of an error in camera position and orientation."""
     focal = sight.intrinsics.focal_length_px
     place = sight.place(s, t)
     depth = focal * sight.intrinsics.baseline_mm / (sight.points.d * place.scale)
     x, y = place.x / focal, place.y / focal
-    # The point P is at P - C - ω x P for the camera.
+    # In camera coordinates, the point P is at P - C - ω x P.
     along = -off_mm[0] / depth - (turn_rad[1] - turn_rad[2] * y)
     down = -off_mm[1] / depth - (turn_rad[2] * x - turn_rad[0])
     ahead = -off_mm[2] / depth - (turn_rad[0] * y - turn_rad[1] * x)
@@ -172,7 +155,7 @@ def displace_camera(
 
 
 def disturb_poses(schedule: Schedule, sight: ObservationModel) -> Disturbance:
-    """Return what all errors of a stage do to the images: those of position and angle, and of time."""
+    """Return the effect of all errors of a stage on the images: position, orientation and time."""
 
     def change(s: int, t: int) -> ImageDisturbance:
         real, planned = schedule.moment(s, t), schedule.nominal(s, t)
@@ -187,7 +170,7 @@ def disturb_poses(schedule: Schedule, sight: ObservationModel) -> Disturbance:
 def compute_growth_error(
     sight: ObservationModel, errors: Mapping[str, Map], intrinsics: Intrinsics | None = None
 ) -> Map:
-    """Return the error of the growth rate in the windows of scores, per frame."""
+    """Return the error of the growth rate in the windows used for scoring, per frame."""
     right = _maps(sight, {}, sight.intrinsics)
     wrong = _maps(sight, errors, intrinsics or sight.intrinsics)
     return np.asarray((compute_growth_rate(wrong) - compute_growth_rate(right)).values[0])
@@ -202,7 +185,7 @@ def _maps(sight: ObservationModel, errors: Mapping[str, Map], intrinsics: Intrin
     found = truth[["depth", "velocity"]].transpose("component", "t", "y", "x").copy()
     found["depth"] = (("t", "y", "x"), depth[None])
     found["velocity"] = (("component", "t", "y", "x"), velocity[:, None])
-    # Windows keep to objects, as those of scores do.
+    # Windows do not cross object boundaries, as in scoring.
     found["object_id"] = (("t", "y", "x"), sight.truth["object_id"].values[None])
     found.attrs = {**truth.attrs, **intrinsics.to_attrs()}
     return found

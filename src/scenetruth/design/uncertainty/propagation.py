@@ -1,4 +1,4 @@
-"""Propagation of image disturbances to errors of an estimate, linear, for each method that has a model."""
+"""Linear propagation of image disturbances to errors of an estimate, for each modelled method."""
 
 from __future__ import annotations
 
@@ -37,27 +37,27 @@ __all__ = ["MODELLED", "Errors", "Propagation", "RefinedPropagation", "TensorPro
 
 Map = NDArray[np.float64]
 Errors = Mapping[str, Map]
-"""Errors by quantity: ``disparity``, ``depth``, ``velocity_x``, ``velocity_y``, ``velocity_z`` and perhaps
-``growth_rate`` (per frame), each of shape (y, x); NaN where nothing is known."""
+"""Errors by quantity: ``disparity``, ``depth``, ``velocity_x``, ``velocity_y``, ``velocity_z`` and optionally
+``growth_rate`` (per frame), each of shape (y, x); NaN where invalid."""
 
 
 class Propagation(Protocol):
-    """A method of estimation, linear in what little is wrong with the images."""
+    """Linear model of an estimation method, for small image disturbances."""
 
     name: str
-    """The method."""
+    """Name of the method."""
 
     def respond(self, disturbance: Disturbance) -> Errors:
-        """Return the errors that a disturbance causes."""
+        """Return the errors caused by a disturbance."""
         ...
 
     def own(self) -> dict[str, Errors]:
-        """Return the errors that ideal images leave, by the part of the surface that causes them, as far as known."""
+        """Return the modelled errors with ideal images, by the property of the surface that causes them."""
         ...
 
 
 def sum_over_windows(image: Map, weights_x: Map, weights_y: Map) -> Map:
-    """Return the sums of a map over windows, with weights along x and along y."""
+    """Return the sums of a map over windows with separable weights along x and y."""
     from scipy.ndimage import correlate1d
 
     return np.asarray(
@@ -76,15 +76,11 @@ _NAMES = {
 
 
 class RefinedPropagation:
-    """The refined method around the truth: the model is that of `cramer_rao_bound`, with its plain motion.
+    """The refined method, linearised at the ground truth, with the model of `cramer_rao_bound`.
 
-    With a_i, what the fields of a pixel change in image i, and p_i = ∇T · δ_i - e_i, what is wrong there, the
-    parameters of a window are off by H⁻¹ Σ w Φᵀ Σ_i (a_i - ā) p_i. Where images have gains of their own, what a gain
-    and an offset explain of e in a window does nothing.
-
-    ``sight``: The scene; at least two cameras.
-    ``settings``: Of the method.
-    ``step_px``: Errors are computed in every n-th row and column.
+    With the derivatives a_i of image i by the fields of a pixel, and the disturbance p_i = ∇T · δ_i - e_i, the error of
+    the parameters of a window is H⁻¹ Σ w Φᵀ Σ_i (a_i - ā) p_i. With a gain per image, the part of e that a gain and an
+    offset explain in a window has no effect. Errors are computed in every ``step_px``-th row and column.
     """
 
     name = "refined"
@@ -135,7 +131,7 @@ class RefinedPropagation:
         self._parts = list(self._solvers(products))
 
     def _solvers(self, products: Map) -> list[tuple[tuple[NDArray[np.int64], NDArray[np.int64]], Map, Columns]]:
-        """Return, piece by piece, pixels, the inverse of their normal equations, and what is unknown there."""
+        """Return pixels, the inverse of their normal equations, and their unknowns, by surface segment."""
         found = []
         for part in compute_window_sums(products, self._pieces, self._weights, self._model, self._every_px):
             at = part.rows, part.columns
@@ -153,7 +149,7 @@ class RefinedPropagation:
         return found
 
     def respond(self, disturbance: Disturbance) -> Errors:
-        """Return the errors that a disturbance causes; see `Propagation`."""
+        """Return the errors caused by a disturbance; see `Propagation`."""
         sight = self._sight
         right = np.zeros_like(self._mean)
         total = np.zeros_like(sight.texture)
@@ -191,7 +187,7 @@ class RefinedPropagation:
         return found
 
     def own(self) -> dict[str, Errors]:
-        """Return what is known of the errors with ideal images: planes in plain motion leave none."""
+        """Return the modelled errors with ideal images: zero for planes with a modelled motion."""
         nothing = {name: np.zeros_like(self._sight.texture) for name in self._told()}
         return {"slope": nothing} if self._model.surface == "plane" else {}
 
@@ -200,7 +196,7 @@ class RefinedPropagation:
         return ["disparity", "depth", *moving]
 
     def _moments(self, right: Map, at: tuple[NDArray[np.int64], NDArray[np.int64]]) -> Mapping[int, Map]:
-        """Return the sums over windows around pixels of one piece, by the parameter that they belong to."""
+        """Return the sums over windows around pixels of one segment, by parameter."""
         number = self._pieces[at[0][0], at[1][0]]
         reach = self._weights.shape[1] // 2
         box = tuple(slice(max(int(k.min()) - reach, 0), int(k.max()) + reach + 1) for k in at)
@@ -214,7 +210,7 @@ class RefinedPropagation:
         return found
 
     def _unexplained(self, grey: Map) -> Map:
-        """Return what a gain and an offset of a window's image leave of a change of its grey values."""
+        """Return the part of a change of grey values that a gain and an offset per window do not explain."""
         if not self._gains:
             return grey
         one = self._weights[0] / self._weights[0].sum()
@@ -227,17 +223,17 @@ class RefinedPropagation:
 
 
 _LEAST_EIGENVALUE = 1e-7
-"""Of a matrix with ones on its diagonal: below, the images do not tell all that is unknown."""
+"""Least eigenvalue of a matrix with unit diagonal: below, the images do not determine all unknowns."""
 
 
 Single = NDArray[np.float32]
 
 _OFFSETS = (0, -1, 1, -2, 2)
-"""What registrations differ in from the nearest whole disparity."""
+"""Tried registrations, relative to the nearest integer disparity."""
 
 
 class _Moments(NamedTuple):
-    """A window's weights along one axis, times the powers 0 to 2 of the distance."""
+    """Weights of a window along one axis, times the powers 0 to 2 of the distance."""
 
     one: Map
     first: Map
@@ -252,11 +248,11 @@ class _Moments(NamedTuple):
 class _Registered:
     """Images at one registration, smoothed along s.
 
-    ``gradients``: Of the texture as each camera shows it, along x and y, shape (s, 2, y, x).
+    ``gradients``: Texture gradients of each camera along x and y, shape (s, 2, y, x).
     ``along``, ``down``: Their means with the weights of S.
-    ``beside``: What the divergence term has besides its coordinates in the window: - w Σ S_s s ∂I_s/∂x at the whole
-      disparity w. With some disparity left, motion in depth shows in its change too.
-    ``inverse``: Of the normal matrix of shift along x and y, and divergence, shape (3, 3, y, x).
+    ``beside``: Additional coefficient of the divergence: - w Σ S_s s ∂I_s/∂x at the integer disparity w, since with a
+      residual disparity, motion in depth also appears in its change.
+    ``inverse``: Inverse normal matrix of shift along x and y, and divergence, shape (3, 3, y, x).
     """
 
     gradients: Single
@@ -267,17 +263,13 @@ class _Registered:
 
 
 class TensorPropagation:
-    """The structure tensor around its estimate of ideal images.
+    """The structure tensor, linearised at its estimate of ideal images.
 
-    Along s, its derivative filter D and smoothing filter S turn shifts δ of the images into a shift Σ D_s δ_s per step;
-    along t the same, averaged over the window B_t. In the window over x and y, least squares of what a shift and a
-    change of grey values e make of the texture, p = ∇T · δ - S e, give the errors of (v_x, v_y, v_z) over s and of flow
-    and divergence over t. The divergence is that of the one of five whole disparities where its variance is least; what
-    the nearest one leaves of the disparity itself, at most half a pixel, is left out for disparity and flow. That the
-    tensor's are total least squares matters at second order only.
-
-    ``sight``: The scene.
-    ``settings``: Of the method.
+    Along s, its derivative filter D and smoothing filter S convert image shifts δ to a shift Σ D_s δ_s per step; along
+    t the same, averaged over the window B_t. In the window over x and y, a least-squares fit to p = ∇T · δ - S e gives
+    the errors of (v_x, v_y, v_z) over s, and of flow and divergence over t. The divergence is taken from the one of
+    five integer disparities with its lowest variance; for disparity and flow, the residual disparity of at most half a
+    pixel is neglected. The difference between total least squares and least squares is of second order.
     """
 
     name = "structure_tensor"
@@ -297,16 +289,16 @@ class TensorPropagation:
         at = np.arange(len(window), dtype=np.float64) - len(window) // 2
         self._window = _Moments(window, window * at, window * at**2)
         offsets = _OFFSETS if all(self._sees) else _OFFSETS[:1]
-        # The first is exact; then those at whole disparities.
+        # The first is exact; the others are at integer disparities.
         self._registered = [self._at(None), *map(self._at, offsets)]
         self._offsets = (0, *offsets)
         variances = np.stack([one.inverse[2, 2] for one in self._registered[1:]])
         self._chosen = 1 + np.argmin(np.nan_to_num(variances, nan=1e300), axis=0)
-        # Registrations that nothing is taken from are not asked.
+        # Unused registrations are not evaluated.
         self._used = [k for k in range(len(self._registered)) if k == 0 or (self._chosen == k).any()]
 
     def respond(self, disturbance: Disturbance) -> Errors:
-        """Return the errors that a disturbance causes; see `Propagation`."""
+        """Return the errors caused by a disturbance; see `Propagation`."""
         shape = self._sight.texture.shape
         seen = np.zeros((len(self._registered), 2, *shape))
         greys = np.zeros_like(seen)
@@ -321,7 +313,7 @@ class TensorPropagation:
                         g_x, g_y = self._registered[k].gradients[m]
                         seen[k, axis] += weight * (g_x * x + g_y * y)
                     if not _is_zero(grey):
-                        # Grey values are read so far beside the points that they belong to.
+                        # Grey values are read at this distance from their points.
                         beside = round(self._offsets[k] * self._positions[m])
                         greys[k, axis] += weight * np.roll(np.asarray(grey), beside, axis=-1)
         for k in self._used:
@@ -332,26 +324,26 @@ class TensorPropagation:
             self._fitted(one, seen[k, 1]) if k in self._used else np.zeros((3, *shape))
             for k, one in enumerate(self._registered)
         ]
-        # Images move by - d for a step along s.
+        # Images move by -d for a step along s.
         return self._errors(
             -over_s[0], over_t[0][0], over_t[0][1], self._of_chosen([one[2] for one in over_t], self._chosen)
         )
 
     def own(self) -> dict[str, Errors]:
-        """Return what slopes of the surface, and what its curvature, leave where the images are ideal."""
+        """Return the errors with ideal images by slope and by curvature of the surface."""
         chosen = self._sure_of_ideal() if all(self._sees) else self._chosen
         both, tilted = self._left(chosen, tangent=False), self._left(chosen, tangent=True)
         return {"slope": tilted, "curvature": {name: both[name] - tilted[name] for name in both}}
 
     def _moving(self, one: _Registered) -> Map:
-        """Return what the true motion looks like at a registration."""
+        """Return the apparent motion at a registration."""
         u, v = np.nan_to_num(self._sight.flow)
         points = self._sight.points
-        # A camera to the right sees a point nearer to its own axis, from which all expands.
+        # With a camera to the right, a point appears closer to the camera's axis, the centre of expansion.
         return np.asarray(one.along * u + one.down * v - points.d * points.q[2] / points.focal * self._lever(one))
 
     def _sure_of_ideal(self) -> NDArray[np.int64]:
-        """Return the registrations whose error bars of the divergence are least with ideal images."""
+        """Return the registrations with the lowest stated uncertainty of the divergence for ideal images."""
         bars = []
         for one in self._registered[1:]:
             seen = self._moving(one)
@@ -361,7 +353,7 @@ class TensorPropagation:
         return np.asarray(1 + np.argmin(np.nan_to_num(np.stack(bars), nan=1e300), axis=0))
 
     def _left(self, which: NDArray[np.int64], *, tangent: bool) -> Errors:
-        """Return the errors with ideal images; with the surface's tangent plane in the place of the surface."""
+        """Return the errors with ideal images, for the surface or its tangent plane."""
         sight, points = self._sight, self._sight.points
         divergence = -points.d * points.q[2] / points.focal
         found = []
@@ -395,7 +387,7 @@ class TensorPropagation:
         return self._errors(found[0][0], found[0][1][0], found[0][1][1], chosen)
 
     def _slopes(self, axis: int) -> list[tuple[Map, Map]]:
-        """Return how disparity, and flow, change along x or y: of the shifts along x, then along y."""
+        """Return the derivatives of disparity and flow along x or y: of the shifts along x, then along y."""
         points = self._sight.points
         d_k, q_k = (points.d_x, points.q_x) if axis == 0 else (points.d_y, points.q_y)
         approach = points.d * points.q[2] / points.focal
@@ -405,7 +397,7 @@ class TensorPropagation:
         return [(d_k, along_x), (np.zeros_like(d_k), along_y)]
 
     def _lever(self, one: _Registered) -> Map:
-        """Return what a divergence shows besides coordinates, where the surface is: - d Σ S_s s ∂I_s/∂x."""
+        """Return the additional coefficient of the divergence at the surface: - d Σ S_s s ∂I_s/∂x."""
         weights = self._smoothing * self._positions
         return np.asarray(-self._sight.points.d * np.einsum("s,syx->yx", weights, one.gradients[:, 0]))
 
@@ -417,7 +409,7 @@ class TensorPropagation:
         return np.asarray(mean(one.along * seen, 1) + mean(one.down * seen, 0, 1) + mean(one.beside * seen))
 
     def _fitted(self, one: _Registered, seen: Map) -> Map:
-        """Return shifts along x and y, and divergence, that fit best to what is seen to move, shape (3, y, x)."""
+        """Return the best-fitting shifts along x and y, and divergence, shape (3, y, x)."""
         return np.asarray(np.einsum("ijyx,jyx->iyx", one.inverse, self._right(one, seen)))
 
     def _right(self, one: _Registered, seen: Map) -> Map:
@@ -425,7 +417,7 @@ class TensorPropagation:
         return np.stack([mean(one.along * seen), mean(one.down * seen), self._third(one, seen)])
 
     def _at(self, offset: int | None) -> _Registered:
-        """Return the images at the whole disparity that is so far from the nearest one, or at the exact one."""
+        """Return the images registered at an offset from the nearest integer disparity, or at the exact disparity."""
         from scipy.ndimage import map_coordinates, spline_filter
 
         texture, points = self._sight.texture, self._sight.points
@@ -437,7 +429,7 @@ class TensorPropagation:
         ]
         gradients = np.empty((len(self._positions), 2, *texture.shape), dtype=np.float32)
         for m, position in enumerate(self._positions):
-            # A point at x stands at x - d s in the image that is read at x - w s.
+            # A point at x appears at x - d s in the image that is read at x - w s.
             at = np.stack([rows, columns + (points.d - whole) * position])
             for axis in range(2):
                 gradients[m, axis] = map_coordinates(filtered[axis], at, prefilter=False, mode="nearest")
@@ -461,7 +453,7 @@ class TensorPropagation:
         with np.errstate(invalid="ignore", divide="ignore"):
             scale = np.sqrt(np.einsum("...ii->...i", matrices))
             unit = matrices / (scale[..., :, None] * scale[..., None, :])
-            # Where there is no texture, nothing is known.
+            # Without texture, all unknowns are undetermined.
             known = np.isfinite(unit).all(axis=(-1, -2))
             unit[~known] = np.eye(3)
             known &= np.linalg.det(unit) > _LEAST_DETERMINANT
@@ -471,7 +463,7 @@ class TensorPropagation:
         return np.moveaxis(inverse, (-2, -1), (0, 1))
 
     def _errors(self, off_d: Map, off_u: Map, off_v: Map, off_divergence: Map) -> Errors:
-        """Return the errors of depth and velocity that follow from those in the image."""
+        """Return the errors of depth and velocity from those of image coordinates."""
         sight, points = self._sight, self._sight.points
         depth, focal = sight.depth, points.focal
         found: dict[str, Map] = {}
@@ -493,15 +485,15 @@ def _is_zero(change: Map | float) -> bool:
 
 
 _LEAST_DETERMINANT = 1e-9
-"""Of a matrix with ones on its diagonal: below, the aperture problem leaves something unknown."""
+"""Least determinant of a matrix with unit diagonal: below, the aperture problem leaves unknowns undetermined."""
 
 
 MODELLED = ("structure_tensor", "refined")
-"""Methods whose errors can be predicted; of others, all is simulated."""
+"""Methods with a propagation model; for other methods, all sources are simulated."""
 
 
 def select_propagation(sight: ObservationModel, settings: FrozenModel) -> Propagation | None:
-    """Return the model of a method, by its settings; None if there is none."""
+    """Return the propagation model of a method by its settings; None without a model."""
     if isinstance(settings, StructureTensorSettings):
         return TensorPropagation(sight, settings)
     if isinstance(settings, RefinedSettings) and len(sight.s) > 1:

@@ -1,4 +1,4 @@
-"""Simulations with some sources of uncertainty switched on, and the error maps that they leave."""
+"""Simulations with selected sources of uncertainty, and the resulting error maps."""
 
 from __future__ import annotations
 
@@ -49,19 +49,14 @@ Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 GROWTH = "growth_rate"
-"""Growth: the method's own where it gives one, else that in the windows of scores."""
+"""Growth rate: estimated by the method if available, otherwise from the windows used for scoring."""
 BUDGET_QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", GROWTH)
-"""The quantities of a budget, keys of `scenetruth.scoring.QUANTITIES`."""
+"""Quantities of a budget, keys of `scenetruth.scoring.QUANTITIES`."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorMaps:
-    """What one estimate of the reference frame is off by.
-
-    ``errors``: Estimate minus truth by quantity, shape (y, x), NaN where nothing is told; growth in % per hour.
-    ``truths``: The true values, alike.
-    ``regions``: Where regions lie: ``all``, ``interior`` and objects.
-    """
+    """Errors and true values (y, x) by quantity at the reference frame, NaN where invalid, and masks of regions."""
 
     errors: Mapping[str, Map]
     truths: Mapping[str, Map]
@@ -69,9 +64,9 @@ class ErrorMaps:
 
     @property
     def known(self) -> Mask:
-        """Where depth, and motion if there is any, is told."""
+        """Mask of pixels with valid depth and, if present, motion."""
         told = {name: np.isfinite(values) for name, values in self.errors.items()}
-        # A single frame tells no motion: its maps are there, and empty.
+        # Motion maps of a single frame are present, but empty.
         wanted = [name for name in ("depth", "velocity_z") if name in told and told[name].any()] or list(told)[:1]
         return np.asarray(np.all([told[name] for name in wanted], axis=0))
 
@@ -99,32 +94,19 @@ def compute_error_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreS
 
 @dataclass(frozen=True)
 class SimulationRun:
-    """A simulation.
-
-    ``kinds``: The causes that are on, in order.
-    ``seed``: Seed of the scene.
-    ``draw``: Which draw it is, from 0 on: what the calibration is off by.
-    """
+    """A simulation: active sources (sorted), seed of the scene, and index of the seed for calibration errors."""
 
     kinds: tuple[str, ...]
     seed: int
     draw: int
 
 
-_REMEDY = "make the budget again"
+_REMEDY = "compute the budget again"
 
 
 @dataclass(frozen=True)
 class BudgetTask:
-    """All that a worker needs for any run of a budget.
-
-    ``folder``: Where files of runs go.
-    ``plain``: The scene with all its causes, as JSON.
-    ``method``, ``settings``: How depth and motion are estimated; settings as JSON.
-    ``calibration``: How well the calibration is known.
-    ``runs``: The runs.
-    ``versions``: What figures depend on besides.
-    """
+    """Inputs of a worker for any run of a budget; the scene with all sources and the settings are JSON texts."""
 
     folder: str
     plain: str
@@ -136,18 +118,18 @@ class BudgetTask:
 
     @property
     def scene(self) -> Scene:
-        """The scene with all its causes."""
+        """The scene with all sources."""
         return Scene.from_dict(json.loads(self.plain))
 
     def path(self, run: SimulationRun) -> Path:
-        """Return the file of a run, which is called by a hash of all that the run depends on."""
+        """Return the file of a run, named by a hash of all inputs of the run."""
         key = _key(replace(self, folder="", runs=()), run)
         return ResultStore(Path(self.folder), _REMEDY).arrays_path(key)
 
 
 @lru_cache(maxsize=4096)
 def _key(job: BudgetTask, run: SimulationRun) -> str:
-    """Return a hash of all that a run of a job depends on."""
+    """Return a hash of all inputs of a run."""
     plain = restrict_sources(job.scene, run.kinds, run.seed).to_dict()
     told = {key: value for key, value in plain.items() if key not in ("description", "estimate", "storage")}
     wrong = {kind: job.calibration.model_dump() for kind in run.kinds if all_sources()[kind].group == "calibration"}
@@ -156,7 +138,7 @@ def _key(job: BudgetTask, run: SimulationRun) -> str:
 
 
 def perform_run(job: BudgetTask, number: int) -> TaskResult:
-    """Simulate and estimate one run, for whoever works through many: what goes wrong is returned."""
+    """Simulate and estimate one run, and return errors instead of raising them."""
     run = job.runs[number]
 
     def work() -> dict[str, Any]:
@@ -174,9 +156,9 @@ def perform_run(job: BudgetTask, number: int) -> TaskResult:
 
 
 def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Dataset]:
-    """Return recording, with its linear images, and truth of a run: what `simulate` makes of its scene.
+    """Return recording, with linear images, and truth of a run, equal to `simulate` for its scene.
 
-    Runs that differ in the sensor or the calibration alone, one after the other, are rendered once.
+    Consecutive runs that differ only in the sensor or the calibration are rendered once.
     """
     scene = restrict_sources(job.scene, run.kinds, run.seed)
     with suppress_warnings():
@@ -187,7 +169,7 @@ def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Da
     images = np.empty(radiance.shape, dtype=chain.dtype)
     places = [(n, m, int(t), int(s)) for n, t in enumerate(scene.frames.t) for m, s in enumerate(scene.stage.s)]
     previous: LinearImage | None = None
-    # In the order of the scan: some sensors need the image before.
+    # In the order of the scan: some sensors depend on the previous image.
     for n, m, t, s in sorted(places, key=lambda at: (at[0], scene.stage.number_in_scan(at[3], at[2]))):
         image = LinearImage(radiance[m, n], 0, s, t)
         images[m, n] = opened.read(image, previous)
@@ -200,7 +182,7 @@ def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Da
 
 
 def select_optical_sources(kinds: Sequence[str]) -> tuple[str, ...]:
-    """Return those of some causes that what a camera sees depends on."""
+    """Return the sources that affect the rendered images."""
     causes = all_sources()
     return tuple(kind for kind in kinds if not isinstance(causes[kind], SensorSource | CalibrationSource))
 
@@ -215,7 +197,7 @@ def _errors(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
         except EstimateError:
             if not run.kinds:
                 raise
-            # A method that tells nothing of such images tells nothing.
+            # A method that rejects such images has no valid pixels.
             return ErrorMaps({}, {}, {})
         return compute_error_maps(found, truth, job.scene.score)
 
@@ -226,7 +208,7 @@ def _rendered(plain: str) -> tuple[xr.Dataset, xr.Dataset]:
 
 
 def read_run(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
-    """Return what the file of a run holds."""
+    """Return the error maps from the file of a run."""
     path = job.path(run)
     groups: Mapping[str, dict[str, Any]] = {"error": {}, "truth": {}, "region": {}}
     with refuse_damaged(path, _REMEDY), np.load(path) as file:
@@ -239,7 +221,7 @@ def read_run(job: BudgetTask, run: SimulationRun) -> ErrorMaps:
 
 @contextmanager
 def suppress_warnings() -> Iterator[None]:
-    """Leave out what scenes are warned of: whoever asks for a budget is told by it."""
+    """Suppress warnings about scenes and estimates."""
     with warnings.catch_warnings():
         for category in (EstimateWarning, SceneWarning, RuntimeWarning):
             warnings.simplefilter("ignore", category)

@@ -1,4 +1,4 @@
-"""Sources of uncertainty: the base class, the uncertainty of the calibration, and scenes with some sources only."""
+"""Sources of uncertainty: base class, uncertainty of the calibration, and scenes restricted to some sources."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ __all__ = [
 
 
 class Calibration(FrozenModel):
-    """Standard deviations of the calibration that a recording carries; its images know nothing of them.
+    """Standard deviations of the calibration of a recording.
 
-    Typical are calibrations with some 20 images of a chessboard. Two that were published with the toolbox of J.-Y.
-    Bouguet state 0.05 % of the focal length, and 0.5 and 2.8 px of the principal point (a third of the three standard
-    deviations that are printed). A screw stage with an accuracy of 10 µm over a travel of 20 mm has 0.05 % of its
-    steps.
+    The typical values are those of calibrations with about 20 images of a chessboard. Two examples published with the
+    toolbox of J.-Y. Bouguet state 0.05 % of the focal length, and 0.5 and 2.8 px of the principal point (one third of
+    the printed values of three standard deviations). A screw-driven stage with an accuracy of 10 µm over a travel of
+    20 mm has 0.05 %.
 
     See Also
     --------
-    scenetruth.design.uncertainty.budget : Takes it, and tells what it does to depth and motion.
+    scenetruth.design.uncertainty.budget : Propagates it to depth and motion.
 
     Examples
     --------
     >>> Calibration()
     Calibration(focal_length_percent=0.05, principal_point_px=1.0, baseline_percent=0.05)
 
-    0.1 % of the focal length is 0.5 mm of depth at a wall 500 mm away:
+    0.1 % of the focal length is 0.5 mm of depth for a wall at a distance of 500 mm:
 
     >>> from scenetruth.design.uncertainty import budget
     >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [200, 200]}, "pose": {"position_mm": [0, 0, 500]}}
@@ -66,42 +66,42 @@ class Calibration(FrozenModel):
     """
 
     focal_length_percent: NonNegative = 0.05
-    """Of the focal length, in % of it."""
+    """Standard deviation of the focal length, %."""
     principal_point_px: NonNegative = 1.0
-    """Of the principal point, along x and along y, in px."""
+    """Standard deviation of the principal point along x and along y, px."""
     baseline_percent: NonNegative = 0.05
-    """Of the scale of the stage's positions, in %."""
+    """Standard deviation of the scale of the stage positions, %."""
 
 
 CalibrationLike = Calibration | Mapping[str, float] | Literal["typical", "perfect"]
-"""A calibration as a caller gives it."""
+"""Accepted forms of a calibration."""
 
 _PERFECT = Calibration(focal_length_percent=0, principal_point_px=0, baseline_percent=0)
 
 
 def resolve_calibration(given: Any) -> Calibration:
-    """Return a calibration; of a mapping, what is not given is perfect."""
+    """Return a calibration; fields missing from a mapping have zero uncertainty."""
     if isinstance(given, Calibration):
         return given
     if given in ("typical", "perfect"):
         return Calibration() if given == "typical" else _PERFECT
     if not isinstance(given, Mapping):
         message = f"must be 'typical', 'perfect', or a mapping of {', '.join(Calibration.model_fields)}"
-        raise ArgumentError([Problem("calibration", message, given)], source="an error budget")
+        raise ArgumentError([Problem("calibration", message, given)], source="an uncertainty budget")
     try:
         return Calibration.model_validate({**_PERFECT.model_dump(), **given})
     except ValidationError as error:
         problems = [
             Problem(
                 ".".join(["calibration", *map(str, entry["loc"])]),
-                f"is unknown; known: {', '.join(Calibration.model_fields)}"
+                f"is unknown; choose {', '.join(Calibration.model_fields)}"
                 if entry["type"] == "extra_forbidden"
                 else entry["msg"][:1].lower() + entry["msg"][1:],
                 entry.get("input"),
             )
             for entry in error.errors(include_url=False)
         ]
-        raise ArgumentError(problems, source="an error budget") from error
+        raise ArgumentError(problems, source="an uncertainty budget") from error
 
 
 Group = Literal["images", "stage", "calibration", "surface"]
@@ -109,49 +109,44 @@ Group = Literal["images", "stage", "calibration", "surface"]
 
 @dataclass(frozen=True)
 class Mitigation:
-    """What helps against a cause.
-
-    ``words``: What to do, with the field of the scene and its new value.
-    ``factors``: What is left of the parts of causes, by their kinds.
-    """
+    """A design change in words, with scene field and new value, and the remaining fractions of contributions."""
 
     words: str
     factors: Mapping[str, float] = field(default_factory=dict)
 
 
 class UncertaintySource:
-    """A cause of errors; one module in a room of `causes` each, which is found by itself.
+    """Base class of sources of uncertainty; subclasses in the package `sources` are discovered automatically.
 
-    Derive from it, set what is below, and write what it does: `disturbances`, or `responses` where it does nothing to
-    images.
+    They set the class attributes, and implement `disturbances`, or `responses` for sources without effect on images.
     """
 
     kind: ClassVar[str]
-    """Its name: lower-case letters and underscores."""
+    """Identifier: lower-case letters and underscores."""
     title: ClassVar[str]
-    """What it is, in a few words, as in "stage yaw makes 1.4 of 1.5 mm"."""
+    """Title in a few words, as in "stage yaw contributes 1.4 of this"."""
     group: ClassVar[Group]
-    """What it belongs to."""
+    """Group of the source."""
     perfect: ClassVar[Mapping[str, Any]] = {}
-    """Its fields in the scene, by path, and their values where it is off."""
+    """Scene fields of the source, by path, and their values where it is switched off."""
     takes_contrast: ClassVar[bool] = False
-    """Whether it changes what images look like, so that it stays on while causes in the sensor are looked at."""
+    """Whether it changes the contrast of images, and therefore stays on while sensor sources are evaluated."""
     coarse: ClassVar[bool] = False
-    """Whether it is always simulated, because its prediction leaves out what may matter."""
+    """Whether it is always simulated, because its prediction is incomplete."""
     of_surface: ClassVar[bool] = False
-    """Whether it is a part of what is left with ideal images, and cannot be switched off."""
+    """Whether it is part of the errors with ideal images, and cannot be switched off."""
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
-        """Return whether a scene has it."""
+        """Return whether the source is present in a scene."""
         plain = scene.to_dict()
         return any(_get_field(plain, path) not in (value, None) for path, value in self.perfect.items())
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return how large the cause is in a scene, with its unit."""
+        """Return the magnitude of the source in a scene, with its unit."""
         return ""
 
     def switch_off(self, plain: dict[str, Any]) -> None:
-        """Change a scene in place, given as plain values with all fields, so that the cause does nothing."""
+        """Switch the source off in a scene given as plain values with all fields, in place."""
         for path, value in self.perfect.items():
             *above, last = path.split(".")
             place: Any = plain
@@ -161,35 +156,32 @@ class UncertaintySource:
                 place[last] = value
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give what it does to the images: disturbances that are independent of each other, of one standard deviation.
-
-        What it does in all draws alike is one of them.
-        """
+        """Yield independent image disturbances of one standard deviation, systematic disturbances included."""
         return ()
 
     def drawn(self, sight: ObservationModel, scene: Scene) -> Iterable[Disturbance] | None:
-        """Return what it does to the images of this very scene and seed; None if only its size is known."""
+        """Return the disturbances for the seed of a scene; None if only their magnitude is available."""
         return None
 
     def responses(
         self, sight: ObservationModel, propagation: Propagation, calibration: Calibration
     ) -> Iterator[Errors]:
-        """Give the errors that follow, independent of each other, of one standard deviation each."""
+        """Yield independent errors of the estimate, of one standard deviation each."""
         for one in self.disturbances(sight):
             yield propagation.respond(one)
 
     def responses_drawn(
         self, sight: ObservationModel, propagation: Propagation, calibration: Calibration, scene: Scene, draw: int
     ) -> Iterator[Errors] | None:
-        """Return the errors that follow in this very scene and draw, which add up; None if only their size is known."""
+        """Return the errors for the seed of a scene, to be summed; None if only their magnitude is available."""
         found = self.drawn(sight, scene)
         return None if found is None else (propagation.respond(one) for one in found)
 
     def miscalibrate(self, recording: xr.Dataset, calibration: Calibration, draw: int) -> None:
-        """Change in place what a recording tells of its camera in a draw, from 0 on; most causes do not."""
+        """Change the camera parameters of a recording in place, for draw 0, 1, ...; default: no change."""
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation | None:
-        """Return what helps; None if nothing does."""
+        """Return the mitigation; None without any."""
         return None
 
 
@@ -202,24 +194,24 @@ def _get_field(plain: Mapping[str, Any], path: str) -> Any:
 
 @cache
 def all_sources() -> Mapping[str, UncertaintySource]:
-    """Return all sources of uncertainty by kind, in the order of modules and of classes in them."""
+    """Return all sources of uncertainty by identifier, in the order of modules and of classes in them."""
     found = classes_in(UncertaintySource, "scenetruth.design.uncertainty.sources")
-    # Base classes of a group have no kind.
+    # Base classes of a group have no `kind`.
     return {cls.kind: cls() for cls in found if hasattr(cls, "kind")}
 
 
 def active_sources(scene: Scene, calibration: Calibration) -> list[UncertaintySource]:
-    """Return the causes that a scene has, those of its surface aside."""
+    """Return the sources present in a scene, except those of its surface."""
     return [one for one in all_sources().values() if not one.of_surface and one.is_on(scene, calibration)]
 
 
 def contrast_sources(causes: Iterable[UncertaintySource]) -> frozenset[str]:
-    """Return the kinds of those causes that change what images look like."""
+    """Return the identifiers of the sources that change the contrast of images."""
     return frozenset(one.kind for one in causes if one.takes_contrast)
 
 
 def restrict_sources(scene: Scene, kinds: Collection[str], seed: int | None = None) -> Scene:
-    """Return a scene with no other causes of errors than some."""
+    """Return a scene with all other sources switched off."""
     plain: dict[str, Any] = scene.to_dict()
     if plain["sensor"] != "ideal":
         plain["sensor"] = build_sensor_chain(scene.sensor).model_dump(mode="json")

@@ -1,4 +1,4 @@
-"""The uncertainty budget as a result: contributions, combined standard uncertainty, and a summary in sentences."""
+"""Result of an uncertainty budget: contributions, combined standard uncertainty, and a summary in sentences."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ __all__ = ["Budget", "number", "unit_text"]
 
 
 _UNITS = {"mm/frame": "mm per frame", "px/step": "px per step", "%/h": "% per hour"}
-# A cause whose share of the sum of squares is less is not worth a sentence.
+# A source with a smaller fraction of the sum of squares is not named.
 _LEAST_NAMED_SHARE = 0.02
-# Where the parts and the whole differ by more, they are no sum.
+# Largest relative difference between the root sum of squares and the simulated total that is not reported.
 _AGREE = 0.2
 
 
 def number(value: float) -> str:
-    """Spell a number with two digits, without a power of ten where it is readable without."""
+    """Format a number with two digits, without an exponent where possible."""
     if not math.isfinite(value):
         return "–"
     if value == 0 or 1e-4 <= abs(value) < 1e5:
@@ -38,7 +38,7 @@ def number(value: float) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit as people say it."""
+    """Return a unit spelled out."""
     return _UNITS.get(unit, unit)
 
 
@@ -48,11 +48,11 @@ def summarise_budget(
     remedies: Mapping[str, Mitigation],
     region: str,
 ) -> list[str]:
-    """Return what is to be said of each quantity: the error, the largest part, what helps, and what limits then."""
+    """Return a summary per quantity: the error, the largest contribution, its mitigation, and what limits then."""
     return [
         _summarise_quantity(sort_contributions(parts, one.quantity, region), one, remedies)
         for one in totals
-        # The disparity is the depth again.
+        # Disparity is equivalent to depth.
         if one.region == region and one.quantity != "disparity"
     ]
 
@@ -66,12 +66,13 @@ def _summarise_quantity(
         title = "Growth"
     if not math.isfinite(total.simulated):
         head = (
-            f"{title}: with everything on, nothing is told; the parts add up to {number(total.root_sum_square)} {unit}."
+            f"{title}: no valid estimate with all sources; "
+            f"contributions combined in quadrature: {number(total.root_sum_square)} {unit}."
         )
     else:
-        head = f"{title}: {number(total.value)} {unit} in all"
+        head = f"{title}: combined uncertainty {number(total.value)} {unit} RMS"
         head += (
-            f", of a true {number(total.signal)} {unit}."
+            f", true value {number(total.signal)} {unit}."
             if quantity != "depth" and total.signal > _NO_SIGNAL * total.value
             else "."
         )
@@ -81,21 +82,21 @@ def _summarise_quantity(
     helped = _describe_mitigation(parts, total, remedies)
     sentences += [helped] if helped else []
     if math.isfinite(total.simulated) and abs(total.root_sum_square - total.simulated) > _AGREE * total.simulated:
-        text = f"The parts' squares add up to {number(total.root_sum_square)} {unit}"
+        text = f"The root sum of squares of the contributions is {number(total.root_sum_square)} {unit}"
         if math.isfinite(total.signed_sum) and abs(total.signed_sum - total.simulated) < _AGREE * total.simulated:
-            text += f", but biases have signs: added up pixel by pixel, they make {number(total.signed_sum)}."
+            text += f", but biases partly cancel or add up: their signed sum per pixel is {number(total.signed_sum)}."
         elif not math.isfinite(parts[0].simulated):
-            text += ", and the largest is predicted alone: confirm=1 (--simulated-share 1) simulates it too."
+            text += ", and the largest is only predicted: simulated_share=1 (--simulated-share 1) simulates it too."
         else:
-            text += ": together, causes do more or less than alone."
+            text += ": the sources do not act independently."
         sentences.append(text)
     silent = [one for one in everything if one.valid_fraction < _FULL_DENSITY]
-    sentences += [f"With {one.title}, {100 * one.valid_fraction:.0f} % of the pixels are still told." for one in silent]
+    sentences += [f"With {one.title}, {100 * one.valid_fraction:.0f} % of the pixels remain valid." for one in silent]
     return " ".join(sentences)
 
 
 _FULL_DENSITY = 0.9
-# Less than this share of its error is no motion or growth at all.
+# A true value below this fraction of its error is not reported.
 _NO_SIGNAL = 1e-3
 
 
@@ -108,42 +109,42 @@ def _largest(parts: list[Contribution], total: CombinedUncertainty) -> list[str]
     first, *others = parts
     size = f" ({first.size})" if first.size else ""
     sure = "" if math.isfinite(first.simulated) or first.cause in _METHOD_KINDS else ", as predicted"
-    text = f"{_capital(first.title)}{size} makes {number(first.value)} of it{sure}"
+    text = f"{_capital(first.title)}{size} contributes {number(first.value)} of this{sure}"
     if first.cause in _PLURAL:
-        text = text.replace(" makes ", " make ", 1)
+        text = text.replace(" contributes ", " contribute ", 1)
     if math.isfinite(first.predicted_for_seeds) and not 1 / _SEED_RATIO < first.predicted / first.value < _SEED_RATIO:
-        text += f" in these draws, and {number(first.predicted)} is to be expected of others"
+        text += f" for these seeds, with an expected value of {number(first.predicted)} over all seeds"
     named = [one for one in others[:2] if one.value**2 > _LEAST_NAMED_SHARE * whole]
     if named:
-        text += "; then " + ", ".join(f"{one.title} {number(one.value)}" for one in named)
+        text += ", followed by " + ", ".join(f"{one.title} {number(one.value)}" for one in named)
     return [text + "."]
 
 
 _METHOD_KINDS = ("slope", "curvature", "edges", "rest")
 _PLURAL = ("slope", "curvature", "edges")
-# What few draws make differs from what many make by more than this only by chance.
+# Largest ratio between few and many seeds that is not reported.
 _SEED_RATIO = 1.5
 
 
 def _describe_mitigation(
     parts: list[Contribution], total: CombinedUncertainty, remedies: Mapping[str, Mitigation]
 ) -> str:
-    """Say what the remedy of the largest part does, and what limits then."""
+    """Return the effect of the mitigation of the largest contribution, and what limits then."""
     first = parts[0]
     remedy = remedies.get(first.cause)
     if remedy is None or not remedy.factors:
         return ""
     left = {one.cause: one.value * remedy.factors.get(one.cause, 1.0) for one in parts}
     after = math.sqrt(sum(value**2 for value in left.values()))
-    # Where the parts are no sum, they say by which share it is less.
+    # Scaled to the simulated total, as contributions may not be independent.
     after *= total.value / math.sqrt(sum(one.value**2 for one in parts))
     limits = max(left, key=lambda cause: left[cause])
     unit = unit_text(total.unit)
-    text = f"{_capital(remedy.words)} brings it to {number(after)} {unit}"
+    text = f"{_capital(remedy.words)} reduces it to {number(after)} {unit}"
     if limits == first.cause:
-        return text + "; it limits still."
+        return text + "; it remains the largest contribution."
     title = next(one.title for one in parts if one.cause == limits)
-    limit = "limit" if limits in _PLURAL else "limits"
+    limit = "dominate" if limits in _PLURAL else "dominates"
     return f"{text}; then {title} {limit} ({number(left[limits])})."
 
 
@@ -153,30 +154,30 @@ def _capital(text: str) -> str:
 
 @dataclass(frozen=True)
 class Budget(Result):
-    """The error budget of a scene and a method.
+    """Uncertainty budget of a scene and a method.
 
     Parameters
     ----------
     scene
-        What the scene is for.
+        Description of the scene.
     method
-        The method.
+        Estimation method.
     parts
-        The parts of all causes.
+        Contributions of all sources.
     totals
-        Their sums.
+        Combined uncertainties.
     draws
-        How many seeds were simulated.
+        Number of simulated seeds.
     remedies
-        What helps against each cause.
+        Mitigations by source.
     failures
-        What could not be simulated, and why: lines to read.
+        Messages about simulations that failed.
     folder
-        Where it lies; None if it was not kept.
+        Output folder; None without output.
 
     See Also
     --------
-    scenetruth.design.uncertainty.budget : Makes it.
+    scenetruth.design.uncertainty.budget : Computes a budget.
 
     Examples
     --------
@@ -191,9 +192,9 @@ class Budget(Result):
     ['depth', 'disparity', 'velocity_x', 'velocity_y', 'velocity_z']
     >>> for sentence in found.summary().splitlines()[0].split(". "):
     ...     print(sentence)
-    Depth: 0.37 mm in all
-    Noise of the sensor (0.4 % of full scale) makes 0.36 of it; then focal length 0.25
-    The mean of four images (sensor.noise_std: 0.002) brings it to 0.26 mm; then focal length limits (0.25).
+    Depth: combined uncertainty 0.37 mm RMS
+    Sensor noise (0.4 % of full scale) contributes 0.36 of this, followed by focal length 0.25
+    The mean of four images (sensor.noise_std: 0.002) reduces it to 0.26 mm; then focal length dominates (0.25).
     >>> part, total = found.contribution("focal_length", "depth"), found.combined("depth")
     >>> f"predicted {part.predicted:.2f} mm, simulated {part.simulated:.2f} mm of {total.simulated:.2f} mm"
     'predicted 0.25 mm, simulated 0.25 mm of 0.37 mm'
@@ -210,12 +211,12 @@ class Budget(Result):
 
     @property
     def quantities(self) -> list[str]:
-        """What it tells of, in the order of scores."""
+        """Quantities in the budget, in the order of scores."""
         return list(dict.fromkeys(one.quantity for one in self.totals))
 
     @property
     def regions(self) -> list[str]:
-        """Where: ``all``, ``interior``, objects."""
+        """Regions: ``all``, ``interior``, objects."""
         return list(dict.fromkeys(one.region for one in self.totals))
 
     def contributions(self, quantity: str, region: str = "interior") -> list[Contribution]:
@@ -235,7 +236,7 @@ class Budget(Result):
         Raises
         ------
         ArgumentError
-            If there is none; the message lists those that there are.
+            If there is no such contribution; the message lists those that there are.
         """
         for one in self.parts:
             if (one.cause, one.quantity, one.region) == (source, quantity, region):
@@ -250,7 +251,7 @@ class Budget(Result):
         Raises
         ------
         ArgumentError
-            If there is none; the message lists those that there are.
+            If there is no such quantity or region; the message lists those that there are.
         """
         for one in self.totals:
             if (one.quantity, one.region) == (quantity, region):
@@ -282,7 +283,7 @@ class Budget(Result):
         Raises
         ------
         ArgumentError
-            If there is none; the message lists those that there are.
+            If none; the message lists those that there are.
         """
         if statistic != "rmse":
             raise ArgumentError([Problem("statistic", "must be rmse, the only statistic of a budget", statistic)])
@@ -290,10 +291,10 @@ class Budget(Result):
         return QuantityValue(one.value, one.unit, statistic=statistic, region=region, n=self.draws)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return all figures, a row for each cause, quantity and region, and those of the whole.
+        """Return a table with a row for each source, quantity and region, and rows for the combined uncertainties.
 
-        Columns are the fields of `Contribution`. Rows of the whole have the causes ``root_sum_square``, ``signed_sum``,
-        ``everything`` and ``radiance``.
+        Columns are the fields of `Contribution`. The combined uncertainties have the causes ``root_sum_square``,
+        ``signed_sum``, ``everything`` and ``ideal_images``.
         """
         import pandas as pd
 
@@ -303,16 +304,16 @@ class Budget(Result):
             rows.append(
                 {
                     "cause": "root_sum_square",
-                    "title": "root of the sum of squares",
+                    "title": "root sum of squares",
                     **place,
                     "value": one.root_sum_square,
                 }
             )
-            rows.append({"cause": "signed_sum", "title": "added up pixel by pixel", **place, "value": one.signed_sum})
+            rows.append({"cause": "signed_sum", "title": "signed sum per pixel", **place, "value": one.signed_sum})
             told = {"simulated": one.simulated, "value": one.simulated, "valid_fraction": one.valid_fraction}
-            rows.append({"cause": "everything", "title": "everything on", **place, **told})
+            rows.append({"cause": "everything", "title": "all sources", **place, **told})
             told = {"simulated": one.ideal, "value": one.ideal}
-            rows.append({"cause": "ideal", "title": "ideal images", **place, **told})
+            rows.append({"cause": "ideal_images", "title": "ideal images", **place, **told})
         return pd.DataFrame(rows, columns=list(Contribution.__dataclass_fields__))
 
     def summary(self, region: str = "interior") -> str:

@@ -1,4 +1,4 @@
-"""Programs in any language as methods: the folder they read, how they are run, and how their results are read."""
+"""External programs as methods: input folder, execution, and results."""
 
 from scenetruth.estimators.external.command import CommandMethod
 from scenetruth.estimators.external.recording_writer import recording_key, write_recording

@@ -1,4 +1,4 @@
-"""A command that runs a program in any language, as a method."""
+"""Method that runs an external program by a command."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ __all__ = ["CommandMethod", "CommandSettings", "WorkingDirectory"]
 
 
 PLACEHOLDERS = ("recording", "output")
-"""What must stand in braces in a command, each at least once."""
+"""Placeholders that a command must contain in braces, each at least once."""
 
 _BRACES = re.compile(r"\{\{|\}\}|\{([^{}]*)\}")
 
 
 def split_command(command: str) -> list[str]:
-    """Return the words of a command, as a shell would split them; nothing in them is expanded.
+    """Return the words of a command, split as by a shell but without expansion.
 
     >>> split_command("python 'my program.py' {recording} --to={output}")
     ['python', 'my program.py', '{recording}', '--to={output}']
@@ -54,7 +54,7 @@ def split_command(command: str) -> list[str]:
     for place in dict.fromkeys(places):
         if place not in PLACEHOLDERS:
             near = difflib.get_close_matches(place, PLACEHOLDERS, n=1)
-            hint = f"did you mean {{{near[0]}}}?" if near else "known: {recording}, {output}; other braces are doubled"
+            hint = f"did you mean {{{near[0]}}}?" if near else "valid: {recording}, {output}; double all other braces"
             wrong.append(f"{{{place}}} is unknown, {hint}")
     wrong += [f"{{{place}}} is missing" for place in PLACEHOLDERS if place not in places]
     if wrong:
@@ -63,11 +63,7 @@ def split_command(command: str) -> list[str]:
 
 
 def fill_placeholders(words: list[str], folders: Mapping[str, Path], base: Path) -> list[str]:
-    """Return words with folders in their places.
-
-    Programs run in a folder of their own. Words without a place that name a file below ``base`` become absolute, so
-    that ``python mine.py`` finds what it found there.
-    """
+    """Return words with placeholders replaced by folders, and files below ``base`` as absolute paths."""
     return [_filled(word, folders, base) for word in words]
 
 
@@ -80,13 +76,13 @@ def _filled(word: str, folders: Mapping[str, Path], base: Path) -> str:
         try:
             if word and (base / word).is_file():
                 return str(base / word)
-        except (OSError, ValueError):  # a word that no file can be named like
+        except (OSError, ValueError):  # not a valid file name
             pass
     return _BRACES.sub(one, word)
 
 
 def find_command_files(words: list[str], base: Path) -> list[Path]:
-    """Return the files that words name, also after ``--option=``, and the program, wherever it is found."""
+    """Return the files named by words, also after ``--option=``, and the program, wherever it is installed."""
     import shutil
 
     named = [part for word in words for part in (word, word.partition("=")[2]) if part]
@@ -94,35 +90,35 @@ def find_command_files(words: list[str], base: Path) -> list[Path]:
     for name in named:
         try:
             found += [base / name] if (base / name).is_file() else []
-        except (OSError, ValueError):  # a word that no file can be named like
+        except (OSError, ValueError):  # not a valid file name
             continue
     return [path for path in found if path.is_file()]
 
 
 def program_problem(word: str, base: Path) -> str:
-    """Return why a program cannot be started; empty if it can, as far as can be told."""
+    """Return the reason why a program cannot be started; empty if none is detected."""
     import os
     import shutil
 
     if (base / word).is_file() and not os.access(base / word, os.X_OK):
-        return "may not be executed: name its interpreter before it, or allow it (chmod +x)"
+        return "is not executable; put its interpreter before it, or run chmod +x"
     if (base / word).is_file() or shutil.which(word) is not None:
         return ""
-    return "there is no such program"
+    return "no such program"
 
 
 class WorkingDirectory:
-    """A fresh folder with folders in it: ``recording``, ``output``, ``work``, where the program runs, and ``log.txt``.
+    """A new folder with the folders ``recording``, ``output`` and ``work`` (working directory), and ``log.txt``.
 
-    ``name``: What it is called after.
-    ``keep_in``: The folder in which it stays; None for a temporary one that goes.
+    ``name``: Name of the method, part of the folder name.
+    ``keep_in``: Parent folder in which it is kept; None for a temporary folder.
     """
 
     def __init__(self, name: str, keep_in: Path | None) -> None:
         if keep_in is not None:
             keep_in.mkdir(parents=True, exist_ok=True)
         self._stays = keep_in is not None
-        # The name says nothing of the run that the recording is from.
+        # The name must not identify the run of the recording.
         self.folder = Path(tempfile.mkdtemp(prefix=f"scenetruth-{name}-", dir=keep_in)).resolve()
         self.recording, self.output, self.work = (self.folder / part for part in ("recording", "output", "work"))
         self.log = self.folder / "log.txt"
@@ -131,16 +127,16 @@ class WorkingDirectory:
 
     @property
     def places(self) -> dict[str, Path]:
-        """The folders that commands name."""
+        """Folders by placeholder."""
         return {"recording": self.recording, "output": self.output}
 
     def clear(self) -> None:
-        """Remove all, unless it is to stay."""
+        """Remove the folder unless it is kept."""
         if not self._stays:
             shutil.rmtree(self.folder, ignore_errors=True)
 
     def clear_to_log(self) -> None:
-        """Remove all but the log, unless all is to stay."""
+        """Remove everything but the log unless the folder is kept."""
         if not self._stays:
             for part in (self.recording, self.output, self.work):
                 shutil.rmtree(part, ignore_errors=True)
@@ -150,16 +146,16 @@ _GIVES = ("depth", "disparity", "flow", "velocity")
 
 
 class CommandSettings(MethodSettings):
-    """Which command, what it is given, and what it may take."""
+    """Settings of a command: placeholders, image format and resource limits."""
 
     command: str
-    """The command, with {recording} and {output} for the folders; it is split into words, and no shell reads it."""
+    """Command, with {recording} and {output} for the folders; it is split into words without a shell."""
     images: Literal["png", "tiff", "npy"] = "png"
-    """How images are written: ``png``: 16 bits; ``tiff``: as recorded, or float32; ``npy``: one float32 array."""
+    """Image format: ``png``: 16 bits; ``tiff``: as recorded, or float32; ``npy``: one float32 array."""
     timeout_s: Positive = 600.0
-    """How long it may run, in s."""
+    """Longest run time in s."""
     memory_mb: Positive | None = None
-    """How much resident memory it may have, with all that it starts, in MB; null: any."""
+    """Largest resident memory of the program and its child processes in MB; null: unlimited."""
 
     @field_validator("command")
     @classmethod
@@ -169,44 +165,44 @@ class CommandSettings(MethodSettings):
 
 
 class CommandMethod(Method):
-    """A program of any language as a method.
+    """An external program in any language as a method.
 
-    The recording is written into a fresh folder as images and camera.json, the program is run, and what it leaves in
-    another folder is read. Truth, scene and run stay out of its sight. The estimate has the attributes ``run_time_s``
-    and ``peak_memory_mb``: the time that the program took, and the largest memory of it and all that it started.
+    The recording is written to a new folder as images and camera.json, the program is run, and its output folder is
+    read. The program has no access to ground truth, scene and run directory. The estimate has the attributes
+    ``run_time_s`` and ``peak_memory_mb``: run time of the program, and peak memory including child processes.
 
     Parameters
     ----------
     command
-        The command: words as in a shell, but no shell reads them. ``{recording}`` and ``{output}`` stand for the two
-        folders. Words that name files are made absolute, as the program runs in a scratch folder.
+        Command, split into words as by a shell, but run without one. ``{recording}`` and ``{output}`` stand for the two
+        folders. Words that name files are converted to absolute paths, as the program runs in a scratch folder.
     name
-        What the method is called.
+        Name of the method.
     images
-        How images are written: ``"png"``, ``"tiff"`` or ``"npy"``; see `write_recording`.
+        Image format: ``"png"``, ``"tiff"`` or ``"npy"``; see `write_recording`.
     timeout_s
-        How long it may run.
+        Longest run time in s.
     memory_mb
-        How much resident memory it may have, with all that it starts, in MB (1e6 bytes); None for any.
+        Largest resident memory, including child processes, in MB (1e6 bytes); None for unlimited.
     keep_in
-        A folder in which the folders of every run stay. Without it they are temporary, but for those of the first run
-        that fails and the logs of all that fail.
+        Folder in which the folders of all runs are kept; default: temporary folders, except those of the first failed
+        run and the logs of all failed runs.
     gives
-        Which of depth, disparity, flow and velocity its results always hold, as far as it is known.
+        Quantities among depth, disparity, flow and velocity that its results always contain.
     needs
-        What a recording must hold; ``Needs(exclusion_mask=True)`` says that the program leaves out the pixels that
-        masks mark: otherwise recordings that have a mask are refused.
+        Requirements on the recording; ``Needs(exclusion_mask=True)`` states that the program excludes the pixels marked
+        by masks: otherwise recordings with a mask are rejected.
 
     Raises
     ------
     EstimateError
-        With everything that is wrong with these.
+        If arguments are invalid; lists all of them.
 
     See Also
     --------
-    scenetruth.estimators.external.write_recording : What the program finds in ``{recording}``.
-    scenetruth.estimators.external.read_results : What it may leave in ``{output}``.
-    scenetruth.estimators.external.ResultsFolder : Results that were made before.
+    scenetruth.estimators.external.write_recording : Contents of ``{recording}``.
+    scenetruth.estimators.external.read_results : Files allowed in ``{output}``.
+    scenetruth.estimators.external.ResultsFolder : Use existing results as a method.
 
     Examples
     --------
@@ -232,9 +228,9 @@ class CommandMethod(Method):
         self.name, self.settings, self.gives, self.needs = str(name), CommandSettings, frozenset(gives), needs
         problems = name_problems(name)
         if needs.grid:
-            problems.append(Problem("needs.grid", "must be false: programs are given one row of cameras at a time"))
+            problems.append(Problem("needs.grid", "must be false: programs process one row of cameras"))
         if strange := sorted(self.gives - set(_GIVES)):
-            problems.append(Problem("gives", f"must be some of {', '.join(_GIVES)}", strange))
+            problems.append(Problem("gives", f"must be a subset of {', '.join(_GIVES)}", strange))
         given = {"command": command, "images": images, "timeout_s": timeout_s, "memory_mb": memory_mb}
         try:
             checked = validate_settings(self, given)
@@ -242,7 +238,7 @@ class CommandMethod(Method):
             problems += error.problems
         if problems:
             raise EstimateError(problems, source="command of a method")
-        # What was given here is what settings are by default, so that estimates tell it.
+        # The arguments become the defaults of the settings, so that they are stored in estimates.
         fields: dict[str, Any] = {
             key: (CommandSettings.model_fields[key].rebuild_annotation(), value)
             for key, value in checked.model_dump().items()
@@ -260,19 +256,19 @@ class CommandMethod(Method):
         }
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Models that are made at run time cannot be found by those who unpickle: workers make their own.
+        # Models created at run time cannot be unpickled; worker processes create their own.
         return _remade, (self._given, self._base)
 
     def as_option(self, label: str) -> tuple[str, str]:
-        """Return how the command line of a comparison calls it."""
+        """Return the option and value of the command line that specify the method."""
         return "--command", f"{label}={self._given['command']}"
 
     def named_files(self) -> list[Path]:
-        """Return the files that the command names, the program first if it is found."""
+        """Return the files that the command names, with the program first if it is a file."""
         return find_command_files(split_command(self._given["command"]), self._base)
 
     def requirements(self, recording: xr.Dataset, settings: CommandSettings) -> list[Problem]:
-        """Return what keeps the program from being started, and images from being written."""
+        """Return the reasons why the program cannot be started or the images cannot be written."""
         word = fill_placeholders(split_command(settings.command), {"recording": Path(), "output": Path()}, self._base)[
             0
         ]
@@ -280,11 +276,11 @@ class CommandMethod(Method):
         if message := program_problem(word, self._base):
             problems.append(Problem("command", message, word))
         if settings.memory_mb is not None and not can_list_processes():
-            problems.append(Problem("memory_mb", "cannot be kept here: the system does not tell the memory (/proc)"))
+            problems.append(Problem("memory_mb", "is not supported here: the system does not report memory (/proc)"))
         return problems
 
     def estimate(self, recording: xr.Dataset, settings: CommandSettings, progress: Progress | None) -> xr.Dataset:
-        """Write the recording, run the program, read its results."""
+        """Write the recording, run the program and read its results."""
         place = WorkingDirectory(self.name, self._keep_in)
         words = fill_placeholders(split_command(settings.command), place.places, self._base)
         try:
@@ -305,16 +301,16 @@ class CommandMethod(Method):
         return found
 
     def _traces(self, words: list[str], place: WorkingDirectory) -> list[Problem]:
-        """Keep what shows why a run failed, and tell where it is."""
+        """Keep the files of a failed run, and return problems that state their location."""
         lines = last_lines(place.log)
         end = (
             ", which ends:" + "".join(f"\n      {line}" for line in lines) if lines else "; the program printed nothing"
         )
         again = f"cd {shlex.quote(str(place.work))} && {shlex.join(words)}"
         if self._has_kept:
-            # A data set may have thousands of samples that fail: one of them will do.
+            # A data set may have thousands of samples that fail; the files of the first suffice.
             place.clear_to_log()
-            again += "  (recordings are kept of the first failure only: give keep_in)" if self._keep_in is None else ""
+            again += "  (recordings are kept for the first failure only; set keep_in)" if self._keep_in is None else ""
         self._has_kept = True
         return [Problem("log", f"{place.log}{end}"), Problem("to repeat", again)]
 
@@ -328,7 +324,7 @@ def _remade(given: dict[str, Any], base: Path) -> CommandMethod:
 def _run(
     words: list[str], place: WorkingDirectory, settings: CommandSettings, progress: Progress | None
 ) -> tuple[ProcessResult, list[Problem]]:
-    """Run the program; return how it ended, and what was wrong with that."""
+    """Run the program; return its result and problems."""
     ended = run_program(
         words,
         folder=place.work,
@@ -338,12 +334,12 @@ def _run(
         progress=progress,
     )
     if ended.reason == "time":
-        message = f"took longer than timeout_s = {settings.timeout_s:g} s, and was ended with all that it had started"
+        message = f"exceeded timeout_s = {settings.timeout_s:g} s; terminated with its child processes"
         return ended, [Problem("command", message)]
     if ended.reason == "memory":
         message = (
-            f"took {ended.peak_memory_mb:.0f} MB of memory, more than memory_mb = {settings.memory_mb:g}, "
-            "and was ended with all that it had started"
+            f"used {ended.peak_memory_mb:.0f} MB of memory, more than memory_mb = {settings.memory_mb:g}; "
+            "terminated with its child processes"
         )
         return ended, [Problem("command", message)]
     if ended.code:
@@ -355,6 +351,6 @@ def _describe_return_code(code: int) -> str:
     if code > 0:
         return f"ended with exit code {code}"
     try:
-        return f"was ended by signal {signal.Signals(-code).name}"
+        return f"was terminated by signal {signal.Signals(-code).name}"
     except ValueError:
-        return f"was ended by signal {-code}"
+        return f"was terminated by signal {-code}"

@@ -1,4 +1,4 @@
-"""The images of a recording as files for programs in any language: PNG, TIFF or .npy, written frame by frame."""
+"""Image files of a recording for external programs: PNG, TIFF or .npy, written frame by frame."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ __all__ = [
 
 
 def single_row(recording: xr.Dataset) -> xr.Dataset:
-    """Return a recording without the dimension ``s_y``; grids are refused."""
+    """Return a recording without the dimension ``s_y``; raise for a grid."""
     if "s_y" not in recording["image"].dims:
         return recording
     if recording.sizes["s_y"] > 1:
-        message = "a grid cannot be written as a whole: take one row, recording.sel(s_y=0)"
+        message = "a grid cannot be written; select one row, recording.sel(s_y=0)"
         raise EstimateError([Problem("stage.rows", message, recording.sizes["s_y"])])
     return recording.isel(s_y=0)
 
 
 def each_frame(recording: xr.Dataset) -> Iterator[tuple[NDArray[Any], NDArray[np.bool_]]]:
-    """Yield images and masks, frame by frame, so that of an opened recording only one is in memory.
+    """Yield images and masks frame by frame, so that only one frame is in memory.
 
-    Yields: Images of shape (s, y, x[, channel]), and whether a pixel must not be used, shape (s, y, x): masked, or with
-    a value that is not finite.
+    Yields: Images of shape (s, y, x[, channel]), and the exclusion mask, shape (s, y, x), which includes values that
+    are not finite.
 
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
@@ -58,19 +58,18 @@ def each_frame(recording: xr.Dataset) -> Iterator[tuple[NDArray[Any], NDArray[np
             missing = ~np.isfinite(values)
             bad |= missing.any(axis=-1) if missing.ndim == 4 else missing
         if mask is not None:
-            # Without s, it is the same for all cameras.
+            # Without s, the mask is the same for all cameras.
             bad |= (mask.isel(t=place) if "t" in mask.dims else mask).values
         yield values, bad
 
 
 class ArrayFile:
-    """A file .npy of an array (s, t, ...), zero where nothing has been put; a context that closes it.
+    """Writer of a .npy file of an array (s, t, ...), zero where nothing is written; a context manager.
 
-    A mapped file would do too, but its pages count as memory of the process until the system needs them elsewhere.
+    A memory-mapped file would count as memory of the process.
 
-    ``file``: The file.
-    ``dtype``: The type of its numbers, written little endian.
-    ``shape``: Its shape.
+    ``dtype``: Type of the values, written in little-endian order.
+    ``shape``: Shape of the array.
     """
 
     def __init__(self, file: Path, dtype: DTypeLike, shape: tuple[int, ...]) -> None:
@@ -89,29 +88,29 @@ class ArrayFile:
         self._opened.close()
 
     def put(self, place: int, values: NDArray[Any]) -> None:
-        """Write what all cameras have of a frame: values of shape (s, ...), at a place along t."""
+        """Write a frame of all cameras, shape (s, ...), at an index along t."""
         for camera, image in enumerate(values):
             self._opened.seek(self._first + (camera * self._shape[1] + place) * self._image_bytes)
             self._opened.write(np.ascontiguousarray(image, dtype=self._dtype).tobytes())
 
 
-# Files live for the time of one program: writing must be quick.
+# The files exist only while one program runs: speed has priority over size.
 _COMPRESSION = 1
 
 
 def write_png(file: Path, image: NDArray[Any]) -> None:
-    """Write an image of shape (y, x) or (y, x, 3), uint8 or uint16, as it is."""
+    """Write an image of shape (y, x) or (y, x, 3), uint8 or uint16, without scaling."""
     import imageio.v3 as imageio
 
     if image.ndim == 2 or image.dtype == np.uint8:
         imageio.imwrite(file, image, compress_level=_COMPRESSION)
         return
-    # Pillow, which imageio writes with, has no colours of 16 bits.
+    # Pillow, which imageio uses, does not support 16-bit colour images.
     height, width, _ = image.shape
-    # Every row begins with the number of its filter: none.
+    # Every row begins with its filter type: none.
     rows = np.zeros((height, 1 + 6 * width), dtype=np.uint8)
     rows[:, 1:] = np.ascontiguousarray(image, dtype=">u2").view(np.uint8).reshape(height, 6 * width)
-    # 16 bits, kind 2: red, green, blue.
+    # 16 bits, colour type 2: RGB.
     head = struct.pack(">IIBBBBB", width, height, 16, 2, 0, 0, 0)
     body = zlib.compress(rows.tobytes(), _COMPRESSION)
     parts = [_chunk(b"IHDR", head), _chunk(b"IDAT", body), _chunk(b"IEND", b"")]
@@ -123,21 +122,21 @@ def _chunk(name: bytes, data: bytes) -> bytes:
 
 
 def write_mask_png(file: Path, bad: NDArray[np.bool_]) -> None:
-    """Write a mask of shape (y, x): 255 where it is true, 0 elsewhere."""
+    """Write a mask of shape (y, x): 255 where true, else 0."""
     write_png(file, bad.astype(np.uint8) * np.uint8(255))
 
 
 _LARGEST = 65535
-# Beyond it, float64 does not hold every integer.
+# Larger integers are not exact in float64.
 _EXACT_IN_FLOAT64 = 2**53
 
 
 @dataclass(frozen=True)
 class IntensityScaling:
-    """Values of a recording as numbers from 0 to 65535: value = offset + scale number.
+    """Linear map between values and file numbers from 0 to 65535: value = offset + scale number.
 
     ``scale``, ``offset``: The same for all images.
-    ``lossless``: Whether all values follow exactly; else they are off by half of ``scale`` at most.
+    ``lossless``: Whether the values are reproduced exactly; else the error is at most half of ``scale``.
     """
 
     scale: float = 1.0
@@ -145,7 +144,7 @@ class IntensityScaling:
     lossless: bool = True
 
     def numbers(self, values: NDArray[Any]) -> NDArray[np.uint16]:
-        """Return the numbers for some values; 0 where a value is not finite.
+        """Return the file numbers of values; 0 where a value is not finite.
 
         >>> IntensityScaling(0.5, -1.0).numbers(np.array([-1.0, 0.0, 3.1, np.nan])).tolist()
         [0, 2, 8, 0]
@@ -158,10 +157,10 @@ class IntensityScaling:
 
 
 def choose_intensity_scaling(recording: xr.Dataset) -> IntensityScaling:
-    """Return the scale on which 16 bits lose least.
+    """Return the scaling to 16 bits with the smallest loss.
 
-    Digital numbers are taken as they are: of 8 and 16 bits at once, of other integers after a look at all images.
-    Everything else is spread over all 65536 numbers, from its least to its largest value.
+    Integers are stored unchanged or offset, if their range allows: always for 8 and 16 bits, otherwise after the range
+    of all images is determined. All other values are scaled to the full range of 65536 numbers.
     """
     dtype = recording["image"].dtype
     if dtype.kind == "u" and dtype.itemsize <= 2:
@@ -172,7 +171,7 @@ def choose_intensity_scaling(recording: xr.Dataset) -> IntensityScaling:
         if known.size:
             least, largest = min(least, float(known.min())), max(largest, float(known.max()))
     if least > largest:
-        # Nothing is known of any pixel.
+        # All pixels are invalid.
         return IntensityScaling()
     if dtype.kind != "f" and largest - least <= _LARGEST and max(-least, largest) < _EXACT_IN_FLOAT64:
         return IntensityScaling(offset=0.0 if least >= 0 and largest <= _LARGEST else least)
@@ -182,36 +181,36 @@ def choose_intensity_scaling(recording: xr.Dataset) -> IntensityScaling:
 
 
 ImageForm = Literal["png", "tiff", "npy"]
-"""``png``: numbers of 16 bits; ``tiff``: as recorded, or float32; ``npy``: all images in one float32 array."""
+"""``png``: 16-bit numbers; ``tiff``: as recorded, or float32; ``npy``: all images in one float32 array."""
 
-# Beyond it, float32 does not hold every integer.
+# Larger integers are not exact in float32.
 _EXACT_IN_FLOAT32 = 2**24
 
 
 def image_problems(recording: xr.Dataset, form: ImageForm) -> list[Problem]:
-    """Return what keeps images from being written in a form."""
+    """Return the reasons why the images cannot be written in a format."""
     channels = recording.sizes.get("channel", 1)
     if form == "png" and channels not in (1, 3):
-        message = "PNG files are written of 1 or 3 channels; take images='tiff' or 'npy'"
+        message = "PNG files require 1 or 3 channels; use images='tiff' or 'npy'"
         return [Problem("channel", message, channels)]
     return []
 
 
 def image_scale(recording: xr.Dataset, form: ImageForm) -> IntensityScaling:
-    """Return how numbers in files stand for values."""
+    """Return the relation between file numbers and values."""
     if form == "png":
         return choose_intensity_scaling(recording)
     dtype = recording["image"].dtype
     if dtype.kind == "f":
         return IntensityScaling(lossless=dtype.itemsize <= 4)
-    # Larger integers than these are rounded where there are such.
+    # Larger integers may be rounded.
     return IntensityScaling(lossless=np.iinfo(dtype).max <= _EXACT_IN_FLOAT32)
 
 
 def write_images(
     recording: xr.Dataset, folder: Path, form: ImageForm, scale: IntensityScaling, progress: Progress | None = None
 ) -> list[str]:
-    """Write all images, frame by frame."""
+    """Write all images frame by frame; return the names of the mask files."""
     write = _write_arrays if form == "npy" else _write_files
     masks = []
     for done, mask in enumerate(write(recording, folder, form, scale), start=1):
@@ -222,7 +221,7 @@ def write_images(
 
 
 def _write_files(recording: xr.Dataset, folder: Path, form: ImageForm, scale: IntensityScaling) -> Iterator[list[str]]:
-    """Write one file for each image, and one for each mask with anything in it; yield the masks of every frame."""
+    """Write a file for each image and for each mask that marks a pixel; yield the mask names of every frame."""
     cameras, frames = (recording[name].values.tolist() for name in ("s", "t"))
     write = _png_writer(recording, scale) if form == "png" else _write_tiff
     for t, (images, bad) in zip(frames, each_frame(recording), strict=True):
@@ -237,7 +236,7 @@ def _write_files(recording: xr.Dataset, folder: Path, form: ImageForm, scale: In
 
 
 def _png_writer(recording: xr.Dataset, scale: IntensityScaling) -> Callable[[Path, NDArray[Any]], None]:
-    # Most readers make 8 bits of colours: what has no more is written with 8.
+    # Most readers convert colours to 8 bits; colours of 8 bits are therefore written as such.
     eight = recording["image"].dtype == np.uint8 and recording.sizes.get("channel", 1) == 3
     return lambda file, image: write_png(file, image if eight else scale.numbers(image))
 
@@ -257,7 +256,7 @@ def _write_tiff(file: Path, image: NDArray[Any]) -> None:
 
 
 def _write_arrays(recording: xr.Dataset, folder: Path, form: ImageForm, scale: IntensityScaling) -> Iterator[list[str]]:
-    """Write images.npy and, if anything is masked, exclusion_mask.npy."""
+    """Write images.npy and, if any pixel is masked, exclusion_mask.npy."""
     shape = recording["image"].shape
     with ExitStack() as open_:
         images = open_.enter_context(ArrayFile(folder / "images.npy", np.float32, shape))

@@ -1,4 +1,4 @@
-"""A recording as a folder for programs in any language: images, camera.json, and a key of its content."""
+"""Export of a recording to a folder for external programs, with camera.json, and hash of its content."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ __all__ = ["recording_key", "write_recording"]
 
 
 def recording_key(recording: xr.Dataset) -> str:
-    """Return a key of a recording's images, mask and intrinsics: the first 16 hexadecimal digits of a SHA-256.
+    """Return a key of the images, mask and intrinsics: the first 16 hexadecimal digits of a SHA-256 hash.
 
-    Attributes do not count, so that a recording has the same key wherever it comes from: from a simulation, from a
-    store, or from images and intrinsics alone. Images that are given in another type have another key.
+    Attributes are excluded, so that a recording has the same key whether it is simulated, read from a store, or created
+    from images and intrinsics. Images of another type have another key.
 
     Parameters
     ----------
@@ -42,13 +42,13 @@ def recording_key(recording: xr.Dataset) -> str:
     Raises
     ------
     RecordingError
-        If the recording does not have the agreed form.
+        If the recording is malformed.
     EstimateError
-        If its cameras stand in several rows.
+        If the recording is a grid of several camera rows.
 
     See Also
     --------
-    scenetruth.estimators.external.ResultsFolder : Looks results up by this key.
+    scenetruth.estimators.external.ResultsFolder : Find results by this key.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def recording_key(recording: xr.Dataset) -> str:
         "distortion": [float(value) for value in recording.attrs.get("distortion", ())],
         "dims": [str(dim) for dim in image.dims],
         "shape": list(image.shape),
-        # Without the order of its bytes, which is the machine's business.
+        # Without the byte order, which depends on the machine.
         "type": image.dtype.str[1:],
         "s": recording["s"].values.tolist(),
         "t": recording["t"].values.tolist(),
@@ -82,10 +82,10 @@ def recording_key(recording: xr.Dataset) -> str:
 
 
 CAMERA_FILE = "camera.json"
-"""Name of the file; it is written last, when all images are there."""
+"""Name of the camera file; it is written last, after all images."""
 
 EXCHANGE_VERSION = 2
-"""Version of the folders that programs are given, and of those that are read."""
+"""Version of the exchange format of recordings and results."""
 
 _FILES = {
     "png": "s{s:+d}_t{t:+d}.png",
@@ -110,10 +110,10 @@ _CONVENTIONS = {
 def describe_camera(
     recording: xr.Dataset, form: ImageForm, scale: IntensityScaling, masks: list[str]
 ) -> dict[str, Any]:
-    """Return what camera.json says: intrinsics, positions, frames, and how images are to be read; never a scene.
+    """Return the content of camera.json: intrinsics, positions, frames and image format, without the scene.
 
-    Everything counts in columns and rows of the images as they are written. Where a recording is cropped or thinned
-    out, these are not the camera's pixels: focal length and principal point are converted.
+    All values are in columns and rows of the written images. For a cropped or subsampled recording, these differ from
+    the camera pixels, and focal length and principal point are converted.
     """
     grid, image = compute_pixel_grid(recording), recording["image"]
     intrinsics = grid.in_columns(read_intrinsics(recording))
@@ -124,7 +124,7 @@ def describe_camera(
         "height_px": int(image.sizes["y"]),
         "channels": int(image.sizes.get("channel", 1)),
         **intrinsics.to_attrs(),
-        # As OpenCV orders them; they belong to x / focal_length_px, whatever the columns.
+        # In the order of OpenCV; they refer to x / focal_length_px, which is independent of the pixel grid.
         "distortion_k1_k2_p1_p2_k3_k4_k5_k6": _distortion(recording),
         "s": [int(s) for s in recording["s"].values],
         "stage_x_mm": [float(x) for x in recording["stage_x_mm"].values],
@@ -155,32 +155,32 @@ def write_recording(
     *,
     progress: Progress | None = None,
 ) -> None:
-    """Write a recording as images and camera.json; nothing else of it, and nothing of its scene, is written.
+    """Write a recording as images and camera.json, without any other data of the recording or its scene.
 
     Parameters
     ----------
     recording
         The recording, in memory or opened from a store; it is read frame by frame.
     folder
-        Where files go; made if it is not there. It must be empty.
+        Output folder; created if missing. It must be empty.
     images
-        ``"png"``: ``s+0_t+0.png`` of 16 bits, (colours of 8 if there are no more); ``"tiff"``: the same names, as
-        recorded or float32; ``"npy"``: ``images.npy``, float32, shape (s, t, y, x[, channel]).
+        ``"png"``: ``s+0_t+0.png`` of 16 bits (8-bit colours stay 8-bit); ``"tiff"``: the same names, as recorded or
+        float32; ``"npy"``: ``images.npy``, float32, shape (s, t, y, x[, channel]).
     progress
-        Called with ("images", frames done, frames in all).
+        Called with ("images", completed frames, total frames).
 
     Raises
     ------
     RecordingError
-        If the recording does not have the agreed form.
+        If the recording is malformed.
     EstimateError
-        If its cameras stand in several rows, or its images cannot be written in this form.
+        If the recording is a grid of several camera rows, or its images cannot be written in this format.
     OutputExistsError
-        If the folder holds something.
+        If the folder is not empty.
 
     See Also
     --------
-    read_results : What a program made of it.
+    read_results : Read the results of a program.
 
     Examples
     --------
@@ -209,7 +209,7 @@ def write_recording(
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     if any(place.iterdir()):
-        raise OutputExistsError(place, "is not empty; name a folder that is, or is not there yet")
+        raise OutputExistsError(place, "is not empty; specify an empty or a new folder")
     scale = image_scale(recording, images)
     masks = write_images(recording, place, images, scale, progress)
     told = json.dumps(describe_camera(recording, images, scale, masks), indent=2, ensure_ascii=False)

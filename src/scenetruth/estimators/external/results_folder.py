@@ -1,4 +1,4 @@
-"""A folder of results: read as an estimate, with its metadata results.json, and used as a method."""
+"""Results folder: reader with metadata results.json, and its use as a method."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _KEYS = ("t", "method", "units")
 
 @dataclass(frozen=True)
 class ResultsMetadata:
-    """What results.json says.
+    """Content of results.json.
 
-    ``t``: The frames of arrays whose names do not say them; None if it does not say.
-    ``method``: What to call the method; empty if it does not say.
-    ``factors``: What to multiply quantities by, to have them in our units.
+    ``t``: Frames of the arrays whose file names do not specify them; None if missing.
+    ``method``: Name of the method; empty if missing.
+    ``factors``: Conversion factors of the quantities to the units of this package.
     """
 
     t: list[int] | None = None
@@ -45,7 +45,7 @@ class ResultsMetadata:
 
 
 def read_metadata(folder: Path, frame_interval_s: float, problems: list[Problem]) -> ResultsMetadata:
-    """Return what results.json says; nothing if it is not there."""
+    """Return the content of results.json; defaults if the file is missing."""
     file = folder / METADATA_FILE
     if not file.is_file():
         return ResultsMetadata()
@@ -63,10 +63,10 @@ def read_metadata(folder: Path, frame_interval_s: float, problems: list[Problem]
     if t is not None:
         frames = t if isinstance(t, list) else [t]
         if not frames or not all(isinstance(n, int) and not isinstance(n, bool) for n in frames):
-            problems.append(Problem(f"{METADATA_FILE}: t", "must be frame numbers: an integer, or a list of them", t))
+            problems.append(Problem(f"{METADATA_FILE}: t", "must be a frame number or a list of frame numbers", t))
             frames = None
         elif len(set(frames)) < len(frames):
-            problems.append(Problem(f"{METADATA_FILE}: t", "names a frame twice", t))
+            problems.append(Problem(f"{METADATA_FILE}: t", "contains a frame twice", t))
             frames = None
     if not isinstance(method, str) or not method.isprintable():
         problems.append(Problem(f"{METADATA_FILE}: method", "must be a name", method))
@@ -92,7 +92,7 @@ def _factors(units: Any, frame_interval_s: float, problems: list[Problem]) -> di
 
 
 def _units_of(name: str, frame_interval_s: float) -> dict[str, float]:
-    """Return the units that a quantity may have, the first one ours, with their factors."""
+    """Return the units allowed for a quantity, the default first, with their conversion factors."""
     what = name.removesuffix("_std")
     if what == "depth":
         return _LENGTHS
@@ -106,40 +106,40 @@ def _units_of(name: str, frame_interval_s: float) -> dict[str, float]:
 
 def _unknown(path: str, word: str, known: tuple[str, ...]) -> Problem:
     near = difflib.get_close_matches(word, known, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
+    hint = f"did you mean '{near[0]}'?" if near else f"valid: {', '.join(known)}"
     return Problem(f"{METADATA_FILE}: {path}", f"is unknown; {hint}")
 
 
 def type_problem(values: NDArray[Any], name: str) -> str:
-    """Return what is wrong with the type of an array; empty if nothing is.
+    """Return the problem of the type of an array; empty if there is none.
 
     >>> type_problem(np.zeros(3, dtype=np.uint16), "depth")
-    'holds integers (uint16): write float32 in the units of the quantity, NaN where nothing is known'
+    'contains integers (uint16); write float32 in the units of the quantity, NaN where invalid'
     """
     kind = values.dtype.kind
     if kind == "c":
-        return f"holds complex numbers ({values.dtype}): write float32"
+        return f"contains complex numbers ({values.dtype}); write float32"
     if kind not in "fiub":
-        return f"holds no numbers ({values.dtype}): write float32"
+        return f"does not contain numbers ({values.dtype}); write float32"
     if name == "status":
         if kind == "b" or not np.isin(values, (0, 1, 2, 3)).all():
-            return "must hold 0 (invalid), 1 (normal component only), 2 (valid) or 3 (fallback), as uint8"
+            return "must contain 0 (invalid), 1 (normal component only), 2 (valid) or 3 (fallback), as uint8"
     elif kind != "f":
         what = "booleans" if kind == "b" else "integers"
-        return f"holds {what} ({values.dtype}): write float32 in the units of the quantity, NaN where nothing is known"
+        return f"contains {what} ({values.dtype}); write float32 in the units of the quantity, NaN where invalid"
     return ""
 
 
 def arranged(values: NDArray[Any], components: int, size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return an array as (component, t, y, x).
+    """Return an array in the order (component, t, y, x).
 
-    ``values``: Of shape (t, y, x) or (y, x); of several components (c, t, y, x) or (c, y, x), or with c last.
+    ``values``: Shape (t, y, x) or (y, x); for several components (c, t, y, x) or (c, y, x), or with c last.
 
     >>> arranged(np.zeros((30, 40, 2)), 2, (30, 40)).shape
     (2, 1, 30, 40)
     >>> arranged(np.zeros((40, 30)), 1, (30, 40))
     Traceback (most recent call last):
-    ValueError: has the shape (40, 30), not (30, 40) or (t, 30, 40): it looks transposed: (x, y)
+    ValueError: has the shape (40, 30), not (30, 40) or (t, 30, 40): transposed to (x, y)?
     """
     shape = values.shape
     if values.size == 0:
@@ -161,24 +161,24 @@ def arranged(values: NDArray[Any], components: int, size: tuple[int, int]) -> ND
 
 
 def _hint(shape: tuple[int, ...], components: int, size: tuple[int, int]) -> str:
-    """Return what a wrong shape may be due to."""
+    """Return the probable cause of a wrong shape."""
     if len(shape) < 2:
         return ""
     last = components > 1 and shape[0] != components and shape[-1] == components and len(shape) > 2
     found = shape[-3:-1] if last else shape[-2:]
     if found == size:
         if components > 1 and len(shape) == 4 and shape[1] == components:
-            return "components come before frames"
-        return f"it needs {components} components" if components > 1 else "there is one value for each pixel"
+            return "components must precede frames"
+        return f"it requires {components} components" if components > 1 else "one value per pixel is required"
     if found == size[::-1]:
-        return "it looks transposed: (x, y)"
+        return "transposed to (x, y)?"
     gaps = {had - has for had, has in zip(found, size, strict=True)}
     if gaps <= {0, 1} or gaps <= {0, -1}:
         much = "large" if 1 in gaps else "small"
-        return f"it is one pixel too {much}: a half-pixel grid? There is one value for the centre of every pixel"
+        return f"one pixel too {much}: a half-pixel grid? One value per pixel centre is required"
     for times in (2, 4, 8):
         if found == tuple(-(-length // times) for length in size) or found == tuple(n // times for n in size):
-            return f"it seems to hold every {times}{'nd' if times == 2 else 'th'} pixel only"
+            return f"it seems to contain every {times}{'nd' if times == 2 else 'th'} pixel only"
     return ""
 
 
@@ -190,42 +190,42 @@ _IN_PIXELS = ("disparity", "disparity_std", "flow")
 
 
 def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Dataset:
-    """Return what a program has written as an estimate.
+    """Return the results of an external program as an estimate.
 
-    A file for each quantity, ``depth``, ``disparity``, ``flow``, ``velocity``, ``depth_rate``, ``depth_std``,
-    ``disparity_std``, ``velocity_std``, ``status``: ``NAME.npy``, ``NAME.npz``, ``NAME.pfm``, ``NAME.zarr``, or
-    ``flow.flo``; of one frame ``NAME_t+0.npy``. Arrays are (t, y, x) or (y, x); of components (c, t, y, x),
-    (c, y, x), or with c last. ``results.json`` may tell ``t``, ``method`` and ``units``. Pixels are those of the
-    images that `write_recording` wrote; units and signs are those of camera.json.
+    One file for each quantity: ``depth``, ``disparity``, ``flow``, ``velocity``, ``depth_rate``, ``depth_std``,
+    ``disparity_std``, ``velocity_std``, ``status``, as ``NAME.npy``, ``NAME.npz``, ``NAME.pfm``, ``NAME.zarr``, or
+    ``flow.flo``; for a single frame ``NAME_t+0.npy``. Arrays are (t, y, x) or (y, x); with components (c, t, y, x),
+    (c, y, x), or with c last. ``results.json`` may define ``t``, ``method`` and ``units``. Pixels are those of the
+    images written by `write_recording`; units and signs are those of camera.json.
 
     Parameters
     ----------
     folder
-        The folder.
+        Results folder.
     recording
-        The recording that the results belong to.
+        Recording of the results.
 
     Returns
     -------
     xarray.Dataset
-        As of `scenetruth.make_estimate`, which derives what follows. Frames that only some quantities have are NaN in
-        the others.
+        As from `scenetruth.make_estimate`, which derives further quantities. Quantities are NaN in frames in which only
+        others exist.
 
     Raises
     ------
     RecordingError
-        If the recording does not have the agreed form.
+        If the recording is malformed.
     EstimateError
-        With everything that is wrong, by the names of the files: missing or unknown names, wrong shapes, types, signs,
-        infinite values, nothing but NaN.
+        If files are invalid; lists all problems by file name: missing or unknown names, wrong shapes, types, signs,
+        infinite values, no valid pixel.
 
     See Also
     --------
-    write_recording : What a program reads.
+    write_recording : Write the input of a program.
 
     Examples
     --------
-    A map of disparity in px per step, from which depth in mm follows:
+    A disparity map in px per step, which determines the depth in mm:
 
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
@@ -238,7 +238,7 @@ def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Da
     >>> found.depth.sel(t=0)[15, 20].item(), found.attrs["method"]
     (1000.0, 'external')
 
-    Whatever is wrong is told by the names of the files:
+    All problems are reported by file name:
 
     >>> with TemporaryDirectory() as folder:
     ...     np.save(Path(folder, "disparity.npy"), np.full((40, 30), 2.5))
@@ -248,8 +248,8 @@ def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Da
     ...     except st.EstimateError as error:
     ...         for problem in error.problems:
     ...             print(problem)
-    fow.npy: has a name that means nothing; did you mean 'flow'? Put other files in a sub-folder
-    disparity.npy: has the shape (40, 30), not (30, 40) or (t, 30, 40): it looks transposed: (x, y)
+    fow.npy: is not the name of a quantity; did you mean 'flow'? Put other files in a sub-folder
+    disparity.npy: has the shape (40, 30), not (30, 40) or (t, 30, 40): transposed to (x, y)?
     """
     check_dataset(recording, "recording")
     place, problems = Path(folder), list[Problem]()
@@ -268,7 +268,7 @@ def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Da
         if len(problems) == bad:
             found[name] = _in_our_units(name, frames, note, recording, items, problems)
     arrays, times = _together(found, recording)
-    # Signs and contradictions are found there, also where files are missing or wrong.
+    # This also detects signs and contradictions if other files are missing or wrong.
     if not problems or any(name in found for name in _REQUIRED_QUANTITIES):
         try:
             made = make_estimate(recording=recording, t=times, method=note.method or "external", **arrays)
@@ -280,14 +280,14 @@ def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Da
 
 
 def _frames_of(item: ResultFile, recording: xr.Dataset, note: ResultsMetadata, problems: list[Problem]) -> Frames:
-    """Return the maps of a file by their frames, shape (c, y, x); none, with problems noted, if it holds no such."""
+    """Return the maps of a file by frame, shape (c, y, x); empty, with problems appended, if the file is invalid."""
     path, size = item.path.name, (recording.sizes["y"], recording.sizes["x"])
     try:
         values = read_map(item.path, item.name)
         wrong = type_problem(values, item.name)
         if wrong:
             problems.append(Problem(path, wrong))
-            # More can be told only of what counts as numbers.
+            # Further problems can be detected only in numeric arrays.
             values = values.astype(np.float64) if values.dtype.kind in "iub" else values
         maps = arranged(values if values.dtype.kind in "fiub" else np.zeros(values.shape), QUANTITIES[item.name], size)
     except ValueError as error:
@@ -297,7 +297,7 @@ def _frames_of(item: ResultFile, recording: xr.Dataset, note: ResultsMetadata, p
     with np.errstate(invalid="ignore"):
         infinite = int((np.abs(maps) > np.finfo(np.float32).max).sum())
     if infinite:
-        problems.append(Problem(path, f"holds {infinite} infinite values, or too large ones; unknown is NaN"))
+        problems.append(Problem(path, f"contains {infinite} infinite or too large values; write NaN where invalid"))
     times = _times_of(item, maps.shape[1], recording, note, problems)
     return {t: maps[:, place] for place, t in enumerate(times)}
 
@@ -305,26 +305,26 @@ def _frames_of(item: ResultFile, recording: xr.Dataset, note: ResultsMetadata, p
 def _times_of(
     item: ResultFile, count: int, recording: xr.Dataset, note: ResultsMetadata, problems: list[Problem]
 ) -> list[int]:
-    """Return the frames that a file holds; none, with a problem noted, if that is open."""
+    """Return the frames of a file; empty, with a problem appended, if they are undetermined."""
     path, recorded = item.path.name, [int(t) for t in recording["t"].values]
     if item.t is not None:
         if item.t not in recorded:
             problems.append(Problem(path, f"the recording has no such frame; it has {recorded}", item.t))
             return []
         if count != 1:
-            problems.append(Problem(path, f"must hold one frame, by its name; it holds {count}"))
+            problems.append(Problem(path, f"must contain only the frame of its name; got {count}"))
             return []
         return [item.t]
     if note.t is not None:
         if len(note.t) != count:
-            problems.append(Problem(path, f"holds {count} frames, but {METADATA_FILE} names {len(note.t)}", note.t))
+            problems.append(Problem(path, f"contains {count} frames, but {METADATA_FILE} lists {len(note.t)}", note.t))
             return []
         return note.t
     if count == len(recorded):
         return recorded
     if count == 1:
         return [0]
-    message = f"holds {count} frames, the recording {len(recorded)}: say which in {METADATA_FILE}, "
+    message = f"contains {count} frames, the recording {len(recorded)}; list them in {METADATA_FILE}, "
     problems.append(Problem(path, message + f'{{"t": {recorded[:count]}}}, or write a file for each, {item.name}_t+0'))
     return []
 
@@ -339,16 +339,16 @@ def _in_our_units(
 ) -> Frames:
     if frames and all(np.isnan(values).all() for values in frames.values()):
         names = ", ".join(item.path.name for item in items)
-        problems.append(Problem(names, "holds nothing but NaN: nothing was estimated"))
+        problems.append(Problem(names, "contains only NaN: no valid pixel"))
     factor = note.factors.get(name, 1.0)
     if name in _IN_PIXELS:
-        # Neighbours in an image that was thinned out are several pixels of the camera apart.
+        # Adjacent columns of a subsampled image are several camera pixels apart.
         factor *= compute_pixel_grid(recording).step_px
     return frames if factor == 1 else {t: values * factor for t, values in frames.items()}
 
 
 def _together(found: Mapping[str, Frames], recording: xr.Dataset) -> tuple[dict[str, Any], list[int]]:
-    """Return arrays of the frames that any quantity has, as `make_estimate` takes them, and these frames."""
+    """Return arrays over the frames of all quantities, in the form of `make_estimate`, and these frames."""
     times = sorted({t for frames in found.values() for t in frames})
     size = (len(times), recording.sizes["y"], recording.sizes["x"])
     arrays: dict[str, Any] = {}
@@ -370,36 +370,36 @@ def _by_file(problem: Problem, files: Mapping[str, list[ResultFile]], folder: Pa
 
 
 class ResultsFolderSettings(MethodSettings):
-    """Where results are looked for."""
+    """Location of the results."""
 
     folder: str
-    """The folder: a sub-folder for each recording, named by its key."""
+    """Folder with a sub-folder for each recording, named after its key."""
 
 
 class ResultsFolder(Method):
-    """A folder of results as a method: nothing is computed, everything is looked up.
+    """A results folder as a method, which reads existing results instead of computing them.
 
-    ``folder/KEY`` holds the results of one recording, with the files that `read_results` reads; KEY is what
-    `recording_key` says of it. So results that were made offline, on another machine or by hand, are compared like all
-    others.
+    ``folder/KEY`` contains the results of one recording in the files that `read_results` reads; KEY is the
+    `recording_key` of the recording. Results from another computer or from manual measurement can thus be evaluated
+    like those of any method.
 
     Parameters
     ----------
     folder
-        The folder.
+        Results folder.
     name
-        What the method is called.
+        Name of the method.
 
     Raises
     ------
     EstimateError
-        If it cannot be called so.
+        If the name is invalid.
 
     See Also
     --------
-    scenetruth.estimators.external.recording_key : The name of a recording's sub-folder.
-    scenetruth.estimators.external.read_results : The files that it may hold.
-    scenetruth.estimators.external.CommandMethod : A program that is run.
+    scenetruth.estimators.external.recording_key : Name of the sub-folder of a recording.
+    scenetruth.estimators.external.read_results : Files allowed in a sub-folder.
+    scenetruth.estimators.external.CommandMethod : Run an external program.
 
     Examples
     --------
@@ -430,15 +430,15 @@ class ResultsFolder(Method):
         self.settings = create_model("ResultsFolderSettings", __base__=ResultsFolderSettings, **fields)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Models that are made at run time cannot be found by those who unpickle: workers make their own.
+        # Models created at run time cannot be unpickled; worker processes create their own.
         return ResultsFolder, (self._where, self.name)
 
     def as_option(self, label: str) -> tuple[str, str]:
-        """Return how the command line of a comparison calls it."""
+        """Return the option and value of the command line that specify the method."""
         return "--results", f"{label}={self._where}"
 
     def listing(self) -> str:
-        """Return what lies in the folder: names, sizes and times, which tell when results are changed."""
+        """Return names, sizes and modification times of the files, which detect changes of the results."""
         lines = []
         for file in sorted(Path(self._where).rglob("*")):
             if file.is_file():
@@ -447,19 +447,19 @@ class ResultsFolder(Method):
         return "\n".join(lines)
 
     def requirements(self, recording: xr.Dataset, settings: ResultsFolderSettings) -> list[Problem]:
-        """Return whether the folder is missing; what is in it shows when there are images."""
+        """Return a problem if the folder is missing; its contents are checked by `estimate`."""
         if Path(settings.folder).is_dir():
             return []
-        return [Problem("folder", "there is no such folder of results", settings.folder)]
+        return [Problem("folder", "no such results folder", settings.folder)]
 
     def estimate(self, recording: xr.Dataset, settings: ResultsFolderSettings, progress: Progress | None) -> xr.Dataset:
-        """Look the results up."""
+        """Read the results of a recording."""
         place = Path(settings.folder) / recording_key(recording)
         if not place.is_dir():
             message = (
-                "there are no results for this recording; write it out with "
-                "scenetruth.estimators.external.write_recording(recording, FOLDER), and put into this folder what a "
-                "program makes of it"
+                "no results for this recording; write it with "
+                "scenetruth.estimators.external.write_recording(recording, FOLDER), and put the results of the "
+                "program into this folder"
             )
             raise EstimateError([Problem(str(place), message)])
         return read_results(place, recording)

@@ -1,4 +1,4 @@
-"""Running a program within limits of time and memory, and ending it with all processes that it started."""
+"""Execution of a program with limits of time and memory, and termination of all its processes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["ProcessResult", "ProcessTree", "can_list_processes", "last_lines", "
 
 
 MARK = "SCENETRUTH_PROGRAM"
-"""Environment variable by which the processes of a program are known, whoever their parent is by now."""
+"""Environment variable that identifies the processes of a program, whatever their current parent."""
 
 _PROCESSES = Path("/proc")
 _KILL_S = 5.0
@@ -29,33 +29,33 @@ _DEAD = ("Z", "X")
 
 
 def can_list_processes() -> bool:
-    """Tell whether this machine tells of its processes."""
+    """Return whether the system lists its processes."""
     return (_PROCESSES / "self" / "stat").is_file()
 
 
 def new_mark() -> str:
-    """Return a value of `MARK` that nobody else has."""
+    """Return a unique value for `MARK`."""
     return secrets.token_hex(8)
 
 
 class ProcessTree:
-    """A process that leads a session of its own, and all that it and its children start.
+    """A process that leads its own session, and all processes that it and its children start.
 
-    To it belong the processes of its group and its session, the children of all that have been seen, and, when all are
-    ended, those that have inherited its mark.
+    These are the processes of its group and its session, the children of all processes detected earlier, and, on
+    termination, those that have inherited its mark.
 
-    ``leader``: Id of the process; it must not be waited for as long as this is in use, so that the id stays its own.
-    ``mark``: What its environment says of `MARK`.
+    ``leader``: Process id; the process must not be reaped while this object is in use, so that its id stays unique.
+    ``mark``: Value of `MARK` in its environment.
     """
 
     def __init__(self, leader: int, mark: str) -> None:
         self._leader = leader
         self._mark = f"{MARK}={mark}".encode()
-        # When each was started, in the machine's clock: ids are used again.
+        # Start time by process id, because ids are reused.
         self._seen: dict[int, str] = {}
 
     def look(self) -> set[int]:
-        """Return the ids of all that are alive."""
+        """Return the ids of all processes that are alive."""
         found = _table()
         own = str(self._leader)
         members = {
@@ -76,15 +76,15 @@ class ProcessTree:
         return {pid for pid in members if found[pid][0] not in _DEAD}
 
     def memory_mb(self) -> float:
-        """Return the resident memory of all together in MB (1e6 bytes); what they share counts once."""
+        """Return the resident memory of all processes in MB (1e6 bytes), with shared memory counted once."""
         return sum(map(_resident_bytes, self.look())) / 1e6
 
     def kill(self) -> None:
-        """End all of them; return when they are dead, or cannot be ended within some seconds."""
+        """Kill all processes; return when they are dead, or after 5 s."""
         until = time.monotonic() + _KILL_S
         while True:
             alive = self.look() | self._marked()
-            # The group is ended in one go: nobody in it can start another one meanwhile.
+            # The group is killed in one call, so that none of its processes can start another one.
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._leader, signal.SIGKILL)
             for pid in alive:
@@ -95,10 +95,10 @@ class ProcessTree:
             time.sleep(0.005)
 
     def _marked(self) -> set[int]:
-        """Return the ids of those that have inherited the mark; the dead tell of none."""
+        """Return the ids of all living processes that have inherited the mark."""
         found = set()
         for pid in _ids():
-            with suppress(OSError):  # it has ended meanwhile, or is another user's
+            with suppress(OSError):  # it has ended, or belongs to another user
                 if self._mark in (_PROCESSES / str(pid) / "environ").read_bytes().split(b"\0"):
                     found.add(pid)
         return found
@@ -110,21 +110,21 @@ def _ids() -> Iterator[int]:
 
 
 def _table() -> dict[int, tuple[str, str, str, str, str]]:
-    """Return state, parent, group, session and start of every process."""
+    """Return state, parent, group, session and start time of every process."""
     found = {}
     for pid in _ids():
         try:
             text = (_PROCESSES / str(pid) / "stat").read_text(encoding="ascii", errors="replace")
-        except OSError:  # it has ended meanwhile
+        except OSError:  # it has ended
             continue
-        # The name of the program, in brackets, may hold anything.
+        # The name of the program, in parentheses, may contain any characters.
         rest = text.rpartition(")")[2].split()
         found[pid] = (rest[0], rest[1], rest[2], rest[3], rest[19])
     return found
 
 
 def _resident_bytes(pid: int) -> int:
-    """Return the memory of a process, of what it shares its part; 0 of one that has ended."""
+    """Return the memory of a process, with its share of shared memory; 0 if it has ended."""
     folder = _PROCESSES / str(pid)
     try:
         for line in (folder / "smaps_rollup").read_text(encoding="ascii", errors="replace").splitlines():
@@ -133,14 +133,14 @@ def _resident_bytes(pid: int) -> int:
     except OSError:
         pass
     try:
-        # Kernels that do not tell shares: all that is resident.
+        # Without proportional shares, the resident memory is used.
         return int((folder / "statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, IndexError):
         return 0
 
 
 _PROGRESS_S = 0.5
-# At most this long between two looks, and at most a tenth of the time for looking.
+# Longest interval between two polls, and inverse of the largest fraction of time spent on polling.
 _POLL_INTERVAL_S = 0.1
 _SHARE = 10
 _LONGEST_PAUSE_S = 0.05
@@ -149,12 +149,12 @@ _LOG_BYTES = 16384
 
 @dataclass(frozen=True)
 class ProcessResult:
-    """How a program has ended.
+    """Result of a program run.
 
-    ``code``: Its exit code; of one that a signal has ended, minus the signal's number.
-    ``reason``: What it was ended for: ``"time"`` or ``"memory"``; empty if it ended by itself.
-    ``seconds``: How long it ran.
-    ``peak_memory_mb``: The largest resident memory of all its processes together that was seen, in MB.
+    ``code``: Exit code; minus the signal number if terminated by a signal.
+    ``reason``: Exceeded limit: ``"time"`` or ``"memory"``; empty if the program ended by itself.
+    ``seconds``: Run time.
+    ``peak_memory_mb``: Largest measured resident memory of all its processes together, in MB.
     """
 
     code: int
@@ -172,14 +172,13 @@ def run_program(
     memory_mb: float | None = None,
     progress: Progress | None = None,
 ) -> ProcessResult:
-    """Run a program in a process group of its own; when this returns or raises, none of its processes is left.
+    """Run a program in its own process group; no process is left when this function returns or raises.
 
-    Memory is what is resident, looked at about ten times a second: a bound on address space, as the system offers it,
-    would end programs that reserve more than they use, as compilers and GPU libraries do. A peak between two looks is
-    not seen.
+    The resident memory is measured about ten times a second, so that shorter peaks are missed. A limit of the address
+    space would terminate programs that reserve more memory than they use, such as compilers and GPU libraries.
 
-    ``progress``: Called with ("command", seconds, seconds at most) about twice a second; it may raise, which ends the
-      program.
+    ``progress``: Called with ("command", seconds, time limit) about twice a second; raising an exception terminates
+      the program.
     """
     with log.open("wb") as printed:
         begun = time.monotonic()
@@ -215,10 +214,10 @@ def _started(
 def _watch(
     pid: int, tree: ProcessTree, begun: float, timeout_s: float, memory_mb: float | None, progress: Progress | None
 ) -> tuple[Literal["", "time", "memory"], float]:
-    """Wait for the end of a process; return what it must be ended for, and the largest memory seen."""
+    """Wait for a process to end; return the exceeded limit, if any, and the peak memory."""
     peak = look_s = told_s = 0.0
     pause_s = 0.001
-    # The process is not waited for here: as long as it is not, nobody else gets its number.
+    # The process is not reaped here, so that its id cannot be reused.
     while os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
         passed = time.monotonic() - begun
         if passed > timeout_s:
@@ -238,7 +237,7 @@ def _watch(
 
 
 def _environment(folder: Path, mark: str) -> dict[str, str]:
-    """Return the environment of a program: ours, without what says where we are and what we work on."""
+    """Return the environment of a program, without variables that reveal the working directory and the run."""
     ours = ("PWD", "OLDPWD", "_")
     kept = {name: text for name, text in os.environ.items() if name not in ours and not name.startswith("SCENETRUTH_")}
     return kept | {"PWD": str(folder), MARK: mark}

@@ -1,1 +1,1 @@
-"""The built-in methods: one module each, named like the method, with the object ``METHOD``."""
+"""Built-in methods: one module each, named after the method, with the object ``METHOD``."""

@@ -17,7 +17,7 @@ __all__ = []
 
 
 class _OpencvFlow(StreamingMethod):
-    """Optical flow from every frame to the next, for all frames but the last.
+    """Optical flow from every frame to the next, for all frames except the last.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Depth and scene flow from OpenCV's stereo matching and optical flow."""
+"""Depth and scene flow from stereo matching and optical flow of OpenCV."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["METHOD"]
 
 
 class _Settings(opencv_common.StereoSettings, opencv_common.FlowSettings):
-    """How OpenCV matches the two images of a pair, and how it finds the flow from a frame to the next."""
+    """Settings of the stereo matching and of the optical flow."""
 
 
 class _OpencvSceneFlow(StreamingMethod):
@@ -39,7 +39,7 @@ class _OpencvSceneFlow(StreamingMethod):
     ) -> Mapping[str, Any]:
         images = opencv_common.eight_bit_images(recording)
         disparities = opencv_common.disparities(recording, images, settings, progress)
-        # The disparities of a frame, of that before it and of that behind it.
+        # Disparities of a frame, of the previous and of the next frame.
         near = {0: next(disparities)}
         for place, flow in enumerate(opencv_common.flows(recording, images, settings, progress)):
             near[1] = next(disparities)

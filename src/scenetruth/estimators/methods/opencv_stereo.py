@@ -1,4 +1,4 @@
-"""Depth from two cameras by OpenCV's semi-global or local block matching."""
+"""Depth from two cameras by semi-global or local block matching of OpenCV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plane sweep: disparity of every pixel from all cameras of a frame, without an initial estimate."""
+"""Plane sweep: disparity of every pixel from all cameras of a frame, without an initial estimate."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = []
 
 
 class _PlaneSweep(StreamingMethod):
-    """Depth by trying disparities: census of all cameras, aggregated semi-globally.
+    """Depth by plane sweep: census costs of all cameras with semi-global aggregation.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""The method ``refined``: one least-squares fit of all images to a surface that moves, rotates and grows."""
+"""Method ``refined``: least-squares fit of all images to a surface that moves, rotates and grows."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ __all__ = []
 
 
 class _Refined(StreamingMethod):
-    """Depth, slopes, 3D motion and growth of every pixel from all images at once."""
+    """Depth, slopes, 3D motion and growth of every pixel from all images together."""
 
     name = "refined"
     settings = RefinedSettings
     gives: frozenset[str] = frozenset({"depth", "disparity", "flow", "velocity"})
     needs = Needs(images=2, grid=True, exclusion_mask=True)
-    # Measured on the finite elements, 5 x 9 images of 640 x 480, where most motions are fitted; the rosette takes 2700.
+    # Measured on the finite elements, 5 x 9 images of 640 x 480, which fit most motion models; the rosette takes 2700.
     bytes_per_pixel = 4300.0
     pixels_at_once = 1.0
     seconds_per_sample = 4.2e-5
@@ -39,25 +39,23 @@ class _Refined(StreamingMethod):
             return axis_problems(StructureTensorSettings(), sizes["s"], sizes["t"], sizes["x"], sizes["y"])
         problems = []
         if sizes["s"] == 1 and 1 in (settings.window_frames, sizes["t"]):
-            message = "one camera shows motion only, between two frames at least"
+            message = "one camera determines motion only, which requires two frames"
             problems.append(Problem("window_frames", message, min(settings.window_frames, sizes["t"])))
         frames = min(settings.window_frames, sizes["t"])
         if settings.accelerated and frames < LEAST_ACCELERATED:
-            message = f"takes {LEAST_ACCELERATED} frames, and a window has {frames}: they tell a steady motion at most"
+            message = f"requires a window of at least {LEAST_ACCELERATED} frames; this window has {frames} frames"
             problems.append(Problem("acceleration", message, value=True))
         least = 2 * math.ceil(2 * settings.window_sigma_px) + 1
         for name, size in (("camera.width", sizes["x"]), ("camera.height", sizes["y"])):
             if size < least:
-                message = f"must be at least {least} px, the width of a window; a smaller window_sigma_px needs less"
+                message = f"must be at least {least} px, the width of a window; reduce window_sigma_px"
                 problems.append(Problem(name, message, size))
         places = recording["stage_x_mm"].values
         if sizes["s"] == 1 and sizes.get("s_y", 1) > 1:
-            message = "cameras in one column show no disparity along x, where the fit starts: 2 positions are needed"
+            message = "cameras in one column have no disparity along x for the initial estimate; use 2 positions"
             problems.append(Problem("stage.positions", message, 1))
         if sizes["s"] > 1 and not np.isclose(places, 0.0, atol=1e-9).any():
-            message = (
-                "needs a camera at 0, where estimates are given; or initialisation: structure_tensor, which needs none"
-            )
+            message = "requires a camera at 0, the reference of the estimate, or initialisation: structure_tensor"
             problems.append(Problem("stage_x_mm", message, places.tolist()))
         return problems
 

@@ -1,4 +1,4 @@
-"""The method of the paper: one 4D structure tensor gives disparity and scene flow."""
+"""Method of the paper: disparity and scene flow from one 4D structure tensor."""
 
 from __future__ import annotations
 

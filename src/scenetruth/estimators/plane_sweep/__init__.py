@@ -1,1 +1,1 @@
-"""Plane sweep: disparity of every pixel by semi-global matching of all cameras; scene flow by random search."""
+"""Plane sweep: disparity by semi-global matching of all cameras, and scene flow by random search."""

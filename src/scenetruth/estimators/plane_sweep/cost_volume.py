@@ -1,7 +1,4 @@
-"""Costs of all disparity hypotheses for all cameras, aggregated semi-globally in strips of rows.
-
-The best hypothesis of every pixel.
-"""
+"""Cost volume: costs of all disparity hypotheses, semi-global aggregation in strips of rows, and best hypotheses."""
 
 from __future__ import annotations
 
@@ -39,27 +36,27 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """Disparities in rising order: runs of even steps, with gaps between them."""
+    """Disparity hypotheses in ascending order: equidistant runs with gaps between them."""
 
     values: NDArray[np.float64]
     """Disparity in columns per step of s, shape (k,)."""
     step: float
-    """Distance of two neighbours within a run."""
+    """Distance of adjacent hypotheses within a run."""
 
     @property
     def joined(self) -> NDArray[np.bool_]:
-        """Whether a hypothesis follows that before it without a gap, shape (k + 1,); the ends do not."""
+        """Whether a hypothesis follows the previous one without a gap, shape (k + 1,); False at both ends."""
         near = np.diff(self.values) < 1.5 * self.step
         return np.concatenate([[False], near, [False]])
 
     def at(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the disparities at places between hypotheses, counted from the first."""
+        """Return the disparities at fractional indices."""
         nearest = np.rint(place).astype(np.int64)
         return self.values[nearest] + (place - nearest) * self.step
 
 
 def spread_hypotheses(ranges: Iterable[tuple[float, float]], step: float) -> Hypotheses:
-    """Return hypotheses over ranges of disparity; ranges that meet become one.
+    """Return hypotheses over ranges of disparity; overlapping ranges are merged.
 
     >>> found = spread_hypotheses([(3.0, 4.0), (0.0, 0.5), (0.4, 1.0)], 0.5)
     >>> found.values.tolist(), found.joined.tolist()
@@ -73,34 +70,34 @@ def spread_hypotheses(ranges: Iterable[tuple[float, float]], step: float) -> Hyp
 
 @dataclass(frozen=True, eq=False)
 class CameraRow:
-    """The views of a row of cameras beside the reference; those on one side come first."""
+    """Views of a row of cameras, without the reference; those with positive positions come first."""
 
     reference: int
-    """Place of the reference among the images."""
+    """Index of the reference among the images."""
     others: NDArray[np.int64]
-    """Places of the other views among the images."""
+    """Indices of the other views among the images."""
     positions: NDArray[np.float64]
-    """Their positions in steps: where disparity is d, a view at s sees at x - d s what the reference sees at x."""
+    """Positions in steps: for disparity d, the point at x in the reference is at x - d s in a view at s."""
 
     @property
     def left(self) -> int:
-        """How many views see points further to the left than the reference does."""
+        """Number of views in which points are further to the left than in the reference."""
         return int((self.positions > 0).sum())
 
     @property
     def nearest(self) -> NDArray[np.float64]:
-        """The positions of the nearest view of each side."""
+        """Positions of the nearest view on each side."""
         sides = (self.positions[: self.left], self.positions[self.left :])
         return np.array([side[np.argmin(np.abs(side))] for side in sides if len(side) > 0])
 
     @property
     def farthest(self) -> float:
-        """The distance of the farthest view."""
+        """Distance of the farthest view."""
         return float(np.abs(self.positions).max())
 
 
 def make_camera_row(positions: ArrayLike, sign: float) -> CameraRow:
-    """Return the views of cameras along a stage.
+    """Return the views of the cameras of a stage.
 
     >>> row = make_camera_row([-1, 0, 2], -1.0)
     >>> row.reference, row.others.tolist(), row.positions.tolist(), row.nearest.tolist()
@@ -113,9 +110,9 @@ def make_camera_row(positions: ArrayLike, sign: float) -> CameraRow:
 
 
 def downsample(images: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
-    """Return means over squares of pixels; what does not fill a square is left out.
+    """Return means over squares of pixels; incomplete squares at the end are omitted.
 
-    ``factor``: Edge of the squares in px.
+    ``factor``: Side length of the squares in px.
 
     >>> downsample(np.arange(10, dtype=np.float32).reshape(1, 2, 5), 2).tolist()
     [[[3.0, 5.0]]]
@@ -128,25 +125,25 @@ def downsample(images: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
 
 
 ROWS = 120
-"""Rows of a strip's own, about."""
+"""Approximate number of rows of a strip, without margins."""
 MARGIN = 24
-"""Rows that it shares with its neighbours on either side."""
+"""Number of rows on either side shared with the adjacent strips."""
 
 
 @dataclass(frozen=True)
 class RowStrip:
-    """Some rows of an image."""
+    """A strip of image rows."""
 
     first: int
     last: int
-    """Rows of its own."""
+    """First and last + 1 row, without margins."""
     top: int
     bottom: int
-    """Rows with the margins."""
+    """First and last + 1 row, with margins."""
 
 
 def split_into_strips(height: int, rows: int = ROWS) -> list[RowStrip]:
-    """Return the strips of an image; how many there are does not depend on the machine.
+    """Return the strips of an image; their number is independent of the machine.
 
     >>> split_into_strips(240)[1]
     RowStrip(first=120, last=240, top=96, bottom=240)
@@ -158,46 +155,40 @@ def split_into_strips(height: int, rows: int = ROWS) -> list[RowStrip]:
 
 Images = NDArray[np.float32]
 
-# Penalties in the costs' unit, tuned on scenes/rosette.yaml, leaf.yaml and cube.yaml, with their noise and three times
-# as much.
+# Penalties in units of the costs, tuned on scenes/rosette.yaml, leaf.yaml and cube.yaml, with their noise level and
+# three times that level.
 _STEP_PENALTY = 300.0  # of 1 px per step
 _JUMP_PENALTY = 300.0
-# Difference of grey values, in 255ths of the image's range, that halves the penalty of a jump.
+# Grey-value difference, in 255ths of the image range, that halves the penalty of a jump.
 _EDGE = 15.0
 
 _MOST_BITS = 15.0
 _SQUARE_PX = 5
 
-# Memory of the strips in work.
+# Memory of the strips that are processed together.
 _STRIPS_BYTES = 700e6
 
 
 @dataclass(frozen=True, eq=False)
 class BestHypothesis:
-    """The best hypothesis of every pixel."""
+    """Best hypothesis of every pixel."""
 
     disparity: NDArray[np.float64]
-    """In columns per step, shape (y, x)."""
+    """Disparity in columns per step, shape (y, x)."""
     distinct: NDArray[np.float64]
-    """How many times as much any other answer costs, shape (y, x)."""
+    """Ratio of the lowest cost of any other hypothesis to the best cost, shape (y, x)."""
     bits: NDArray[np.float64]
-    """Mean number of the 48 bits that differ, over a square around the pixel, shape (y, x)."""
+    """Mean number of the 48 bits that differ, averaged over a square around the pixel, shape (y, x)."""
     agreed: NDArray[np.bool_]
-    """Whether the nearest view on one side at least would choose the same where it sees the point, shape (y, x)."""
+    """Whether the nearest view on at least one side has the same best hypothesis at this point, shape (y, x)."""
 
     def sure(self, distinctness: float) -> NDArray[np.bool_]:
-        """Mark pixels at which any other hypothesis costs so many times as much, and chance does not explain the best.
-
-        Of unrelated neighbourhoods, 24 bits differ; the best of many hypotheses finds about 18.
-        """
+        """Return where the hypothesis is unique by this cost ratio, and a match by chance (18 to 24 bits) unlikely."""
         return self.agreed & (self.distinct > distinctness) & (self.bits < _MOST_BITS)
 
 
 def choose_hypotheses(images: Images, row: CameraRow, hypotheses: Hypotheses) -> BestHypothesis:
-    """Choose among hypotheses for every pixel of the reference.
-
-    ``images``: Grey values, shape (s, y, x).
-    """
+    """Return the best hypothesis for every pixel of the reference, from grey values of shape (s, y, x)."""
     from scipy import ndimage
 
     height, width = images.shape[1:]
@@ -256,7 +247,7 @@ def _censuses(images: Images, row: CameraRow) -> tuple[NDArray[np.uint64], NDArr
 
 
 def _edges(image: Images) -> NDArray[np.uint8]:
-    """Return grey values over the range of an image, in which jumps of depth are looked for."""
+    """Return grey values scaled to the range of an image, for the penalties of depth discontinuities."""
     low, high = np.percentile(image, (1, 99))
     scaled = (image - low) * (255 / max(high - low, 1e-30))
     return np.asarray(np.clip(scaled, 0, 255), dtype=np.uint8)

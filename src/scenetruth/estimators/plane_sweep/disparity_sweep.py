@@ -1,4 +1,4 @@
-"""Disparity of every pixel from all cameras: the ranges that occur, one frame, and all frames of a recording."""
+"""Disparity of every pixel from all cameras: disparity ranges, a single frame, and all frames of a recording."""
 
 from __future__ import annotations
 
@@ -25,27 +25,24 @@ from scenetruth.schema import compute_pixel_grid, read_intrinsics
 __all__ = ["DisparityResult", "estimate_disparities", "sweep_disparity"]
 
 
-# Any other answer must cost this many times as much.
+# Smallest ratio of the cost of any other hypothesis to the best cost.
 _SURE = 1.5
 _COARSEST = 8
-# Columns that are enough to tell disparities apart.
+# Columns required to distinguish disparities.
 _LEAST_WIDTH = 120
-# Columns that two views must have in common: as many, and as large a share.
+# Smallest overlap of two views, in columns and as a fraction of the width.
 _COMMON, _COMMON_SHARE = 8, 0.125
-# Pixels of low resolution that make a range: as many, and as large a share.
+# Smallest size of a range, in pixels of the low resolution and as a fraction of the image.
 _LEAST_PIXELS, _LEAST_SHARE = 6, 2e-4
-# Ranges are widened by this many columns of low resolution.
+# Columns of the low resolution by which ranges are widened.
 _WIDER = 1.5
-# Where a smaller share of pixels is sure, texture is too fine for the low resolution, or missing.
+# With a smaller fraction of unique pixels, the texture is too fine for the low resolution, or missing.
 _ENOUGH = 0.25
 _MOST_COSTS = 5e8
 
 
 def disparity_ranges(images: NDArray[np.float32], row: CameraRow) -> list[tuple[float, float]]:
-    """Return the ranges of disparity in columns per step that images show; none if they show nothing.
-
-    ``images``: Grey values, shape (s, y, x).
-    """
+    """Return the disparity ranges that occur in images (s, y, x), in columns per step; empty without texture."""
     factor = _COARSEST
     while factor > 1 and images.shape[2] // factor < _LEAST_WIDTH:
         factor //= 2
@@ -67,10 +64,10 @@ def disparity_ranges(images: NDArray[np.float32], row: CameraRow) -> list[tuple[
 
 
 def _ranges(chosen: BestHypothesis, sure: NDArray[np.bool_], step: float, widest: float) -> list[tuple[float, float]]:
-    """Return the ranges in which there are enough pixels."""
+    """Return the ranges that contain enough pixels."""
     places = np.rint(chosen.disparity[sure] / step).astype(np.int64)
     counts = np.bincount(np.clip(places, 0, None), minlength=1)
-    # As many within a column to either side.
+    # Counts within one column on either side.
     reach = round(1 / step)
     around = np.convolve(counts, np.ones(2 * reach + 1))[reach : reach + len(counts)]
     least = max(_LEAST_PIXELS, _LEAST_SHARE * sure.size)
@@ -79,25 +76,25 @@ def _ranges(chosen: BestHypothesis, sure: NDArray[np.bool_], step: float, widest
     return [(max(float(run[0]) - _WIDER, 0.0), min(float(run[-1]) + _WIDER, widest)) for run in runs]
 
 
-# Least disparity that is told, in steps of those that are tried.
+# Smallest disparity reported, in steps between hypotheses.
 _FARTHEST = 0.5
 _MEDIAN_PX = 3
 
 
 @dataclass(frozen=True, eq=False)
 class DisparityResult:
-    """What a plane sweep finds."""
+    """Result of a plane sweep."""
 
     disparity: NDArray[np.float64]
-    """In columns per step of s, finite everywhere if anything is known, shape (y, x)."""
+    """Disparity in columns per step of s, finite everywhere if any pixel is valid, shape (y, x)."""
     known: NDArray[np.bool_]
-    """Where the images tell it beyond doubt, shape (y, x)."""
+    """Validity mask: the match is unique, shape (y, x)."""
     ranges: list[tuple[float, float]]
-    """The ranges that were searched."""
+    """Disparity ranges that were searched."""
     far: NDArray[np.bool_]
-    """Where disparity is nearer to zero than can be told, shape (y, x)."""
+    """Where the disparity cannot be distinguished from zero, shape (y, x)."""
     ambiguous: NDArray[np.bool_]
-    """Where another disparity costs less than ``distinctness`` times as much, shape (y, x)."""
+    """Where another disparity costs less than ``distinctness`` times the best cost, shape (y, x)."""
 
 
 def sweep_disparity(
@@ -107,10 +104,10 @@ def sweep_disparity(
     ranges: Sequence[tuple[float, float]] | None = None,
     distinctness: float = 1.3,
 ) -> DisparityResult:
-    """Find the disparity of every pixel of the reference.
+    """Estimate the disparity of every pixel of the reference.
 
-    ``images``: Grey values of all cameras at one time, finite, shape (channel, s, y, x). Channels are averaged.
-    ``ranges``: Ranges of disparity to search, in columns per step; they are found if not given.
+    ``images``: Grey values of all cameras in one frame, finite, shape (channel, s, y, x). Channels are averaged.
+    ``ranges``: Disparity ranges to search, in columns per step; estimated from the images if None.
     """
     from scipy import ndimage
 
@@ -128,7 +125,7 @@ def sweep_disparity(
         return DisparityResult(np.full(grey.shape[1:], np.nan), nowhere, [], nowhere, nowhere)
     chosen = choose_hypotheses(grey, row, spread_hypotheses(searched, _step(row.farthest)))
     disparity = ndimage.median_filter(chosen.disparity, _MEDIAN_PX)
-    # What is as far away as anything, or farther, has no depth.
+    # Points at infinity, or beyond by noise, have no depth.
     least = _FARTHEST * _step(row.farthest)
     far = disparity <= least
     known = chosen.sure(distinctness) & ~far
@@ -138,24 +135,18 @@ def sweep_disparity(
 
 
 def _step(farthest: float) -> float:
-    """Return the distance of two hypotheses: a quarter of a column in the farthest view, if that is not too fine.
-
-    Beyond four steps from the reference it is half a column.
-    """
+    """Return the distance between hypotheses: 1/4 column in the farthest view, 1/2 column beyond four steps."""
     return min(0.25, max(0.25 / farthest, min(0.125, 0.5 / farthest)))
 
 
 def estimate_disparities(
     recording: xr.Dataset, settings: PlaneSweepSettings, progress: Progress | None
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.bool_]]]:
-    """Give the disparity of the reference camera in every frame, px per step of s, and where the match is ambiguous.
-
-    Disparity is NaN where it is not valid.
-    """
+    """Yield the disparity in every frame, px per step of s, NaN where invalid, and where the match is ambiguous."""
     reader = FrameReader(recording)
     missing = reader.missing()
     if missing:
-        message = f"holds {missing} values that are not finite in float32; leave out these rows and columns"
+        message = f"contains {missing} values that are not finite in float32; exclude these rows and columns"
         raise EstimateError([Problem("image", message)])
     baseline_mm = read_intrinsics(recording).baseline_mm
     positions = recording["stage_x_mm"].values / baseline_mm

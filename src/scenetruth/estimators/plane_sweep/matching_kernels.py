@@ -1,4 +1,4 @@
-"""Kernels of the plane sweep: census costs, semi-global aggregation, and the choice of the best hypothesis."""
+"""Kernels of the plane sweep: census costs, semi-global aggregation, and selection of the best hypothesis."""
 
 from __future__ import annotations
 
@@ -26,23 +26,20 @@ __all__ = [
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 PHASES = 8
-"""Fractions of a pixel by which views are shifted."""
+"""Number of subpixel positions at which views are sampled."""
 COST_OF_BIT = 4
-"""Cost of one bit that differs of the 48."""
+"""Cost of each of the 48 bits that differs."""
 OTHER_SIDE = 0.1
-"""Weight of the side that agrees less, which steadies what both see."""
+"""Weight of the side that agrees less, which stabilises points visible on both sides."""
 UNSEEN = 64
-"""Cost where no view sees a point: better than what chance finds, worse than what is found."""
+"""Cost where no view covers a point: below that of a random match, above that of a correct match."""
 _REACH = 3
 _SIDE = 2 * _REACH + 1
 
 
 @_jit
 def shifted(image: Any, phase: int, out: Any) -> None:
-    """Shift an image to the left by phase / PHASES px, by cubic convolution (Catmull-Rom); its edges go on.
-
-    ``out``: Output, of the same shape.
-    """
+    """Shift an image to the left by phase / PHASES px, by cubic convolution (Catmull-Rom), with border replication."""
     height, width = image.shape
     f = np.float32(phase / PHASES)
     half, one = np.float32(0.5), np.float32(1.0)
@@ -62,10 +59,7 @@ def shifted(image: Any, phase: int, out: Any) -> None:
 
 @_jit
 def census(image: Any, out: Any) -> None:
-    """Write which of the 7 x 7 pixels around each are darker than it, as 48 bits; an image's edges go on.
-
-    ``out``: Output, uint64 of the same shape.
-    """
+    """Write which of the 7 x 7 pixels around each are darker, as 48 bits (uint64), with border replication."""
     height, width = image.shape
     rows = np.empty((2 * _REACH + 1, width + 2 * _REACH), dtype=np.float32)
     halves = np.empty((2, width), dtype=np.uint32)
@@ -92,16 +86,15 @@ def census(image: Any, out: Any) -> None:
 
 @_jit
 def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, out: Any) -> None:
-    """Compare the reference with all views under every hypothesis.
+    """Compute the cost of every hypothesis from the reference and all views.
 
-    Of the views to the left of the reference and those to its right, the side that agrees better counts, and little
-    the other: what hides a point from some cameras mostly does so on one side.
+    Of the views on the two sides of the reference, the side with the better match dominates, because occlusions mostly
+    affect one side only.
 
     ``reference``: Census of the reference, shape (y, x).
-    ``views``: Census of the other views, shifted by every phase, shape (view, phase, y, x); those on one side come
-      first.
-    ``out``: Output: COST_OF_BIT times the mean number of bits that differ; UNSEEN where no view sees the point; uint8
-      of shape (y, x, k).
+    ``views``: Census of the other views, shifted by every phase, shape (view, phase, y, x); the left side first.
+    ``out``: Output: COST_OF_BIT times the mean number of bits that differ; UNSEEN where no view covers the point;
+      uint8 of shape (y, x, k).
     """
     height, width = reference.shape
     count = whole.shape[0]
@@ -142,7 +135,7 @@ _FAR = np.uint16(16384)
 
 @_jit
 def _pass(costs: Any, edges: Any, step_penalty: Any, jumps: Any, total: Any, turn: bool) -> None:
-    """Add the costs along four paths: from the left and from the three neighbours above; turned, the other four."""
+    """Add the costs along four paths: from the left and the three neighbours above; with ``turn``, the other four."""
     height, width, count = costs.shape
     old = np.empty((3, width + 2, count + 2), dtype=np.uint16)
     new = np.empty((3, width + 2, count + 2), dtype=np.uint16)
@@ -166,13 +159,13 @@ def _pass(costs: Any, edges: Any, step_penalty: Any, jumps: Any, total: Any, tur
             jump_a = jumps[abs(here - np.int64(edges[back_y, back_x]))]
             jump_b = jumps[abs(here - np.int64(edges[back_y, x]))]
             jump_c = jumps[abs(here - np.int64(edges[back_y, ahead_x]))]
-            # Places in the buffers: column + 1; the one before is to the side where the pass comes from.
+            # Index in the buffers is column + 1; the previous pixel is on the side where the pass comes from.
             a, b, c = old[0, column], old[1, column + 1], old[2, column + 2]
             low_a, low_b, low_c = lows[0, column], lows[1, column + 1], lows[2, column + 2]
             here_a, here_b, here_c = new[0, column + 1], new[1, column + 1], new[2, column + 1]
             before, after = side[column % 2], side[(column + 1) % 2]
             cost, sums = costs[y, x], total[y, x]
-            # No path costs more than its best way plus a jump.
+            # The cost of a path is limited to its previous minimum plus the jump penalty.
             most_side, most_a = add(low, jump_side), add(low_a, jump_a)
             most_b, most_c = add(low_b, jump_b), add(low_c, jump_c)
             best, best_a, best_b, best_c = _FAR, _FAR, _FAR, _FAR
@@ -198,7 +191,7 @@ def _pass(costs: Any, edges: Any, step_penalty: Any, jumps: Any, total: Any, tur
                 sums[k] = add(sums[k], add(add(v, va), add(vb, vc)))
             low = best
             fresh[0, column + 1], fresh[1, column + 1], fresh[2, column + 1] = best_a, best_b, best_c
-        # Paths begin anew at the sides.
+        # Paths start again at the image sides.
         old, new = new, old
         lows, fresh = fresh, lows
         old[:, 0, 1:-1], old[:, -1, 1:-1] = 0, 0
@@ -207,7 +200,7 @@ def _pass(costs: Any, edges: Any, step_penalty: Any, jumps: Any, total: Any, tur
 
 @_jit
 def aggregate(costs: Any, edges: Any, step_penalty: Any, jumps: Any, total: Any) -> None:
-    """Add the least costs of ways to every pixel and hypothesis along eight paths.
+    """Add the minimum path costs of every pixel and hypothesis along eight paths.
 
     ``costs``: Cost of every hypothesis, uint8 of shape (y, x, k).
     ``edges``: Grey values in 0 to 255, uint8 of shape (y, x).
@@ -226,14 +219,14 @@ _FLOOR = 8 * 10.0 * COST_OF_BIT  # ten bits on each of eight paths
 
 @_jit
 def winners(total: Any, costs: Any, wide: int, place: Any, distinct: Any, own: Any) -> None:
-    """Find the hypothesis of least cost of every pixel.
+    """Select the hypothesis of minimum cost for every pixel.
 
-    ``total``: Costs of ways, uint16 of shape (y, x, k).
-    ``costs``: Costs of the pixels themselves, uint8 of the same shape.
-    ``place``: Output: the best hypothesis, between two by a parabola through three costs, shape (y, x).
-    ``distinct``: Output: how many times as much the best other answer costs, shape (y, x). Ten bits are added to both
-      costs: where next to nothing differs, noise would decide.
-    ``own``: Output: the pixel's own cost under the best hypothesis, shape (y, x).
+    ``total``: Aggregated costs, uint16 of shape (y, x, k).
+    ``costs``: Costs of the pixels alone, uint8 of the same shape.
+    ``place``: Output: index of the best hypothesis, refined by a parabola through three costs, shape (y, x).
+    ``distinct``: Output: cost ratio of the best other hypothesis, shape (y, x). Ten bits are added to both costs, which
+      limits the effect of noise on small costs.
+    ``own``: Output: cost of the pixel alone for the best hypothesis, shape (y, x).
     """
     height, width, count = total.shape
     for y in range(height):
@@ -262,14 +255,14 @@ def winners(total: Any, costs: Any, wide: int, place: Any, distinct: Any, own: A
 
 @_jit
 def agreeing(total: Any, shifts: Any, place: Any, tolerance: int, agrees: Any) -> None:
-    """Mark pixels whose hypothesis is also what another view would choose where it sees them.
+    """Mark pixels whose hypothesis is also the best one in another view.
 
-    The costs of that view's pixel x' are those of the reference at x' - shifts[k]: a diagonal through the volume.
+    The costs of pixel x' of that view are those of the reference at x' - shifts[k]: a diagonal through the volume.
 
     ``total``: Costs, uint16 of shape (y, x, k).
-    ``shifts``: How far to the right the view sees a point, for every hypothesis, in whole px.
-    ``place``: Chosen hypotheses, shape (y, x).
-    ``agrees``: Output: set where they are not further apart, left where they are; shape (y, x).
+    ``shifts``: Shift of a point to the right in the view, for every hypothesis, in whole px.
+    ``place``: Selected hypotheses, shape (y, x).
+    ``agrees``: Output: set where they agree within the tolerance, else unchanged; shape (y, x).
     """
     height, width, count = total.shape
     lows = np.empty(width, dtype=np.uint16)

@@ -15,28 +15,28 @@ __all__ = ["HALVES", "UNSEEN_BITS", "NeighbourFrame", "costs_of", "search"]
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 HALVES = 2
-"""Fractions of a pixel by which images are shifted, along x and along y."""
+"""Number of subpixel positions at which images are sampled, along x and along y."""
 UNSEEN_BITS = 16.0
-"""Cost of a motion that leads out of all images."""
+"""Cost of a motion that leaves all images."""
 
 
 class NeighbourFrame(NamedTuple):
-    """A frame as the reference sees it, and the images of other times in which its points are looked for."""
+    """The reference in the estimated frame, and the images of other frames in which its points are searched."""
 
     reference: NDArray[np.uint64]
     """Census of the reference, shape (y, x)."""
     images: NDArray[np.uint64]
-    """Census of all images, shifted by halves of a pixel up and to the left, shape (t, s, half y, half x, y, x)."""
+    """Census of all images, shifted by half pixels up and to the left, shape (t, s, half y, half x, y, x)."""
     t: NDArray[np.float64]
-    """Their times, in frames from the reference's."""
+    """Times of the images relative to the reference, in frames."""
     s: NDArray[np.float64]
     """Positions of the cameras in steps."""
     farthest: float
-    """The largest distance of any from the reference, at least 1."""
+    """Largest camera distance from the reference in steps, at least 1."""
     disparity: NDArray[np.float64]
-    """In columns per step, of the reference's pixels, shape (y, x)."""
+    """Disparity of the pixels of the reference in columns per step, shape (y, x)."""
     focal: float
-    """Focal length in columns; infinite if nothing is to move in depth."""
+    """Focal length in columns; infinite to exclude motion in depth."""
     centre_x: float
     """Column of the principal point."""
     centre_y: float
@@ -45,7 +45,7 @@ class NeighbourFrame(NamedTuple):
 
 @_jit
 def _cost(later: Any, y: int, x: int, qx: float, qy: float, qz: float) -> float:
-    """Return the number of bits that differ if a pixel's point moves by q: the better time, of each the better side."""
+    """Return the mean number of bits that differ for motion q, mainly of the better frame and of its better side."""
     height, width = later.reference.shape
     d = later.disparity[y, x]
     here = later.reference[y, x]
@@ -86,13 +86,13 @@ def _cost(later: Any, y: int, x: int, qx: float, qy: float, qz: float) -> float:
         times += 1
     if times == 0:
         return UNSEEN_BITS
-    # What is hidden at one time is seen at the other; where both see it, both should agree.
+    # Points occluded in one frame are visible in the other; where both are visible, both should agree.
     return 0.75 * best + 0.25 * sum_of_times / times
 
 
 @_jit
 def _unlike(later: Any, q: Any, y: int, x: int, motion: Any, same: float, most: float) -> float:
-    """Return by how many px a motion differs from those of the four neighbours on the same surface."""
+    """Return the difference of a motion, in px, from those of the four neighbours on the same surface."""
     height, width = later.reference.shape
     d = later.disparity[y, x]
     total = 0.0
@@ -108,10 +108,10 @@ def _unlike(later: Any, q: Any, y: int, x: int, motion: Any, same: float, most: 
 
 @_jit
 def costs_of(later: Any, q: Any, shift_x: float, shift_y: float, out: Any) -> None:
-    """Write the cost of given motions, in bits of 48.
+    """Write the cost of motions, in bits of 48.
 
     ``q``: Velocity in baselines per frame, shape (3, y, x).
-    ``shift_x``, ``shift_y``: Flow in columns per frame that is added.
+    ``shift_x``, ``shift_y``: Additional flow in columns per frame.
     ``out``: Output, shape (y, x).
     """
     height, width = later.reference.shape
@@ -123,11 +123,11 @@ def costs_of(later: Any, q: Any, shift_x: float, shift_y: float, out: Any) -> No
 
 @_jit
 def search(later: Any, q: Any, sweeps: int, reach: float, smooth: Any, seed: int) -> None:
-    """Better the motion of every pixel by those of its neighbours, and by random changes that become smaller.
+    """Improve the motion of every pixel by those of its neighbours, and by random changes of decreasing size.
 
-    ``q``: Velocity in baselines per frame, shape (3, y, x); bettered in place.
-    ``smooth``: Bits that a difference of one px from a neighbour costs; px beyond which more does not cost more;
-      difference of disparity beyond which a neighbour belongs to another surface.
+    ``q``: Velocity in baselines per frame, shape (3, y, x); improved in place.
+    ``smooth``: Penalty in bits per px of difference from a neighbour; difference in px above which it is constant;
+      disparity difference above which a neighbour belongs to another surface.
     """
     height, width = later.reference.shape
     weight, most, same = smooth
@@ -163,7 +163,7 @@ def search(later: Any, q: Any, sweeps: int, reach: float, smooth: Any, seed: int
                             if i < 2 and n != 3:
                                 motion[i] += chance * reach / d
                             elif i == 2 and n != 2 and deep:
-                                # The flow stays as it is.
+                                # The flow is unchanged.
                                 rate = chance * reach / (d * later.farthest)
                                 motion[0] += (x - later.centre_x + d * motion[0]) * rate / d
                                 motion[1] += (y - later.centre_y + d * motion[1]) * rate / d

@@ -1,4 +1,4 @@
-"""Scene flow of every pixel of the reference from the adjacent frames, given its disparity."""
+"""Scene flow of every pixel of the reference from the adjacent frames and the disparity."""
 
 from __future__ import annotations
 
@@ -18,33 +18,34 @@ __all__ = ["MotionResult", "sweep_motion"]
 
 Map = NDArray[np.float64]
 
-# Flow that is looked for, in columns per frame.
+# Largest flow searched, in columns per frame.
 _FARTHEST = 16
 _COARSEST = 4
-# Jobs into which the motions of low resolution are divided.
+# Number of parallel parts of the exhaustive search.
 _PARTS = 4
 _LEAST_SIZE = 32
-# Random search: sweeps, and columns by which flow is changed at first; less where a lower resolution has been searched.
+# Random search: sweeps, and initial change of flow in columns; smaller after a search at a lower resolution.
 _SWEEPS, _REACH = 6, 1.0
 _FINE_SWEEPS, _FINE_REACH = 4, 0.5
-# Bits per px of difference from a neighbour, px beyond which more does not cost more; and columns per step beyond which
-# a neighbour belongs to another surface.
+# Bits per px of difference from a neighbour; px above which the penalty is constant; and columns per step above which a
+# neighbour belongs to another surface.
 _SMOOTH = (0.5, 2.0, 1.0)
 _SQUARE_PX = 5
 _MEDIAN_PX = 5
-# A flow is known if this much beside it others cost so many times as much, ten bits added to both.
+# A flow is valid if flows at this distance have this cost ratio, with ten bits added to both costs.
 _BESIDE_PX, _DISTINCT, _FLOOR_BITS, _MOST_BITS = 2.0, 1.4, 10.0, 15.0
 _LEAST_DISPARITY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class MotionResult:
-    """The motion that is found."""
+    """Result of the motion search."""
 
     velocity: Map
-    """In baselines per frame (X, Y, Z), finite, shape (3, y, x); of one camera flow in columns per frame, and 0."""
+    """Velocity in baselines per frame (X, Y, Z), finite, shape (3, y, x); for one camera, flow in columns per frame and
+    0."""
     known: NDArray[np.bool_]
-    """Where the images tell it beyond doubt, shape (y, x)."""
+    """Validity mask: the match is unique, shape (y, x)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +71,13 @@ def sweep_motion(
     focal_length_px: float,
     centre: tuple[float, float],
 ) -> MotionResult:
-    """Find how the points move that the reference sees.
+    """Estimate the motion of the points in the reference image.
 
     ``reference``: Image of the reference camera in the estimated frame, finite, shape (channel, y, x). Channels are
       averaged.
-    ``beside``: Images of all cameras in frames beside it, mostly those before and behind, shape (channel, s, y, x)
-      each.
-    ``disparity``: Of the reference's pixels, finite, in columns per step; None for one camera, which shows flow only.
+    ``beside``: Images of all cameras in the adjacent frames, shape (channel, s, y, x) each.
+    ``disparity``: Disparity of the pixels of the reference, finite, in columns per step; None for one camera, which
+      determines flow only.
     Returns: Motion over up to 16 columns per frame.
     """
     grey = np.ascontiguousarray(reference.mean(axis=0, dtype=np.float32))
@@ -136,7 +137,7 @@ def _level(
 
 
 def _later(level: _Level, top: int, bottom: int) -> NeighbourFrame:
-    """Return the census of some rows of all images."""
+    """Return the census of a range of rows of all images."""
     rows = slice(top, bottom)
     part = level.beside[:, :, rows]
     shape = part.shape[2:]
@@ -157,7 +158,7 @@ def _later(level: _Level, top: int, bottom: int) -> NeighbourFrame:
 
 
 def _exhaustive(level: _Level) -> Map:
-    """Return the best motion of whole columns and rows within reach, without any in depth, in squares of pixels."""
+    """Return the best motion by whole columns and rows, without motion in depth, from costs averaged over squares."""
     from scipy import ndimage
 
     later = _later(level, 0, level.reference.shape[0])
@@ -171,7 +172,7 @@ def _exhaustive(level: _Level) -> Map:
         best, found, costs = np.full(shape, np.inf), np.zeros((2, *shape)), np.empty(shape)
         for u, v in every[part::_PARTS]:
             costs_of(later, rest, float(u), float(v), costs)
-            # Of motions that fit alike, the slowest.
+            # Among motions of equal cost, the slowest.
             around = ndimage.uniform_filter(costs, _SQUARE_PX) + 1e-3 * np.hypot(u, v)
             better = around < best
             best[better] = around[better]
@@ -185,7 +186,7 @@ def _exhaustive(level: _Level) -> Map:
 
 
 def _searched(level: _Level, start: Map, *, first: bool) -> tuple[Map, NDArray[np.bool_]]:
-    """Return bettered motion, and where it is known."""
+    """Return the improved motion, and its validity mask."""
     from scipy import ndimage
 
     q, height = start.copy(), level.reference.shape[0]

@@ -1,8 +1,4 @@
-"""Refits at discontinuities.
-
-Small windows, models of neighbouring pixels selected by photo-consistency, then windows without the pixels of other
-surfaces.
-"""
+"""Refit at discontinuities: small windows, model selection by photo-consistency, windows without other surfaces."""
 
 from __future__ import annotations
 
@@ -77,13 +73,13 @@ __all__ = [
 
 
 BLOCK_PX = 32
-"""Edge of a block."""
-# A block needs so many pixels.
+"""Side length of a block in px."""
+# Smallest number of pixels of a block.
 _LEAST_BLOCK_PIXELS = 64
 
 
 class GainOffset(NamedTuple):
-    """What takes an image to the brightness of the images' mean: (grey value - offset) / gain, in blocks."""
+    """Block-wise conversion of an image to the intensity of the mean image: (grey value - offset) / gain."""
 
     gain: NDArray[np.float32]
     """Gains, shape (n, rows of blocks, columns of blocks)."""
@@ -92,7 +88,7 @@ class GainOffset(NamedTuple):
 
 
 def uniform_gain_offset(count: int) -> GainOffset:
-    """Return that all images have the same brightness."""
+    """Return gain 1 and offset 0 for all images."""
     return GainOffset(np.ones((count, 1, 1), dtype=np.float32), np.zeros((count, 1, 1), dtype=np.float32))
 
 
@@ -103,16 +99,13 @@ def estimate_gain_offset(
     bad: NDArray[np.uint8],
     good: NDArray[np.bool_],
 ) -> GainOffset:
-    """Find the images' gains and offsets against their mean by regression in blocks.
-
-    ``good``: Pixels that are asked, shape (y, x).
-    """
+    """Estimate gains and offsets of the images relative to their mean by regression in blocks over ``good`` pixels."""
     count, height, width = coefficients.shape
     down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
     gain = np.full((count, down, across), np.nan, dtype=np.float32)
     offset = np.full_like(gain, np.nan)
     asked = np.where(good, fields, np.nan)
-    # Images that are left out as a whole have no brightness.
+    # Excluded images have no intensity.
     used = ~bad.all(axis=(1, 2)) if bad.shape[0] > 0 else np.ones(count, dtype=np.bool_)
 
     def regress(block: int) -> None:
@@ -139,9 +132,9 @@ def estimate_gain_offset(
 
 
 def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return gains and offsets of images against their mean, from grey values (n, pixels), NaN where unknown."""
+    """Return gains and offsets of images relative to their mean, from grey values (n, pixels), NaN where invalid."""
     known = np.isfinite(values)
-    # Pixels that all images show have one texture; if bad ones lie between, every image is asked where it is known.
+    # Pixels visible in all images have a common texture; with defective pixels, every image has its own valid pixels.
     values = values[:, known.mean(axis=0) >= 0.5 if some_bad else known.all(axis=0)]
     known = np.isfinite(values)
     counts = known.sum(axis=1)
@@ -150,7 +143,7 @@ def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[n
     means = np.where(known, values, 0.0).sum(axis=1) / counts
     around = np.where(known, values - means[:, None], 0.0)
     texture = around.sum(axis=0) / known.sum(axis=0)
-    # Over the pixels that each image shows.
+    # Over the valid pixels of each image.
     middle = known @ texture / counts
     squares = known @ texture**2 - counts * middle**2
     if squares.min(initial=np.inf) <= 0:
@@ -161,22 +154,22 @@ def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[n
 
 Map = NDArray[np.float64]
 
-# The images of one side alone must agree better by this than all of them do.
+# Ratio by which the images of one side must agree better than all images.
 _SIDE_COST = 1.05
-# So much of a pixel's neighbourhood must be judged.
+# Smallest fraction of the neighbourhood of a pixel with a valid cost.
 _LEAST_JUDGED_SHARE = 0.3
-# Models that move a point by more than this in any image are of different surfaces.
+# Models that displace a point by more than this in any image belong to different surfaces.
 _DIFFERENT_PX = 0.5
 
 
 class HypothesisSelection:
-    """The best model of every pixel so far.
+    """Selection of the best model of every pixel by photo-consistency.
 
-    ``images``: The images that judge.
-    ``theta``: Parameters to begin with, shape (15 or 18, y, x).
-    ``where``: Pixels to be judged, shape (y, x).
-    ``noise``: Standard deviation of what the images leave by noise alone.
-    ``steady``: Pixels that tell the images' brightness, shape (y, x); without, it is the same in all.
+    ``images``: Images in which photo-consistency is evaluated.
+    ``theta``: Initial parameters, shape (15 or 18, y, x).
+    ``where``: Pixels to evaluate, shape (y, x).
+    ``noise``: Standard deviation of the residual due to noise alone.
+    ``steady``: Pixels from which image intensities are estimated, shape (y, x); None for equal intensities.
     """
 
     def __init__(
@@ -199,20 +192,17 @@ class HypothesisSelection:
         ]
         self.theta = theta.copy()
         self.cost = self._judge(theta)
-        """What the images leave with it, in squares of the noise."""
+        """Residual of the selected model, in squares of the noise."""
         self.rival = np.full(images.shape, np.inf, dtype=np.float32)
-        """The same for the best model of another surface that was offered."""
+        """Smallest residual of any other model that belongs to another surface."""
 
     def offer(self, theta: Map) -> None:
-        """Take models where they explain the images better.
-
-        ``theta``: Parameters, shape (15 or 18, y, x); NaN where there are none.
-        """
+        """Select models where they explain the images better; parameters are (15 or 18, y, x), NaN where invalid."""
         cost = self._judge(theta)
         with np.errstate(invalid="ignore"):
             moved = self._images.moved_px(extract_fields(self.theta), extract_fields(theta))
             other = ~(moved <= _DIFFERENT_PX)
-            # No worse than by what noise may do: models that came first stay.
+            # The margin covers the effect of noise: of equivalent models, the earlier one remains.
             better = cost < self.cost - 0.03
         worse = np.where(better, self.cost, cost)
         self.rival[other] = np.minimum(self.rival, worse)[other]
@@ -220,7 +210,7 @@ class HypothesisSelection:
         self.cost[better] = cost[better]
 
     def spread(self, distance: int) -> None:
-        """Offer every pixel the models of eight others in turn."""
+        """Try the models of the eight pixels at a distance, at every pixel."""
         for down in (-distance, 0, distance):
             for right in (-distance, 0, distance):
                 if right or down:
@@ -246,34 +236,34 @@ class HypothesisSelection:
 
 Mask = NDArray[np.bool_]
 
-# A surface explains pixels if it leaves this many times the noise at most, or what a shift by so many px would leave.
+# Largest residual of a pixel explained by a surface: this multiple of the noise, or the effect of this shift in px.
 _NOISES, _SHIFT_PX = 1.3, 0.2
-# Standard deviations of the windows that come first and of those in the end, over that of the whole windows.
+# Standard deviations of the initial and of the final windows, relative to that of the full windows.
 _SMALL, _FINAL = 0.4, 2 / 3
 _LEAST_SIGMA_PX = 1.5
-# Points whose disparities differ by less than this at the farthest camera do not hide each other.
+# Points whose disparities differ by less than this at the farthest camera do not occlude each other.
 _SAME_PX = 0.75
 _ROUNDS = 2
-# Motion may be as rich as it is in whole windows so many half windows away.
+# Distance, in half-widths of the full window, over which richer motion models are tried.
 _REACH_HALF_WINDOWS = 2
 _PIXELS = 2000
-# Of the images so many must show a pixel, of a window so much must be known, and of its texture's middle not be farther
-# from the window's than so many standard deviations: at a straight outline it is 0.8.
+# Smallest fraction of the images in which a pixel is visible; smallest valid fraction of a window; and largest distance
+# of the texture centroid from the window centre in standard deviations: at a straight outline it is 0.8.
 _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class DiscontinuityContext:
-    """What is known beside outlines."""
+    """Pixels near discontinuities."""
 
     where: Mask
-    """Pixels whose windows hold an outline, or what one motion does not explain, shape (y, x)."""
+    """Pixels whose windows contain a discontinuity, or a residual that one motion does not explain, shape (y, x)."""
     sound: Mask
-    """Those of them whose own surface is told."""
+    """Those of them with a valid fit of their own surface."""
 
 
 def empty_discontinuity_context(shape: tuple[int, int]) -> DiscontinuityContext:
-    """Return that no pixel is beside an outline."""
+    """Return a context without pixels near discontinuities."""
     return DiscontinuityContext(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
 
 
@@ -284,10 +274,7 @@ def refit_discontinuities(
     settings: RefinedSettings,
     told: Callable[[int], None] | None = None,
 ) -> tuple[RefinedState, DiscontinuityContext]:
-    """Fit pixels anew whose windows hold more than one surface.
-
-    ``start``: Disparity and velocity that whole windows started from, shape (4, y, x), finite.
-    """
+    """Fit pixels again whose windows contain several surfaces, from disparity and velocity of shape (4, y, x)."""
     noise = estimate_noise(np.sqrt(refined.fit.residual[0]))
     sigma = settings.window_sigma_px
     whole = refined.fit.theta
@@ -304,7 +291,7 @@ def refit_discontinuities(
     found = _refit(images, theta, where, noise, settings)
     found, motion = _refit_motion_models(images, found, where, refined.motion, noise, settings)
     fit, seen, shares = found.fit, found.seen, found.shares
-    # Whole windows suffice where they find the same: their noise is the least.
+    # Full windows are kept where their result is the same, because their noise is the smallest.
     fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.max_residual_ratio * noise)
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
     final = chosen_fit(where, fit, refined.fit)
@@ -326,7 +313,7 @@ def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
 
 
 def _limit_of(gradient: NDArray[Any], noise: float) -> Map:
-    """Return the largest mean square that is left where a pixel is explained."""
+    """Return the largest mean square residual of a pixel that is explained."""
     return np.maximum((_NOISES * noise) ** 2, _SHIFT_PX**2 * gradient.astype(np.float64))
 
 
@@ -335,12 +322,12 @@ def _final_sigma(sigma: float) -> float:
 
 
 def _plain(images: ImageStack, settings: RefinedSettings) -> Model:
-    """Return the model of small windows: no curvature."""
+    """Return the model of small windows, without curvature."""
     return select_models(images, settings)[0]
 
 
 def _small_windows(images: ImageStack, start: Map, where: Mask, settings: RefinedSettings) -> Map:
-    """Fit small windows with one velocity each, frames in stages."""
+    """Fit small windows with a single velocity each, with frames added in stages."""
     model = _plain(images, settings)
     model = model._replace(gradient=0) if model.surface > 0 else model
     sigma, gains = max(_LEAST_SIGMA_PX, _SMALL * settings.window_sigma_px), settings.photometric_model == "per_image"
@@ -357,19 +344,19 @@ def _small_windows(images: ImageStack, start: Map, where: Mask, settings: Refine
 
 @dataclass(frozen=True, eq=False)
 class _Refit:
-    """Fits to the pixels of the surface in the middle of windows."""
+    """Fits to the pixels of the central surface of each window."""
 
     fit: Fit
     seen: PixelEvidence
-    """What every pixel shows by itself."""
+    """Residual and gradient of every pixel by itself."""
     shares: Map
-    """How much of every window is known, and how far its texture's middle is from its own, shape (2, y, x)."""
+    """Valid fraction of every window, and distance of the texture centroid from its centre, shape (2, y, x)."""
 
 
 def _refit_motion_models(
     images: ImageStack, found: _Refit, where: Mask, beside: NDArray[np.int8], noise: float, settings: RefinedSettings
 ) -> tuple[_Refit, NDArray[np.int8]]:
-    """Fit the motions of whole windows beside where they differ from the plain one; return the chosen ones, too."""
+    """Fit the motion models of nearby full windows where they are not the plain one; return the fit and the models."""
     known = np.asarray(np.isfinite(found.fit.theta).all(axis=0))
     reach = _REACH_HALF_WINDOWS * (window_weights(settings.window_sigma_px).shape[2] // 2)
     near = {
@@ -428,7 +415,7 @@ def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: 
 def _solve(
     images: ImageStack, band: RowBand, fields: Map, noise: float, sigma: float, model: Model, fit: Fit, where: Mask
 ) -> Map:
-    """Fit the windows around the pixels of a band, and return what `solve_members` tells of them."""
+    """Fit the windows around the pixels of a band, and return the output of `solve_members`."""
     pixels = np.argwhere(where)
     found = np.empty((len(pixels), 2))
     limit = _limit_of(local_gradient(band.products), noise)
@@ -441,7 +428,7 @@ def _solve(
 
 
 def _hidden(images: ImageStack, fields: Map) -> NDArray[np.uint8]:
-    """Tell in which images which pixels are hidden: with more than one camera."""
+    """Return the images in which each pixel is occluded, as bits; empty for one camera."""
     if images.farthest == 0.0:
         return NO_OCCLUSION
     view = images.view()

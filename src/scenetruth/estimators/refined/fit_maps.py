@@ -1,7 +1,4 @@
-"""Maps of fits: their parameters, the choice between two fits at every pixel, significant differences.
-
-Discontinuities between neighbouring pixels.
-"""
+"""Maps of fits: parameters, selection between two fits, significant differences, and discontinuities."""
 
 from __future__ import annotations
 
@@ -36,47 +33,35 @@ __all__ = [
 
 
 STEADY_PLACES = [0, 6, 9, 12]
-"""Places of d, q_X, q_Y and q_Z among the parameters."""
+"""Indices of d, q_X, q_Y and q_Z among the parameters."""
 CURVATURES = [3, 4, 5]
-"""Places of d_xx, d_xy and d_yy."""
+"""Indices of d_xx, d_xy and d_yy."""
 _ACCELERATION = [15, 16, 17]
 
 Map = NDArray[np.float64]
 
 
 def initial_parameters(start: Map, *, accelerated: bool) -> Map:
-    """Return parameters to start from, shape (15 or 18, y, x).
-
-    ``start``: Disparity and velocity, shape (4, y, x).
-    """
+    """Return initial parameters, shape (15 or 18, y, x), from disparity and velocity, shape (4, y, x)."""
     theta = np.zeros((ALL if accelerated else FULL, *start.shape[1:]))
     theta[STEADY_PLACES] = start
     return theta
 
 
 def accelerated(theta: Map) -> Map:
-    """Return parameters with room for an acceleration, which is 0 if there was none, shape (18, y, x).
-
-    ``theta``: Parameters, shape (15 or 18, y, x).
-    """
+    """Return parameters extended by an acceleration, 0 if there was none, shape (18, y, x)."""
     out = np.zeros((ALL, *theta.shape[1:]))
     out[: len(theta)] = theta
     return out
 
 
 def extract_fields(theta: Map) -> Map:
-    """Return d and q at the pixels, and their acceleration if there is one, shape (4 or 7, y, x).
-
-    ``theta``: Parameters, shape (15 or 18, y, x).
-    """
+    """Return d, q and, if present, their acceleration at the pixels, shape (4 or 7, y, x), from parameters."""
     return theta[STEADY_PLACES + (_ACCELERATION if len(theta) > FULL else [])]
 
 
 def fill_between(theta: Map) -> None:
-    """Give every pixel in odd rows or columns the parameters of the pixel above, or at the left, carried to it.
-
-    ``theta``: Parameters, shape (15 or 18, y, x); read at even rows and columns, written elsewhere.
-    """
+    """Propagate the parameters of even rows and columns to the pixels below and to the right, in place."""
     even = theta[:, ::2, ::2]
     for down, right in ((0, 1), (1, 0), (1, 1)):
         out = theta[:, down::2, right::2]
@@ -84,10 +69,7 @@ def fill_between(theta: Map) -> None:
 
 
 def carried(theta: Map, right: int, down: int) -> Map:
-    """Return parameters at every pixel as the model of a pixel beside it has them.
-
-    ``theta``: Parameters of the full model, shape (15 or 18, y, x).
-    """
+    """Return the parameters (15 or 18, y, x) at every pixel that follow from the model of the pixel at an offset."""
     height, width = theta.shape[1:]
     out = np.full_like(theta, np.nan)
     if abs(right) >= width or abs(down) >= height:
@@ -99,7 +81,7 @@ def carried(theta: Map, right: int, down: int) -> Map:
 
 
 def _moved(p: Map, right: int, down: int) -> Map:
-    """Return parameters as of another place in the window, so many columns and rows away."""
+    """Return parameters relative to another point of the window, at an offset in columns and rows."""
     moved = p.copy()
     x, y = float(right), float(down)
     moved[0] += p[1] * x + p[2] * y + p[3] * x * x + p[4] * x * y + p[5] * y * y
@@ -110,24 +92,24 @@ def _moved(p: Map, right: int, down: int) -> Map:
     return moved
 
 
-# How many times as large as by noise alone the square of a change of disparity or velocity must be to count.
+# Ratio of the squared change of disparity or velocity to that of noise from which it is significant.
 _SIGNIFICANT = 4.0
-# Images are explained where a shift of their texture by so many px would leave as much.
+# Images are explained if the residual is at most that of a texture shift by this many px.
 _EXPLAINED_PX = 0.17
-# Noise that makes them differ is at least this part of the finer fit's.
+# Lower limit of the noise of their difference, relative to that of the finer fit.
 _LEAST_PART = 0.5
-# And what shifts images by this many px: they are means of few samples, and splines between them are not exact. Where
-# there is hardly any other noise, all fits would differ.
+# Lower limit by an image shift of this many px: images are averages over few samples, and their splines are not exact.
+# Without this limit, all fits would differ significantly in images without noise.
 _LEAST_PX = 2.5e-4
-# How many times as much each must change to do so: velocities count by the disparity; q_Z by x / f too, about a
-# sixteenth near the edges of an image.
+# Change of each parameter per px of image shift: velocities are multiplied by the disparity; q_Z also by x / f, about
+# 1/16 near the edges of an image.
 _PER_PX = (1.0, 1.0, 1.0, 16.0)
-# Variances of the parameters that a steady motion has.
+# Number of variances of a motion without acceleration.
 _STEADY = int(np.count_nonzero(TOLD < FULL))
 
 
 def blank_fit(state: Map, *, variances: bool) -> Fit:
-    """Return a fit that starts from some parameters."""
+    """Return a fit with initial parameters."""
     shape = state.shape[1:] if variances else (1, 1)
     variance = np.full((np.count_nonzero(len(state) > TOLD), *shape), np.nan)
     element, of_element = (np.full((count, *shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS))
@@ -136,10 +118,7 @@ def blank_fit(state: Map, *, variances: bool) -> Fit:
 
 
 def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:
-    """Return one fit where it is chosen, and another elsewhere; without the acceleration, if one has none.
-
-    ``where``: Pixels where it is, shape (y, x).
-    """
+    """Return one fit in the mask ``where``, else another; without acceleration, if one has none."""
     if len(fit.theta) != len(other.theta):
         fit, other = (each._replace(theta=each.theta[:FULL], variance=each.variance[:_STEADY]) for each in (fit, other))
     return Fit(*(np.where(where, getattr(fit, name), getattr(other, name)) for name in Fit._fields))
@@ -148,7 +127,7 @@ def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:
 def explained(
     square: NDArray[np.floating[Any]], gradient: NDArray[np.floating[Any]], noise: float
 ) -> NDArray[np.bool_]:
-    """Tell where what a fit leaves may be noise, or the texture's own."""
+    """Return where the residual of a fit is explained by noise or by the texture."""
     with np.errstate(invalid="ignore"):
         return np.asarray(square <= np.maximum(noise**2, _EXPLAINED_PX**2 * gradient))
 
@@ -159,7 +138,7 @@ def every_other(fit: Fit) -> Fit:
 
 
 def between(found: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return what was found at every other row and column for the pixels below and at the right, too."""
+    """Return a mask of every other row and column, extended to the pixels below and to the right."""
     return np.asarray(np.repeat(np.repeat(found, 2, axis=0), 2, axis=1)[: shape[0], : shape[1]])
 
 
@@ -172,13 +151,13 @@ def differ(
     among: NDArray[np.bool_] | None = None,
     most: float = np.inf,
 ) -> NDArray[np.bool_]:
-    """Tell where two fits differ by more than noise.
+    """Return where two fits differ by more than noise.
 
-    If the coarse fit is the best one of its model, and the fine one is another of the same images with more parameters
-    or a smaller window, noise alone makes them differ by the difference of their variances. Squares of the difference,
-    averaged over a window, must be more than four times that.
+    If the coarse fit is optimal for its model, and the fine fit has the same images with more parameters or a smaller
+    window, the variance of their difference due to noise is the difference of their variances. The squared difference,
+    averaged over a window, must exceed four times that.
 
-    ``among``: Pixels that tell, shape (y, x); all do without.
+    ``among``: Pixels included in the average, shape (y, x); default: all.
     """
     found = np.zeros(coarse.theta.shape[1:], dtype=np.bool_)
     for place, _, square, noise in _changes(coarse, fine, sigma_px, among, most):
@@ -188,10 +167,10 @@ def differ(
 
 
 def with_bias(fine: Fit, coarse: Fit, sigma_px: float, coarse_sigma_px: float) -> Fit:
-    """Return a fit in windows that are too large still, with variances of disparity and velocity that hold their bias.
+    """Return a fit in windows that are still too large, with the bias added to the variances of disparity and velocity.
 
-    Where what is fitted changes within a window by more than the model allows, the bias goes with the square of the
-    window's width: what another width changes, tells of it.
+    Where the fitted quantity changes within a window beyond the model, the bias is proportional to the square of the
+    window width, so that it follows from the change between two widths.
     """
     share = sigma_px**2 / (coarse_sigma_px**2 - sigma_px**2)
     variance = fine.variance.copy()
@@ -203,12 +182,12 @@ def with_bias(fine: Fit, coarse: Fit, sigma_px: float, coarse_sigma_px: float) -
 def _changes(
     coarse: Fit, fine: Fit, sigma_px: float, among: NDArray[np.bool_] | None, most: float
 ) -> Iterator[tuple[int, int, Map, Map]]:
-    """Yield place and number of the variance of disparity and velocity, their squared change, and that of noise."""
+    """Yield index and variance index of disparity and velocity, their squared change, and that due to noise."""
     from scipy.ndimage import gaussian_filter
 
     for place, number, per_px in zip(STEADY_PLACES, (0, 3, 4, 5), _PER_PX, strict=True):
         with np.errstate(invalid="ignore"):
-            # A curved surface in whole windows may be less certain than a plane in small ones.
+            # A curved surface in full windows may be less certain than a plane in small windows.
             floor = _LEAST_PX * per_px / (1.0 if place == 0 else np.maximum(np.abs(coarse.theta[0]), 1e-3))
             least = np.maximum(_LEAST_PART * fine.variance[number], floor**2)
             noise = np.maximum(fine.variance[number] - coarse.variance[number], least)
@@ -223,15 +202,15 @@ def _changes(
 
 
 DISCONTINUITY_PX = 0.5
-"""Neighbours whose own parameters move a point by more than this against each other's are of different surfaces."""
-# Neighbours on whose other surface a pixel in front may show in part.
+"""Adjacent pixels belong to different surfaces if their parameters displace a point by more than this, in px."""
+# Neighbours whose other surface may contribute to a pixel of the nearer surface.
 _MIXED_BY = ((1, 0), (-1, 0), (0, 1), (0, -1), (2, 0), (-2, 0), (0, 2), (0, -2))
 
 Mask = NDArray[np.bool_]
 
 
 def find_discontinuities(images: ImageStack, theta: Map) -> Mask:
-    """Tell where the surface of a pixel's neighbour is not its own, or unknown."""
+    """Return where the surface of an adjacent pixel is another, or invalid."""
     found = np.zeros(images.shape, dtype=np.bool_)
     for right, down in ((1, 0), (0, 1)):
         with np.errstate(invalid="ignore"):
@@ -243,7 +222,7 @@ def find_discontinuities(images: ImageStack, theta: Map) -> Mask:
 
 
 def find_mixed_pixels(images: ImageStack, theta: Map) -> Mask:
-    """Tell which pixels lie in front within 2 px of a jump: the outline's blur carries the nearer surface too far."""
+    """Return pixels of the nearer surface within 2 px of a discontinuity, where image blur extends it too far."""
     found = np.zeros(images.shape, dtype=np.bool_)
     for right, down in _MIXED_BY:
         beside = extract_fields(carried(theta, right, down))

@@ -1,4 +1,4 @@
-"""Inconsistent images, which contradict the other images and are excluded; and the report of what was excluded."""
+"""Detection of inconsistent images, which contradict the others, and report of all exclusions."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ __all__ = [
 ]
 
 
-# Blocks are windows' squares; so many rows of them are looked at.
+# Blocks are squares of window size; number of rows of blocks evaluated.
 _CUT, _ROWS = 2.0, 6
-# In blocks that tell, half of the images correlate by this with the mean of the others; so many must tell, and of a
-# block an image must show this share.
+# Smallest median correlation of an informative block with the mean of the other images; smallest number of such blocks;
+# and smallest usable fraction of a block in an image.
 _AGREE, _LEAST_BLOCKS, _LEAST_SHARE = 0.5, 3, 0.5
-# Of fewer images, there is no mean of the others.
+# With fewer images, there is no mean of the others.
 _LEAST_IMAGES = 3
-# Blocks count as textured whose contrast is this share of what a tenth of them exceed.
+# A block is textured if its contrast is at least this fraction of the 90th percentile.
 _TEXTURED, _UPPER = 0.25, 90
-# An image is left out whose correlation, in the median block, is below this share of the median image's; or of which
-# less than this share can be used.
+# An image is excluded if its median correlation is below this fraction of that of the median image, or if less than
+# this fraction of it is usable.
 _FAR_BELOW, _LEAST_USABLE = 0.5, 0.1
-# Of images that are not blank, so many must remain, of several cameras and frames so many, and less than this share may
-# be left out.
+# Smallest number of images that must remain, for one camera or frame and for several; and fraction below which images
+# may be excluded.
 _REMAIN, _REMAIN_OF_BOTH, _MOST_LEFT = 4, 7, 1 / 4
 
 Map = NDArray[np.float64]
@@ -48,20 +48,17 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ImageAgreement:
-    """How well images agree where fields say that they show the same."""
+    """Agreement of images warped by the same fields."""
 
     images: Map
-    """Correlation of each image with the mean of all others, in the median of the blocks that tell; NaN where an image
-    shows too few of them, shape (n,)."""
+    """Correlation of each image with the mean of all others, median over the informative blocks; NaN for an image with
+    too few of them, shape (n,)."""
     blocks: float
-    """Share of the textured blocks that half of all images show, and agree."""
+    """Fraction of the textured blocks that are visible in half of the images, and agree."""
 
 
 def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even: bool = False) -> ImageAgreement:
-    """Compare every image with the mean of all others, block by block.
-
-    ``fields``: d and q of every pixel, shape (4, y, x).
-    """
+    """Correlate every image with the mean of all others, block by block, for fields of shape (4, y, x)."""
     height, width = images.shape
     edge = min(2 * math.ceil(_CUT * sigma_px) + 1, height, width)
     rows = np.unique(np.linspace(0, height - edge, min(_ROWS, height // edge)).round().astype(np.intp))
@@ -96,7 +93,7 @@ def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even:
     shown = np.isfinite(each[tell]).sum(axis=0) >= _LEAST_BLOCKS
     if shown.any():
         scores[shown] = np.nanmedian(each[tell][:, shown], axis=0)
-    # Of a wrong start, two cameras of many may agree by chance, out of the others' sight.
+    # With a wrong initial estimate, two of many cameras may agree by chance outside the view of the others.
     most = np.median(np.nan_to_num(each), axis=1) >= _AGREE
     return ImageAgreement(scores, float((most & textured).sum() / max(textured.sum(), 1)))
 
@@ -104,13 +101,13 @@ def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even:
 def find_inconsistent_images(
     images: ImageStack, fields: Map, sigma_px: float, part: ImageStack
 ) -> frozenset[tuple[int, int]]:
-    """Return the images that do not show what the others show, as places of their frames and cameras.
+    """Return the images that contradict the others, as indices of frame and camera.
 
-    Their correlation with the mean of the others is below half of what is usual: that is a shift by a sixth of a
-    texture's wavelength in most windows, another scene, or no contrast at all. Few images do not tell which of
-    them is wrong: a reference that is shifted agrees with all frames of a second camera and one frame of its own, with
-    another depth and a motion in depth. So four must remain, of several cameras and frames seven, and more than three
-    of four; blank images are not counted.
+    Their correlation with the mean of the others is below half of the usual value, due to a shift by a sixth of a
+    texture wavelength in most windows, another scene, or missing contrast. With few images, the inconsistent image
+    cannot be identified: a shifted reference agrees with all frames of a second camera and one frame of its own, with
+    another depth and a motion in depth. Therefore four must remain, of several cameras and frames seven, and more than
+    three quarters; images without contrast are not counted.
     """
     cameras = len(images.positions)
     least = _REMAIN if min(cameras, len(images.times)) == 1 else _REMAIN_OF_BOTH
@@ -136,10 +133,7 @@ def find_inconsistent_images(
 
 
 def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
-    """Return the correlation of every image with the mean of the others, and the median image's contrast.
-
-    ``values``: Grey values of a block, shape (n, pixels), NaN where unknown.
-    """
+    """Return the correlation of every image (n, pixels) with the mean of the others, and the median contrast."""
     known = np.isfinite(values)
     counts = known.sum(axis=1)
     shown = counts >= _LEAST_SHARE * values.shape[1]
@@ -149,14 +143,14 @@ def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
     means = plain.sum(axis=1) / counts
     plain = np.where(known, plain - means[:, None], 0.0)
     contrast = np.sqrt((plain**2).sum(axis=1) / counts)
-    # What rounding leaves of a constant is no contrast.
+    # Rounding errors of a constant image are not contrast.
     some = contrast > 1e-6 * np.abs(means) + 1e-30
     plain[some] /= contrast[some, None]
     plain[~some] = 0.0
     sums, used = plain.sum(axis=0), (known & some[:, None]).sum(axis=0)
     out = np.full(len(values), np.nan)
     for n in np.flatnonzero(shown):
-        # An image without contrast shows nothing at all.
+        # An image without contrast is inconsistent.
         if not some[n]:
             out[n] = 0.0
             continue
@@ -169,12 +163,12 @@ def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
 
 
 def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
-    """Return what one image holds of noise and finest texture around every pixel, as a standard deviation.
+    """Return the standard deviation of noise and finest texture around every pixel of one image.
 
-    Fits that are right leave no more than that; if they are wrong everywhere, what they leave does not tell. Second
-    differences along x of those along y, over 6, leave white noise as it is, and little of texture.
+    Correct fits have no larger residual; if all fits are wrong, their residuals are no reference. Second differences
+    along x and y, divided by 6, preserve the power of white noise and suppress texture.
 
-    Returns: In grey values, infinite where too few pixels can be used, shape (y, x).
+    Returns: Grey values, infinite where too few pixels are usable, shape (y, x).
     """
     from scipy.ndimage import convolve1d, gaussian_filter
 
@@ -194,27 +188,24 @@ def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
     return np.where(share > _LEAST_USABLE, np.sqrt(mean), np.inf)
 
 
-# Frames of the call stack up to whoever called `scenetruth.estimate`, at whose line the warning points.
+# Frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers.
 _CALLER = 7
 _MOST_NAMED = 6
 
 
 def describe_missing_contrast(images: ImageStack) -> str:
-    """Return why images that are all the same tell nothing; empty if they differ."""
+    """Return why identical images determine no estimate; empty if they differ."""
     first = images.coefficients[0][:, :1]
     alike = [bool((frame == frame[:, :1]).all()) for frame in images.coefficients]
     if all(alike) and all(np.array_equal(frame[:, :1], first) for frame in images.coefficients):
-        return "all images are equal: copies of one show neither depth nor motion"
+        return "all images are equal and determine neither depth nor motion"
     if len(images.positions) > 1 and all(alike):
-        return "all cameras show the same in every frame: without disparity, there is no depth"
+        return "the images of all cameras are equal in every frame: no disparity, hence no depth"
     return ""
 
 
 class ExclusionReport:
-    """Collects what is left out.
-
-    ``recording``: The recording, whose s and t name images; s_y, too, if cameras stand in rows.
-    """
+    """Record of excluded images and of frames without an estimate, identified by the coordinates of the recording."""
 
     def __init__(self, recording: xr.Dataset) -> None:
         self._t = recording["t"].values.tolist()
@@ -224,15 +215,15 @@ class ExclusionReport:
         self._reasons: dict[str, str] = {}
 
     def leave_out(self, first: int, images: frozenset[tuple[int, int]]) -> None:
-        """Note images that were left out."""
+        """Add excluded images."""
         self._left_out |= {(*self._cameras[camera], self._t[first + frame]) for frame, camera in images}
 
     def report_invalid_frame(self, frame: int, reason: str) -> None:
-        """Note a frame of which nothing is known."""
+        """Add a frame without an estimate."""
         self._reasons[str(self._t[frame])] = reason
 
     def attributes(self) -> dict[str, Any]:
-        """Return the attributes of the estimate, and warn of what was left out."""
+        """Return the attributes of the estimate, and warn about exclusions."""
         named = sorted(self._left_out)
         if named:
             dims = [*self._dims, "t"]
@@ -240,10 +231,10 @@ class ExclusionReport:
             listed = ", ".join(f"({', '.join(each)})" for each in spelled)
             more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
             message = (
-                f"images: {listed}{more} were left out: they do not show what the others show there; look for a camera "
+                f"images: {listed}{more} are excluded because they contradict the other images; check for a camera "
                 "that was moved, a wrong file or a wrong exposure (attribute excluded_images)"
             )
             warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
         for frame, reason in self._reasons.items():
-            warnings.warn(f"frame {frame}: nothing is known: {reason}", EstimateWarning, stacklevel=_CALLER)
+            warnings.warn(f"frame {frame}: no estimate: {reason}", EstimateWarning, stacklevel=_CALLER)
         return {"excluded_images": [list(image) for image in named], "frames_without_estimate": self._reasons}

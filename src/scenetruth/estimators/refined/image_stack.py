@@ -1,4 +1,4 @@
-"""The images that are fitted together: the window of frames, its spline coefficients, and the arrays for warping."""
+"""Images of a fit: window of frames, spline coefficients, and arrays for warping."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ __all__ = ["NO_DEFECTS", "FramesNeeded", "ImageStack", "Splines", "frames_needed
 
 @dataclass(frozen=True)
 class FramesNeeded:
-    """The frames behind one estimate, as places along t."""
+    """Frames of one estimate, as indices along t."""
 
     output: int
-    """The frame that is estimated."""
+    """Estimated frame."""
     first: int
-    """The first frame that is fitted."""
+    """First frame of the fit."""
     last: int
-    """The one behind the last."""
+    """Last frame of the fit + 1."""
 
 
 def frames_needed(count: int, window: int, *, every: bool) -> list[FramesNeeded]:
-    """Tell which frames are estimated, and from which.
+    """Return the frames that can be estimated, with the frames of each fit.
 
     >>> [frames.output for frames in frames_needed(9, 9, every=False)]
     [4]
@@ -48,18 +48,14 @@ def frames_needed(count: int, window: int, *, every: bool) -> list[FramesNeeded]
 
 
 class Splines:
-    """Coefficients of splines through the images of a window of frames; frames are transformed once.
-
-    ``images``: Reads the images.
-    ``order``: Order of the splines, 3 or 5.
-    """
+    """Spline coefficients, order 3 or 5, of the images of a window of frames; each frame is transformed once."""
 
     def __init__(self, images: DefectFilteredFrames, order: int) -> None:
         self._images, self._order = images, order
         self._held: dict[int, NDArray[np.float32]] = {}
 
     def frames(self, first: int, last: int) -> list[NDArray[np.float32]]:
-        """Return the coefficients of successive frames, shape (channel, s, y, x) each."""
+        """Return the coefficients of consecutive frames, shape (channel, s, y, x) each."""
         for frame in [frame for frame in self._held if not first <= frame < last]:
             del self._held[frame]
         for frame in range(first, last):
@@ -80,7 +76,7 @@ def _coefficients(images: NDArray[Any], order: int) -> NDArray[np.float32]:
     return out
 
 
-# Values of B-splines at whole pixels, by their order.
+# Values of B-splines at integer positions, by order.
 _VALUES = {CUBIC: np.array([1.0, 4.0, 1.0]) / 6.0, QUINTIC: np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0}
 
 NO_DEFECTS = np.zeros((0, 0, 0), dtype=np.uint8)
@@ -92,16 +88,14 @@ Map = NDArray[np.float64]
 class ImageStack:
     """Images that are fitted together.
 
-    ``coefficients``: Coefficients of their splines by frame, shape (channel, s, y, x) each.
+    ``coefficients``: Spline coefficients by frame, shape (channel, s, y, x) each.
     ``positions``: Positions (s, s_y) of the cameras in steps, shape (cameras, 2).
-    ``times``: Times of the frames after the estimated one.
+    ``times``: Times of the frames relative to the estimated frame.
     ``focal``, ``centre``: Focal length, and principal point (x, y), in columns and rows.
-    ``moved``: How far every image is from where it should be, in the order of `stack`, as of `warp.corrected`, shape
-      (n, 4).
-    ``bad``: Not 0 at pixels around which nothing must be fetched, by frame, shape (s, y, x) each; empty if there are
-      none.
-    ``left_out``: Images that are left out as a whole, as places of their frames and cameras.
-    ``variance``: How the noise's variance depends on the grey value.
+    ``moved``: Pose correction of every image in the order of `stack`, as in `warp.corrected`, shape (n, 4).
+    ``bad``: Nonzero at pixels whose surroundings must not be sampled, by frame, shape (s, y, x) each; empty if none.
+    ``left_out``: Excluded images, as indices of frame and camera.
+    ``variance``: Noise variance as a function of the grey value.
     ``spline``: Order of the splines.
     """
 
@@ -118,7 +112,7 @@ class ImageStack:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         height, width = self.coefficients[0].shape[-2:]
         return height, width
 
@@ -139,21 +133,21 @@ class ImageStack:
 
     @property
     def aside(self) -> float:
-        """By how many px U_Z = Z moves a point at an end of the image per frame, over those that U_X = Z does."""
+        """Largest ratio of the image displacement due to U_Z = Z to that due to U_X = Z."""
         return max(self.centre) / self.focal
 
     @property
     def frames(self) -> int:
-        """How many frames there are of which not all images are left out."""
+        """Number of frames with at least one image that is not excluded."""
         cameras = range(len(self.positions))
         return sum(any((frame, s) not in self.left_out for s in cameras) for frame in range(len(self.times)))
 
     def within(self, reach: float) -> ImageStack:
-        """Return the images of the frames up to so many before and after."""
+        """Return the images of the frames up to a distance before and after."""
         return self._of(np.flatnonzero(np.abs(self.times) <= reach))
 
     def few(self) -> ImageStack:
-        """Return the images of the first frame, the estimated one and the last."""
+        """Return the images of the first, the estimated and the last frame."""
         return self._of(np.unique([np.argmin(self.times), np.argmin(np.abs(self.times)), np.argmax(self.times)]))
 
     def _of(self, frames: NDArray[np.intp]) -> ImageStack:
@@ -167,12 +161,12 @@ class ImageStack:
         )
 
     def without(self, left_out: Iterable[tuple[int, int]]) -> ImageStack:
-        """Return the images with others left out than now."""
+        """Return the images with another set of excluded images."""
         return replace(self, left_out=frozenset(left_out))
 
     @property
     def count(self) -> int:
-        """How many images there are that are not left out."""
+        """Number of images that are not excluded."""
         return len(self.times) * len(self.positions) - len(self.left_out)
 
     def stack(self, channel: int) -> NDArray[np.float32]:
@@ -180,7 +174,7 @@ class ImageStack:
         return np.concatenate([part[channel] for part in self.coefficients])
 
     def bad_stack(self) -> NDArray[np.uint8]:
-        """Return where nothing must be fetched, in the order of `stack`, shape (n, y, x); (0, 0, 0) if nowhere."""
+        """Return where images must not be sampled, in the order of `stack`, shape (n, y, x); (0, 0, 0) if nowhere."""
         if not self.bad and not self.left_out:
             return NO_DEFECTS
         shape = (len(self.positions), *self.shape)
@@ -190,13 +184,13 @@ class ImageStack:
         return found
 
     def view(self) -> ImageView:
-        """Return where and when all images were taken, in the order of `stack`."""
+        """Return positions, times and corrections of all images, in the order of `stack`."""
         s, s_y = np.tile(self.positions.T, len(self.times))
         t = np.repeat(self.times, len(self.positions))
         return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline)
 
     def reference(self) -> tuple[int, int]:
-        """Return the places of the frame and the camera whose image is estimated."""
+        """Return the indices of frame and camera of the reference image."""
         return int(np.argmin(np.abs(self.times))), int(np.argmin(np.abs(self.positions).sum(axis=1)))
 
     def grey(self, frame: int, camera: int, channel: int) -> Map:
@@ -213,10 +207,7 @@ class ImageStack:
         return float(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)]))
 
     def moved_px(self, before: Map, after: Map) -> Map:
-        """Return by how much a change of d, q and acceleration moves points where it moves them most, in px.
-
-        ``before``, ``after``: As of `warp_rows`, shape (4 or 7, ...).
-        """
+        """Return the largest displacement over all images, in px, due to a change of fields, shape (4 or 7, ...)."""
         steps = np.abs(after - before)
         moved = steps[0] * self.farthest
         for place, step in enumerate(steps[1:]):

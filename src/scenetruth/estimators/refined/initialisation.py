@@ -1,7 +1,4 @@
-"""The initial estimate.
-
-A plane sweep, also from another image than the reference, or the structure tensor with interpolated gaps.
-"""
+"""Initial estimate by plane sweep, from the reference or another image, or by the structure tensor with filled gaps."""
 
 from __future__ import annotations
 
@@ -27,18 +24,18 @@ __all__ = [
 
 
 _MEDIAN_PX = 7
-# If more of the image is as far away as anything can be, cameras tell no depth.
+# Largest fraction of pixels at infinity above which the cameras determine no depth.
 _FAR_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class CameraLayout:
-    """What a start needs to know of the cameras, in columns of the images."""
+    """Positions and intrinsics of the cameras, in columns of the images."""
 
     positions: NDArray[np.float64]
-    """Of the cameras (s, s_y), in steps, shape (cameras, 2)."""
+    """Positions (s, s_y) of the cameras in steps, shape (cameras, 2)."""
     baseline_mm: float
-    """Distance of two positions."""
+    """Distance between adjacent positions."""
     focal: float
     """Focal length in columns."""
     centre: tuple[float, float]
@@ -47,22 +44,21 @@ class CameraLayout:
 
 @dataclass(frozen=True, eq=False)
 class InitialEstimate:
-    """Where the fit starts."""
+    """Initial estimate of the fit."""
 
     fields: NDArray[np.float64]
     """Disparity and velocity (X, Y, Z) in baselines per frame, shape (4, y, x), finite. With one camera, disparity is 1
     and velocity is flow in columns per frame."""
     known: NDArray[np.bool_]
-    """Where a plane sweep is sure of the disparity, shape (y, x)."""
+    """Where the disparity of a plane sweep is valid, shape (y, x)."""
 
 
 def initialise_by_plane_sweep(
     images: NDArray[np.float32], estimated: int, times: NDArray[np.float64], rig: CameraLayout
 ) -> InitialEstimate:
-    """Find disparity and velocity of every pixel by trying disparities, then motions.
+    """Estimate disparity (columns per step) and velocity by plane sweep and motion search.
 
-    ``images``: The estimated frame and those beside it, shape (channel, s, t, y, x).
-    Returns: Disparity in columns per step.
+    ``images``: The estimated frame and the adjacent frames, shape (channel, s, t, y, x).
     """
     from scenetruth.estimators.plane_sweep.disparity_sweep import sweep_disparity
     from scenetruth.estimators.plane_sweep.motion_search import sweep_motion
@@ -70,16 +66,16 @@ def initialise_by_plane_sweep(
     fields = np.zeros((4, *images.shape[3:]))
     fields[0] = 1.0
     known = np.zeros(images.shape[3:], dtype=np.bool_)
-    # Rows above and below take part in the fit only.
+    # Camera rows above and below are used in the fit only.
     row = rig.positions[:, 1] == 0.0
     positions, images = rig.positions[row, 0], images[:, row]
     several = len(positions) > 1
     if several:
         found = sweep_disparity(images[:, :, estimated], positions, rig.baseline_mm)
         if not found.ranges:
-            raise EstimateError([Problem("image", "shows no texture in which cameras see the same: no depth to start")])
+            raise EstimateError([Problem("image", "has no texture common to the cameras: no initial depth")])
         if found.far.mean() > _FAR_SHARE:
-            raise EstimateError([Problem("image", "shows the same from all cameras: no disparity that tells a depth")])
+            raise EstimateError([Problem("image", "is the same for all cameras: no disparity, hence no depth")])
         fields[0], known = found.disparity, found.known
     beside = [n for n in (estimated - 1, estimated + 1) if 0 <= n < images.shape[2]]
     if beside:
@@ -99,13 +95,10 @@ def initialise_by_plane_sweep(
 
 
 def initialise_by_structure_tensor(recording: xr.Dataset, frame: int, baseline_mm: float) -> InitialEstimate:
-    """Find disparity and velocity of every pixel as the structure tensor does.
-
-    Returns: Disparity in px per step.
-    """
+    """Estimate disparity (px per step) and velocity of every pixel by the structure tensor."""
     from scenetruth.estimators.estimation import estimate
 
-    # In a window at the end of a recording, the estimated frame is none that the structure tensor estimates.
+    # In a window at the end of a recording, the structure tensor does not estimate the frame itself.
     t = recording["t"].values
     found = estimate(recording.assign_coords(t=t - t[frame]), "structure_tensor", tau="auto")
     found = found.isel(t=int(np.argmin(np.abs(found["t"].values))))
@@ -122,17 +115,13 @@ def initialise_by_structure_tensor(recording: xr.Dataset, frame: int, baseline_m
         fields[1:3] = found["flow"].values
     known = (found["status"].values == 2) & np.isfinite(fields).all(axis=0)
     if not known.any():
-        message = "shows no texture in which the structure tensor finds depth and motion to start from"
+        message = "has no texture from which the structure tensor estimates an initial depth and motion"
         raise EstimateError([Problem("image", message)])
     return InitialEstimate(fill_gaps(fields, known, _MEDIAN_PX), np.zeros_like(known))
 
 
 def fill_gaps(fields: NDArray[np.float64], known: NDArray[np.bool_], median_px: int = 1) -> NDArray[np.float64]:
-    """Fill what is not known with the nearest that is, and take medians over squares.
-
-    ``fields``: Values, shape (n, y, x).
-    ``known``: Where they are known, shape (y, x); somewhere they must be.
-    """
+    """Replace invalid values of maps (n, y, x) by the nearest valid values, and take medians over squares."""
     from scipy import ndimage
 
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
@@ -142,8 +131,8 @@ def fill_gaps(fields: NDArray[np.float64], known: NDArray[np.bool_], median_px: 
     return np.stack([ndimage.median_filter(values, median_px) for values in whole])
 
 
-# Images agree in so large a share of the textured blocks, or other images are tried; what they find is taken if it
-# makes the images agree in so many times as many.
+# Fraction of the textured blocks that must agree, otherwise other images are tried; and ratio by which this fraction
+# must increase for their estimate to be used.
 _ENOUGH, _BETTER = 0.5, 1.25
 _ROBUST_MEDIAN_PX = 5
 
@@ -153,12 +142,12 @@ Map = NDArray[np.float64]
 def initialise_robustly(
     frames: DefectFilteredFrames, needed: FramesNeeded, images: ImageStack, rig: CameraLayout, sigma_px: float
 ) -> InitialEstimate:
-    """Find disparity and velocity of every pixel of the reference, as `initialise_by_plane_sweep`."""
+    """Estimate disparity and velocity of every pixel of the reference, as `initialise_by_plane_sweep`."""
     near = images.within(1.0)
     reference, middle = int(np.argmin(np.hypot(*rig.positions.T))), needed.output - needed.first
     row = np.flatnonzero(rig.positions[:, 1] == rig.positions[reference, 1]).tolist()
     others = sorted(row, key=lambda n: abs(rig.positions[n, 0]))[1:3]
-    # Frames and cameras to start from, with the frames before and behind, one of both, and beside.
+    # Initial frames and cameras, with the adjacent frames before and after, one of both, and adjacent images.
     anchors = [(middle, reference, 1, 1), (middle, reference, 0, 1), (middle, reference, 1, 0)]
     anchors += [(n, reference, 1, 1) for n in (middle + 1, middle - 1)] + [(middle, n, 1, 1) for n in others]
     best: InitialEstimate | None = None
@@ -166,7 +155,7 @@ def initialise_robustly(
     tried = set()
     for frame, camera, before, behind in anchors:
         first, last = max(frame - before, 0), min(frame + behind + 1, len(images.times))
-        # At the ends of a window there is nothing before, or behind.
+        # At the ends of a window there is no frame before, or after.
         if not 0 <= frame < len(images.times) or (frame, camera, first, last) in tried:
             continue
         tried.add((frame, camera, first, last))
@@ -195,9 +184,8 @@ def initialise_robustly(
 def map_to_reference(fields: Map, s: float, t: float, rig: CameraLayout) -> Map:
     """Return fields at the pixels of the reference, from those at the pixels of another image.
 
-    What stands at p = (x, y, f) / d from the camera at s steps at the time t is at p + (s, 0, 0) - t q from the
-    reference at time 0. Of points that fall on one pixel, the nearest counts; pixels between are filled from those
-    beside.
+    The point at p = (x, y, f) / d relative to the camera at s steps at time t is at p + (s, 0, 0) - t q relative to the
+    reference at time 0. If several points map to one pixel, the nearest is used; gaps are filled from adjacent pixels.
 
     ``fields``: d and q, shape (4, y, x).
     """
@@ -213,7 +201,7 @@ def map_to_reference(fields: Map, s: float, t: float, rig: CameraLayout) -> Map:
     order = np.argsort(np.abs(own[inside]), kind="stable")
     rows, columns = (at[inside][order].astype(np.intp) for at in (to_y, to_x))
     out, known = np.zeros_like(fields), np.zeros((height, width), dtype=np.bool_)
-    # Of several values for one place, the last stays.
+    # Of several values for one pixel, the last remains.
     for n, values in enumerate((own, q_x, q_y, q_z)):
         out[n, rows, columns] = values[inside][order]
     known[rows, columns] = True

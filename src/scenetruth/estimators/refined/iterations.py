@@ -1,4 +1,4 @@
-"""Iterations of warping all images and fitting all windows, until convergence."""
+"""Iterations: all images are warped, and all windows fitted, until convergence."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ __all__ = [
     "select_models",
 ]
 
-# Windows of which less is known have no estimate.
+# Smallest valid fraction of a window.
 _LEAST_SHARE = 0.5
-# Frames before and after that take part in the first rounds.
+# Numbers of adjacent frames used in the first iterations.
 STAGES = (1, 2)
-# Share of the pixels that must stand still at the end: at outlines, some never do.
+# Fraction of the pixels that must have converged: at discontinuities, some never do.
 _STILL_SHARE = 0.9
-# Smaller windows that tell whether whole ones suffice, over these.
+# Relative width of the smaller windows that test whether full windows suffice.
 _FINER = 0.5
-# Windows whose residual is beyond this many times the noise are not asked whether they stand still.
+# Windows with a residual above this multiple of the noise are excluded from the convergence test.
 _FITTED = 1.5
-# Rounds with all pixels.
+# Iterations with all pixels.
 _FULL_ITERATIONS = 2
 
 Map = NDArray[np.float64]
@@ -64,24 +64,24 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RefinedState:
-    """What the rounds end with."""
+    """Result of the iterations."""
 
     fit: Fit
-    """The fit around every pixel; NaN where there is none."""
+    """Fit around every pixel; NaN where invalid."""
     curved: NDArray[np.bool_]
     """Where the surface is of second order, shape (y, x)."""
     rounds: int
-    """How many rounds it took."""
+    """Number of iterations."""
     seen: PixelEvidence
-    """What every pixel shows by itself."""
+    """Residual and gradient of every pixel by itself."""
     uneven: NDArray[np.bool_]
-    """Where smaller windows find another disparity or velocity: the surface is not what the model takes it for."""
+    """Where smaller windows have another disparity or velocity: the model does not apply."""
     motion: NDArray[np.int8]
-    """Which motion was fitted, as of ``motion_model``."""
+    """Motion model of the fit, as in ``motion_model``."""
     images: ImageStack
-    """The images, where they turned out to be."""
+    """Images with their estimated corrections."""
     cameras: PoseCorrections | None
-    """How far they are from where they should be, if that was asked for."""
+    """Pose corrections, if enabled."""
 
 
 def refine(
@@ -89,9 +89,10 @@ def refine(
 ) -> RefinedState:
     """Fit surface and motion around every pixel.
 
-    The first rounds take the nearest frames only, and a motion without gradient, so that the start need not be good.
+    The first iterations use the nearest frames only, and a motion without gradient, which extends the convergence
+    range.
 
-    ``start``: Disparity and velocity to start from, shape (4, y, x), finite.
+    ``start``: Initial disparity and velocity, shape (4, y, x), finite.
     """
     models, sigma, gains = (
         select_models(images, settings),
@@ -123,7 +124,7 @@ def refine(
         if cameras is not None and shifts is not None:
             moved = cameras.update(shifts, before[STEADY_PLACES], part)
             images = replace(images, moved=cameras.values)
-            # What images cannot tell would move on for ever, by little, and all surfaces with it.
+            # Undetermined corrections would drift slowly without limit, together with all surfaces.
             settled = reach == span and moved < settings.tolerance_px
         done += 1
         if told is not None:
@@ -131,7 +132,7 @@ def refine(
         if model is models[0] and settled and _still(before, state, fit, images, settings.tolerance_px):
             break
     images = images.without(find_inconsistent_images(images, extract_fields(state), sigma, images))
-    # All pixels move from what every other row has found, and where the order changes: another round follows.
+    # All pixels start from the results of every other row, and the order of the surface may change: another iteration.
     theta, curved, chosen = fit_surface(images, state, models, settings)
     state = fill_invalid_parameters(state, theta)
     done += 1
@@ -151,11 +152,7 @@ def fit_surface(
     settings: RefinedSettings,
     where: NDArray[np.bool_] | None = None,
 ) -> tuple[Map, NDArray[np.bool_], NDArray[np.int8]]:
-    """Fit the models, and choose one for every pixel.
-
-    ``where``: Pixels to be fitted, shape (y, x); without, all are.
-    Returns: Where it has a surface of second order, shape (y, x).
-    """
+    """Fit the models and select one for every pixel; return parameters, where the surface is curved, and index."""
     sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
     every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
@@ -170,20 +167,20 @@ def fit_surface(
 
 @dataclass(frozen=True, eq=False)
 class FinalIteration:
-    """What the last round ends with."""
+    """Result of the last iteration."""
 
     fit: Fit
-    """The fit around every pixel, with all variances."""
+    """Fit around every pixel, with all variances."""
     seen: PixelEvidence
-    """What every pixel shows by itself."""
+    """Residual and gradient of every pixel by itself."""
     uneven: NDArray[np.bool_]
-    """As of `RefinedState`."""
+    """As in `RefinedState`."""
 
 
 def fit_final(
     images: ImageStack, state: Map, models: list[Model], settings: RefinedSettings, chosen: NDArray[np.int8]
 ) -> FinalIteration:
-    """Warp all images and fit the chosen models, with all that is told of them."""
+    """Warp all images and fit the selected models, with all output quantities."""
     seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True)
     small = _FINER * settings.window_sigma_px
     gains = settings.photometric_model == "per_image"
@@ -198,13 +195,13 @@ _GRADIENTS = {"auto": 2, "translation": 0, "rigid": 1, "growing": 2, "affine": 3
 
 
 def select_models(images: ImageStack, settings: RefinedSettings) -> list[Model]:
-    """Return the models to choose from, the simplest first, as far as cameras and frames can tell."""
+    """Return the candidate models, the simplest first, as far as cameras and frames determine them."""
     moves = len(images.times) > 1
     accelerated = settings.accelerated and len(images.times) >= LEAST_ACCELERATED
     if len(images.positions) == 1:
         return [Model(0, 2, 3 if settings.motion != "translation" else 0, accelerated)]
     gradient = _GRADIENTS[settings.motion] if moves else 0
-    # Without slopes, a surface has no tangents that could turn.
+    # Without slopes, a surface has no tangents that could rotate.
     if settings.surface == "constant" and 0 < gradient < _GRADIENTS["affine"]:
         gradient = 0
     return [Model(surface, 3 if moves else 0, gradient, accelerated) for surface in _SURFACES[settings.surface]]
@@ -224,10 +221,7 @@ def fit_round(
     shifts: ShiftObservations | None = None,
     coarse: bool = False,
 ) -> list[Fit]:
-    """Warp all images by what is known of every pixel, and fit each model anew, or the one that is chosen.
-
-    ``state``: Parameters of all pixels, shape (15 or 18, y, x); pixels where they are NaN are left out.
-    """
+    """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model."""
     view, windows = images.view(), window_weights(sigma_px)
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen.copy()
     if (chosen == EVERY_MODEL).any():
@@ -240,7 +234,7 @@ def fit_round(
         least_share /= 2
         chosen[1::2], chosen[:, 1::2] = NO_MODEL, NO_MODEL
     for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts):
-        # Always two, so that the kernel is compiled once.
+        # Always two models, so that the kernel is compiled once.
         pair = (
             (models[0], models[-1]),
             len(models),
@@ -273,26 +267,20 @@ def fit_round(
 
 
 def is_valid_step(state: Map, theta: Map) -> NDArray[np.bool_]:
-    """Tell where new parameters are known, and disparity neither changes its sign nor by half.
-
-    ``state``, ``theta``: Parameters before and after, shape (15 or 18, y, x).
-    """
+    """Return where new parameters are finite, and the disparity changes neither its sign nor by half or more."""
     with np.errstate(invalid="ignore"):
         sound = np.isfinite(theta).all(axis=0) & (theta[0] * state[0] > 0)
         return np.asarray(sound & (np.abs(theta[0] - state[0]) < 0.5 * np.abs(state[0])))
 
 
 def fill_invalid_parameters(state: Map, theta: Map) -> Map:
-    """Return parameters that are known everywhere: a fit's where its step is sound, else those of the nearest pixel.
-
-    ``state``, ``theta``: Parameters before and after, shape (15 or 18, y, x).
-    """
+    """Return parameters without gaps: those of a fit where its step is valid, else those of the nearest valid pixel."""
     sound = is_valid_step(state, theta)
     return fill_gaps(theta, sound) if sound.any() else state
 
 
 def _estimated_variance(images: ImageStack, seen: PixelEvidence) -> GreyVariance:
-    """Return how noise depends on the grey value, as what pixels show by themselves tells."""
+    """Return the noise variance as a function of the grey value, from the residuals of single pixels."""
     grey = local_means(
         np.mean([images.grey(*images.reference(), channel) for channel in range(images.channels)], axis=0)
     )
@@ -300,7 +288,7 @@ def _estimated_variance(images: ImageStack, seen: PixelEvidence) -> GreyVariance
 
 
 def _still(before: Map, after: Map, fit: Fit, images: ImageStack, tolerance_px: float) -> bool:
-    """Tell whether almost no pixel that is fitted well moved by more than a tolerance in any image."""
+    """Return whether 90 % of the well-fitted pixels moved by less than a tolerance in all images."""
     moved = images.moved_px(extract_fields(before), extract_fields(after))
     left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
     with np.errstate(invalid="ignore"):

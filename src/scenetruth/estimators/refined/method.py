@@ -1,4 +1,4 @@
-"""The method ``refined`` over the frames of a recording."""
+"""Method ``refined`` over the frames of a recording."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = ["blank_estimate", "fill_estimate"]
 
 
 def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Dataset:
-    """Return the estimate of a recording with maps that are still blank."""
+    """Return the estimate of a recording with blank maps."""
     sizes = recording["image"].sizes
     places = [frames.output for frames in _needed(sizes["t"], settings)]
     shape = (len(places), sizes["y"], sizes["x"])
@@ -110,7 +110,7 @@ def fill_estimate(
                 part = reader.part(frames.first, frames.last)
                 part = part.sel(s_y=0) if "s_y" in part.dims else part
                 start = initialise_by_structure_tensor(part, frames.output - frames.first, baseline_mm)
-                # From the camera's pixels to columns.
+                # From camera pixels to columns.
                 start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
         except EstimateError as error:
             noted.report_invalid_frame(frames.output, error.problems[0].message)
@@ -150,7 +150,7 @@ def fill_estimate(
 def _state_defects(
     maps: dict[str, Any], recording: xr.Dataset, reader: DefectFilteredFrames, images: ImageStack, frame: int
 ) -> dict[str, Any]:
-    """Return the maps of a frame, with what is wrong with pixels of the reference image as reason for invalidity."""
+    """Return the maps of a frame, with defects of the reference image as reasons for invalidity."""
     excluded = excluded_pixels(recording, recording["t"].values[frame])
     saturated = reader.saturated(frame, images.reference()[1])
     stated = maps["invalid_reason"]
@@ -160,7 +160,7 @@ def _state_defects(
 
 
 def _cameras(recording: xr.Dataset) -> list[int]:
-    """Return the numbers of rows, if there are such, and columns of cameras."""
+    """Return the numbers of rows, for a grid, and columns of cameras."""
     return [recording.sizes[dim] for dim in ("s_y", "s") if dim in recording["image"].dims]
 
 
@@ -169,5 +169,5 @@ def _needed(count: int, settings: RefinedSettings) -> list[FramesNeeded]:
 
 
 def _later(progress: Progress, number: int, frames: int, rounds: int) -> Callable[[int], None]:
-    """Return what reports the rounds of one frame as a part of all."""
+    """Return a function that reports the iterations of one frame as part of the total progress."""
     return lambda done: progress("estimate", number * rounds + done, frames * rounds)

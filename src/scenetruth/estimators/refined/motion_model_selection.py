@@ -1,4 +1,4 @@
-"""Selection of the motion model: further parameters of the motion where the images need them."""
+"""Selection of the motion model: further motion parameters where the images require them."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ __all__ = [
     "refit_motion_models",
 ]
 
-# What moves in another way is larger than a window: changes are averaged over this many times its standard deviation,
-# lest some pixels look so by chance.
+# Changes are averaged over this multiple of the window's standard deviation, because regions of another motion are
+# larger than a window; this avoids selection by chance.
 _WIDER = 2.0
-# A pixel counts by this many times its noise at most: no few of them may decide.
+# Largest squared change of a pixel, in multiples of its noise, so that single pixels do not decide.
 _MOST = 9.0
-# Some of the images leave by chance so much more than all of them.
+# Ratio by which the residual of a subset of the images may exceed that of all images by chance.
 _OTHER_NOISE = 1.02
-# Mean squares, after over before.
+# Ratio of mean square residuals, after to before.
 _MUCH_LESS = 0.5
-# In the last round, points must move by less than this in all images.
+# Largest displacement of points in the last iteration, over all images.
 _SETTLED_PX = 0.1
-# Spans of frames that are asked for an acceleration.
+# Number of frame spans tested for an acceleration.
 _ACCELERATIONS = 2
 # Disparity, q_X, q_Y and q_Z.
 _VARIANCES = 6
@@ -70,22 +70,22 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class MotionModelCandidate:
-    """A motion of more parameters."""
+    """A motion model with more parameters than the plain one."""
 
     images: ImageStack
-    """The images that it is fitted to: acceleration may change, so that all frames are too many."""
+    """Images of the fit, possibly of fewer frames, because the acceleration may vary."""
     settings: RefinedSettings
-    """Which one it is."""
+    """Settings that select the model."""
     number: int
-    """Its value as ``motion_model``."""
+    """Value of the model in ``motion_model``."""
 
     def begun(self, theta: Map) -> Map:
-        """Return parameters to start from, shape (15 or 18, y, x)."""
+        """Return initial parameters, shape (15 or 18, y, x)."""
         return accelerated(theta) if self.settings.accelerated else theta
 
 
 def list_motion_models(images: ImageStack, settings: RefinedSettings) -> list[MotionModelCandidate]:
-    """Return the motions to choose from if the plain one does not do, the simplest first."""
+    """Return the motion models to try in addition to the plain one, the simplest first."""
     found: list[MotionModelCandidate] = []
     if len(images.times) == 1:
         return found
@@ -104,22 +104,22 @@ def list_motion_models(images: ImageStack, settings: RefinedSettings) -> list[Mo
 
 
 class MotionModelTrial(NamedTuple):
-    """A fit of one of `list_motion_models`."""
+    """Fit of a model of `list_motion_models`."""
 
     fit: Fit
     all_images: bool
     """Whether it was fitted to all images."""
     take: Callable[[Mask], None]
-    """Is called with the pixels where it is chosen."""
+    """Called with the pixels where the fit is selected."""
 
 
 def choose_motion_model(
     plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float
 ) -> tuple[Fit, NDArray[np.int8]]:
-    """Choose the last fit at every pixel that explains the images better and changes what was chosen before.
+    """Select, at every pixel, the last fit that explains the images better and changes the previous selection.
 
-    ``where``: Pixels where each may be chosen, shape (y, x).
-    Returns: Which one that is: 0 for the plain one, the trials from 1 on, shape (y, x).
+    ``where``: Pixels at which each fit may be selected, shape (y, x).
+    Returns: The fit, and its number: 0 for the plain one, the trials from 1 on, shape (y, x).
     """
     which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
     fit = plain
@@ -134,10 +134,7 @@ def choose_motion_model(
 
 
 def _leaves_less(fit: Fit, trial: MotionModelTrial, among: Mask, sigma_px: float, noise: float) -> Mask:
-    """Tell where a trial leaves less than what was chosen before, averaged over a window.
-
-    Where it leaves more than noise still, motion is not what did not fit, unless it leaves much less.
-    """
+    """Return where a trial reduces the windowed residual, to the noise level or to less than half of its square."""
     from scipy.ndimage import gaussian_filter
 
     before, after = (gaussian_filter(np.where(among, each.residual[0], 0.0), sigma_px) for each in (fit, trial.fit))
@@ -146,17 +143,17 @@ def _leaves_less(fit: Fit, trial: MotionModelTrial, among: Mask, sigma_px: float
 
 
 def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> RefinedState:
-    """Fit pixels anew whose motion is richer than the plain one."""
+    """Fit pixels again whose motion has more parameters than the plain one."""
     images = refined.images
     sigma, richer = settings.window_sigma_px, list_motion_models(images, settings)
     known = np.asarray(np.isfinite(refined.fit.theta).all(axis=0))
     if not richer or not known.any():
         return refined
     reach = window_weights(sigma).shape[2] // 2
-    # Windows with more than one surface see motion change where there is none.
+    # Windows with more than one surface have an apparent change of motion.
     whole = known & ~around(find_discontinuities(images, refined.fit.theta), reach)
     state = fill_gaps(refined.fit.theta, known)
-    # What looked like curvature may have been motion.
+    # Apparent curvature may have been motion.
     state[CURVATURES] = 0.0
     tried, state = _find_promising_pixels(refined, richer, whole, state)
     if not any(where.any() for where in tried):
@@ -179,7 +176,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
                 seen = seen.chosen(other, last.seen)
                 uneven, curved = np.where(other, last.uneven, uneven), np.where(other, bent, curved)
 
-            # What has no variance is not chosen.
+            # Fits without variance are not selected.
             fit = last.fit._replace(variance=np.where(settled, last.fit.variance, np.nan))
             yield MotionModelTrial(fit, motion.images is images, take)
 
@@ -191,17 +188,14 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
 
 
 def encode_motion_models(which: NDArray[np.int8], richer: list[MotionModelCandidate]) -> NDArray[np.int8]:
-    """Return the values of ``motion_model`` of what `choose_motion_model` chose.
-
-    ``which``: The chosen ones, shape (y, x).
-    """
+    """Return the values of ``motion_model`` for the selection of `choose_motion_model`, shape (y, x)."""
     return np.array([MOTION_PLAIN, *(motion.number for motion in richer)], dtype=np.int8)[which]
 
 
 def _find_promising_pixels(
     refined: RefinedState, richer: list[MotionModelCandidate], whole: Mask, theta: Map
 ) -> tuple[list[Mask], Map]:
-    """Tell where each motion is worth to be tried, as every other row and column tells, and where it would start."""
+    """Return where each motion model should be tried, from every other row and column, and the initial parameters."""
     plain, tried = refined.fit, []
     accelerations = [motion for motion in richer if motion.settings.accelerated]
     for motion in richer[: len(richer) - len(accelerations)]:
@@ -210,21 +204,21 @@ def _find_promising_pixels(
     found = []
     for motion in accelerations[:_ACCELERATIONS]:
         fit, theta = _coarse_fit(refined, motion, theta)
-        # Smaller windows tell what is uneven.
+        # Smaller windows determine whether the model applies.
         found.append(_changed(plain, fit, whole & ~refined.uneven, motion.settings.window_sigma_px))
-    # Over all frames jerk is no acceleration, and over fewer a little acceleration is lost in noise: these are tried
-    # wherever either was seen.
+    # Over all frames, jerk is not acceleration, and over fewer frames a small acceleration is below the noise: these
+    # models are tried wherever either span indicates an acceleration.
     tried += found[:1] + [np.logical_or.reduce(found)] * (len(accelerations) - 1)
     return tried, theta
 
 
 def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map) -> tuple[Fit, Map]:
-    """Fit a motion at every other row and column; return the parameters of all pixels, too."""
+    """Fit a motion model at every other row and column; return the fit and the parameters of all pixels."""
     models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
     sigma, gains = motion.settings.window_sigma_px, motion.settings.photometric_model == "per_image"
     fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains, coarse=True)
     curved = refined.curved.astype(np.int8)
-    # A plane first: what looks like curvature may be motion. What is left over is noise only once both are known.
+    # A plane first: apparent curvature may be motion. The residual is pure noise only if both are fitted.
     plane = fitted(theta, chosen=np.zeros_like(curved))[0]
     theta = np.where(is_valid_step(theta, plane.theta), plane.theta, theta)
     fit = fitted(theta, chosen=curved, variances=_VARIANCES)[0]
@@ -232,7 +226,7 @@ def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map)
 
 
 def _changed(plain: Fit, rough: Fit, among: Mask, sigma_px: float) -> Mask:
-    """Tell around which pixels a rough fit differs from another in areas as large as a window."""
+    """Return the pixels near which a coarse fit differs from another over areas as large as a window."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     pair = every_other(plain), every_other(rough), 0.5 * _WIDER * sigma_px

@@ -1,4 +1,4 @@
-"""The noise of the images as the fits show it, its dependence on the grey value, and the effect of interpolation."""
+"""Image noise from the residuals of the fits, its dependence on the grey value, and the effect of interpolation."""
 
 from __future__ import annotations
 
@@ -22,23 +22,20 @@ __all__ = [
 ]
 
 
-# Windows that are fitted this well, or better, show nothing but noise.
+# Quantile of the residuals at which windows are assumed to contain pure noise.
 _WELL = 0.25
-# A texture's mean square gradient is this many times that of the noise in the mean of the images.
+# Smallest ratio of the mean square gradient of a texture to that of the noise in the mean of the images.
 _ABOVE_NOISE = 4.0
 
 
 def estimate_noise(left: NDArray[np.float64]) -> float:
-    """Return the standard deviation of the images' noise from what fits leave: that of the windows that fit well."""
+    """Return the standard deviation of the image noise from the residuals of the windows that fit well."""
     known = left[np.isfinite(left)]
     return float(np.quantile(known, _WELL)) if known.size else float("nan")
 
 
 def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: int, spline: int) -> NDArray[np.bool_]:
-    """Tell where the mean of the images has more gradient than their noise would give it.
-
-    ``mean_square_gradient``: Mean over a window of the squared gradient of the images' mean, in grey values per px.
-    """
+    """Return where the windowed mean square gradient of the mean image, in grey values per px, exceeds its noise."""
     by_noise = 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
     with np.errstate(invalid="ignore"):
         return np.asarray(mean_square_gradient > _ABOVE_NOISE * by_noise)
@@ -46,17 +43,17 @@ def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: in
 
 @cache
 def spline_transfer(order: int) -> float:
-    """Return what share of white noise, as a standard deviation, splines of an order leave between pixels.
+    """Return the ratio of the standard deviation of white noise after spline interpolation to that before.
 
-    The square root of the mean, over all places between pixels, of the sum of the squared weights that a place gives to
-    the pixels around it, in two dimensions.
+    It is the square root of the mean, over all subpixel positions, of the sum of the squared weights of the surrounding
+    pixels, in two dimensions.
     """
     return _mean_square(order, 0)
 
 
 @cache
 def spline_slope_transfer(order: int) -> float:
-    """Return the standard deviation of a derivative between pixels that white noise of 1 leaves, per px."""
+    """Return the standard deviation of an interpolated derivative, per px, for white noise of 1."""
     return float(np.sqrt(_mean_square(order, 0) * _mean_square(order, 1)))
 
 
@@ -73,50 +70,50 @@ def _mean_square(order: int, derivative: int) -> float:
 
 Map = NDArray[np.float64]
 
-# Grey values are sorted into so many parts of equal size; in each, this share of the pixels is fitted well.
+# Number of grey-value classes of equal size, and fraction of well-fitted pixels in each.
 _PARTS, _WELL_FITTED_SHARE = 24, 0.25
-# A part needs so many pixels.
+# Smallest number of pixels of a class.
 _LEAST_PIXELS = 50
-# Parts are told apart if their grey values spread by this share of their mean.
+# Smallest spread of the grey values of the classes relative to their mean.
 _LEAST_SPREAD = 1e-3
 
 
 class GreyVariance(NamedTuple):
-    """A variance that is linear in the grey value, over that of a mean grey value: the photon transfer of a sensor."""
+    """Noise variance linear in the grey value, relative to that of a mean grey value: photon transfer of a sensor."""
 
     at_zero: float
-    """At a grey value of zero."""
+    """Variance at a grey value of zero."""
     per_grey: float
-    """What it grows by per grey value."""
+    """Increase of the variance per grey value."""
 
     def at(self, grey: Map) -> Map:
         """Return the variance at grey values."""
         return np.maximum(self.at_zero + self.per_grey * grey, LEAST_VARIANCE)
 
     def over(self, grey: float) -> GreyVariance:
-        """Return the same over the variance at another grey value."""
+        """Return the variance relative to that at another grey value."""
         unit = max(self.at_zero + self.per_grey * grey, 1e-300)
         return GreyVariance(self.at_zero / unit, self.per_grey / unit)
 
 
 EVEN = GreyVariance(1.0, 0.0)
-"""The same at all grey values."""
+"""Constant variance."""
 
 
 def photon_transfer_variance(
     dark_noise_dn: float, gain_dn_per_e: float, dark_level_dn: float, grey: float
 ) -> GreyVariance:
-    """Return the variance that a sensor's photon transfer says, over that of a mean grey value."""
+    """Return the variance from the photon transfer of a sensor, relative to that of a mean grey value."""
     return GreyVariance(dark_noise_dn**2 - gain_dn_per_e * dark_level_dn, gain_dn_per_e).over(grey)
 
 
 def estimate_variance(grey: Map, square: Map) -> GreyVariance:
-    """Find how the variance grows with the grey value, from what fits leave.
+    """Estimate the noise variance as a function of the grey value from the residuals of the fits.
 
-    The lower quartile of what is left, in each of 24 parts of the pixels that have grey values alike: windows that do
-    not fit leave more. A line is fitted to it by relative errors.
+    The lower quartile of the squared residuals in each of 24 grey-value classes is used, because windows with a misfit
+    have larger residuals. A line is fitted to it by relative errors.
 
-    ``square``: Mean square of what fits leave there, not finite where there is none; of the same shape.
+    ``square``: Mean square residual, not finite where invalid; of the same shape.
     """
     known = np.isfinite(square) & (square > 0)
     grey, square = grey[known], square[known]
@@ -130,7 +127,7 @@ def estimate_variance(grey: Map, square: Map) -> GreyVariance:
         return EVEN
     design = np.stack([np.ones_like(middle), middle - mean], axis=-1) / left[:, None]
     (level, slope), *_ = np.linalg.lstsq(design, np.ones_like(left), rcond=None)
-    # Light adds noise, and takes none away.
+    # The variance increases with the intensity.
     if not (level > 0 and slope > 0):
         return EVEN
     return GreyVariance(float(level - slope * mean), float(slope)).over(mean)

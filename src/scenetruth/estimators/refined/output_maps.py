@@ -1,4 +1,4 @@
-"""The maps of an estimate from the fits around its pixels."""
+"""Output maps of an estimate from the fits around its pixels."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ CORRECTIONS: Mapping[str, tuple[int, ...]] = {
     for name, components in {"image_shift": (2,), "image_roll": (), "image_scale": ()}.items()
     for end in ("", "_std")
 }
-"""What is told of the images of the estimated frame if they may be off: dimensions beside camera and frame."""
+"""Correction maps of the images of the estimated frame: dimensions in addition to camera and frame."""
 
-# Residuals that a texture shifted by this many px would leave are not told from noise.
+# Residuals up to those of a texture shift by this many px are not distinguished from noise.
 _SHIFT_PX = 0.25
-# What texture of a pixel itself is, in a window of this many px.
+# Window in px for the texture of a pixel itself, and smallest ratio of its gradient to that of noise.
 _OWN_PX, _OWN_GRADIENT = 2.0, 2.0
-# Beyond this, disparity or flow is not known.
+# Largest standard deviation of a valid disparity or flow, in px.
 _LARGEST_STD_PX = 0.5
-# A disparity is told from zero, and depth from infinity, by so many standard deviations.
+# Smallest ratio of a valid disparity to its standard deviation.
 _CLEAR_OF_ZERO = 6.0
-# Rough disparities move a point by more than this in the farthest camera.
+# Smallest displacement of a fallback disparity in the farthest camera, in px.
 _CLEAR_OF_ZERO_PX = 1.0
-# If fewer pixels fit, over those that do not, none is told.
+# Smallest ratio of valid pixels to those that violate the model; below, all are invalid.
 _BY_CHANCE = 0.05
 _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
     REASONS.index(name) for name in ("low_texture", "ambiguous_match", "model_violation")
@@ -54,9 +54,9 @@ _NONE, _CONSTANT, _PLANE, _CURVED = range(4)
 def list_map_types(
     cameras: int, frames: int, settings: RefinedSettings
 ) -> Mapping[str, tuple[tuple[int, ...], DTypeLike]]:
-    """Return the maps that some cameras and frames give: their dimensions beside frame and pixels, and their type."""
+    """Return the maps of an estimate: their dimensions in addition to frame and pixels, and their type."""
     single = np.float32
-    # What nothing tells of is unknown everywhere.
+    # Quantities that are undetermined are invalid everywhere.
     found: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
         "depth": ((), single),
         "velocity": ((3,), single),
@@ -99,7 +99,7 @@ def _with_std(name: str, components: tuple[int, ...]) -> dict[str, tuple[tuple[i
 
 
 def make_invalid_maps(cameras: int, frames: int, settings: RefinedSettings, shape: tuple[int, int]) -> dict[str, Any]:
-    """Return the maps of one frame of which nothing is known."""
+    """Return the maps of a frame without valid pixels."""
     types = list_map_types(cameras, frames, settings).items()
     nothing = {name: np.zeros((*components, *shape), dtype=dtype) for name, (components, dtype) in types}
     for name, values in nothing.items():
@@ -141,7 +141,7 @@ def compute_maps(
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
         reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
-        # Where hardly anything fits, what does fits by chance.
+        # If almost no pixel fits, the others fit by chance.
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
         reason[violated] = _MODEL_VIOLATION
         found: dict[str, Any] = {"residual": left}
@@ -163,19 +163,19 @@ def compute_maps(
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:6] * abs(baseline_mm)}
             if settings.accelerated:
-                # Where a window has too few frames, it is zero by definition, and not known.
+                # In a window of too few frames, it is zero by definition, hence invalid.
                 told = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": told * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm, images.spline)
     rough = np.zeros_like(known)
     if settings.fallback == "plane_sweep" and cameras > 1:
-        # Of what stands at infinity, there is no depth.
+        # Points at infinity have no depth.
         rough = start.known & ~known & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX)
         rough &= _own_texture(images, usual)
-        # Where hardly anything fits, images do not show one scene.
+        # If almost no pixel fits, the images are not of a single scene.
         rough &= known.sum() > rough.sum()
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
-    # These are told everywhere.
+    # These maps have values everywhere.
     maps: dict[str, NDArray[Any]] = {
         "residual": left,
         "image_count": fit.images,
@@ -200,7 +200,7 @@ def compute_maps(
 
 
 def compute_correction_maps(cameras: PoseCorrections, images: ImageStack, step_px: float) -> dict[str, Map]:
-    """Return how far the images of the estimated frame are from where they should be."""
+    """Return the pose corrections of the images of the estimated frame."""
     frame = np.flatnonzero(images.view().t == 0.0)
     found: dict[str, Map] = {}
     for end, each in (("", cameras.values), ("_std", cameras.std)):
@@ -211,10 +211,10 @@ def compute_correction_maps(cameras: PoseCorrections, images: ImageStack, step_p
 
 
 def _in_texture(gradient: NDArray[Any], noise: float, images: ImageStack, sigma_px: float) -> NDArray[np.bool_]:
-    """Tell where texture lies around a pixel, or at least not aside of it: else the fit tells of another place.
+    """Return where the texture or its centroid is close to a pixel; elsewhere the fit refers to another point.
 
-    The middle of the texture in a Gaussian window, weighted by its squared gradient, lies σ² ∇ ln S from the window's
-    middle, with the window's sum S of the squared gradient.
+    The texture centroid of a Gaussian window, weighted by the squared gradient, is at σ² ∇ ln S from the window centre,
+    with the window sum S of the squared gradient.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -226,7 +226,7 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: ImageStack, sigma_
 
 
 def _own_texture(images: ImageStack, noise: float) -> NDArray[np.bool_]:
-    """Tell where the reference's image may be used and has twice the gradient that noise would give it, over 5 px."""
+    """Return where the reference image is usable, with twice the gradient due to noise, over 5 px."""
     from scipy.ndimage import gaussian_filter
 
     square = np.zeros(images.shape)
@@ -234,7 +234,7 @@ def _own_texture(images: ImageStack, noise: float) -> NDArray[np.bool_]:
     usable = images.bad[frame][camera] == 0 if images.bad else np.ones(images.shape, dtype=np.bool_)
     for channel in range(images.channels):
         square += sum(np.square(each) for each in np.gradient(images.grey(frame, camera, channel)))
-    # Half the difference of two values has half their variance, along x and along y.
+    # A central difference has half the variance of a pixel, along x and along y.
     return np.asarray(usable & (gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels))
 
 
@@ -246,21 +246,21 @@ def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:
     """
     normal = np.stack([focal * theta[1], focal * theta[2], theta[0] - theta[1] * x - theta[2] * y])
     normal /= np.linalg.norm(normal, axis=0)
-    # Towards the camera: against the line of sight (x, y, f).
+    # Towards the camera: against the viewing ray (x, y, f).
     facing = normal[0] * x + normal[1] * y + normal[2] * focal
     normal *= -np.sign(facing)
     return normal
 
 
 def _element(fit: Fit, baseline_mm: float, spline: int) -> dict[str, Map]:
-    """Return what the surface element is and does, with standard deviations; see `describe_element`."""
+    """Return the quantities of the surface element with their standard deviations; see `describe_element`."""
     values, std = fit.element.astype(np.float64), np.sqrt(fit.element_variance) / spline_transfer(spline)
-    # Where baselines are negative, so are disparities.
+    # For negative baselines, disparities are negative.
     for place, unit in ((2, abs(baseline_mm)), (3, baseline_mm**2)):
         values[place] /= unit
         std[place] /= unit
     direction = values[10:]
-    # Of both signs that with X > 0, as in the truth.
+    # The sign with X > 0, as in the ground truth.
     direction *= np.where(direction[0] < 0, -1.0, 1.0)
     parts: dict[str, int | slice] = {
         "slope": slice(0, 2),

@@ -1,4 +1,4 @@
-"""Pixels that must not be used: masked by the user, not finite, saturated, or dead; found and interpolated."""
+"""Defective pixels: masked by the user, not finite, saturated, or dead; detection and interpolation."""
 
 from __future__ import annotations
 
@@ -15,37 +15,34 @@ from scenetruth.threads import in_threads
 __all__ = ["DefectFilteredFrames", "fill_defects", "find_dead_pixels", "find_saturated_runs", "spread_defects"]
 
 CAUSES = ("user", "not_finite", "saturated", "dead")
-"""Why pixels are left out; of several causes, the first counts."""
+"""Causes of defects; of several, the first is counted."""
 
-# Pixels at full scale count where as many of a square of 3 x 3 px are.
+# Smallest number of pixels at full scale in a square of 3 x 3 px.
 _RUN = 3
 _SWEEPS = 20
-# Dead pixels are looked for in so many frames at most, and in so many images at least.
+# Largest number of frames, and smallest number of images, in which dead pixels are searched.
 _FRAMES, _LEAST_IMAGES = 9, 3
-# They differ from their neighbours, in the mean of all images, by so many times what pixels around them do (as a
-# standard deviation), by this share of the images' range, and their neighbours from theirs by this share of that.
+# Smallest deviation of a dead pixel from its neighbours in the mean image, in local standard deviations, and as a
+# fraction of the image range; and largest deviation of its neighbours, as a fraction of its own.
 _STRONG, _LEAST_CONTRAST, _ALONE = 8.0, 0.05, 0.25
 _BLOCK_PX = 16
-# In this share of the images they differ the same way, by this share of the median at least.
+# Fraction of the images in which the deviation has the same sign, and its smallest size relative to the median.
 _MOSTLY, _LIKE_MEDIAN = 0.75, 0.3
-# If more pixels than this look dead, it is a pattern that stands still.
+# With a larger fraction of dead pixels, it is a static pattern.
 _MOST_DEAD = 0.01
 
 Flags = NDArray[np.bool_]
 
 
 class DefectFilteredFrames:
-    """Images of a recording in which pixels that must not be used are found, and filled from those around them.
-
-    ``recording``: A checked recording.
-    """
+    """Images of a recording with defective pixels detected and interpolated."""
 
     def __init__(self, recording: xr.Dataset) -> None:
         self._recording = recording
         self._reader = FrameReader(recording)
         self.shape = self._reader.shape
         """Numbers of channels, cameras, frames, rows and columns."""
-        # Floats are linear radiance, which no level clips.
+        # Floats are linear radiance, which has no saturation level.
         digital = recording["image"].dtype.kind in "iu"
         self._white = float(recording.attrs["full_scale"]) if digital else None
         self._bad: dict[int, NDArray[np.uint8] | None] = {}
@@ -56,14 +53,11 @@ class DefectFilteredFrames:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """How many pixels of the images that were looked at must not be used, by their cause."""
+        """Number of defective pixels in the images read, by cause."""
         return dict(zip(CAUSES, self._counts.tolist(), strict=True))
 
     def frames(self, first: int, last: int) -> NDArray[Any]:
-        """Return the filled images of successive frames, as of `FrameReader.frames`: finite.
-
-        Where nothing is bad, grey values have the type of the recording's, else float32.
-        """
+        """Return the filled images of consecutive frames: float32, or of the recorded type if without defects."""
         images = self._reader.frames(first, last)
         causes = [self._causes(frame, images[:, :, frame - first]) for frame in range(first, last)]
         for frame, found in zip(range(first, last), causes, strict=True):
@@ -74,7 +68,7 @@ class DefectFilteredFrames:
         jobs: list[tuple[int, int, Flags]] = []
         for place, found in enumerate(causes):
             if found is not None:
-                # What is clipped continues what is around it already.
+                # Saturated pixels already continue their surroundings.
                 wrong = np.asarray(found[[0, 1, 3]].any(axis=0))
                 jobs += [(camera, place, flags) for camera, flags in enumerate(wrong) if flags.any()]
 
@@ -87,10 +81,7 @@ class DefectFilteredFrames:
         return images
 
     def bad(self, first: int, last: int) -> list[NDArray[np.uint8]]:
-        """Tell where samples of successive frames must not be used, as `spread`.
-
-        Returns: 1 where bad, for each frame, shape (s, y, x); empty if nothing is bad in any.
-        """
+        """Return where consecutive frames must not be sampled, shape (s, y, x) each, or an empty list if nowhere."""
         found = [self._bad[frame] for frame in range(first, last)]
         if all(flags is None for flags in found):
             return []
@@ -104,7 +95,7 @@ class DefectFilteredFrames:
         return None if found is None else found[camera]
 
     def part(self, first: int, last: int) -> xr.Dataset:
-        """Return the recording of successive frames with filled images, and without a mask."""
+        """Return the recording of consecutive frames with filled images, without a mask."""
         part = self._recording.isel(t=slice(first, last)).drop_vars("exclusion_mask", errors="ignore")
         images = self.frames(first, last)
         if not self.bad(first, last):
@@ -114,7 +105,7 @@ class DefectFilteredFrames:
         return part.assign(image=(image.dims, values.reshape(image.shape), image.attrs))
 
     def _note(self, frame: int, found: Flags | None) -> None:
-        """Keep where a frame is bad, once."""
+        """Store the defects of a frame, once."""
         if frame in self._bad:
             return
         if found is None:
@@ -129,7 +120,7 @@ class DefectFilteredFrames:
             self._saturated[frame] = found[2]
 
     def _causes(self, frame: int, images: NDArray[Any]) -> Flags | None:
-        """Return which pixels of a frame are bad for which cause, shape (4, s, y, x), or None if none is."""
+        """Return the defective pixels of a frame by cause, shape (4, s, y, x), or None without defects."""
         found = np.zeros((len(CAUSES), *images.shape[1:]), dtype=np.bool_)
         user = self._masked(frame)
         if user is not None:
@@ -145,7 +136,7 @@ class DefectFilteredFrames:
         return found if found.any() else None
 
     def _masked(self, frame: int) -> Flags | None:
-        """Return the user's mask of a frame, shape (s, y, x), of a grid row by row."""
+        """Return the exclusion mask of a frame, shape (s, y, x), for a grid row by row."""
         if "exclusion_mask" not in self._recording:
             return None
         mask = self._recording["exclusion_mask"]
@@ -174,13 +165,13 @@ class DefectFilteredFrames:
 
 
 def spread_defects(bad: Flags) -> NDArray[np.uint8]:
-    """Tell which samples have a bad pixel so near that the spline through it reaches them.
+    """Return the samples whose spline interpolation is affected by a defective pixel.
 
-    Those are the samples whose nearest pixel is bad or two steps from a bad one at most, along rows and columns. To all
-    others, splines bring 3 % of what was filled in wrongly, at most (root mean square over the places between pixels).
+    Those are the samples whose nearest pixel is defective or at most two steps from a defective one, along rows and
+    columns. For all others, at most 3 % of the error of the filled values remains (RMS over subpixel positions).
 
-    ``bad``: Bad pixels of some images, shape (n, y, x).
-    Returns: 1 at such pixels, 0 elsewhere, of the same shape.
+    ``bad``: Defective pixels, shape (n, y, x).
+    Returns: 1 at such pixels, else 0, of the same shape.
     """
     from scipy.ndimage import binary_dilation, generate_binary_structure
 
@@ -193,9 +184,9 @@ def spread_defects(bad: Flags) -> NDArray[np.uint8]:
 
 
 def find_saturated_runs(image: NDArray[Any], white: float) -> Flags:
-    """Tell which pixels are clipped: at full scale, together with others beside them.
+    """Return the saturated pixels: those at full scale together with adjacent pixels.
 
-    One pixel at full scale alone may just be as bright; noise puts it there, or scaling an image to its brightest.
+    A single pixel at full scale may be due to noise, or to an image scaled to its maximum.
 
     ``image``: Grey values, shape (y, x).
     """
@@ -209,11 +200,7 @@ def find_saturated_runs(image: NDArray[Any], white: float) -> Flags:
 
 
 def fill_defects(image: NDArray[np.float32], bad: Flags) -> NDArray[np.float32]:
-    """Return an image whose bad pixels continue those around them.
-
-    ``image``: Grey values, finite where not bad, shape (y, x).
-    ``bad``: Pixels to be filled, of the same shape; if all are, the image becomes 0.
-    """
+    """Return an image, shape (y, x), with defective pixels interpolated; zero if all pixels are defective."""
     from scipy.ndimage import distance_transform_edt
 
     from scenetruth.estimators.refined.kernels.warp import smooth_over
@@ -227,12 +214,12 @@ def fill_defects(image: NDArray[np.float32], bad: Flags) -> NDArray[np.float32]:
 
 
 def find_dead_pixels(images: Any) -> Flags:
-    """Tell which pixels differ from their neighbours in almost all images, alone, and in the same way.
+    """Return single pixels that deviate consistently from their neighbours in almost all images.
 
-    In the mean of images of what moves, texture fades and such a pixel stays.
+    In the mean image of a moving scene, texture averages out and such a pixel remains.
 
-    ``images``: Called without arguments, gives grey values of all images in turn, shape (y, x), and which of them count
-      for nothing.
+    ``images``: Function without arguments that yields the grey values of all images, shape (y, x), and their invalid
+      pixels.
     Returns: Dead pixels, shape (y, x).
     """
     total: Any = 0.0
@@ -265,7 +252,7 @@ def find_dead_pixels(images: Any) -> Flags:
 
 
 def _subtract_neighbour_median(image: NDArray[Any]) -> NDArray[np.float64]:
-    """Return pixels less the median of the eight around them."""
+    """Return pixels minus the median of the eight around them."""
     from scipy.ndimage import median_filter
 
     ring = np.ones((3, 3), dtype=np.bool_)
@@ -275,7 +262,7 @@ def _subtract_neighbour_median(image: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _neighbour_maximum(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the largest of the eight values around."""
+    """Return the largest of the eight values around each pixel."""
     from scipy.ndimage import maximum_filter
 
     ring = np.ones((3, 3), dtype=np.bool_)
@@ -284,7 +271,7 @@ def _neighbour_maximum(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _local_medians(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return medians over blocks, or over one beside, whichever is the largest, at every pixel."""
+    """Return, at every pixel, the largest median of its block and the adjacent blocks."""
     from scipy.ndimage import maximum_filter
 
     height, width = values.shape

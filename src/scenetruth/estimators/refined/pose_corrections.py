@@ -1,7 +1,4 @@
-"""Corrections of the camera poses of all images.
-
-Shifts observed in blocks, normal equations with depth and motion eliminated, and the added uncertainty.
-"""
+"""Pose corrections of all images: block shifts, normal equations without depth and motion, and added uncertainty."""
 
 from __future__ import annotations
 
@@ -35,18 +32,18 @@ __all__ = [
 
 
 CORRECTIONS = 4
-"""Corrections of an image: along x and y in px, roll in rad, larger by a share."""
+"""Number of corrections of an image: along x and y in px, roll in rad, relative scale."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class PointDerivatives:
-    """Derivatives of where images show points, x and y in px."""
+    """Derivatives of the image positions of points, x and y in px."""
 
     by_point: Array
-    """By d, q_X, q_Y, q_Z and the point's column and row; behind them, if wanted, by the acceleration along X and Y;
-    shape (points, n, 2, 6 or 8)."""
+    """By d, q_X, q_Y, q_Z and the column and row of the point, optionally by the acceleration along X and Y; shape
+    (points, n, 2, 6 or 8)."""
     by_image: Array
     """By the corrections of the image itself, shape (points, n, 2, 4)."""
 
@@ -54,11 +51,7 @@ class PointDerivatives:
 def compute_point_derivatives(
     view: ImageView, fields: Array, at: Array, *, accelerated: bool = False
 ) -> PointDerivatives:
-    """Return how points move in images.
-
-    ``fields``: d, q_X, q_Y and q_Z of the points, shape (4, points).
-    ``at``: Column and row of the points in the reference image, shape (2, points).
-    """
+    """Return the derivatives of the image positions of points: fields (4, points) at column and row (2, points)."""
     d, q_x, q_y, q_z = fields[:, :, None]
     s, s_y, t = view.s[None], view.s_y[None], view.t[None]
     scale = 1.0 / (1.0 + t * d * q_z / view.focal)
@@ -77,56 +70,56 @@ def compute_point_derivatives(
 
 
 BLOCK_PX = 8
-"""Edge of a block: smaller than the part of a band's rows that lies beyond it."""
+"""Side length of a block: smaller than the rows of a band beyond its core."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShiftObservations:
-    """Normal equations of the shifts between every image and the images' mean, in blocks of pixels."""
+    """Normal equations of the shifts between every image and the mean image, in blocks of pixels."""
 
     sums: NDArray[np.float64]
-    """As of `add_shifts`, shape (rows of blocks, columns of blocks, n, 7)."""
+    """Sums of `add_shifts`, shape (rows of blocks, columns of blocks, n, 7)."""
 
     @classmethod
     def blank(cls, shape: tuple[int, int], count: int) -> ShiftObservations:
-        """Return sums to be added to."""
+        """Return sums of zero."""
         height, width = shape
         return cls(np.zeros((-(-height // BLOCK_PX), -(-width // BLOCK_PX), count, SUMS)))
 
     def add(
         self, warped: NDArray[np.float32], gradient: NDArray[np.float32], least: int, first: int, rows: tuple[int, int]
     ) -> None:
-        """Add one channel's images for the blocks that begin in some rows."""
+        """Add the images of one channel for the blocks that begin in a range of rows."""
         top, bottom = (-(-row // BLOCK_PX) for row in rows)
         add = partial(add_shifts, warped, gradient, least, first, BLOCK_PX, self.sums)
         in_threads(add, [(row, row + 1) for row in range(top, bottom)])
 
     def centres(self) -> NDArray[np.intp]:
-        """Return row and column in the middle of every block, shape (2, rows of blocks, columns of blocks)."""
+        """Return row and column of the centre of every block, shape (2, rows of blocks, columns of blocks)."""
         down, across = self.sums.shape[:2]
         return np.stack(np.meshgrid(*(np.arange(n) * BLOCK_PX + BLOCK_PX // 2 for n in (down, across)), indexing="ij"))
 
 
-# Distance in px of the points at which it is computed; in between it is linear.
+# Distance in px of the points at which the effect is computed; it is interpolated linearly.
 _STEP_PX = 24
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectionUncertainty:
-    """Variances that uncertain corrections add."""
+    """Variances due to the uncertainty of the corrections."""
 
     variance: Array
-    """Of d, q_X, q_Y and q_Z at every pixel, shape (4, y, x)."""
+    """Variances of d, q_X, q_Y and q_Z at every pixel, shape (4, y, x)."""
 
 
 def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array) -> CorrectionUncertainty:
-    """Return by how much uncertain corrections vary what is fitted to every pixel.
+    """Return the variances of the fit at every pixel due to the uncertainty of the corrections.
 
-    A point whose texture is the same in all directions follows the corrections c by K c, with the derivatives A and E
-    of where images show it by its own parameters and by corrections, K = (Aᵀ A)⁻¹ Aᵀ E.
+    A point with isotropic texture follows the corrections c by K c, with K = (Aᵀ A)⁻¹ Aᵀ E and the derivatives A and E
+    of its image positions by its own parameters and by the corrections.
 
     ``fields``: d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
-    ``rooted``: L of the corrections' covariance L Lᵀ, shape (4 n, any).
+    ``rooted``: L of the covariance L Lᵀ of the corrections, shape (4 n, any).
     """
     from scipy.ndimage import map_coordinates
 
@@ -145,7 +138,7 @@ def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array
     for n in range(points):
         moved = np.einsum("nki,niu->nku", moves.by_image[n], pairs, optimize=True).reshape(-1, rooted.shape[-1])
         varied[:, n] = np.square(follow[n, :4] @ moved).sum(axis=-1)
-    # The effect on the velocity goes with 1 / d.
+    # The effect on the velocity is proportional to 1 / d.
     varied[1:] *= own[0] ** 2
     y, x = np.mgrid[:height, :width]
     places = np.stack([np.interp(y, rows, np.arange(len(rows))), np.interp(x, columns, np.arange(len(columns)))])
@@ -156,19 +149,19 @@ def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array
     return CorrectionUncertainty(variance)
 
 
-# Blocks that fewer pixels show in the mean of the images say nothing.
+# Smallest fraction of the pixels of a block that are valid in the mean image.
 _LEAST_SHARE = 0.5
-# Directions that blocks do not tell: eigenvalues below this share of what one parameter alone is told by.
+# Undetermined directions of blocks: eigenvalues below this fraction of those of single parameters.
 _SINGULAR_SHARE = 1e-7
-# Frames from which on acceleration is told from velocity.
+# Smallest number of frames that separate acceleration from velocity.
 _ACCELERATED = 5
-# Blocks that are taken at a time, and about how many of all are taken.
+# Number of blocks processed together, and approximate number of blocks used.
 _PIECE, _MOST_BLOCKS = 256, 6000
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """What blocks of pixels tell."""
+    """Observations of blocks of pixels."""
 
     weight: Array
     """Σ ∇T ∇Tᵀ of every image, shape (blocks, n, 2, 2)."""
@@ -177,9 +170,9 @@ class Blocks:
     fields: Array
     """d, q_X, q_Y and q_Z, shape (4, blocks)."""
     at: Array
-    """Column and row of their middles, shape (2, blocks)."""
+    """Column and row of their centres, shape (2, blocks)."""
     noise: float
-    """Standard deviation of what the images leave around their mean in blocks that fit well."""
+    """Standard deviation of the image residuals relative to the mean image in blocks that fit well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,10 +186,7 @@ class Equations:
 
 
 def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
-    """Return what blocks tell that show texture.
-
-    ``fields``: d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
-    """
+    """Return the observations of blocks with texture, with the finite fields of every pixel, shape (4, y, x)."""
     rows, columns = shifts.centres()
     height, width = fields.shape[1:]
     rows, columns = np.minimum(rows, height - 1), np.minimum(columns, width - 1)
@@ -220,11 +210,7 @@ def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
 
 
 class Elimination:
-    """The equations of the corrections alone: those of every block's own depth and motion are solved for any of them.
-
-    ``blocks``: What blocks tell.
-    ``view``: Where and when the images were taken.
-    """
+    """Reduced normal equations of the corrections, with the depth and motion of every block eliminated."""
 
     def __init__(self, blocks: Blocks, view: ImageView) -> None:
         self._noise = blocks.noise
@@ -236,10 +222,7 @@ class Elimination:
         ]
 
     def equations(self, weight: Array) -> Equations:
-        """Return the equations of all blocks together.
-
-        ``weight``: Weights of the blocks, shape (blocks,).
-        """
+        """Return the equations of all blocks, with weights of shape (blocks,)."""
         matrix, side = np.zeros((self._size, self._size)), np.zeros(self._size)
         own = np.zeros((self._size // CORRECTIONS, CORRECTIONS, CORRECTIONS))
         for part, w in self._weighted(weight):
@@ -253,15 +236,14 @@ class Elimination:
         return Equations(matrix, side)
 
     def misfit(self, corrections: Array) -> Array:
-        """Return what corrections leave of the blocks' shifts when their depth and motion follow.
+        """Return the residual of the block shifts after corrections (n, 4), with depth and motion adjusted.
 
-        ``corrections``: Of every image, shape (n, 4).
-        Returns: In squares of the images' noise per free shift, shape (blocks,).
+        Returns: In squares of the image noise per degree of freedom, shape (blocks,).
         """
         c = corrections.ravel()
         found = []
         for part in self._parts:
-            # |shift - c|² in the norm of all unknowns, less what the blocks' own parameters take of it.
+            # |shift - c|² in the norm of all unknowns, minus the part explained by the parameters of the blocks.
             moved = np.einsum("pnij,nj->pni", part.own, corrections, optimize=True).reshape(len(part.free), -1)
             square = part.square - 2.0 * part.plain @ c + moved @ c
             own = part.own_shift - part.mixed @ c
@@ -275,24 +257,24 @@ class Elimination:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Products of some blocks, p of them."""
+    """Products of a group of p blocks."""
 
     own: Array
-    """Σ Eᵀ W E of every image with its corrections' derivatives E, shape (p, n, 4, 4)."""
+    """Σ Eᵀ W E of every image with the derivatives E by its corrections, shape (p, n, 4, 4)."""
     mixed: Array
-    """Those of the blocks' own parameters, told apart, with all corrections, shape (p, m, 4 n)."""
+    """Products of the decorrelated block parameters with all corrections, shape (p, m, 4 n)."""
     plain: Array
     """Σ Eᵀ W δ, shape (p, 4 n)."""
     own_shift: Array
-    """The same of the own parameters, shape (p, m)."""
+    """Products of the block parameters with the shifts, shape (p, m)."""
     square: Array
     """Σ δᵀ W δ, shape (p,)."""
     free: Array
-    """How many shifts there are, less the own parameters, at least 1, shape (p,)."""
+    """Number of shifts minus that of the block parameters, at least 1, shape (p,)."""
 
     @property
     def side(self) -> Array:
-        """Right side of the corrections' equations, shape (p, 4 n)."""
+        """Right-hand side of the equations of the corrections, shape (p, 4 n)."""
         return np.asarray(self.plain - np.einsum("pms,pm->ps", self.mixed, self.own_shift, optimize=True))
 
 
@@ -323,7 +305,7 @@ def _part_of(blocks: Blocks, view: ImageView, part: slice, *, accelerated: bool)
 
 
 def _squares(weight: Array, shift: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return Σ bᵀ W⁻¹ b of every block, and how many shifts its images tell: two each, or one along a gradient."""
+    """Return Σ bᵀ W⁻¹ b of every block, and the number of observed shifts: per image two, or one along a gradient."""
     a, b, c = weight[..., 0, 0], weight[..., 0, 1], weight[..., 1, 1]
     half, spread = (a + c) / 2, np.hypot((a - c) / 2, b)
     largest = half + spread
@@ -331,14 +313,14 @@ def _squares(weight: Array, shift: Array) -> tuple[Array, NDArray[np.intp]]:
     both = determinant > 1e-3 * largest**2
     x, y = shift[..., 0], shift[..., 1]
     whole = (c * x * x - 2.0 * b * x * y + a * y * y) / np.where(both, determinant, 1.0)
-    # Along the gradient alone, b lies in its direction, but for rounding.
+    # Along the gradient alone, b is parallel to it, except for rounding.
     some = largest > 0
     along = (x * x + y * y) / np.where(some, largest, 1.0)
     square = np.where(both, whole, np.where(some, along, 0.0)).sum(axis=1)
     return square, (2 * both + (some & ~both)).sum(axis=1)
 
 
-# Blocks that leave this many times what half of them leave are left out: what moves there is no point.
+# Blocks with a residual above this multiple of the median are excluded: they do not move as a point.
 _OUTLIER = 4.0
 _PASSES = 3
 _STILL = 0.1
@@ -347,10 +329,10 @@ _STILL = 0.1
 class PoseCorrections:
     """Corrections of all images and their covariance.
 
-    An image is off by what its position is off at every visit and by what is new at each; the image of the reference
-    position in the estimated frame stands where it should by definition, and all others are off against it.
+    The error of an image is the sum of that of its position, common to all visits, and that of the single visit. The
+    image of the reference position in the estimated frame has no error by definition; all others are relative to it.
 
-    ``priors``: Standard deviations of what images are off before anything is known of them.
+    ``priors``: Prior standard deviations of the errors.
     ``images``: The images.
     """
 
@@ -359,7 +341,7 @@ class PoseCorrections:
         count, cameras = len(view.s), len(images.positions)
         fresh = (priors.repeatability_px, priors.repeatability_px)
         fixed = (priors.x_px, priors.y_px, 1e-6 * priors.roll_urad, 1e-6 * priors.scale_ppm)
-        # Unknown are the errors of positions, then those of single visits, each in units of its standard deviation.
+        # Unknowns are the errors of positions, then those of single visits, each in units of its standard deviation.
         parts = np.zeros((count, CORRECTIONS, cameras * len(fixed) + count * len(fresh)))
         for n in range(count):
             for k, std in enumerate(fixed):
@@ -387,11 +369,11 @@ class PoseCorrections:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, CORRECTIONS))
 
     def update(self, shifts: ShiftObservations, fields: Array, images: ImageStack) -> float:
-        """Take into account what blocks of pixels tell, and return by how many px an image moved at most.
+        """Update the corrections from block observations, and return the largest displacement of an image in px.
 
-        What stays within a tenth of its standard deviation does not count.
+        Changes within a tenth of the standard deviation are ignored.
 
-        ``fields``: d, q_X, q_Y and q_Z of every pixel by which they were warped, shape (4, y, x).
+        ``fields``: d, q_X, q_Y and q_Z of every pixel used for warping, shape (4, y, x).
         """
         blocks, view = select_blocks(shifts, fields), images.view()
         if not len(blocks.shift) or not blocks.noise > 0:
@@ -413,7 +395,7 @@ class PoseCorrections:
             left = elimination.misfit((parts @ step).reshape(-1, CORRECTIONS))
             usual = float(np.median(left))
             kept = (left < _OUTLIER * usual).astype(np.float64)
-            # Where blocks leave more than noise, their shifts err by more.
+            # Where the residuals of blocks exceed the noise, the errors of their shifts are larger.
             excess = max(1.0, float(left[kept > 0].mean())) if kept.any() else 1.0
             self._covariance = covariance
         self._unknown = unknown
@@ -423,9 +405,6 @@ class PoseCorrections:
         return float(moved.max())
 
     def effect(self, images: ImageStack, fields: Array) -> CorrectionUncertainty:
-        """Return what the corrections' uncertainty does to disparity and velocity.
-
-        ``fields``: d, q_X, q_Y and q_Z of every pixel, finite, shape (4, y, x).
-        """
+        """Return the effect of the uncertainty of the corrections on disparity and velocity, shape (4, y, x)."""
         rooted = self._parts @ np.linalg.cholesky(self._covariance)
         return compute_correction_uncertainty(images.view(), fields, rooted)

@@ -1,7 +1,4 @@
-"""Warped images and the normal equations of their pixels, for a band of rows at a time.
-
-And the evidence of single pixels.
-"""
+"""Row bands: warped images, normal equations of their pixels, and evidence of single pixels."""
 
 from __future__ import annotations
 
@@ -38,9 +35,9 @@ __all__ = [
 ]
 
 
-# Bytes of warped images that are kept at a time, rows that a thread takes at a time, and rows of a band at least.
+# Bytes of warped images in memory, number of rows per thread task, and smallest number of rows of a band.
 _SCRATCH_BYTES, _ROWS, _LEAST_BAND = 192e6, 16, 32
-# Windows reach this many times their standard deviation.
+# Half-width of windows in standard deviations.
 _CUT = 2.0
 
 NO_OCCLUSION = np.zeros((0, 0, 0), dtype=np.uint8)
@@ -50,20 +47,20 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RowBand:
-    """Normal equations of some rows."""
+    """Normal equations of a band of rows."""
 
     products: Map
-    """As of `add_products`, shape (22 or 46, rows, width)."""
+    """Products of `add_products`, shape (22 or 46, rows, width)."""
     first: int
-    """Row of the image at which they begin."""
+    """Image row at which they begin."""
     top: int
-    """The first row whose windows lie inside them, as far as the image goes."""
+    """First row whose windows lie inside them, within the image."""
     bottom: int
-    """The row behind the last."""
+    """Last such row + 1."""
 
 
 def window_weights(sigma_px: float) -> Map:
-    """Return the window's weights and their squares along one axis, times the powers 0 to 4 of the distance."""
+    """Return the window weights and their squares along one axis, times the powers 0 to 4 of the distance."""
     reach = math.ceil(_CUT * sigma_px)
     at = np.arange(-reach, reach + 1, dtype=np.float64)
     weights = np.exp(-0.5 * (at / sigma_px) ** 2)
@@ -73,10 +70,7 @@ def window_weights(sigma_px: float) -> Map:
 
 
 def around(where: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Return the pixels that lie within so many rows and columns of some.
-
-    ``where``: Those pixels, shape (y, x).
-    """
+    """Return the pixels within a distance, in rows and columns, of pixels in the mask ``where``."""
     from scipy.ndimage import maximum_filter
 
     return np.asarray(maximum_filter(where, 2 * reach + 1))
@@ -92,7 +86,7 @@ def bands(
     hidden: NDArray[np.uint8] = NO_OCCLUSION,
     shifts: ShiftObservations | None = None,
 ) -> Iterator[RowBand]:
-    """Warp all images by what is known of every pixel, and yield the pixels' normal equations band by band."""
+    """Warp all images by the current parameters, and yield the normal equations of the pixels band by band."""
     height, width = images.shape
     view = images.view()
     window = window_weights(sigma_px)[0, 0]
@@ -105,7 +99,7 @@ def bands(
     size = max(at_a_time, _LEAST_BAND)
     for top in range(0, height, size):
         bottom = min(top + size, height)
-        # Windows reach beyond the band, and so do those of the gains at their pixels.
+        # Windows extend beyond the band, and so do those of the gains at their pixels.
         step = _brightness_step(window)
         first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS if len(fields) == STEADY else ALL_PRODUCTS, end - first, width))
@@ -121,7 +115,7 @@ def bands(
 
 
 def pieces(first: int, end: int) -> list[tuple[int, int]]:
-    """Return the rows that each thread takes in turn."""
+    """Return the row ranges of the thread tasks."""
     return [(row, min(row + _ROWS, end)) for row in range(first, end, _ROWS)]
 
 
@@ -136,7 +130,7 @@ def _channel(
     least: int,
     rows: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return one channel's images for the rows of a band, as bright as their mean, and that one's gradient."""
+    """Return the images of one channel for the rows of a band, normalised to their mean, and its gradient."""
     count, _, width = coefficients.shape
     warped = np.empty((count, rows, width), dtype=np.float32)
     gradient = np.empty((2, rows, width), dtype=np.float32)
@@ -157,52 +151,46 @@ def _channel(
 
 
 def _brightness_step(window: Map) -> int:
-    """Return how far apart gain and offset are found: six times in a window's half width."""
+    """Return the distance at which gain and offset are estimated: a sixth of the half-width of the window."""
     return max(1, len(window) // 12)
 
 
-# Pixels are judged with their neighbours, in a Gaussian window of this standard deviation that is cut at 3 px.
+# Pixels are evaluated with their neighbours, in a Gaussian window of this standard deviation truncated at 3 px.
 _SIGMA_PX, _EVIDENCE_CUT = 1.0, 2.5
-# Of the window, so much is known.
+# Smallest valid fraction of the window.
 _LEAST = 0.3
 _SQUARES, _FREEDOM, _KNOWN, _GRADIENT = 14, 15, 16, 17
 
 
 def local_means(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the means over a pixel and its neighbours.
-
-    ``values``: Values, shape (y, x).
-    """
+    """Return the means over a pixel and its neighbours, shape (y, x)."""
     from scipy.ndimage import gaussian_filter
 
     return np.asarray(gaussian_filter(values, _SIGMA_PX, truncate=_EVIDENCE_CUT))
 
 
 def local_gradient(products: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean square of the texture's gradient over a pixel and its neighbours, 0 where nothing is known."""
+    """Return the mean square gradient of the texture over a pixel and its neighbours, 0 where invalid."""
     known, gradient = local_means(products[_KNOWN]), local_means(products[_GRADIENT])
     return np.asarray(np.where(known > 0, gradient / np.where(known > 0, known, 1.0), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class PixelEvidence:
-    """What every pixel shows by itself."""
+    """Residual and gradient of every pixel by itself."""
 
     square: NDArray[np.float32]
-    """Mean square of what the images leave, per degree of freedom; infinite where they show nothing, shape (y, x)."""
+    """Mean square residual of the images per degree of freedom; infinite where invalid, shape (y, x)."""
     gradient: NDArray[np.float32]
-    """Mean square of the texture's gradient, shape (y, x)."""
+    """Mean square gradient of the texture, shape (y, x)."""
 
     @classmethod
     def blank(cls, shape: tuple[int, int]) -> PixelEvidence:
-        """Return maps to be written."""
+        """Return initial maps to be filled."""
         return cls(np.full(shape, np.inf, dtype=np.float32), np.zeros(shape, dtype=np.float32))
 
     def chosen(self, where: NDArray[np.bool_], seen: PixelEvidence) -> PixelEvidence:
-        """Return what another fit's pixels show where that is chosen, and these elsewhere.
-
-        ``where``: Pixels where it is, shape (y, x).
-        """
+        """Return the evidence of another fit in the mask ``where``, else this evidence."""
         return PixelEvidence(np.where(where, seen.square, self.square), np.where(where, seen.gradient, self.gradient))
 
     def put(self, band: RowBand) -> None:
@@ -211,6 +199,6 @@ class PixelEvidence:
         squares, freedom, known = (local_means(band.products[n])[inner] for n in (_SQUARES, _FREEDOM, _KNOWN))
         rows = slice(band.top, band.bottom)
         with np.errstate(invalid="ignore", divide="ignore"):
-            # Known counts the channels: more than one makes a window fuller than it is, which does no harm.
+            # Valid pixels are counted per channel, which overestimates the coverage of several channels without harm.
             self.square[rows] = np.where(known > _LEAST, squares / freedom, np.inf)
         self.gradient[rows] = local_gradient(band.products)[inner]

@@ -1,8 +1,4 @@
-"""The inputs of an estimation.
-
-Images, filters and settings, common to all registrations, rows and frames; and the images shifted by subpixels where
-the stage positions require it.
-"""
+"""Inputs of an estimation that all registrations, rows and frames share, and subpixel shifts of the images."""
 
 from __future__ import annotations
 
@@ -34,7 +30,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class EstimationInputs:
-    """What to estimate, and with what."""
+    """Inputs of an estimation."""
 
     images: NDArray[Any]
     """Images, shape (channel, s, t, y, x)."""
@@ -42,10 +38,10 @@ class EstimationInputs:
     settings: StructureTensorSettings
     intrinsics: Intrinsics
     over_s: FilterPair
-    """Filters along s for grey values, the derivative scaled to the noise of the others."""
+    """Filters along s for grey values, the derivative scaled to the noise of the other derivatives."""
     over_t: FilterPair
     scales: tuple[float, float]
-    """By what the derivatives along s and t were scaled."""
+    """Scale factors of the derivatives along s and t."""
     noise: NoiseModel
     outputs: NDArray[np.int64]
     """Indices of the frames to estimate."""
@@ -58,13 +54,10 @@ def make_inputs(
     intrinsics: Intrinsics,
     full_scale: float,
 ) -> EstimationInputs:
-    """Scale the filters of a rig to grey values and to equal noise.
-
-    ``images``: Images, shape (channel, s, t, y, x).
-    """
+    """Return the inputs for images (channel, s, t, y, x), with filters scaled to grey values and to equal noise."""
     # Grey values in [-1, 1] are 2 image / full scale - 1; derivatives do not depend on the constant.
     grey = 2 / full_scale
-    # Total least squares assumes errors of equal size in all derivatives.
+    # Total least squares assumes equal errors in all derivatives.
     equal = np.sqrt(PAPER.noise_ratio)
     scale_s = equal / np.sqrt(rig.over_s.noise_ratio) if rig.sees_depth else 1.0
     scale_t = equal / np.sqrt(rig.over_t.noise_ratio) if rig.sees_motion else 1.0
@@ -85,11 +78,7 @@ def make_inputs(
 
 
 def columns_of_s(rig: AcquisitionAxes, disparity: int) -> NDArray[np.int64]:
-    """Return by how many columns the image of each camera is read further to the right at a working point.
-
-    ``disparity``: Disparity of the working point in px per step of s.
-    Returns: Whole columns, negative to the left, shape (s,), int64.
-    """
+    """Return the column offset (int64) at which the image of each camera is read for a disparity in px per step."""
     return -np.rint(disparity * rig.positions).astype(np.int64)
 
 
@@ -111,10 +100,7 @@ def common_area(task: EstimationInputs, registration: Registration) -> Rectangle
 
 
 def largest_disparity(task: EstimationInputs) -> int:
-    """Return the largest disparity at which the registered images still overlap by filters and window.
-
-    Returns: Disparity in px per step of s.
-    """
+    """Return the largest disparity (px per step of s) at which the registered images overlap by filters and window."""
     width = task.images.shape[-1]
     reach = REACH + task.settings.window_taps_px // 2
     span = task.rig.positions.max() - task.rig.positions.min()
@@ -122,7 +108,7 @@ def largest_disparity(task: EstimationInputs) -> int:
 
 
 def check_common_view(task: EstimationInputs, registrations: Sequence[Registration]) -> None:
-    """Check that the images of at least one registration overlap by filters and window."""
+    """Raise if the images of no registration overlap by filters and window."""
     areas = [common_area(task, item) for item in registrations]
     if not all(area.is_empty for area in areas):
         return
@@ -132,17 +118,14 @@ def check_common_view(task: EstimationInputs, registrations: Sequence[Registrati
     message = f"images registered by {item.disparity} px per step"
     if item.flow != (0, 0):
         message += f" and {item.flow} px per frame"
-    message += f" share only {rows} rows and {columns} columns; filters and window need {needed}"
+    message += f" share only {rows} rows and {columns} columns; filters and window require {needed}"
     raise EstimateError([Problem("estimate.working_point_px", message)])
 
 
 def shift_by_subpixels(task: EstimationInputs, disparity: int) -> NDArray[Any]:
-    """Shift images by the fraction of a pixel that registration by whole columns leaves.
+    """Shift images by the subpixel remainder of a registration disparity (px per step) with quintic splines.
 
-    Quintic splines interpolate the images. Cameras at whole steps of s need no shift.
-
-    ``disparity``: Disparity of the working point in px per step of s.
-    Returns: Images, shape (channel, s, t, y, x): as recorded if no camera needs a shift, else float32.
+    Returns: Images, shape (channel, s, t, y, x): as recorded if no camera requires a shift, else float32.
     """
     part = -disparity * task.rig.positions - columns_of_s(task.rig, disparity)
     if np.all(np.abs(part) < 1e-9):
@@ -155,7 +138,7 @@ def shift_by_subpixels(task: EstimationInputs, disparity: int) -> NDArray[Any]:
 
 
 def _quintic(part: float) -> NDArray[np.float64]:
-    """Return the weights of the quintic B-spline's coefficients at ``part`` of a pixel to the right of a sample."""
+    """Return the weights of the quintic B-spline coefficients at ``part`` px to the right of a sample."""
     distance = np.abs(np.arange(-3, 4) - part)
     edges = np.maximum(np.array([3.0, 2.0, 1.0]) - distance[:, None], 0.0) ** 5
     return np.asarray(edges @ np.array([1.0, -6.0, 15.0]) / 120)

@@ -1,7 +1,4 @@
-"""Running the kernels over registrations, bands of rows and frames in bounded memory.
-
-Resampling the maps at the reference.
-"""
+"""Execution of the kernels over registrations, row bands and frames in bounded memory, and resampling of the maps."""
 
 from __future__ import annotations
 
@@ -39,12 +36,12 @@ _ROUNDS = 4
 def carry_to_reference(
     moved: NDArray[np.float64], maps: NDArray[Any], flags: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Resample maps at the pixels of the reference, for rigs whose estimates belong between cameras or frames.
+    """Resample maps at the pixels of the reference, if the estimate is centred between cameras or frames.
 
-    ``moved``: By how much the reference sees each pixel's point further right and down, in px, shape (2, y, x); NaN
-      where there is no estimate.
+    ``moved``: Offset of the image point in the reference relative to each pixel, right and down, in px, shape
+      (2, y, x); NaN where invalid.
     ``maps``: Floating-point maps, shape (n, y, x): interpolated linearly, NaN next to NaN.
-    ``flags``: Maps of integers, shape (m, y, x): taken from the nearest pixel.
+    ``flags``: Integer maps, shape (m, y, x): taken from the nearest pixel.
     """
     rows, columns = np.mgrid[: moved.shape[1], : moved.shape[2]].astype(np.float64)
     filled = np.nan_to_num(moved)
@@ -64,21 +61,21 @@ def carry_to_reference(
     return carried, np.where(whole, flags[:, *nearest], 0).astype(flags.dtype)
 
 
-# Bytes of a pixel of `BestRegistration`, bytes of all pixels that are kept at a time, and the least rows of a band.
+# Bytes per pixel of `BestRegistration`, bytes of all pixels in memory, and smallest number of rows of a band.
 _BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 128e6, 128
-# Bytes of a pixel of `Maps`, and bytes of all maps that are made at a time.
+# Bytes per pixel of `EstimateMaps`, and bytes of all maps in memory.
 _BYTES_PER_PIXEL_OF_MAPS, _MAP_BYTES = 84, 192e6
 
 
 class CandidateRegistration(NamedTuple):
-    """A registration in the choice of the best one."""
+    """A registration that competes for the best one of each pixel."""
 
     number: int
-    """Number under which `BestRegistration` remembers it."""
+    """Number of the registration in `BestRegistration`."""
     images: NDArray[Any]
-    """The images as `registered` returns them for this working point."""
+    """Images of `shift_by_subpixels` for this registration disparity."""
     weight_t: float
-    """What motion along t counts beside that along s in the choice."""
+    """Weight of the displacement along t relative to that along s in the selection."""
 
 
 def run_kernel(
@@ -89,10 +86,7 @@ def run_kernel(
     best: BestRegistration,
     first_row: int,
 ) -> None:
-    """Estimate the frames of a task in some tiles at one registration.
-
-    ``tiles``: First and last + 1 row, then column, of every tile, shape (n, 4).
-    """
+    """Estimate the frames of a task in tiles (first and last + 1 row, then column) at one registration."""
     from scenetruth.estimators.structure_tensor.tensor_kernels import Criteria, Registered, estimate_tile
 
     if len(tiles) == 0:
@@ -109,11 +103,11 @@ def run_kernel(
             gaussian_window(settings.window_sigma_px, settings.window_taps_px) @ np.arange(-half, half + 1) ** 2
         ),
     )
-    # numba compiles anew for images that may be written to, such as those that were not read from a store.
+    # Read-only view, because numba would compile a second time for writeable arrays.
     images = candidate.images.view()
     images.flags.writeable = False
     still = registration.flow == (0, 0)
-    # Frames slide through the window. Frames that are registered along t are shifted anew for every estimate.
+    # Frames slide through the window; frames that are registered along t are shifted again for every estimate.
     groups = [task.outputs] if still else [task.outputs[n : n + 1] for n in range(len(task.outputs))]
     for index, group in enumerate(groups):
         first = int(group[0]) - rig.before
@@ -133,7 +127,7 @@ def _filters_at(task: EstimationInputs, disparity: int) -> Filters:
     from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
 
     rig, settings = task.rig, task.settings
-    # The divergence term counts x from each camera's own principal point.
+    # In the divergence term, x is relative to the principal point of each camera.
     own = -disparity * (rig.positions - rig.centre_s)
     moment = DERIVATIVE_MOMENT[::-1]
     window = gaussian_window(settings.window_sigma_px, settings.window_taps_px)
@@ -162,19 +156,19 @@ def _filters_at(task: EstimationInputs, disparity: int) -> Filters:
 
 
 def frames_at_a_time(shape: Sequence[int]) -> int:
-    """Return how many frames to estimate at once, so that their maps and scratch memory stay bounded."""
+    """Return the number of frames that are estimated together, which bounds their maps and scratch memory."""
     by_maps = _MAP_BYTES / (_BYTES_PER_PIXEL_OF_MAPS * shape[0] * shape[1])
     by_scratch = _SCRATCH_BYTES / (_BYTES_PER_PIXEL * shape[1] * min(_BAND_ROWS, shape[0]))
     return max(1, int(min(by_maps, by_scratch)))
 
 
 def step_count(frames: int, shape: Sequence[int]) -> int:
-    """Return how many bands of rows `run` works on, one after the other."""
+    """Return the number of row bands that `run` processes in sequence."""
     return len(_bands(frames, shape))
 
 
 def _bands(frames: int, shape: Sequence[int]) -> list[tuple[int, int]]:
-    """Return the first row of every band, and the one behind its last."""
+    """Return the first row and the last + 1 of every band."""
     height, width = shape
     at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
     rows = max(_BAND_ROWS, at_a_time // frames // STRIDE * STRIDE)
@@ -182,7 +176,7 @@ def _bands(frames: int, shape: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def run(task: EstimationInputs, registrations: Sequence[Registration], progress: Progress | None) -> EstimateMaps:
-    """Estimate the frames of a task, a band of rows at a time, so that scratch memory stays bounded."""
+    """Estimate the frames of a task, one row band at a time, which bounds the scratch memory."""
     height, width = task.images.shape[-2:]
     frames = len(task.outputs)
     elsewhere = task.rig.centre_s != 0 or task.rig.centre_t != 0
@@ -191,7 +185,7 @@ def run(task: EstimationInputs, registrations: Sequence[Registration], progress:
     areas = [common_area(task, item) for item in registrations]
     only = shift_by_subpixels(task, registrations[0].disparity) if len(registrations) == 1 else None
     steps = len(parts) * len(registrations)
-    # Where registrations differ in flow, the displacement that they leave along t counts too.
+    # If registrations differ in flow, the residual displacement along t is included.
     weight_t = float(len({item.flow for item in registrations}) > 1)
     if progress is not None:
         progress("estimate", 0, steps)
@@ -220,14 +214,14 @@ def run(task: EstimationInputs, registrations: Sequence[Registration], progress:
 def _forget_second_best(
     choice: NDArray[np.int16], registrations: Sequence[Registration], areas: Sequence[Rectangle], first_row: int
 ) -> None:
-    """Drop choices, shape (t, y, x), where a disparity that fits better could not be tried.
+    """Discard choices, shape (t, y, x), where a better disparity could not be tried.
 
-    Near the border of the image, large disparities leave the common view first. The disparities that are left there are
-    wrong by more than the filters can measure, and may still look right.
+    Near the image border, large disparities leave the common view first. The remaining disparities are wrong by more
+    than the filters can measure, but may seem plausible.
     """
     _, rows, columns = choice.shape
     flows = [item.flow for item in registrations]
-    # Registrations by another flow have a view of their own.
+    # Registrations with another flow have another common view.
     chosen = np.array([*map(flows.index, flows), -1], dtype=np.int16)[choice]
     for item, area in zip(registrations, areas, strict=True):
         if item.fits is None:
@@ -255,7 +249,7 @@ def _to_world(
     index: int,
     rows: tuple[int, int],
 ) -> None:
-    """Write one frame of a task's band of rows, given as its index in the task."""
+    """Write one frame of the row band of a task, specified by its index in the task."""
     from scenetruth.estimators.structure_tensor.world_coordinate_kernels import (
         Axes,
         NoisePower,
@@ -265,7 +259,7 @@ def _to_world(
 
     rig, intrinsics, model, (top, bottom) = task.rig, task.intrinsics, task.noise, rows
     camera = int(np.argmin(np.abs(rig.positions)))
-    # A few rows more than the band, for the window over the texture.
+    # The band plus the rows required by the window over the texture.
     border = 2 * STRIDE * (task.settings.window_taps_px // STRIDE + 1)
     start = max(top - border, 0) // STRIDE * STRIDE
     image = task.images[:, camera, task.outputs[index], start : bottom + border].astype(np.float32)
@@ -305,7 +299,7 @@ def _carry(maps: EstimateMaps, index: int, rig: AcquisitionAxes) -> None:
         *(maps.depth[None], maps.velocity, maps.disparity[None], maps.flow, maps.divergence[None]),
         *(maps.depth_std[None], maps.velocity_std, maps.disparity_std[None], maps.confidence[None], maps.eigenvalues),
     )
-    # Working points are whole numbers.
+    # Registration disparities are integers.
     whole = np.nan_to_num(maps.working_point[index]).astype(np.int64)
     flags = (maps.kind, maps.kind_disparity, maps.kind_motion, maps.model_violation)
     carried, kinds = carry_to_reference(
@@ -320,7 +314,7 @@ def _carry(maps: EstimateMaps, index: int, rig: AcquisitionAxes) -> None:
     for flag, values in zip(flags, kinds, strict=False):
         flag[index] = values
     maps.confidence[index] = np.nan_to_num(maps.confidence[index])
-    # A value that is interpolated between pixels of which one has none is NaN, and its kind is none.
+    # A value interpolated between pixels of which one is invalid is NaN, and its status is invalid.
     disparity_known = np.isfinite(maps.depth[index]) & np.isfinite(maps.disparity[index])
     motion_known = np.isfinite(maps.flow[:, index]).all(axis=0) & np.isfinite(maps.divergence[index])
     for kind, known, lost in (

@@ -1,7 +1,4 @@
-"""Separable filters.
-
-Matching pairs of derivative and smoothing, the window, and their choice for the cameras and frames of a recording.
-"""
+"""Separable filters: matched derivative and smoothing pairs, the window, and their selection for a recording."""
 
 from __future__ import annotations
 
@@ -37,62 +34,58 @@ DERIVATIVE = np.array([0.0838, 0.3324, 0.0, -0.3324, -0.0838])
 """D of the paper (section 4), the derivative as a convolution kernel."""
 
 DERIVATIVE_MOMENT = -np.arange(-2, 3) * DERIVATIVE
-"""M with M_m = -m D_m: D * (x g) = x (D * g) + M * g, what filtering x g adds to x times the filtered g."""
+"""M with M_m = -m D_m: D * (x g) = x (D * g) + M * g, the difference between filtered x g and x times filtered g."""
 
 SMOOTHING = np.array([0.0234, 0.2416, 0.4700, 0.2416, 0.0234])
-"""S of the paper, the smoothing in every direction in which the derivative is not taken."""
+"""S of the paper, the smoothing in all directions other than that of the derivative."""
 
-# Design of the least-squares pairs: up to which wave number, in radian per mean gap, the two filters have to match (a
-# registered image moves less than one pixel per step, a texture has at least six pixels per period), and how much noise
-# counts against it.
+# Design of the least-squares pairs: largest wave number, in radian per mean gap, at which the two filters must match
+# (a registered image moves less than one pixel per step, a texture has at least six pixels per period), and the weight
+# of the noise.
 _BAND, _NOISE_WEIGHT = 1.0, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class FilterPair:
-    """A derivative and a smoothing along one axis that match: D g = S ∂g for every slowly varying g.
+    """A matched derivative and smoothing along one axis: D g = S ∂g for every slowly varying g.
 
-    Both are sums of samples, out = Σ_i weight_i g(node_i); the estimate belongs to the node 0.
+    Both are sums of samples, out = Σ_i weight_i g(node_i); the estimate is centred at the node 0.
     """
 
     name: str
-    """What to call the pair, with its source."""
+    """Name of the pair, with its source."""
     nodes: Array
-    """Where the samples stand, in steps of the axis, counted from where the estimate belongs."""
+    """Positions of the samples, in steps of the axis, relative to the centre of the estimate."""
     smoothing: Array
-    """Weights of S; they add up to 1."""
+    """Weights of S; their sum is 1."""
     derivative: Array
-    """Weights of D; a ramp has its slope."""
+    """Weights of D; the derivative of a ramp is its slope."""
 
     @property
     def noise_ratio(self) -> float:
-        """Power of white noise in the derivative over that in the smoothed signal, (ΣD²) / (ΣS²)."""
+        """Ratio of the white-noise power of the derivative to that of the smoothed signal, (ΣD²) / (ΣS²)."""
         return float(np.sum(self.derivative**2) / np.sum(self.smoothing**2))
 
     def transfer(self, wave_number: float | Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return the transfer functions of D and S. Filters that match have D̂(w) = i w Ŝ(w).
-
-        ``wave_number``: w in radian per step, any shape.
-        Returns: D̂ and Ŝ, of the same shape, complex128.
-        """
+        """Return D̂(w) and Ŝ(w), complex128, for w in radian per step; matched filters have D̂(w) = i w Ŝ(w)."""
         phase = np.exp(1j * np.multiply.outer(np.asarray(wave_number, dtype=np.float64), self.nodes))
         return np.asarray(phase @ self.derivative), np.asarray(phase @ self.smoothing)
 
 
 def _equidistant(name: str, smoothing: ArrayLike, derivative: ArrayLike) -> FilterPair:
-    """Make a pair at unit distance, scaled so that a constant keeps its value and a ramp has its slope."""
+    """Return a pair at unit distance, normalised to preserve a constant and the slope of a ramp."""
     s, d = np.asarray(smoothing, dtype=np.float64), np.asarray(derivative, dtype=np.float64)
     nodes = np.arange(len(s), dtype=np.float64) - (len(s) - 1) / 2
     return FilterPair(name, nodes, s / s.sum(), d / (d @ nodes))
 
 
 def compact_pair(nodes: ArrayLike) -> FilterPair:
-    """Return the pair that matches to the highest order that its nodes allow.
+    """Return the pair that matches to the highest order that the number of nodes allows.
 
     Σ_i d_i f(s_i) = Σ_i a_i f'(s_i) for every polynomial f of degree 2 n - 2: the divided difference of f over all
     nodes taken twice vanishes, and gives a_i ~ Π_j (s_i - s_j)⁻² and d_i = 2 a_i Σ_j 1 / (s_i - s_j), j ≠ i. Two nodes
     give the trapezium rule, three Simpson's rule, Collatz's and Lele's compact scheme of fourth order (S. K. Lele,
-    J. Comput. Phys. 103, 1992), four the one of sixth order between two samples.
+    J. Comput. Phys. 103, 1992), four the scheme of sixth order between two samples.
     """
     s = np.asarray(nodes, dtype=np.float64)
     differences = s[:, None] - s[None, :]
@@ -106,11 +99,11 @@ def compact_pair(nodes: ArrayLike) -> FilterPair:
 
 
 def least_squares_pair(nodes: ArrayLike, band: float = _BAND, noise_weight: float = _NOISE_WEIGHT) -> FilterPair:
-    """Return the pair that matches best in the least-squares sense, for samples at any positions.
+    """Return the pair with the best match in the least-squares sense, for samples at arbitrary positions.
 
     Minimises the mean of |D̂(w) - i w Ŝ(w)|² over 0 <= w <= ``band`` plus ``noise_weight``² (Σ d² + Σ a²), so that D g =
-    S ∂g and noise is averaged over all samples. A constant keeps its value, a ramp has its slope, and the smoothed
-    signal stands at 0.
+    S ∂g and noise is averaged over all samples. A constant and the slope of a ramp are preserved, and the smoothed
+    signal is centred at 0.
     """
     s = np.asarray(nodes, dtype=np.float64)
     gap = (s.max() - s.min()) / (len(s) - 1)
@@ -130,7 +123,7 @@ def least_squares_pair(nodes: ArrayLike, band: float = _BAND, noise_weight: floa
 
 
 PAPER = _equidistant("Scharr 5 taps (Scharr and Kuesters 2002)", SMOOTHING, DERIVATIVE[::-1])
-"""The paper's pair as sums of samples."""
+"""Filter pair of the paper as sums of samples."""
 
 _FARID = "Farid and Simoncelli {} taps (IEEE Trans. Image Process. 13, 2004)"
 _NAMED = {
@@ -152,15 +145,15 @@ _NAMED = {
 
 
 def single() -> FilterPair:
-    """Return the pair of an axis with one sample, along which there is no derivative."""
+    """Return the pair of an axis with a single sample, which has no derivative."""
     return FilterPair("one sample", np.zeros(1), np.ones(1), np.zeros(1))
 
 
 def pair_for(nodes: ArrayLike) -> FilterPair:
-    """Return the best known pair for samples at given positions.
+    """Return the preferred pair for samples at specified positions.
 
-    Equidistant samples around 0 take the published pair for their number (2, 3, 4, 5, 7, 9). All others take the
-    least-squares pair, two samples the compact one.
+    Equidistant samples around 0 have the published pair for their number (2, 3, 4, 5, 7, 9); two other samples have
+    the compact pair, and all others the least-squares pair.
     """
     s = np.asarray(nodes, dtype=np.float64)
     count = len(s)
@@ -177,20 +170,17 @@ def pair_for(nodes: ArrayLike) -> FilterPair:
 
 
 def gaussian_window(sigma: float, taps: int) -> Array:
-    """Return a Gaussian window.
-
-    Returns: Weights with the sum 1, shape (taps,).
-    """
+    """Return the weights of a Gaussian window, shape (taps,), with the sum 1."""
     offsets = np.arange(taps) - taps // 2
     weights = np.exp(-(offsets**2) / (2 * sigma**2))
     return np.asarray(weights / weights.sum())
 
 
 def transfer(wave_number: float | NDArray[Any]) -> tuple[Array, Array]:
-    """Return the transfer functions of the paper's two filters.
+    """Return the transfer functions of the two filters of the paper.
 
     The derivative filter multiplies exp(i w n) by i D̂(w), D̂(w) = 2 Σ d_j sin jw; the smoothing filter multiplies it by
-    Ŝ(w) = s_0 + 2 Σ s_j cos jw. A pattern cos(k x) that moves by u per step is estimated to move by
+    Ŝ(w) = s_0 + 2 Σ s_j cos jw. For a pattern cos(k x) that moves by u per step, the estimated displacement is
     D̂(k u) Ŝ(k) / (D̂(k) Ŝ(k u)).
 
     ``wave_number``: w in radian per sample, any shape.
@@ -201,18 +191,17 @@ def transfer(wave_number: float | NDArray[Any]) -> tuple[Array, Array]:
 
 
 REACH = len(PAPER.nodes) // 2
-"""How far the filters in x and y reach, in px."""
+"""Half-width of the filters in x and y, in px."""
 
 
 @dataclass(frozen=True, eq=False)
 class AcquisitionAxes:
-    """The axes s and t of a recording, as the estimator uses them."""
+    """Axes s and t of a recording, with their filters."""
 
     positions: Array
-    """Position of each camera in steps, X_s / V_X; the reference stands at 0."""
+    """Position of each camera in steps, X_s / V_X; the reference is at 0."""
     centre_s: float
-    """Where between the cameras the estimate belongs, in steps; 0 unless the cameras stand on one side or are even in
-    number."""
+    """Centre of the estimate among the cameras, in steps; 0 unless the cameras are on one side or even in number."""
     over_s: FilterPair
     """Filters along s."""
     over_t: FilterPair
@@ -222,17 +211,17 @@ class AcquisitionAxes:
 
     @property
     def frames(self) -> int:
-        """How many frames one estimate needs."""
+        """Number of frames required by one estimate."""
         return len(self.over_t.nodes) + len(self.window_t) - 1
 
     @property
     def before(self) -> int:
-        """How many of these frames come before the one that the estimate is given for."""
+        """Number of these frames before the estimated frame."""
         return (self.frames - 1) // 2
 
     @property
     def centre_t(self) -> float:
-        """How much later than that frame the estimate belongs: 0, or half a frame for two frames."""
+        """Centre of the estimate relative to that frame: 0, or half a frame for two frames."""
         return (self.frames - 1) / 2 - self.before
 
     @property
@@ -246,16 +235,16 @@ class AcquisitionAxes:
         return self.frames > 1
 
     def outputs(self, count_t: int) -> NDArray[np.int64]:
-        """Return the frames for which there are estimates."""
+        """Return the frames that can be estimated."""
         return np.arange(count_t - self.frames + 1) + self.before
 
 
 def choose_acquisition_axes(positions: Array, count_t: int, settings: StructureTensorSettings) -> AcquisitionAxes:
-    """Choose filters and window for the cameras and frames of a recording.
+    """Return the filters and the window for the cameras and frames of a recording.
 
-    Along s, all cameras enter one derivative. It belongs to the reference if the others surround it evenly, else to the
-    middle of all. Along t, the longest of 2, 3 and 5 taps that fits is taken, then a window up to the one in the
-    settings.
+    Along s, all cameras contribute to one derivative. It is centred at the reference if the others surround it evenly,
+    else at their mean position. Along t, the longest possible filter of 2, 3 or 5 taps is used, then the longest
+    possible window up to that of the settings.
     """
     middle = float(positions.mean())
     gap = (positions.max() - positions.min()) / max(len(positions) - 1, 1)
@@ -275,16 +264,13 @@ def choose_acquisition_axes(positions: Array, count_t: int, settings: StructureT
 def axis_problems(
     settings: StructureTensorSettings, cameras: int, frames: int, width: int, height: int
 ) -> list[Problem]:
-    """Return why a recording is too small for the filters and the window.
-
-    ``width``, ``height``: Size of the images in px.
-    """
+    """Return the problems of a recording that is too small for the filters and the window, sizes in px."""
     border = 2 * REACH + settings.window_taps_px
     problems = []
     if cameras == 1 and frames == 1:
-        message = "one image shows neither depth nor motion: 2 camera positions or 2 frames are needed"
+        message = "one image determines neither depth nor motion; 2 camera positions or 2 frames are required"
         problems.append(Problem("stage.positions", message, cameras))
     for name, size in (("camera.width", width), ("camera.height", height)):
         if size < border:
-            problems.append(Problem(name, f"too small: filters and window need {border} px", size))
+            problems.append(Problem(name, f"is too small: filters and window require {border} px", size))
     return problems

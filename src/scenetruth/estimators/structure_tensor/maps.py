@@ -1,7 +1,4 @@
-"""Plain arrays that kernels fill and read.
-
-The best registration of every pixel, the maps of an estimate, and the texture of an image.
-"""
+"""Arrays of the kernels: best registration of every pixel, maps of an estimate, and texture of an image."""
 
 from __future__ import annotations
 
@@ -14,33 +11,33 @@ __all__ = ["STRIDE", "BestRegistration", "EstimateMaps", "Texture"]
 
 
 STRIDE = 4
-"""Distance in px of the points at which the texture's spectrum is measured."""
+"""Distance in px of the points at which the texture spectrum is measured."""
 
 Floats = NDArray[np.float32]
 
 
 class Texture(NamedTuple):
-    """How image noise passes the filters around the texture of every place; arrays (y / stride, x / stride).
+    """Noise transfer of the filters for the texture at each grid point; arrays (y / stride, x / stride).
 
-    numba keeps compiled kernels until their own files change: whoever changes the fields here must change
-    `kernels.world` too.
+    numba keeps compiled kernels until their own files change; a change of the fields requires a change of
+    `world_coordinate_kernels`.
     """
 
     passed_x: Floats
-    """|Ŝ_x Ŝ_y|² in the mean over the energy of g_x."""
+    """|Ŝ_x Ŝ_y|², averaged over the energy of g_x."""
     passed_xy: Floats
-    """|Ŝ_x Ŝ_y|² in the mean over the energy of g_x and g_y."""
+    """|Ŝ_x Ŝ_y|², averaged over the energy of g_x and g_y."""
     wave_number_x2: Floats
     """Mean square of the wave number k_x, rad² per px²."""
     wave_number_y2: Floats
     """Mean square of the wave number k_y, rad² per px²."""
     widened: Floats
-    """By how much more noise passes where coordinates weigh the window."""
+    """Factor by which the noise increases for a window weighted by coordinates."""
     stride: int = STRIDE
-    """Distance of the places in px."""
+    """Distance of the grid points in px."""
 
     def cropped(self, rows: slice, columns: slice = slice(None)) -> Texture:
-        """Return a part of the places."""
+        """Return a part of the grid points."""
         arrays = {name: getattr(self, name)[rows, columns] for name in self._fields if name != "stride"}
         return Texture(**arrays, stride=self.stride)
 
@@ -49,44 +46,44 @@ Flags = NDArray[np.uint8]
 
 
 class BestRegistration(NamedTuple):
-    """What the kernel of the structure tensor leaves for a band of rows: for every pixel, the best registration's.
+    """Output of the structure-tensor kernel for a row band: the values of the best registration of every pixel.
 
-    All arrays have the shape (frame, y, x), the eigenvalues (frame, 5, y, x). Motion is counted in the derivatives'
-    scales (`Task.scales`). Disparity and flow come from the registration that leaves least to move, divergence from the
-    one at which it is most certain.
+    All arrays have the shape (frame, y, x), the eigenvalues (frame, 5, y, x). Motion is in the scales of the
+    derivatives (`EstimationInputs.scales`). Disparity and flow are those of the registration with the smallest residual
+    displacement, the divergence that of the registration with the smallest uncertainty.
     """
 
     to_move: Floats
-    """The least that was left to move so far: the square of the disparity left, perhaps with that of the flow."""
+    """Smallest residual displacement so far: square of the residual disparity, optionally plus that of the flow."""
     uncertainty: Floats
-    """The least uncertainty of the divergence so far."""
+    """Smallest uncertainty of the divergence so far."""
     choice: NDArray[np.int16]
-    """Number of the registration that leaves least to move; -1 for none."""
+    """Number of the registration with the smallest residual displacement; -1 for none."""
     kind_disparity: Flags
     kind_motion: Flags
     model_violation: Flags
     v_x: NDArray[np.float64]
-    """v_x: minus the disparity that the registration leaves."""
+    """v_x: minus the residual disparity of the registration."""
     flow_x: NDArray[np.float64]
-    """u_x + x_0 u_z: the flow along x that the registration leaves."""
+    """u_x + x_0 u_z: residual flow of the registration along x."""
     flow_y: NDArray[np.float64]
     """u_y + y_0 u_z."""
     u_z: NDArray[np.float64]
-    """u_z of the registration that leaves least to move."""
+    """u_z of the registration with the smallest residual displacement."""
     certain_u_z: NDArray[np.float64]
-    """u_z of the registration at which it is most certain."""
+    """u_z of the registration with its smallest uncertainty."""
     eigenvalues: Floats
     """λ1 to λ5."""
     residual_s: Floats
-    """p_sᵀ J p_s, what the null vector of disparity leaves unexplained."""
+    """p_sᵀ J p_s, the residual of the null vector of disparity."""
     variance_v_x: Floats
     """Variance of v_x for unit noise in the constraint."""
     length_s: Floats
-    """Length of the image's part of p_s."""
+    """Length of the image components of p_s."""
     residual_t: Floats
-    """p_tᵀ J p_t; like all below, of the registration at which u_z is most certain."""
+    """p_tᵀ J p_t; like all below, of the registration with the smallest uncertainty of u_z."""
     variance_flow_x: Floats
-    """Variances of the components of motion for unit noise in the constraint."""
+    """Variances of the motion components for unit noise in the constraint."""
     variance_flow_y: Floats
     variance_u_z: Floats
     covariance_x_z: Floats
@@ -106,16 +103,16 @@ class BestRegistration(NamedTuple):
         return best
 
     def clear(self) -> None:
-        """Forget what has been tried."""
+        """Reset all pixels."""
         self.to_move.fill(np.inf)
         self.uncertainty.fill(np.inf)
         self.choice.fill(-1)
 
 
 class EstimateMaps(NamedTuple):
-    """The estimate: arrays of the shape (frame, y, x), components and ranks before the frame.
+    """Maps of the estimate, of the shape (frame, y, x), with components and ranks before the frame.
 
-    Units are those of `scenetruth.schema.VARIABLES`, with pixels of the images that were estimated.
+    Units are those of `scenetruth.schema.VARIABLES`, in pixels of the estimated images.
     """
 
     depth: Floats
@@ -134,12 +131,12 @@ class EstimateMaps(NamedTuple):
     working_point: Floats
     eigenvalues: Floats
     shift: Floats
-    """By how much the reference sees each pixel's point further right and down, in px, where the estimates belong
-    between cameras or frames; of size 0 where they belong to the reference."""
+    """Offset of the image point in the reference relative to each pixel, right and down, in px, if the estimate is
+    centred between cameras or frames; else of size 0."""
 
     @classmethod
     def empty(cls, frames: int, height: int, width: int, *, shifted: bool) -> EstimateMaps:
-        """Return maps whose values are still to be written."""
+        """Return uninitialised maps."""
         shape = (frames, height, width)
         components = {"velocity": 3, "velocity_std": 3, "flow": 2, "eigenvalues": 5, "shift": 2}
         flags = ("kind", "kind_disparity", "kind_motion", "model_violation")

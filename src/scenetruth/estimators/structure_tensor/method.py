@@ -1,7 +1,4 @@
-"""The structure tensor over the frames of a recording.
-
-Noise threshold, working points, and the maps of the estimate.
-"""
+"""Structure tensor over the frames of a recording: noise threshold, registrations, and maps of the estimate."""
 
 from __future__ import annotations
 
@@ -68,21 +65,21 @@ __all__ = ["LowTextureCount", "blank_estimate", "fill_estimate"]
 # Eigenvalues of pure noise scatter around their mean; those of texture must be clearly larger.
 _TAU_OVER_NOISE = 5.0
 _EPSILON = float(np.finfo(np.float32).eps)
-# Rounding of grey values in [-1, 1] and of their filtered sums, with some room.
+# Rounding of grey values in [-1, 1] and of their filtered sums, with a margin.
 _LEAST_NOISE = 10 * _EPSILON
 # Rows and columns of pixels at which noise is estimated.
 _SAMPLES = 9
-# Texture is clear of noise if the third eigenvalue is so many times the fourth, and this share of the first, below
-# which there is rounding and what the filters leave of texture in one direction.
+# Texture is distinguishable from noise if the third eigenvalue exceeds the fourth by the first factor and the largest
+# by the second, below which it is due to rounding and to the filter response to texture in one direction.
 _CLEAR, _LEAST_SHARE = 10.0, 1e-4
-# Share of pixels with such texture below τ from which on there is a warning.
+# Fraction of pixels with such texture below τ that causes a warning.
 _MANY = 0.1
-# Frames of the call stack up to whoever called `scenetruth.estimate`, at whose line the warning points.
+# Frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers.
 _CALLER = 7
 
 
 def with_threshold(task: EstimationInputs, registrations: Sequence[Registration]) -> tuple[EstimationInputs, float]:
-    """Set the threshold τ of the eigenvalues; ``"auto"`` takes it from the noise of the images."""
+    """Return the inputs with a numeric threshold τ, estimated from the image noise for ``"auto"``, and the noise."""
     settings = task.settings
     if settings.tau != "auto":
         return task, float(settings.noise_std) if settings.noise_std != "auto" else float("nan")
@@ -90,30 +87,30 @@ def with_threshold(task: EstimationInputs, registrations: Sequence[Registration]
         power, largest = _sample(task, registrations)
     else:
         power, largest = float(settings.noise_std) ** 2, 0.0
-    # Images without noise leave what float32 cannot tell from zero: beside the largest eigenvalue, and in grey values.
+    # For images without noise, the limit is the float32 resolution of the largest eigenvalue and of the grey values.
     power = max(power, _LEAST_NOISE**2)
     tau = max(_TAU_OVER_NOISE * power * task.noise.gradient, _EPSILON * largest)
     return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
 
 
 class LowTextureCount:
-    """Counts the pixels that have texture which is clear of noise, but lies below the threshold τ.
+    """Count of the pixels whose texture is distinguishable from noise, but lies below the threshold τ.
 
-    Such a pixel has its third eigenvalue below τ, and yet ten times the fourth: three dimensions of its structure
-    tensor hold texture, two hold noise. A lower τ would make its depth and motion known. Dim images are full of such
-    pixels. Without texture, or with texture in one direction only, the third eigenvalue is noise, like the fourth.
+    At such a pixel, the third eigenvalue is below τ, but ten times the fourth: three dimensions of its structure tensor
+    contain texture, two contain noise. With a lower τ, its depth and motion would be valid. In low-contrast images,
+    most pixels are such. Without texture, or with texture in one direction, the third eigenvalue is also noise.
 
-    ``task``: Images and settings, with a number for τ.
+    ``task``: Images and settings, with a numeric τ.
     """
 
     def __init__(self, task: EstimationInputs) -> None:
         self._tau = float(task.settings.tau)
-        # As `with_threshold` would set it for images without noise.
+        # Value that `with_threshold` sets for images without noise.
         self._least = _TAU_OVER_NOISE * _LEAST_NOISE**2 * task.noise.gradient
         self._tried = self._clear = 0
 
     def add(self, maps: EstimateMaps) -> None:
-        """Count those of some frames."""
+        """Add the pixels of a group of frames."""
         for frame in range(maps.kind.shape[0]):
             first, third, fourth = (maps.eigenvalues[rank, frame] for rank in (0, 2, 3))
             clear = (third > _CLEAR * fourth) & (third > np.maximum(self._least, _LEAST_SHARE * first))
@@ -121,22 +118,18 @@ class LowTextureCount:
             self._tried += int(np.isfinite(third).sum())
 
     def warn_if_many(self) -> None:
-        """Warn if there are many."""
+        """Warn if the fraction of such pixels is above the limit."""
         if self._clear > _MANY * self._tried:
             message = (
                 f"tau: {self._tau:g} is too high for {100 * self._clear / self._tried:.0f} % of the pixels: their "
-                "texture is clear of noise, but below this threshold, so that it counts as none; tau='auto' takes the "
-                "threshold from the images' noise"
+                "texture is distinguishable from noise, but below this threshold, so these pixels are invalid; "
+                "tau='auto' sets the threshold from the image noise"
             )
             warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
 
 
 def _sample(task: EstimationInputs, registrations: Sequence[Registration]) -> tuple[float, float]:
-    """Estimate the power of the images' noise from the residuals of the model, at pixels all over the image.
-
-    Returns it, and the largest eigenvalue that was met. Each pixel takes the registration that suits it best, as in the
-    estimate itself.
-    """
+    """Return the power of the image noise, from the model residuals at a grid of pixels, and the largest eigenvalue."""
     plain = replace(task, settings=task.settings.model_copy(update={"tau": 0.0}), outputs=task.outputs[:1])
     model, (height, width) = task.noise, task.images.shape[-2:]
     rows, columns = (np.linspace(0, size - 1, _SAMPLES + 2).astype(np.int64)[1:-1] for size in (height, width))
@@ -165,7 +158,7 @@ def _sample(task: EstimationInputs, registrations: Sequence[Registration]) -> tu
 
 
 def choose_registrations(task: EstimationInputs) -> list[Registration]:
-    """Choose the working points: as given, from the images, or from an estimate at half the resolution."""
+    """Return the registrations: as specified, from the images, or from an estimate at half the resolution."""
     settings, rig, images = task.settings, task.rig, task.images
     frame = int(task.outputs[len(task.outputs) // 2])
     camera = int(np.argmin(np.abs(rig.positions)))
@@ -195,7 +188,7 @@ def choose_registrations(task: EstimationInputs) -> list[Registration]:
         flows = [flow]
     if disparity == "per_pixel":
         along = registrations_along_surfaces(images[:, :, frame], rig.positions, largest)
-        # A coarse estimate does not see fine texture: what the images tell by themselves is tried as well.
+        # Fine texture is lost in a coarse estimate; the registrations from the full images are included.
         return _merge([*(replace(one, flow=item) for item in flows for one in along), *coarse])
     if disparity == "auto":
         disparity = find_working_point(np.concatenate(images[:, :, frame], axis=1), rig.positions)
@@ -203,7 +196,7 @@ def choose_registrations(task: EstimationInputs) -> list[Registration]:
 
 
 def _merge(registrations: Iterable[Registration]) -> list[Registration]:
-    """Join the cells of equal registrations."""
+    """Merge the cells of equal registrations."""
     merged: dict[tuple[int, tuple[int, int]], Registration] = {}
     for item in registrations:
         key = (item.disparity, item.flow)
@@ -217,7 +210,7 @@ def _either(one: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None) -> N
 
 
 def _coarse_registrations(task: EstimationInputs, frame: int, largest: int) -> list[Registration]:
-    """Estimate one frame at half the resolution, and return the registrations for what it finds."""
+    """Return the registrations from an estimate of one frame at half the resolution."""
     smaller = _halve(task.images[:, :, frame - task.rig.before : frame - task.rig.before + task.rig.frames])
     settings = task.settings.model_copy(
         update={
@@ -246,13 +239,13 @@ def _coarse_registrations(task: EstimationInputs, frame: int, largest: int) -> l
 
 
 def _halve(images: NDArray[Any]) -> NDArray[np.float32]:
-    """Smooth and take every second row and column."""
+    """Return images smoothed and subsampled by two."""
     weights = np.array([1, 4, 6, 4, 1], dtype=np.float32) / 16
     rows = correlate1d(images.astype(np.float32), weights, axis=-2, mode="nearest")[..., ::2, :]
     return np.ascontiguousarray(correlate1d(rows, weights, axis=-1, mode="nearest")[..., ::2])
 
 
-# Maps of the estimate: their dimensions beside frame and pixels, and their type.
+# Maps of the estimate: their dimensions in addition to frame and pixels, and their type.
 _MAPS: Mapping[str, tuple[tuple[int, ...], DTypeLike]] = {
     "depth": ((), np.float32),
     "velocity": ((3,), np.float32),
@@ -282,7 +275,7 @@ _FIELDS = {
 
 
 def blank_estimate(recording: xr.Dataset, settings: StructureTensorSettings) -> xr.Dataset:
-    """Return the estimate of a recording with maps that are still blank."""
+    """Return the estimate of a recording with blank maps."""
     rig = _acquisition_axes(recording, settings)
     outputs = rig.outputs(recording.sizes["t"])
     shape = (len(outputs), recording.sizes["y"], recording.sizes["x"])
@@ -315,9 +308,9 @@ def fill_estimate(
     images = FrameReader(recording)
     missing = images.missing()
     if missing:
-        message = f"holds {missing} values that are not finite in float32; the filters would spread them"
+        message = f"contains {missing} values that are not finite in float32, which the filters would spread"
         raise EstimateError([Problem("image", message)])
-    # The filters work in columns and rows of the recording, not in pixels of the camera.
+    # The filters operate on columns and rows of the recording, not on camera pixels.
     grid, intrinsics = compute_pixel_grid(recording), read_intrinsics(recording)
     outputs, groups = rig.outputs(images.shape[2]), _groups(rig, images)
     middle = int(outputs[len(outputs) // 2]) - rig.before
@@ -355,7 +348,7 @@ def fill_estimate(
 
 
 def _acquisition_axes(recording: xr.Dataset, settings: StructureTensorSettings) -> AcquisitionAxes:
-    """Return the rig of a recording that has been checked for what the estimator needs."""
+    """Return the axes of a recording; raise if it does not meet the requirements."""
     sizes = recording["image"].sizes
     count_s, count_t = sizes["s"], sizes["t"]
     problems = axis_problems(settings, count_s, count_t, sizes["x"], sizes["y"])
@@ -363,7 +356,7 @@ def _acquisition_axes(recording: xr.Dataset, settings: StructureTensorSettings) 
     stage_x_mm = recording["stage_x_mm"].values
     positions = stage_x_mm / baseline_mm
     if np.any(np.diff(positions) <= 1e-6):
-        message = "must grow with s in the direction of baseline_mm, no two positions the same"
+        message = "must increase strictly with s in the direction of baseline_mm"
         problems.append(Problem("stage_x_mm", message, stage_x_mm.tolist()))
     elif abs(positions[recording["s"].values == 0][0]) > 1e-6:
         problems.append(Problem("stage_x_mm", "must be 0 at s = 0", stage_x_mm.tolist()))
@@ -373,26 +366,26 @@ def _acquisition_axes(recording: xr.Dataset, settings: StructureTensorSettings) 
 
 
 def _groups(rig: AcquisitionAxes, images: FrameReader) -> list[NDArray[np.int64]]:
-    """Return the frames to estimate, as places along t, in groups of bounded memory."""
+    """Return the frames to estimate, as indices along t, in groups of bounded memory."""
     outputs = rig.outputs(images.shape[2])
     count = frames_at_a_time(images.shape[-2:])
     return [outputs[first : first + count] for first in range(0, len(outputs), count)]
 
 
 def _at(task: EstimationInputs, images: FrameReader, outputs: NDArray[np.int64]) -> EstimationInputs:
-    """Return a task for some frames, with the images that their filters and windows need."""
+    """Return the inputs for a group of frames, with the images that their filters and windows require."""
     first = int(outputs[0]) - task.rig.before
     window = images.frames(first, first + task.rig.frames + len(outputs) - 1)
     return replace(task, images=window, outputs=outputs - first)
 
 
 def _later(progress: Progress, before: int, steps: int) -> Progress:
-    """Return what reports the progress of one group as that of all."""
+    """Return a progress function that reports the progress of one group as part of all groups."""
     return lambda what, done, _: progress(what, before + done, steps)
 
 
 def _put(maps: EstimateMaps, first: int, step: np.float32, put: Put, tau: float) -> None:
-    """Put the maps of a group of frames in their places, from a place along t on, in the camera's pixels."""
+    """Write the maps of a group of frames from an index along t onwards, in camera pixels."""
     validity = compute_validity({"status": maps.kind, "invalid_reason": _stated_reasons(maps, tau)})
     for name, (components, dtype) in _MAPS.items():
         values = validity[name] if name in validity else getattr(maps, _FIELDS.get(name, name))
@@ -409,12 +402,12 @@ def _put(maps: EstimateMaps, first: int, step: np.float32, put: Put, tau: float)
 def _stated_reasons(maps: EstimateMaps, tau: float) -> NDArray[np.uint8]:
     """Return the reasons for invalidity that follow from the structure tensor; 0 where none follows.
 
-    Without the eigenvalues of a pixel, its filters and window do not lie inside the registered images. If the largest
-    is below the threshold, there is no texture. Where only the normal component of motion is estimated, the texture has
-    one direction. An eigenvalue beyond those that texture accounts for contradicts one surface in one motion.
+    Without eigenvalues, the filters and the window of the pixel do not lie inside the registered images. If the largest
+    eigenvalue is below the threshold, there is no texture. A valid normal component alone indicates texture in one
+    direction. An eigenvalue in excess of those of the texture contradicts a single surface with a single motion.
     """
     largest = maps.eigenvalues[0]
-    # What is resampled may also lack a pixel because its neighbour has none.
+    # After resampling, a pixel may also be invalid because its neighbour is.
     border = REASONS.index("border" if maps.shift.size == 0 else "not_determined")
     reason = np.where(np.isfinite(largest), 0, border).astype(np.uint8)
     reason[largest <= tau] = REASONS.index("low_texture")
@@ -424,7 +417,7 @@ def _stated_reasons(maps: EstimateMaps, tau: float) -> NDArray[np.uint8]:
 
 
 def _median(counts: Mapping[int, int], otherwise: int) -> int:
-    """Return the median of whole numbers, rounded towards zero, from how often each occurs."""
+    """Return the median of integers, rounded towards zero, from their counts."""
     if not counts:
         return otherwise
     values = np.array(sorted(counts))
@@ -434,7 +427,7 @@ def _median(counts: Mapping[int, int], otherwise: int) -> int:
 
 
 def _in_columns(settings: StructureTensorSettings, grid: PixelGrid) -> StructureTensorSettings:
-    """Return settings whose working points count in columns of the recording, rounded."""
+    """Return settings with the registration shifts in columns of the recording, rounded."""
     disparity, flow = settings.working_point_px, settings.flow_working_point_px
     return settings.model_copy(
         update={
@@ -445,6 +438,6 @@ def _in_columns(settings: StructureTensorSettings, grid: PixelGrid) -> Structure
 
 
 def _in_pixels(columns: int, grid: PixelGrid) -> int | float:
-    """Return a number of columns in the camera's pixels, whole if it is."""
+    """Return a number of columns in camera pixels, as an integer if possible."""
     pixels = columns * grid.step_px
     return round(pixels) if pixels == round(pixels) else pixels

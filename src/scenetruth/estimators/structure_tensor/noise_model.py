@@ -1,4 +1,4 @@
-"""Propagation of image noise through filters, window and null space: the noise model of the standard uncertainties."""
+"""Noise model of the standard uncertainties: propagation of image noise through filters, window and null space."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ _PHASES = np.linspace(0.0, 2.0, 65)
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """What white image noise of unit power becomes.
+    """Noise power after the filters, for white image noise of unit power.
 
-    The constraint r = d·p is one linear filter of the images, which vanishes at the spatial and temporal frequency of a
-    texture that obeys it. First-order errors of p are A⁻¹ Σ w d r, so their covariance needs the noise that passes that
-    filter around the texture's own frequency, in the bandwidth of the window. In x and y the window is wide and the
-    filter flat; along s there is no window, along t a short one: there the noise depends on the phase φ by which the
-    texture advances per step, and is tabulated.
+    The constraint r = d·p is one linear filter of the images, with a zero at the spatial and temporal frequency of a
+    texture that satisfies it. First-order errors of p are A⁻¹ Σ w d r, so their covariance depends on the noise that
+    passes this filter around the frequency of the texture, within the bandwidth of the window. In x and y the window is
+    wide and the filter flat; along s there is no window, along t a short one: there the noise depends on the phase φ by
+    which the texture advances per step, and is tabulated.
     """
 
     residual_s: tuple[float, float]
-    """Expectation of p_sᵀ J p_s: the constant and what v_x² multiplies."""
+    """Expectation of p_sᵀ J p_s: the constant and the factor of v_x²."""
     residual_t: tuple[float, float]
-    """Expectation of p_tᵀ J p_t: the constant and what u_x² + u_y² multiplies."""
+    """Expectation of p_tᵀ J p_t: the constant and the factor of u_x² + u_y²."""
     gradient: float
-    """Expectation of Σ w g_x² in an image of noise alone."""
+    """Expectation of Σ w g_x² in an image of pure noise."""
     window: float
     """Σ w² over x and y."""
     moment_ratio: float
-    """Σ w² ξ² / Σ w² over Σ w ξ²: how much narrower the squared window is."""
+    """Σ w² ξ² / Σ w² over Σ w ξ²: the relative second moment of the squared window."""
     phases: Array
-    """φ in radian per step, at which the following are tabulated."""
+    """φ in radian per step, at which the following values are tabulated."""
     disparity_s: Array
-    """Noise of the constraint for disparity along s, around a texture that moves by φ per camera step."""
+    """Noise of the disparity constraint along s, around a texture that moves by φ per camera step."""
     disparity_t: Array
-    """Noise that is left of it after filter and window along t, around a texture that moves by φ per frame."""
+    """Noise factor of its filter and window along t, around a texture that moves by φ per frame."""
     motion_s: float
-    """Noise of the constraint for motion along s."""
+    """Noise of the motion constraint along s."""
     motion_t: Array
-    """Noise of it along t, after the window, around a texture that moves by φ per frame."""
+    """Noise of the motion constraint along t, after the window, around a texture that moves by φ per frame."""
 
 
 def propagate_noise(
@@ -97,7 +97,7 @@ def _spread(weights: NDArray[Any], window: Array) -> Array:
 
 
 def _constraint_noise(pair: FilterPair, window: Array) -> Array:
-    """Noise that passes D - (D̂ / Ŝ)(φ) S, the constraint's filter around a texture of phase φ."""
+    """Return the noise that passes D - (D̂ / Ŝ)(φ) S, the filter of the constraint around a texture of phase φ."""
     derivative, smoothing = pair.transfer(_PHASES)
     ratio = derivative / smoothing
     return _spread(np.conj(pair.derivative - ratio[:, None] * pair.smoothing), window)
@@ -108,11 +108,7 @@ def _smoothing_noise(pair: FilterPair, window: Array) -> Array:
 
 
 def texture_transfer(image: NDArray[np.float32], settings: StructureTensorSettings) -> Texture:
-    """Measure the wave numbers of the texture of an image, place by place.
-
-    ``image``: One image, or several channels of one, shape (channel, y, x), any scale.
-    Returns: Arrays of the shape (y / 4, x / 4), rounded up.
-    """
+    """Return noise transfer and wave numbers of the texture, shape (y / 4, x / 4), of an image (channel, y, x)."""
     from scenetruth.estimators.structure_tensor.registration_kernels import ENERGIES, gradient_energies
 
     blocks = tuple(-(-size // STRIDE) for size in image.shape[1:])
@@ -125,7 +121,7 @@ def texture_transfer(image: NDArray[np.float32], settings: StructureTensorSettin
     window = gaussian_window(max(settings.window_sigma_px / STRIDE, 0.3), taps).astype(np.float32)
     in_threads(lambda index: _windowed(total[index], window), list(range(len(total))))
     energies = dict(zip(ENERGIES, total, strict=True))
-    # Squares of values near the end of the type's range are infinite: such images have no error bars.
+    # Squares of values near the limit of the type are infinite: such images have no standard deviations.
     with np.errstate(over="ignore", invalid="ignore"):
         return _ratios(energies, settings)
 
@@ -139,7 +135,7 @@ def _ratios(energies: dict[str, NDArray[np.float32]], settings: StructureTensorS
     tiny = np.float32(1e-20)
     wide_x = energies["dx"] / (energies["sx"] + tiny)
     wide_y = energies["dy"] / (energies["sy"] + tiny)
-    # The window is not infinitely wide: noise passes in a band around the texture's wave number.
+    # The window is finite: noise passes in a band around the wave number of the texture.
     plain, tilted = _band_factors(settings.window_sigma_px, settings.window_taps_px)
     k_x, k_y = np.sqrt(wide_x), np.sqrt(wide_y)
     wider = np.interp(k_x, _PHASES, plain) * np.interp(k_y, _PHASES, plain)
@@ -157,10 +153,7 @@ def _ratios(energies: dict[str, NDArray[np.float32]], settings: StructureTensorS
 
 @lru_cache(maxsize=8)
 def _band_factors(window_sigma_px: float, window_taps_px: int) -> tuple[Array, Array]:
-    """Return the mean of Ŝ² in the band of the window over Ŝ² in its middle, for every wave number.
-
-    The second is for the window times a coordinate. A window that is cut off has side lobes, which reach far.
-    """
+    """Return the mean of Ŝ² in the band of the window over Ŝ² at its centre, also for the window times a coordinate."""
     window = gaussian_window(window_sigma_px, window_taps_px)
     local = window * (np.arange(len(window)) - len(window) // 2)
     weights = np.broadcast_to(PAPER.smoothing, (len(_PHASES), len(PAPER.smoothing)))

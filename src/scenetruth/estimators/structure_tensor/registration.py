@@ -1,7 +1,4 @@
-"""Registration: integer shifts of the images along s and t before filtering, the cells in which each is tried.
-
-The tiles that threads work on.
-"""
+"""Registration: integer image shifts along s and t, the cells in which each is tried, and the tiles of the threads."""
 
 from __future__ import annotations
 
@@ -31,41 +28,41 @@ __all__ = [
 
 
 CELL = 16
-"""Edge of the cells, in px, for which registrations are chosen."""
+"""Side length in px of the cells for which registrations are selected."""
 
 _SMALLEST_RANGE = 16
-# A disparity far from the best so far must have less than this share of its cost: a false match in a periodic texture
-# has about the same cost.
+# A disparity far from the current best must have less than this fraction of its cost: a false match in a periodic
+# texture has about the same cost.
 _CLEARLY_BETTER = 0.5
 # Flows up to this are estimated without registration, px per frame.
 _STILL = 0.75
-# Differences to the nearest disparity that are tried as well: at some of them, divergence has smaller error bars.
+# Offsets from the nearest disparity that are also tried: at some of them, the divergence has a smaller uncertainty.
 _OFF = (0, -1, 1, -2, 2)
-# A registration must fit in more than this share of a cell to be tried there.
+# A registration must fit in more than this fraction of a cell to be tried there.
 _SHARE = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """A working point: integer disparity and integer flow, and the cells of the image in which it is tried."""
+    """A registration: integer disparity and integer flow, and the cells of the image in which it is tried."""
 
     disparity: int
     """Disparity, px per step of s: image s is read ``disparity s`` columns to the left."""
     flow: tuple[int, int] = (0, 0)
     """Flow along x and y, px per frame: frame t is read ``flow t`` further."""
     cells: NDArray[np.bool_] | None = None
-    """Which cells of `CELL` px need it; None for all."""
+    """Cells of `CELL` px in which it is tried; None for all."""
     fits: NDArray[np.bool_] | None = None
-    """Those of them where it fits, and is not only tried beside one that fits; None if that is not known."""
+    """Cells in which it fits, rather than being tried next to another that fits; None if not determined."""
 
 
 def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None = None) -> int:
-    """Find the integer disparity at which the images of all cameras agree best.
+    """Return the integer disparity at which the images of all cameras agree best.
 
-    The horizontal differences of every two neighbouring cameras are correlated along x over all rows; the sums
-    over all pairs add up, as do those of cameras two steps apart. The surface with most texture wins.
+    The horizontal differences of neighbouring cameras, and of cameras two steps apart, are correlated along x over all
+    rows, and the correlations are summed over all pairs. The surface with the most texture determines the result.
 
-    ``grey``: Images of one frame, shape (s, y, x), in order of s; any scale. Channels stand as more rows.
+    ``grey``: Images of one frame, shape (s, y, x), in order of s; any scale. Channels are additional rows.
     Returns: Disparity in px per step of s (positive: x_s = x_0 - disparity s); 0 for images without texture.
     """
     count, _, width = grey.shape
@@ -89,10 +86,10 @@ def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None
 
 
 def find_working_point_of_flow(grey: NDArray[Any]) -> tuple[int, int]:
-    """Find the integer flow at which successive frames of one camera agree best.
+    """Return the integer flow at which successive frames of one camera agree best.
 
     ``grey``: Images of one camera, shape (t, y, x), or (channel, t, y, x); any scale.
-    Returns: Flow (x, y) in px per frame; (0, 0) for images without texture, or at rest.
+    Returns: Flow (x, y) in px per frame; (0, 0) for images without texture or without motion.
     """
     count, height, width = grey.shape[-3:]
     if count < 2:
@@ -114,7 +111,7 @@ def find_working_point_of_flow(grey: NDArray[Any]) -> tuple[int, int]:
 
 
 def _best(total: NDArray[Any], distance: NDArray[Any], margin: float = 1e-9) -> int:
-    """Return the place of the highest peak; of equal ones (periodic patterns) the one that displaces least."""
+    """Return the index of the highest peak; of equal peaks (periodic patterns) the smallest displacement."""
     peak = total.max()
     peaks = np.flatnonzero(total >= peak * (1 - margin)) if peak > 0 else np.arange(total.size)
     return int(peaks[np.argmin(distance[peaks])])
@@ -123,10 +120,7 @@ def _best(total: NDArray[Any], distance: NDArray[Any], margin: float = 1e-9) -> 
 def registrations_along_surfaces(
     images: NDArray[Any], positions: NDArray[np.float64], largest: int
 ) -> list[Registration]:
-    """Find the integer disparities at which the images of one frame agree, and the cells where they do.
-
-    ``images``: Images of one frame, shape (channel, s, y, x).
-    """
+    """Return the disparities at which the images (channel, s, y, x) of a frame agree, with the cells of each."""
     channels = np.ascontiguousarray(images, dtype=np.float32)
     middle = find_working_point(np.concatenate(channels, axis=1), positions)
     reach = max(_SMALLEST_RANGE, images.shape[-1] // 16)
@@ -139,16 +133,15 @@ def registrations_along_surfaces(
 def _sweep(
     images: NDArray[np.float32], positions: NDArray[np.float64], disparities: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], int]:
-    """Return which disparity fits best on a grid, as indices, and the grid's step in px.
+    """Return the index of the best disparity at the points of a grid, and the grid step in px.
 
-    Disparities are tried in their order. A later one wins if it is next to the best so far and better, or if it is
-    clearly better.
+    Only a clearly better disparity replaces the current best, unless it is adjacent to it.
     """
     from scenetruth.estimators.structure_tensor.registration_kernels import STEP, matching_costs
 
     height, width = images.shape[2:]
     offsets = -np.rint(disparities[:, None] * positions).astype(np.int64)
-    # Far cameras move more: their differences count by the inverse square of the distance.
+    # Distant cameras have larger shifts: their differences are weighted by the inverse square of the distance.
     weights = (1 / np.diff(positions) ** 2).astype(np.float32)
     costs = np.empty((len(disparities), -(-height // STEP), -(-width // STEP)), dtype=np.float32)
     in_threads(partial(matching_costs, images, offsets, weights, costs), bands(len(disparities)))
@@ -165,11 +158,7 @@ def _sweep(
 def registrations_from_coarse(
     disparity: NDArray[Any], flow: NDArray[Any], known: NDArray[np.bool_], shape: Sequence[int], largest: int
 ) -> list[Registration]:
-    """Return the registrations for the disparity and flow of an estimate at half the resolution.
-
-    ``disparity``, ``flow``: Coarse estimates in px of the coarse image, shapes (y, x) and (2, y, x).
-    ``known``: Where they are known, shape (y, x).
-    """
+    """Return the registrations for an estimate at half resolution: disparity (y, x), flow (2, y, x) and validity."""
     if not known.any():
         return [Registration(0)]
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
@@ -186,7 +175,7 @@ def registrations_from_coarse(
 def _for_cells(
     wanted: Sequence[tuple[int, int, int]], chosen: NDArray[Any], scale: int, shape: Sequence[int], largest: int
 ) -> list[Registration]:
-    """Gather a map of choices, on a grid of every ``scale``-th pixel, into the cells that need each of them."""
+    """Return the registrations with their cells, from a map of choices on a grid of every ``scale``-th pixel."""
     rows, columns = (-(-size // CELL) for size in shape)
     step = CELL // scale
     gathered: dict[tuple[int, int, int], NDArray[np.bool_]] = {}
@@ -200,7 +189,7 @@ def _for_cells(
         share = here.reshape(rows, step, columns, step).mean(axis=(1, 3))
         cells = share > _SHARE
         if cells.any():
-            # A cell's pixels see surfaces of its neighbours at its border.
+            # Pixels at the border of a cell also view the surfaces of its neighbours.
             grown = ndimage.binary_dilation(cells)
             fits[disparity, flow_x, flow_y] = grown
             for off in _OFF:
@@ -220,22 +209,21 @@ class Rectangle(NamedTuple):
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is no pixel in it: the last row or column does not come after the first."""
+        """Whether it contains no pixel."""
         return self.bottom <= self.top or self.right <= self.left
 
 
-# A tile's rows share their border's work; all threads' tiles together may need 256 MB of scratch.
+# The rows of a tile share the work at its border; the tiles of all threads may require 256 MB of scratch memory.
 _ROWS, _COLUMNS = 256, 512
 _ROWS_OF_ALL_THREADS, _BORDER = 1900, 28
-# Tiles of scattered cells are lower, to follow their outline; nearer runs than a window's border are joined.
+# Tiles of scattered cells are lower, to follow their outline; runs closer than the border of a window are joined.
 _LOW_ROWS, _JOIN = 4 * CELL, 32
 
 
 def split_into_tiles(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> NDArray[np.int64]:
-    """Return tiles that cover the wanted cells inside an area, several for each thread.
+    """Return tiles that cover the requested cells (None: all) inside an area, several for each thread.
 
-    ``cells``: Which cells of `CELL` px are wanted; None for all.
-    Returns: First row and the one behind the last, then columns, of every tile, shape (n, 4), int64.
+    Returns: First and last + 1 row, then column, of every tile, shape (n, 4), int64.
     """
     top, bottom, left, right = area
     if area.is_empty:
@@ -263,7 +251,7 @@ def _edges(first: int, last: int, count: int) -> list[int]:
 
 
 def _runs(wanted: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the runs of wanted cells in px, near ones joined."""
+    """Return the runs of requested cells in px, with close runs joined."""
     steps = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]).astype(np.int8)))
     runs: list[tuple[int, int]] = []
     for start, stop in zip(steps[::2] * CELL, steps[1::2] * CELL, strict=True):

@@ -15,9 +15,9 @@ STEP = 4
 """Distance of the grid points at which images are compared, in px."""
 
 UNSEEN = np.float32(1e30)
-"""Cost where no two neighbouring cameras see a place: more than any images differ by."""
+"""Cost where no two neighbouring cameras view a point: larger than any image difference."""
 
-# Half the edge of the square over which differences are summed up, in grid points of STEP px.
+# Half the side length of the square over which differences are summed, in grid points of STEP px.
 _HALF = 2
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -25,10 +25,7 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @_jit
 def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: Any) -> None:
-    """Sum up, for blocks of STEP pixels of a row, the squared differences of neighbouring cameras' images.
-
-    Pixels that a camera does not see are not compared: repeated border pixels would match any plain surface.
-    """
+    """Sum the squared image differences of neighbouring cameras over blocks of STEP pixels, where both have a view."""
     width = images.shape[3]
     compared = np.zeros(out.shape[0], dtype=np.float32)
     wanted = np.zeros(out.shape[0], dtype=np.float32)
@@ -48,13 +45,13 @@ def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: 
                 compared[block] += max(high - low, 0) * weights[s]
                 wanted[block] += (end - start) * weights[s]
     for block in range(out.shape[0]):
-        # Pixels that some cameras do not see are compared by the others: the sum is scaled to all of them.
+        # Pixels outside the view of a camera are compared by the others: the sum is scaled to all cameras.
         out[block] = out[block] * wanted[block] / compared[block] if compared[block] > 0 else UNSEEN
 
 
 @_jit
 def _smooth(costs: Any, scratch: Any) -> None:
-    """Sum costs over a square, in place; outside the image they repeat."""
+    """Sum costs over a square, in place, with the border values repeated outside the image."""
     rows, columns = costs.shape
     for y in range(rows):
         for x in range(columns):
@@ -79,12 +76,12 @@ def matching_costs(
     costs: NDArray[np.float32],
     some: tuple[int, int],
 ) -> None:
-    """Sum up the squared differences of neighbouring cameras' images around every grid point.
+    """Sum the squared image differences of neighbouring cameras around every grid point.
 
     ``images``: Images of one frame, shape (channel, s, y, x).
-    ``offsets``: By how many columns each image is read to the right, for every registration; shape (n, s).
-    ``weights``: What each pair of neighbouring cameras counts, shape (s - 1,).
-    ``costs``: Output, shape (n, y / STEP, x / STEP), rounded up; `UNSEEN` or more where no two neighbours see a place.
+    ``offsets``: Column offset at which each image is read, for every registration; shape (n, s).
+    ``weights``: Weight of each pair of neighbouring cameras, shape (s - 1,).
+    ``costs``: Output, shape (n, y / STEP, x / STEP), rounded up; `UNSEEN` or more where no pair views a point.
     """
     for n in range(some[0], some[1]):
         for y in range(costs.shape[1]):
@@ -94,11 +91,11 @@ def matching_costs(
         _smooth(costs[n], np.empty_like(costs[n]))
 
 
-# Places of the energies: of g_x and g_y, of both smoothed with S, and of D_x S_y g_x and D_y S_x g_y.
+# Indices of the energies: of g_x and g_y, of both smoothed with S, and of D_x S_y g_x and D_y S_x g_y.
 _X, _Y, _SMOOTH_X, _SMOOTH_Y, _STEEP_X, _STEEP_Y = range(6)
 
 ENERGIES = ("x", "y", "sx", "sy", "dx", "dy")
-"""Names of the energies in the order of their places."""
+"""Names of the energies in the order of their indices."""
 
 
 @_jit
@@ -140,11 +137,11 @@ def gradient_energies(
     energies: NDArray[np.float32],
     blocks: tuple[int, int],
 ) -> None:
-    """Add up g_x², g_y², (S g_x)², (S g_y)², (D_x S_y g_x)² and (D_y S_x g_y)² in blocks.
+    """Add g_x², g_y², (S g_x)², (S g_y)², (D_x S_y g_x)² and (D_y S_x g_y)² in blocks.
 
-    ``image``: The image with twice the filters' reach of border, shape (y, x).
-    ``stride``: Edge of the blocks in px.
-    ``energies``: Output in the order of `ENERGIES`, added to, shape (6, Y, X): Y x X blocks of the image without its
+    ``image``: The image with a border of twice the filter half-width, shape (y, x).
+    ``stride``: Side length of the blocks in px.
+    ``energies``: Output in the order of `ENERGIES`, incremented, shape (6, Y, X): Y x X blocks of the image without
       border.
     """
     taps = smoothing.shape[0]

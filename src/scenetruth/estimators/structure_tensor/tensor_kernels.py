@@ -13,13 +13,13 @@ from scenetruth.estimators.structure_tensor.maps import BestRegistration
 
 __all__ = ["Criteria", "Filters", "Registered", "estimate_tile"]
 
-# How many matrices are diagonalised at once.
+# Number of matrices that are diagonalised together.
 _LANES = 16
 _MOST_SWEEPS = 12
-# Rotations smaller than this change an eigenvalue by their square times it: nothing in float64.
+# Smaller rotations change an eigenvalue by their square, which is below the resolution of float64.
 _SMALL = 1e-18
 
-# What is made of one frame's images filtered along s: S g, D g, and the moment of S.
+# Images of one frame filtered along s: S g, D g, and the moment of S.
 _SMOOTH, _ALONG_S, _MOMENT_S = range(3)
 # Rows filtered along t: S of the smoothed images, S of their derivative along s, D of the smoothed images, S of their
 # moments along x and y.
@@ -28,7 +28,7 @@ _T_SMOOTH, _T_ALONG_S, _T_ALONG_T, _T_MOMENT_X, _T_MOMENT_Y = range(5)
 _X_SMOOTH, _X_ALONG_X, _X_MOMENT, _X_ALONG_S, _X_ALONG_T, _X_MOMENT_Y = range(6)
 # Derivatives of the grey value, and the divergence correction e.
 _G_X, _G_Y, _G_S, _G_T, _G_E = range(5)
-# Products of two derivatives, summed up over the window along t.
+# Products of two derivatives, summed over the window along t.
 _PRODUCTS = 15
 _XX, _XY, _YY, _XS, _YS, _XT, _YT, _SS, _ST, _TT, _XE, _YE, _SE, _TE, _EE = range(_PRODUCTS)
 # Entries of the tensor J; its axes are those of p: x, y, z (the divergence term), s and t.
@@ -36,7 +36,7 @@ _ENTRIES = 15
 _J_XX, _J_XY, _J_YY, _J_XZ, _J_YZ, _J_ZZ, _J_XS, _J_YS, _J_ZS = range(9)
 _J_XT, _J_YT, _J_ZT, _J_SS, _J_ST, _J_TT = range(9, _ENTRIES)
 _X, _Y, _Z, _S, _T = range(5)
-# Where the entry of two axes stands.
+# Index of the entry of two axes.
 _ENTRY = np.array(
     [
         [_J_XX, _J_XY, _J_XZ, _J_XS, _J_XT],
@@ -46,11 +46,11 @@ _ENTRY = np.array(
         [_J_XT, _J_YT, _J_ZT, _J_ST, _J_TT],
     ]
 )
-# Eigenvectors stand behind the entries: five numbers for every axis, one of each vector.
+# Eigenvectors follow the entries: five numbers for every axis, one of each vector.
 _VECTORS = _ENTRIES
 _PLACES = _VECTORS + 25
-# What `_solve_row` finds for a pixel, in the order of `BestRegistration`, but for the choice and with only one u_z;
-# then, what it only needs on its way: the image's part of p_s, and the rank.
+# Output of `_solve_row` for a pixel, in the order of `BestRegistration`, without the choice and with only one u_z;
+# then intermediate values: the image components of p_s, and the rank.
 _TO_MOVE, _UNCERTAINTY, _KIND_DISPARITY, _KIND_MOTION, _MODEL_VIOLATION, _V_X, _FLOW_X, _FLOW_Y, _U_Z = range(9)
 _EIGENVALUES = 9
 _RESIDUAL_S, _VARIANCE_V_X, _LENGTH_S, _RESIDUAL_T = range(14, 18)
@@ -63,17 +63,14 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Filters(NamedTuple):
-    """Filters and windows, as correlation kernels, each one-dimensional.
-
-    The filters along s have as many values as there are cameras, and bring the images' values to grey values.
-    """
+    """Filters and windows as correlation kernels; those along s have one value per camera and scale to grey values."""
 
     smoothing_s: NDArray[np.float32]
     """S along s."""
     derivative_s: NDArray[np.float32]
     """D along s."""
     moment_s: NDArray[np.float32]
-    """Moment of S along s: S times how far a camera's own principal point is from that of the reference."""
+    """Moment of S along s: S times the offset of the principal point of a camera from that of the reference."""
     smoothing_t: NDArray[np.float32]
     """S along t."""
     derivative_t: NDArray[np.float32]
@@ -97,36 +94,36 @@ class Filters(NamedTuple):
     window_twice_moment: NDArray[np.float32]
     """2 w ξ."""
     with_correction: bool
-    """Whether to add the correction of the divergence term."""
+    """Whether the correction of the divergence term is added."""
 
 
 class Registered(NamedTuple):
-    """Images, and where they are read at one registration."""
+    """Images and the offsets at which they are read for one registration."""
 
     images: NDArray[Any]
     """Images as recorded, shape (channel, s, t, y, x), any real type."""
     columns_of_s: NDArray[np.int64]
-    """By how many columns the image of each camera is read to the right; shape (s,)."""
+    """Column offset at which the image of each camera is read; shape (s,)."""
     flow: NDArray[np.int64]
-    """By how many columns and rows a frame is read further than the one before."""
+    """Column and row offsets between consecutive frames."""
     first: int
-    """First and last + 1 of the frames to use."""
+    """First and last + 1 of the frames used."""
     last: int
     centre_t: float
-    """How many frames after the first one the first estimate stands; may be half of one."""
+    """Centre of the first estimate relative to the first frame, in frames; may be half-integer."""
 
 
 class Criteria(NamedTuple):
-    """What decides between registrations, and how much is known of a pixel."""
+    """Parameters of the selection between registrations, and of the rank decision."""
 
     candidate: int
     """Number of this registration."""
     weight_t: float
-    """What motion along t counts beside that along s."""
+    """Weight of the displacement along t relative to that along s."""
     tau: float
-    """Threshold of the eigenvalues, τ."""
+    """Threshold τ of the eigenvalues."""
     moment_ratio: float
-    """How much narrower the squared window is in ξ² than the window."""
+    """Relative second moment of the squared window; see `NoiseModel`."""
     window_moment: float
     """Σ w ξ²."""
 
@@ -139,7 +136,7 @@ def _add(source: Any, weight: Any, out: Any) -> None:
 
 @_jit
 def _add_four(a: Any, b: Any, c: Any, d: Any, weights: Any, k: int, out: Any) -> None:
-    """Add four weighted rows at once: the accumulator is read and written once instead of four times."""
+    """Add four weighted rows together: the accumulator is read and written once instead of four times."""
     one, two, three, four = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
     for x in range(out.shape[0]):
         out[x] = fma(four, d[x], fma(three, c[x], fma(two, b[x], fma(one, a[x], out[x]))))
@@ -166,7 +163,7 @@ def _add_shifted(source: Any, kernel: Any, out: Any) -> None:
 
 @_jit
 def _add_rows(rows: Any, first: int, kernel: Any, out: Any) -> None:
-    """Add the rows from the first on, weighted by a kernel."""
+    """Add consecutive rows, weighted by a kernel."""
     taps = kernel.shape[0]
     blocks = taps - taps % 4
     for k in range(0, blocks, 4):
@@ -179,10 +176,7 @@ def _add_rows(rows: Any, first: int, kernel: Any, out: Any) -> None:
 def _reduce_cameras(
     view: Registered, channel: int, frame: int, corner: Any, filters: Filters, values: Any, out: Any
 ) -> None:
-    """Filter the registered images of a frame along s: with S, with D, and with the moment of S.
-
-    ``corner`` is the row and column at which the camera at s = 0 is read; ``values`` is scratch, shape (s, x).
-    """
+    """Filter the registered images of a frame along s, from row and column ``corner`` of the camera at s = 0."""
     _, rows, columns = out.shape
     top, left = corner
     out[:] = 0.0
@@ -201,9 +195,9 @@ def _reduce_cameras(
 def _derive(
     ring: Any, times: Any, oldest: int, filters: Filters, step: Any, rows_t: Any, rows_x: Any, out: Any
 ) -> None:
-    """Make g_x, g_y, g_s, g_t and the divergence correction e of one frame from the frames of the filter along t.
+    """Compute g_x, g_y, g_s, g_t and the divergence correction e of one frame from the frames of the filter along t.
 
-    ``ring``: What `_reduce_cameras` made of the frames, shape (frame, 3, y, x), the ``oldest`` of them at that place.
+    ``ring``: Output of `_reduce_cameras` for these frames, shape (frame, 3, y, x); ``oldest`` is the first in time.
     ``rows_t``, ``rows_x``: Scratch: one row filtered along t, shape (5, x), and all rows then filtered along x, shape
       (6, y, x).
     ``out``: Output, shape (5, y, x).
@@ -220,7 +214,7 @@ def _derive(
             _add(ring[slot, _ALONG_S, y], a, rows_t[_T_ALONG_S])
             _add(ring[slot, _SMOOTH, y], b, rows_t[_T_ALONG_T])
             _add(ring[slot, _MOMENT_S, y], a, rows_t[_T_MOMENT_X])
-            # At time τ a registered frame sees x + step τ, and a flow that has grown by the factor 1 + u_z τ.
+            # At time τ a registered frame is offset by step τ, and its flow is scaled by the factor 1 + u_z τ.
             twice = np.float32(2.0) * a * times[slot]
             if step[0] != 0.0:
                 _add(ring[slot, _SMOOTH, y], twice * step[0], rows_t[_T_MOMENT_X])
@@ -248,7 +242,7 @@ def _derive(
 
 @_jit
 def _accumulate_products(derivatives: Any, w: Any, with_correction: bool, y: int, out: Any) -> None:
-    """Add one row of the products of one frame's derivatives, with the frame's weight."""
+    """Add one row of the products of the derivatives of one frame, weighted along t."""
     count = derivatives.shape[2]
     g_x, g_y, g_s, g_t, e = (
         derivatives[_G_X, y],
@@ -283,10 +277,7 @@ def _accumulate_products(derivatives: Any, w: Any, with_correction: bool, y: int
 
 @_jit
 def _window_columns(products: Any, y: int, filters: Filters, out: Any) -> None:
-    """Weigh the products along y: 15 rows, which the window w along x sums up to the tensor's entries.
-
-    The entries with z need sums with w ξ and w ξ² besides, which `_window_row` takes of the rows made here.
-    """
+    """Sum the weighted products along y to 15 rows, which `_window_row` sums along x to the entries of the tensor."""
     w0, w1, w2 = filters.window, filters.window_moment, filters.window_second_moment
     double = filters.window_twice_moment
     out[:] = 0.0
@@ -316,7 +307,7 @@ def _window_columns(products: Any, y: int, filters: Filters, out: Any) -> None:
 
 @_jit
 def _window_row(rows: Any, filters: Filters, out: Any) -> None:
-    """Weigh the gathered rows along x: one row of the tensor's entries."""
+    """Sum the weighted rows along x: one row of the tensor entries."""
     w0, w1, w2 = filters.window, filters.window_moment, filters.window_second_moment
     double = filters.window_twice_moment
     out[:] = 0.0
@@ -332,12 +323,12 @@ def _window_row(rows: Any, filters: Filters, out: Any) -> None:
 
 @numba.njit(forceinline=True, error_model="numpy")
 def _rotate(m: Any, p: int, q: int, others: tuple[int, int, int]) -> None:
-    """Rotate the axes p and q of many matrices, so that their entry (p, q) vanishes; ``others`` are the other axes."""
+    """Rotate axes p and q of all matrices to eliminate their entry (p, q); ``others`` are the other axes."""
     i, j, k = others
     pp, qq, pq = _ENTRY[p, p], _ENTRY[q, q], _ENTRY[p, q]
     a, b, c, d, e, f = _ENTRY[i, p], _ENTRY[i, q], _ENTRY[j, p], _ENTRY[j, q], _ENTRY[k, p], _ENTRY[k, q]
     for n in range(_LANES):
-        # The angle may be rough, cosine and sine may not: from single precision, two steps of Newton's method.
+        # The angle may be approximate, but not cosine and sine: two Newton iterations from single precision.
         one, two, three = m[pp * _LANES + n], m[qq * _LANES + n], m[pq * _LANES + n]
         twice, gap = np.float32(2.0 * three), np.float32(two - one)
         root = abs(gap) + np.sqrt(gap * gap + twice * twice) + np.float32(1e-30)
@@ -367,10 +358,10 @@ def _rotate(m: Any, p: int, q: int, others: tuple[int, int, int]) -> None:
 
 @_jit
 def _diagonalise(m: Any) -> None:
-    """Diagonalise `_LANES` symmetric 5 x 5 matrices at once by cyclic Jacobi rotations.
+    """Diagonalise `_LANES` symmetric 5 x 5 matrices together by cyclic Jacobi rotations.
 
-    ``m`` holds, each for all matrices, the entries of the tensor and then the eigenvectors. It is one array with all
-    places known beforehand, so that the compiler sees that rotations of different matrices do not touch each other.
+    ``m`` contains, each for all matrices, the entries of the tensor and then the eigenvectors. In a single array with
+    constant indices, the compiler recognises that rotations of different matrices are independent.
     """
     for n in range(_ENTRIES * _LANES, _PLACES * _LANES):
         m[n] = 0.0
@@ -404,7 +395,7 @@ def _diagonalise(m: Any) -> None:
 
 @numba.njit(forceinline=True, error_model="numpy")
 def _order(m: Any, p: int, q: int) -> None:
-    """Exchange the eigenvalues p and q and their vectors where the second is the larger."""
+    """Exchange the eigenvalues p and q and their vectors where the second is larger."""
     one, two = _ENTRY[p, p], _ENTRY[q, q]
     for n in range(_LANES):
         swap = m[two * _LANES + n] > m[one * _LANES + n]
@@ -419,7 +410,7 @@ def _order(m: Any, p: int, q: int) -> None:
 
 @_jit
 def _sort(m: Any) -> None:
-    """Put eigenvalues and vectors into descending order, by the shortest network for five."""
+    """Sort eigenvalues and vectors in descending order with the shortest network for five."""
     _order(m, 0, 4)
     _order(m, 1, 3)
     _order(m, 0, 2)
@@ -433,7 +424,7 @@ def _sort(m: Any) -> None:
 
 @_jit
 def _residual(j: Any, vector: int, axis: int, place: int, r: Any) -> None:
-    """Put pᵀ J p into a place of r, for p = (p1, p2, p3) from the place ``vector`` of r on, and 1 along s or t."""
+    """Write pᵀ J p to index ``place`` of r, for p = (p1, p2, p3) at index ``vector`` of r, and 1 along s or t."""
     along_x, along_y, along_z, alone = _ENTRY[_X, axis], _ENTRY[_Y, axis], _ENTRY[_Z, axis], _ENTRY[axis, axis]
     for n in range(_LANES):
         xx, xy, xz = j[_J_XX * _LANES + n], j[_J_XY * _LANES + n], j[_J_XZ * _LANES + n]
@@ -449,10 +440,10 @@ def _residual(j: Any, vector: int, axis: int, place: int, r: Any) -> None:
 
 @_jit
 def _covariances(j: Any, criteria: Criteria, r: Any) -> None:
-    """Propagate white noise of unit power in the constraint to p: A⁻¹ B A⁻¹, the parts that the world needs.
+    """Propagate white noise of unit power in the constraint to the required elements of the covariance A⁻¹ B A⁻¹ of p.
 
-    A is the tensor's block of g_x, g_y and the divergence term; B the same summed with the squared window, up to the
-    factor Σ w² that is left out. Where a coordinate stands, the squared window is narrower.
+    A is the tensor block of g_x, g_y and the divergence term; B is the same with the squared window, without the
+    factor Σ w². For terms with a coordinate, the squared window is narrower.
     """
     for n in range(_LANES):
         a11, a12, a22 = j[_J_XX * _LANES + n], j[_J_XY * _LANES + n], j[_J_YY * _LANES + n]
@@ -462,7 +453,7 @@ def _covariances(j: Any, criteria: Criteria, r: Any) -> None:
         determinant = a11 * c11 + a12 * c12 + a13 * c13
         sound = determinant > 1e-12 * a11 * a22 * a33
         inverse = 1.0 / (determinant if sound else np.nan)
-        # Of the divergence term's energy, the part that coordinates in the window make is the narrower one.
+        # In the energy of the divergence term, only the part from coordinates in the window is narrower.
         less = (1.0 - criteria.moment_ratio) * min(criteria.window_moment * (a11 + a22), a33) / (a33 + 1e-300)
         # B = A - (1 - r) C with C the third row and column; with k = A⁻¹ e₃, A⁻¹ C A⁻¹ = k e₃ᵀ + e₃ kᵀ - A₃₃ k kᵀ.
         k1, k2, k3 = c13 * inverse, c23 * inverse, c33 * inverse
@@ -475,7 +466,7 @@ def _covariances(j: Any, criteria: Criteria, r: Any) -> None:
 
 @_jit
 def _solve_full(j: Any, m: Any, criteria: Criteria, r: Any) -> None:
-    """Solve all matrices as if everything were known about them: the paper's combinations of the two null vectors."""
+    """Solve all matrices under the assumption of full rank: the combinations of the two null vectors in the paper."""
     weight_t, tau = criteria.weight_t, criteria.tau
     for n in range(_LANES):
         a1, b1 = m[(_VECTORS + 5 * _X + 3) * _LANES + n], m[(_VECTORS + 5 * _X + 4) * _LANES + n]
@@ -510,7 +501,7 @@ def _solve_full(j: Any, m: Any, criteria: Criteria, r: Any) -> None:
         uncertain = (max(r[_RESIDUAL_T * _LANES + n], 0.0) + along_t) * r[_VARIANCE_U_Z * _LANES + n]
         r[_UNCERTAINTY * _LANES + n] = uncertain if uncertain < 1e30 else 1e30
         r[_VARIANCE_V_X * _LANES + n] = r[_VARIANCE_FLOW_X * _LANES + n]
-        # Texture in every direction of the image, in one, or none.
+        # Texture in two directions of the image, in one, or none.
         mean, radius = 0.5 * (j11 + j22), np.sqrt(0.25 * (j11 - j22) ** 2 + j12 * j12)
         directions = (1.0 if mean + radius > tau else 0.0) + (1.0 if mean - radius > tau else 0.0)
         above = 0.0
@@ -526,11 +517,11 @@ def _solve_full(j: Any, m: Any, criteria: Criteria, r: Any) -> None:
 
 @_jit
 def _solve_part(j: Any, m: Any, n: int, r: Any) -> None:
-    """Solve one matrix of which not everything is known, over what `_solve_full` found.
+    """Solve one matrix of reduced rank and overwrite the result of `_solve_full`.
 
     Disparity is the smallest eigenvector of the block of g_x and g_s, for p_s = (v_x, 0, 0, 1, 0). Motion is the vector
-    of least norm with ds = 0 and dt = 1 in the null space: with P the projector on it and A the block of its rows and
-    columns 4 and 5, the second column of P[:, 4:5] A⁻¹, which in two dimensions is the paper's p_t.
+    of minimum norm with ds = 0 and dt = 1 in the null space: with P the projector onto it and A the block of its rows
+    and columns 4 and 5, the second column of P[:, 4:5] A⁻¹, which in two dimensions is the p_t of the paper.
     """
     rank = int(r[_RANK * _LANES + n])
     j11, b, c = j[_J_XX * _LANES + n], j[_J_XS * _LANES + n], j[_J_SS * _LANES + n]
@@ -562,11 +553,7 @@ def _solve_part(j: Any, m: Any, n: int, r: Any) -> None:
 
 @_jit
 def _solve_row(entries: Any, criteria: Criteria, found: Any) -> None:
-    """Solve all pixels of a row.
-
-    ``entries``: The entries of the tensor, shape (15, x), from `_J_XX` to `_J_TT`.
-    ``found``: Output, shape (23, x), from `_TO_MOVE` to `_COVARIANCE_Y_Z`.
-    """
+    """Solve all pixels of a row: entries `_J_XX` to `_J_TT`, shape (15, x); results, shape (23, x)."""
     j, m, r = np.zeros(_ENTRIES * _LANES), np.empty(_PLACES * _LANES), np.empty(_FOUND_AND_NEEDED * _LANES)
     count = entries.shape[1]
     for start in range(0, count, _LANES):
@@ -589,11 +576,11 @@ def _solve_row(entries: Any, criteria: Criteria, found: Any) -> None:
 
 @_jit
 def _keep_better(found: Any, candidate: int, best: BestRegistration, frame: int, row: int, first_column: int) -> None:
-    """Keep what `_solve_row` found for a row where it is better than what other registrations gave.
+    """Store the result of `_solve_row` for a row where it is better than those of other registrations.
 
-    Disparity and flow are kept only where this registration leaves less to move than the best one so far, since filters
-    are most exact for small displacements; divergence only where its error bar is smaller, since with some disparity
-    left, its change in time adds to what the images say of motion in depth.
+    Disparity and flow are stored only where the residual displacement is the smallest so far, since the filters are
+    most exact for small displacements; the divergence only where its uncertainty is the smallest so far, since a
+    residual disparity, through its change in time, adds information about motion in depth.
     """
     for x in range(found.shape[1]):
         at = frame, row, first_column + x
@@ -634,10 +621,7 @@ def estimate_tile(
     first_row: int,
     tile: NDArray[np.int64],
 ) -> None:
-    """Estimate frames at one registration in one tile; it takes one thread, and scratch for the tile alone.
-
-    ``tile``: First and last + 1 row, then column, of the tile's output; shape (4,).
-    """
+    """Estimate frames at one registration in one tile (first and last + 1 row, then column), in one thread."""
     taps_t, taps = filters.smoothing_t.shape[0], filters.smoothing.shape[0]
     frames_in_window, window = filters.window_t.shape[0], filters.window.shape[0]
     channels, cameras = view.images.shape[0], view.images.shape[1]

@@ -1,7 +1,4 @@
-"""Kernel that converts the null space of every pixel into depth, scene flow.
-
-Their uncertainties in world coordinates.
-"""
+"""Kernel that converts the null space of every pixel into depth, scene flow and their standard deviations."""
 
 from __future__ import annotations
 
@@ -16,14 +13,14 @@ from scenetruth.estimators.structure_tensor.maps import BestRegistration, Estima
 __all__ = ["Axes", "NoisePower", "WorkingPoints", "to_world"]
 
 _NONE, _NORMAL, _FULL = 0, 1, 2
-# Displacement that may be left between two cameras or two frames by the best of several registrations, in px.
+# Largest residual displacement between two cameras or two frames at the best of several registrations, in px.
 _MOST_LEFT = 1.0
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Axes(NamedTuple):
-    """The pinhole camera, its stage and its frames, as the estimator uses them."""
+    """Pinhole camera, stage and frames."""
 
     focal_length_px: float
     centre_x_px: float
@@ -32,17 +29,17 @@ class Axes(NamedTuple):
     baseline_mm: float
     """V_X."""
     centre_s: float
-    """Where the estimates belong, in steps of s and t from the reference."""
+    """Centre of the estimates, in steps of s and t from the reference."""
     centre_t: float
     scale_s: float
-    """By what g_s and g_t were multiplied so that all derivatives have the same noise."""
+    """Factors of g_s and g_t that equalise the noise of all derivatives."""
     scale_t: float
     sees_depth: bool
     sees_motion: bool
 
 
 class WorkingPoints(NamedTuple):
-    """Whole pixels by which images were registered, shape (n,), and which of them differ among the registrations."""
+    """Integer shifts of the registrations, shape (n,), and whether they differ among the registrations."""
 
     disparity: NDArray[np.float64]
     flow_x: NDArray[np.float64]
@@ -53,10 +50,10 @@ class WorkingPoints(NamedTuple):
 
 
 class NoisePower(NamedTuple):
-    """The power of the images' noise, and what becomes of it (`NoiseModel`)."""
+    """Power of the image noise and its propagation (`NoiseModel`)."""
 
     power: float
-    """Not finite: estimated from each pixel's own residual."""
+    """If not finite, it is estimated from the residual of each pixel."""
     residual_s: tuple[float, float]
     residual_t: tuple[float, float]
     window: float
@@ -69,7 +66,7 @@ class NoisePower(NamedTuple):
 
 @_jit
 def _look_up(phase: float, phases: Any, table: Any) -> float:
-    """Interpolate linearly; beyond the end the last value holds."""
+    """Interpolate a table linearly, with constant extrapolation."""
     position = min(phase / phases[1], len(phases) - 1.0)
     index = min(int(position), len(phases) - 2)
     part = position - index
@@ -78,7 +75,7 @@ def _look_up(phase: float, phases: Any, table: Any) -> float:
 
 @_jit
 def _forget(maps: EstimateMaps, frame: int, row: int, x: int) -> None:
-    """Write a pixel that nothing is known of."""
+    """Mark a pixel as invalid."""
     at = frame, row, x
     maps.depth[at] = maps.disparity[at] = maps.divergence[at] = np.nan
     maps.depth_std[at] = maps.disparity_std[at] = maps.working_point[at] = np.nan
@@ -106,7 +103,7 @@ def to_world(
     first_row: int,
     rows: tuple[int, int],
 ) -> None:
-    """Go back to the world (paper, end of section 3), pixel by pixel."""
+    """Compute world coordinates (paper, end of section 3), pixel by pixel."""
     elsewhere = axes.centre_s != 0.0 or axes.centre_t != 0.0
     for y in range(rows[0], rows[1]):
         row = first_row + y
@@ -120,7 +117,7 @@ def to_world(
             point = best.choice[at]
             left_v = best.v_x[at] / axes.scale_s
             left_x, left_y = best.flow_x[at] / axes.scale_t, best.flow_y[at] / axes.scale_t
-            # Where there was a choice, a better one lies outside the common view, or there is none.
+            # With several registrations, a better one lies outside the common view, or does not exist.
             if (
                 (points.several_disparities and abs(left_v) > _MOST_LEFT)
                 or (points.several_flows_x and abs(left_x) > _MOST_LEFT)
@@ -147,7 +144,7 @@ def to_world(
             gap = max((three - four) / (three + four), 0.0) if three + four > 0.0 else 0.0
             maps.confidence[out] = min(gap * gap, 1.0)
 
-            # The camera between the cameras, the instant between the frames.
+            # Virtual camera between the cameras, instant between the frames.
             x_0 = x - axes.centre_x_px - points.disparity[point] * axes.centre_s + points.flow_x[point] * axes.centre_t
             y_0 = row - axes.centre_y_px + points.flow_y[point] * axes.centre_t
             first_x, first_y = x_0, y_0

@@ -1,4 +1,4 @@
-"""Figures of errors: their distributions, and the stated standard deviations compared with them."""
+"""Figures of errors: their distributions, and a comparison with the stated standard deviations."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ _STYLES: tuple[dict[str, Any], ...] = (
     {"color": GREY, "linewidth": 1.2},
     {"color": BLUE, "linewidth": 1.0, "fill": True, "alpha": 0.55},
 )
-"""How ``all`` and ``interior`` are drawn."""
+"""Drawing options of ``all`` and ``interior``."""
 
 
 def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path) -> FigureInfo:
-    """Draw the histogram of every quantity's errors in both regions, over all frames."""
+    """Draw the error histogram of every quantity in both regions, over all frames."""
     margin_px = float(score.metadata.get("margin_px", 20.0))
     names = select_summary_quantities(score.regions, grows=score.grows)
     edges, counts = _histograms(estimate, truth, names, margin_px)
 
-    # A fixed layout: finding one for eight logarithmic axes takes longer than all else here.
+    # A fixed layout: the layout engine takes longer than all other steps for eight logarithmic axes.
     rows, columns = math.ceil(len(counts) / 4), min(len(counts), 4)
     width, height = max(2.75 * columns, 5.5), 2.7 * rows
     figure = new_figure(width, height, layout=None)
@@ -72,9 +72,9 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
         axes.set_ylabel("pixels per bin")
     save(figure, folder / "error_histograms.png")
     caption = (
-        "Estimate minus truth over all frames, in both regions, with the rms of each; counts "
-        "are logarithmic. Each range is one and a half times the 99th percentile of the interior; the outermost bins "
-        "also hold all that lies beyond."
+        "Errors e = estimate − truth over all frames, in both regions, with the RMSE of each; counts are logarithmic. "
+        "Each panel spans 1.5 times the 99th percentile of the interior to either side; the outermost bins also "
+        "contain all errors beyond."
     )
     return FigureInfo("error_histograms.png", "Histograms of all errors", caption)
 
@@ -82,7 +82,7 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
 def _histograms(
     estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
 ) -> tuple[dict[str, Map], dict[str, dict[str, Counts]]]:
-    """Return the edges of every quantity's bins, and how many errors lie in each by region."""
+    """Return the bin edges of every quantity, and the error counts per bin by region."""
     edges: dict[str, Map] = {}
     single = count_blocks(estimate) == 1
     if not single:
@@ -112,7 +112,7 @@ def _add(
 def _samples(
     estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
 ) -> Iterator[tuple[str, dict[str, Map]]]:
-    """Give the errors of every quantity that the data sets hold in both regions, part by part."""
+    """Yield the errors of every common quantity in both regions, block by block."""
     for found, exact in iterate_aligned_blocks(estimate, truth):
         masks = main_regions(exact, margin_px)
         pairs = EstimateTruthPairs(found, exact)
@@ -123,7 +123,7 @@ def _samples(
 
 
 def _edges(name: str, sizes: Mapping[str, StreamingQuantiles]) -> Map:
-    """Return the edges of the bins; the interior decides on their range, if anything is scored there."""
+    """Return the bin edges; the range is set by the interior if any of its pixels is scored."""
     bound = next((value for region in ("interior", "all") if np.isfinite(value := sizes[region].at([99])[0])), 0.0)
     bound = _RANGE * bound or 1.0
     return np.linspace(-bound if QUANTITIES[name].error == "difference" else 0.0, bound, _HISTOGRAM_BINS + 1)
@@ -139,13 +139,13 @@ def _draw_panel(axes: Any, name: str, counts: Mapping[str, Counts], edges: Map, 
     axes.grid()
     if not counts["all"].any():
         axes.set_ylim(0.5, 10)
-        axes.text(0.5, 0.5, "nothing scored", transform=axes.transAxes, ha="center", color=GREY)
+        axes.text(0.5, 0.5, "no scored pixels", transform=axes.transAxes, ha="center", color=GREY)
         return
     for (region, heights), options in zip(counts.items(), _STYLES, strict=True):
         rms = score.regions[region][name]["rmse"]
-        axes.stairs(heights, edges, label=f"{region}: rms {'–' if rms is None else format(rms, '.3g')}", **options)
+        axes.stairs(heights, edges, label=f"{region}: RMSE {'–' if rms is None else format(rms, '.3g')}", **options)
     axes.set_xlim(edges[0], edges[-1])
-    # Head room for the legend, on a logarithmic axis.
+    # Space for the legend above the logarithmic axis.
     top = axes.get_ylim()[1]
     axes.set_ylim(0.6, top * (top / 0.6) ** 0.3)
     axes.legend(loc="upper right", handlelength=1.2, borderaxespad=0.3)
@@ -160,10 +160,7 @@ _EDGES = np.linspace(-_REACH, _REACH, _BINS + 1)
 def draw_error_bars(
     views: FigureArrays, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None, folder: Path
 ) -> FigureInfo | None:
-    """Draw the standard deviations that the estimate states, and the histogram of errors over them.
-
-    The histogram needs a truth and a score. Returns None for an estimate that states no standard deviation.
-    """
+    """Draw the stated standard deviations, if any, and with a score the histogram of the normalised errors."""
     names = [name for name in _mapped(views) if np.any(np.isfinite(views.stds[name]) & (views.stds[name] > 0))]
     ratios = {} if truth is None or score is None else _interior_ratios(estimate, truth, score)
     panels = len(names) + bool(ratios)
@@ -177,37 +174,37 @@ def draw_error_bars(
     if names:
         void_legend(figure, "no valid estimate, or no standard deviation")
         caption.append(
-            f"The standard deviations that the estimator states, t = {views.frame}; scales are logarithmic and span "
-            "the central 98 %."
+            f"The standard deviations stated by the method, t = {views.frame}; the logarithmic scales span the central "
+            "98 %."
         )
     if ratios and score is not None:
         _draw_histogram(places.pop(0), ratios, score)
         caption.append(
-            "Errors divided by the standard deviation that the estimator states for the same pixel, in the interior "
-            "and over all frames. Right error bars give the unit normal curve, with a calibration (the rms of this "
-            "ratio) of 1 and 95.4 % within 2 standard deviations; a wider histogram means error bars that are too "
-            "small. The outermost bins also hold all that lies beyond."
+            "Errors divided by the standard deviation that the method states for the same pixel, in the interior "
+            "over all frames. Correct standard deviations give the standard normal curve, with an RMS of 1 and 95.4 % "
+            "within 2 standard deviations; a wider histogram indicates standard deviations that are too small. The "
+            "outermost bins also contain all values beyond."
         )
     save(figure, folder / "error_bars.png")
     shown = dict.fromkeys(QUANTITIES[name].variable for name in (*names, *ratios))
-    title = f"Error bars of {' and '.join(shown)}"
+    title = f"Stated standard deviations of {' and '.join(shown)}"
     return FigureInfo("error_bars.png", title, " ".join(caption))
 
 
 def _mapped(views: FigureArrays) -> list[str]:
-    """Return the quantities whose standard deviations are drawn as maps: disparity only where depth has none."""
+    """Return the quantities whose standard deviations are drawn as maps: disparity only in the absence of depth."""
     names = [name for name in ("depth", "disparity", "velocity_z") if name in views.stds]
     return [name for name in names if name != "disparity" or "depth" not in names]
 
 
 def _interior_ratios(estimate: xr.Dataset, truth: xr.Dataset, score: Score) -> dict[str, NDArray[np.int64]]:
-    """Return how often each error / standard deviation occurs in the interior, by quantity; those that have any."""
+    """Return the histograms of the normalised errors in the interior by quantity; empty histograms are omitted."""
     margin_px = float(score.metadata.get("margin_px", 20.0))
     counts: dict[str, NDArray[np.int64]] = {}
     for found, exact in iterate_aligned_blocks(estimate, truth):
         interior = main_regions(exact, margin_px)["interior"]
         for name in list_quantities(found):
-            # A score of earlier days may lack what the estimate has.
+            # An earlier score may lack quantities of the estimate.
             shown = name in _COLOURS and name in score.regions["interior"]
             std = read_std(found, name) if shown else None
             if std is None:
@@ -230,7 +227,7 @@ def _draw_map(figure: Any, axes: Any, views: FigureArrays, name: str) -> None:
     drawn = show_map(axes, positive, cmap="cividis", norm=LogNorm(low, high), extent=views.grid.extent)
     axes.set_title(f"Standard deviation of {entry.title[0].lower()}{entry.title[1:]}")
     pixel_axes(axes)
-    # Less than a decade may hold no round number of a logarithmic scale.
+    # Less than a decade may contain no major tick of a logarithmic scale.
     ticks = MaxNLocator(5) if high < 8 * low else LogLocator(subs=(1, 2, 5) if high < 1000 * low else (1,))
     bar = colorbar(
         figure, drawn, axes, f"standard deviation of ${entry.symbol}$ [{entry.units}]",
@@ -243,10 +240,10 @@ def _draw_histogram(axes: Any, ratios: Mapping[str, NDArray[np.int64]], score: S
     middle = np.linspace(-_REACH, _REACH, 401)
     normal = np.exp(-(middle**2) / 2) / np.sqrt(2 * np.pi)
     highest = float(normal.max())
-    axes.fill_between(middle, normal, color=GREY, alpha=0.25, linewidth=0, label="unit normal")
+    axes.fill_between(middle, normal, color=GREY, alpha=0.25, linewidth=0, label="standard normal")
     for name, counts in ratios.items():
         density = counts / (counts.sum() * np.diff(_EDGES))
-        # What lies beyond may be most; it must not flatten the curve.
+        # The values beyond may be the majority and must not flatten the curve.
         highest = max(highest, float(density[1:-1].max()))
         values = score.regions["interior"][name]
         label = (
@@ -254,11 +251,11 @@ def _draw_histogram(axes: Any, ratios: Mapping[str, NDArray[np.int64]], score: S
             f"{format_percent(values['coverage_2_std'])} % within 2 std"
         )
         axes.stairs(density, _EDGES, color=_COLOURS[name], linewidth=1.1, label=label)
-    axes.set_title("Errors in units of their standard deviation, interior")
-    axes.set_xlabel("error / standard deviation [1]")
+    axes.set_title("Normalised errors z, interior")
+    axes.set_xlabel("error / stated standard deviation [1]")
     axes.set_ylabel("probability density [1]")
     axes.set_xlim(-_REACH, _REACH)
-    # Room for the legend above the curves.
+    # Space for the legend above the curves.
     axes.set_ylim(0, 1.5 * highest)
     axes.grid()
     axes.legend(loc="upper center", borderaxespad=0.3)

@@ -1,4 +1,4 @@
-"""The arrays of the one frame that the figures show."""
+"""The arrays of the frame that the figures show."""
 
 from __future__ import annotations
 
@@ -31,11 +31,7 @@ Mask = NDArray[np.bool_]
 
 
 class _ReadWhenNeeded(Mapping[str, Map]):
-    """Maps by name, which are read each time that they are looked up: those of large images do not fit beside others.
-
-    ``names``: Their names.
-    ``read``: Reads one.
-    """
+    """Maps by name, read at every access, because all maps of large images do not fit in memory together."""
 
     def __init__(self, names: Iterable[str], read: Callable[[str], Map]) -> None:
         self._names, self._read = tuple(names), read
@@ -57,21 +53,13 @@ class _ReadWhenNeeded(Mapping[str, Map]):
 
 @dataclass(frozen=True)
 class FigureArrays:
-    """What the figures of one frame draw; every map has the shape (y, x).
+    """The data of the figures for one frame; every map has the shape (y, x).
 
-    ``frame``: The estimate's frame t.
-    ``image``, ``image_frame``, ``image_is_digital``: The reference camera's image, of colours the mean; its frame, and
-      whether it holds digital numbers (else linear radiance).
-    ``grid``: The pixels of all maps.
-    ``intrinsics``: Of the estimate.
-    ``estimate``, ``truth``: Maps by the names of `QUANTITIES`: the scalars that the estimate has, and those of them
-      that the truth tells. The estimate is NaN wherever its status is not valid (see `find_valid_pixels`). Without
-      truth, that is empty.
-    ``mixed``: The truth's mixed pixels; none without truth.
-    ``stds``: Standard deviations that the estimate states, by the names of `QUANTITIES`, in the units of the quantity,
-      NaN where its status is not valid.
-    ``coherence``, ``reasons``: Coherence and reason for invalidity of the estimate, or None.
-    ``statuses``: Those of ``status``, ``status_disparity`` and ``status_motion`` that the estimate has, by their names.
+    ``image``, ``image_is_digital``: Image of the reference camera, and whether it holds digital numbers.
+    ``estimate``, ``truth``: Maps of the scalar `QUANTITIES` of the estimate by name, NaN where invalid, and their truth
+      (empty without truth).
+    ``stds``: Stated standard deviations by the names of `QUANTITIES`, in the units of the quantity; NaN where invalid.
+    ``statuses``: The available maps of ``status``, ``status_disparity`` and ``status_motion``.
     """
 
     frame: int
@@ -89,36 +77,36 @@ class FigureArrays:
     statuses: dict[str, NDArray[np.int64]]
 
     def knows(self, name: str) -> bool:
-        """Return whether the estimate of a quantity, a key of `QUANTITIES`, has any value."""
+        """Return whether the estimate has any valid value of a quantity, a key of `QUANTITIES`."""
         return name in self.estimate and bool(np.isfinite(self.estimate[name]).any())
 
     def panels(self, name: str) -> dict[str, Map]:
-        """Return the estimate of a quantity and its truth, if there is one, by what they are."""
+        """Return the estimate of a quantity and its truth, if available, by panel title."""
         return {"estimate": self.estimate[name]} | ({"truth": self.truth[name]} if name in self.truth else {})
 
     @property
     def map_focal_length_px(self) -> float:
-        """The focal length, counted in the distances between pixels of the maps."""
+        """The focal length in units of the pixel distance of the maps."""
         return self.intrinsics.focal_length_px / max(self.grid.step_px)
 
     def surface_points(self) -> Map:
-        """Return the estimated surface (X, Y, Z) in mm, shape (y, x, 3), NaN where there is none."""
+        """Return the estimated surface points (X, Y, Z) in mm, shape (y, x, 3), NaN where undefined."""
         return np.moveaxis(compute_surface_points(self.estimate["depth"], self.intrinsics, self.grid), 0, -1)
 
     def velocities(self) -> Map:
-        """Return the estimated velocity in mm per frame, shape (y, x, 3), NaN where there is none."""
+        """Return the estimated velocity in mm/frame, shape (y, x, 3), NaN where undefined."""
         return np.stack([self.estimate[name] for name in ("velocity_x", "velocity_y", "velocity_z")], axis=-1)
 
 
 def collect_figure_arrays(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None = None) -> FigureArrays:
-    """Pick the frame t = 0 of an estimate, or its middle one, and what belongs to it."""
+    """Return the data of the frame t = 0 of an estimate, or of its middle frame."""
     check_estimate(estimate)
     check_recording(recording, estimate)
     if truth is not None:
         check_alignable(estimate, truth)
     frames = estimate["t"].values.tolist()
     at = frames.index(0) if 0 in frames else len(frames) // 2
-    # One frame is read, not all.
+    # Only this frame is read.
     estimate = estimate.isel(t=[at])
     if truth is not None:
         estimate, truth = align(estimate, truth)
@@ -164,5 +152,5 @@ def collect_figure_arrays(recording: xr.Dataset, estimate: xr.Dataset, truth: xr
 
 
 def _codes(estimate: xr.Dataset, name: str, otherwise: int) -> NDArray[np.int64]:
-    """Return codes that may have been read as floats, NaN where there is none."""
+    """Return integer codes; codes read as floats are NaN where undefined."""
     return np.asarray(np.nan_to_num(estimate[name].values[0], nan=otherwise).astype(np.int64))

@@ -1,4 +1,4 @@
-"""The set of all figures of an estimate, and how they are drawn into a directory."""
+"""The set of all figures of an estimate, and their output to a directory."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FIGURES = (
     "error_bars",
     "coherence",
 )
-"""Names of all figures, which are those of their files, in reading order."""
+"""Names of all figures and of their files, in reading order."""
 
 
 def plot_all(
@@ -60,16 +60,12 @@ def plot_all(
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
     also: Collection[str] = (),
 ) -> list[FigureInfo]:
-    """Draw every figure of an estimate.
-
-    All but the histograms show one frame, t = 0 or, where the estimate lacks it, its middle one; and of the estimate
-    only what is full (see `find_valid_pixels`).
-    """
+    """Draw every figure of an estimate, except histograms of one frame, t = 0 or the middle one, at valid pixels."""
     check_truth_and_score(truth, score)
     target = Path(folder)
     plan = _plan(recording, estimate, truth, score, target)
     problems = [
-        Problem(what, f"are unknown; there are {', '.join(known)}", sorted(unknown))
+        Problem(what, f"unknown; available: {', '.join(known)}", sorted(unknown))
         for what, wanted, known in (("figures", names or (), FIGURES), ("formats", also, VECTOR_FORMATS))
         if (unknown := set(wanted) - set(known))
     ]
@@ -90,7 +86,7 @@ def plot_all(
                 found[away[0]] = away[1].result()
                 done += 1
             else:
-                # Whatever was wrong there is met again here.
+                # Drawing it again in this process raises the error here.
                 left.append(away[0])
                 elsewhere = None
             away = None
@@ -116,7 +112,7 @@ def plot_one(
     score: Score | None,
     folder: str | Path,
 ) -> FigureInfo | None:
-    """Draw one figure into a folder that exists; None if the estimate does not know what it would show."""
+    """Draw one figure into an existing directory; None if the estimate lacks its data."""
     plan = _plan(recording, estimate, truth, score, Path(folder))
     if name not in plan:
         return None
@@ -127,7 +123,7 @@ def plot_one(
 def _plan(
     recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None, target: Path
 ) -> dict[str, Draw]:
-    """Return the figures that the estimate knows enough for, in reading order."""
+    """Return the figures that the data of the estimate allow, in reading order."""
     views = collect_figure_arrays(recording, estimate, truth)
     depth, velocity = views.knows("depth"), views.knows("velocity_z")
     growth = (depth and velocity) or views.knows("growth_rate")
@@ -156,8 +152,8 @@ def _plan(
 
 
 def check_truth_and_score(truth: xr.Dataset | None, score: Score | None) -> None:
-    """Check that there are both a truth and its score, or neither."""
+    """Check that truth and score are either both given or both missing."""
     if truth is not None and score is None:
-        raise ScoreError([Problem("score", "is missing; make it with scenetruth.score(estimate, truth, recording)")])
+        raise ScoreError([Problem("score", "is missing; compute it with scenetruth.score(estimate, truth, recording)")])
     if truth is None and score is not None:
-        raise ScoreError([Problem("truth", "is missing; a score is shown with the truth that it was made with")])
+        raise ScoreError([Problem("truth", "is missing; a score is shown with the truth from which it was computed")])

@@ -1,4 +1,4 @@
-"""The common parts of all figures: description, style, colours, pixel axes, and saving."""
+"""Common parts of all figures: description, style, colours, pixel axes, and saving."""
 
 from __future__ import annotations
 
@@ -36,29 +36,24 @@ __all__ = [
 Map = NDArray[np.float64]
 
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#6b7280"
-"""Line colours that colour-blind readers can tell apart (after Okabe and Ito)."""
+"""Line colours that are distinguishable with colour-vision deficiency (after Okabe and Ito)."""
 
 VOID = "#dbe7ee"
-"""The colour of pixels without a value; no colour map that is used contains it."""
+"""Colour of pixels without a value; it occurs in no colour map in use."""
 
 
 VECTOR_FORMATS = ("pdf",)
-"""Formats in which figures can be had beside PNG."""
+"""Figure formats available in addition to PNG."""
 
 _VECTOR_DPI = 300
-"""Pixels per inch of what is no lines and letters in those: maps, and surfaces of many thousand facets."""
+"""Resolution in dpi of rasterised parts of vector figures: maps, and surfaces of several thousand facets."""
 
-_also: ContextVar[tuple[str, ...]] = ContextVar("formats beside PNG", default=())
+_also: ContextVar[tuple[str, ...]] = ContextVar("additional figure formats", default=())
 
 
 @dataclass(frozen=True)
 class FigureInfo:
-    """A figure on disk.
-
-    ``file``: Its file name inside the folder of figures.
-    ``title``: What it shows.
-    ``caption``: What to see in it, with definitions of what is drawn.
-    """
+    """A figure on disk: file name, title and caption."""
 
     file: str
     title: str
@@ -66,14 +61,14 @@ class FigureInfo:
 
 
 def style() -> AbstractContextManager[None]:
-    """Return a context in which figures look the same whatever the user's settings are."""
+    """Return a context with a fixed style, independent of the user's settings."""
     import matplotlib.style
 
     settings = {
         "font.size": 9,
         "axes.titlesize": 10,
         "axes.titlelocation": "left",
-        # Finding a place for titles takes a fifth of all the time; above the axes, nothing is in their way.
+        # Automatic placement of titles takes 20 % of the total time, and nothing above the axes interferes with them.
         "axes.titley": 1.0,
         "axes.labelsize": 9,
         "axes.linewidth": 0.6,
@@ -83,7 +78,7 @@ def style() -> AbstractContextManager[None]:
         "ytick.major.width": 0.6,
         "legend.fontsize": 8,
         "legend.frameon": False,
-        # Letters stay letters, which journals ask for.
+        # Text stays text, as journals require.
         "pdf.fonttype": 42,
         "lines.linewidth": 1.0,
         "image.interpolation": "none",
@@ -96,7 +91,7 @@ def style() -> AbstractContextManager[None]:
 
 
 def new_figure(width: float, height: float, layout: Any = "constrained") -> Any:
-    """Return an empty figure of a size in inches, on a canvas of its own."""
+    """Return an empty figure of a size in inches on a separate canvas."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -106,14 +101,14 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Any:
 
 
 def map_height(values: Map, width: float, extra: float) -> float:
-    """Return a figure's height in inches: a map drawn so wide, and what is above and below it."""
+    """Return the height in inches of a figure with a map of the given width and extra space above and below."""
     ratio: float = values.shape[0] / values.shape[1]
     return extra + min(max(width * ratio, 0.8), 12.0)
 
 
 @contextmanager
 def also_as(formats: Collection[str]) -> Iterator[None]:
-    """Give a context in which `save` writes every figure in further formats of `VECTOR_FORMATS` too."""
+    """Provide a context in which `save` also writes every figure in the given `VECTOR_FORMATS`."""
     before = _also.set(tuple(formats))
     try:
         yield
@@ -122,40 +117,40 @@ def also_as(formats: Collection[str]) -> Iterator[None]:
 
 
 def save(figure: Any, path: Path) -> None:
-    """Write a figure as PNG, and in the formats of `also_as`, the same bytes for the same drawing."""
+    """Write a figure as PNG and in the formats of `also_as`; the output is reproducible byte for byte."""
     layout = figure.get_layout_engine()
     if layout is not None:
-        # Axes that keep a map's shape move when they are laid out, and their labels with them: once is not enough.
+        # Axes with a fixed aspect ratio move during layout, and their labels with them, so one pass is not enough.
         layout.execute(figure)
         layout.execute(figure)
-        # It stays laid out as it is: saving would do it twice more, and draw the figure once without showing it.
+        # The layout is frozen: saving would repeat it twice and draw the figure once more without output.
         figure.set_layout_engine(None)
-    # Compression costs more time than drawing at the default level.
+    # The default compression level takes longer than drawing.
     figure.savefig(path, metadata={"Software": "scenetruth"}, pil_kwargs={"compress_level": 4})
     for name in _also.get():
         vector = path.with_suffix(f".{name}")
         metadata = {"Creator": "scenetruth", "CreationDate": None}
         figure.savefig(vector, format=name, dpi=_VECTOR_DPI, metadata=metadata)
-        # By this, what scenetruth drew is known again; readers pass over what follows the end.
+        # Identifies files drawn by scenetruth; readers ignore data after the end.
         with vector.open("ab") as file:
             file.write(b"% drawn by scenetruth\n")
 
 
 def pixel_axes(axes: Any, *, label_y: bool = True) -> None:
-    """Label axes that count pixels."""
+    """Label axes in pixels."""
     axes.set_xlabel("x [px]")
     if label_y:
         axes.set_ylabel("y [px]")
 
 
 def show_map(axes: Any, values: Map, **options: Any) -> Any:
-    """Draw a map of pixels; those without a value have the colour `VOID`. ``extent`` tells where the pixels lie."""
+    """Draw a map with `VOID` for pixels without a value; ``extent`` specifies its position in px."""
     axes.set_facecolor(VOID)
     return axes.imshow(np.ma.masked_invalid(values), **options)
 
 
 def colorbar(figure: Any, drawn: Any, axes: Any, label: str, **options: Any) -> Any:
-    """Add a thin colour bar as high as the axes."""
+    """Add a thin colour bar with the height of the axes."""
     from matplotlib.ticker import ScalarFormatter
 
     bar = figure.colorbar(drawn, cax=axes.inset_axes((1.025, 0.0, 0.035, 1.0)), label=label, **options)
@@ -168,24 +163,24 @@ def colorbar(figure: Any, drawn: Any, axes: Any, label: str, **options: Any) -> 
 def void_legend(
     figure: Any, text: str = "no valid estimate", extra: tuple[Any, ...] = (), columns: int | None = None
 ) -> None:
-    """Say below a figure what the colour `VOID` means, with the handles of further entries before it."""
+    """Add a legend for the colour `VOID` below a figure, after the handles of further entries."""
     figure.legend(handles=[*extra, swatch(VOID, text)], loc="outside lower left", ncols=columns or 1 + len(extra))
 
 
 def swatch(colour: str, label: str) -> Any:
-    """Return a legend's handle for an area of one colour."""
+    """Return a legend handle of a uniformly coloured area."""
     from matplotlib.patches import Patch
 
     return Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=label)
 
 
 def symmetric_limit(*maps: Map, percent: float = 2.0) -> float:
-    """Return the limit of a scale about zero that leaves out the given percentage of the finite values."""
+    """Return the limit of a symmetric scale that excludes the given percentage of the finite values."""
     return robust_limits(*(np.abs(values) for values in maps), percent=percent)[1]
 
 
 def robust_limits(*maps: Map, percent: float = 1.0) -> tuple[float, float]:
-    """Return limits that leave out the given percentage of the finite values at either end."""
+    """Return limits that exclude the given percentage of the finite values at either end."""
     values = np.concatenate([values[np.isfinite(values)] for values in maps])
     if values.size == 0:
         return 0.0, 1.0

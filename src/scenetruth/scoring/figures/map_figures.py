@@ -1,7 +1,4 @@
-"""Figures of maps: image, depth, disparity, optical flow, velocity, growth rate and coherence.
-
-Estimate, truth and error side by side, or the estimate alone.
-"""
+"""Figures of maps: estimate, truth and error side by side, or the estimate alone."""
 
 from __future__ import annotations
 
@@ -64,9 +61,9 @@ __all__ = [
 
 
 def draw_comparison(views: FigureArrays, names: tuple[str, ...], file: Path, *, signed: bool = False) -> str:
-    """Draw some quantities, each in a row of its own with its truth and its error, if there is a truth."""
+    """Draw quantities, one per row: the estimate and, if there is a truth, the truth and the error."""
     columns = 3 if views.truth else 1
-    # Without truth, rows of one panel would waste the width.
+    # Without truth, single-panel rows would waste the width.
     rows = len(names) if views.truth else 1
     columns = columns if views.truth else len(names)
     height = map_height(views.image, 2.75 if columns == 3 else 4.4, 0.65)
@@ -81,9 +78,9 @@ def draw_comparison(views: FigureArrays, names: tuple[str, ...], file: Path, *, 
     save(figure, file)
     scale = "The scale is symmetric about zero. " if signed else ""
     if not views.truth:
-        return f"{scale}Each scale holds {98 if signed else 99} % of the estimates."
+        return f"{scale}Each scale spans {98 if signed else 99} % of the estimates."
     return (
-        f"Estimate and truth share one scale. {scale}The scale of the error is symmetric about zero and holds 98 % of "
+        f"Estimate and truth share one scale. {scale}The scale of the error is symmetric about zero and spans 98 % of "
         "the errors; red is too large, blue too small."
     )
 
@@ -111,7 +108,7 @@ def _draw_quantity(figure: Any, row: Any, views: FigureArrays, name: str, *, sig
 
 
 def draw_image(views: FigureArrays, folder: Path) -> FigureInfo:
-    """Draw the reference camera's image."""
+    """Draw the image of the reference camera."""
     title = f"Image of the reference camera, t = {views.image_frame}"
     figure = new_figure(6.4, map_height(views.image, 5.15, 0.75))
     axes = figure.add_subplot(title=title)
@@ -122,31 +119,31 @@ def draw_image(views: FigureArrays, folder: Path) -> FigureInfo:
     return FigureInfo(
         "image.png",
         title,
-        f"The original image at s = 0 and t = {views.image_frame}. Black and white are its smallest and largest value.",
+        f"The image at s = 0 and t = {views.image_frame}. Black and white are its minimum and maximum.",
     )
 
 
 def draw_depth(views: FigureArrays, folder: Path) -> FigureInfo:
-    """Draw the estimated depth, and if there is a truth that and the difference of the two."""
+    """Draw the estimated depth and, if there is a truth, the true depth and the error."""
     caption = draw_comparison(views, ("depth",), folder / "depth.png")
     return FigureInfo("depth.png", _title(views, "Depth"), f"{caption} A larger depth is farther from the camera.")
 
 
 def draw_disparity(views: FigureArrays, folder: Path) -> FigureInfo:
-    """Draw the estimated disparity, and if there is a truth that and the difference of the two."""
+    """Draw the estimated disparity and, if there is a truth, the true disparity and the error."""
     caption = draw_comparison(views, ("disparity",), folder / "disparity.png")
     return FigureInfo(
-        "disparity.png", _title(views, "Disparity"), f"{caption} A larger disparity is nearer to the camera."
+        "disparity.png", _title(views, "Disparity"), f"{caption} A larger disparity is closer to the camera."
     )
 
 
 def draw_flow(views: FigureArrays, folder: Path) -> FigureInfo:
-    """Draw both components of the estimated optical flow, and if there is a truth that and the differences."""
+    """Draw both components of the estimated optical flow and, if there is a truth, the true flow and the errors."""
     caption = draw_comparison(views, ("flow_x", "flow_y"), folder / "flow.png", signed=True)
     return FigureInfo(
         "flow.png",
         _title(views, "Optical flow"),
-        f"{caption} Red is a motion to the right (x) or downwards (y), blue to the left or upwards.",
+        f"{caption} Red is motion to the right (x) or downwards (y), blue to the left or upwards.",
     )
 
 
@@ -155,14 +152,14 @@ def _title(views: FigureArrays, name: str) -> str:
 
 
 def pick_row(views: FigureArrays) -> int:
-    """Return the row nearest the image's centre among those with almost the most estimates."""
+    """Return the row closest to the image centre among those with nearly the maximum number of valid pixels."""
     counts = np.isfinite(views.estimate["velocity_z"]).sum(axis=1)
     rows = np.flatnonzero(counts >= 0.95 * counts.max())
     return int(rows[np.argmin(np.abs(rows - (len(counts) - 1) / 2))])
 
 
 def draw_velocity_z(views: FigureArrays, folder: Path) -> FigureInfo:
-    """Draw the estimated velocity in Z twice: as grey values, with one row marked, and in colours of its sign."""
+    """Draw the estimated velocity in Z twice: in grey with the selected row marked, and in diverging colours."""
     from matplotlib.lines import Line2D
 
     row = views.grid.y[pick_row(views)]
@@ -177,22 +174,22 @@ def draw_velocity_z(views: FigureArrays, folder: Path) -> FigureInfo:
     left.axhline(row, color=ORANGE, linewidth=1.2)
     colorbar(figure, drawn, left, "$U_Z$ [mm/frame]", extend="both")
     drawn = show_map(right, values, cmap="RdBu_r", vmin=-bound, vmax=bound, extent=views.grid.extent)
-    right.set_title("Velocity in Z, sign and size")
+    right.set_title("Velocity in Z, sign and magnitude")
     colorbar(figure, drawn, right, "$U_Z$ [mm/frame]", extend="both")
     pixel_axes(left)
     pixel_axes(right, label_y=False)
     void_legend(figure, extra=(Line2D([], [], color=ORANGE, linewidth=1.2, label=f"row {row:g}"),))
     save(figure, folder / "velocity_z.png")
     caption = (
-        "Left: the grey scale spans the central 98 % of the estimates, so that small differences can be seen; "
-        f"row {row:g} is the one whose profile is shown next. Right: the scale is symmetric about zero; blue "
-        "(negative) approaches the camera, red moves away, and white stands still in Z."
+        "Left: the grey scale spans the central 98 % of the estimates, so that small differences are visible; "
+        f"the next figure shows the profile of row {row:g}. Right: the scale is symmetric about zero; blue "
+        "(negative) approaches the camera, red recedes, and white has no velocity in Z."
     )
     return FigureInfo("velocity_z.png", title, caption)
 
 
 def draw_velocity_z_row(views: FigureArrays, folder: Path) -> FigureInfo:
-    """Draw the velocity in Z along the marked row: the estimate, and the truth if there is one."""
+    """Draw the velocity in Z along the selected row: the estimate and, if there is one, the truth."""
     from matplotlib import rc_context
 
     row = pick_row(views)
@@ -205,7 +202,7 @@ def draw_velocity_z_row(views: FigureArrays, folder: Path) -> FigureInfo:
     outside = int(np.sum((estimate < low) | (estimate > high)))
 
     figure = new_figure(8.4, 3.4)
-    # A power of ten, as of very low velocities, stands above the axes; the title must find a place above it.
+    # The power of ten of very low velocities stands above the axes; the title must leave space for it.
     with rc_context({"axes.titley": None}):
         axes = figure.add_subplot(title=title)
     mixed = views.mixed[row]
@@ -225,14 +222,14 @@ def draw_velocity_z_row(views: FigureArrays, folder: Path) -> FigureInfo:
     axes.grid(axis="y")
     figure.legend(loc="outside lower left", ncols=4)
     save(figure, folder / "velocity_z_row.png")
-    caption = "The estimate along the marked row; gaps have no valid estimate."
+    caption = "The estimate along the selected row; gaps have no valid estimate."
     if "truth" in lines:
         caption = (
-            "Estimate and truth along the marked row. Grey bands mark mixed pixels, whose footprint crosses a "
-            "silhouette or a sharp edge; gaps have no valid estimate."
+            "Estimate and truth along the selected row. Grey bands mark mixed pixels, whose footprint crosses a "
+            "silhouette or a crease; gaps have no valid estimate."
         )
     if outside:
-        caption += f" {outside} estimate{'s lie' if outside > 1 else ' lies'} outside the range shown."
+        caption += f" {outside} estimate{'s lie' if outside > 1 else ' lies'} outside the plotted range."
     return FigureInfo("velocity_z_row.png", title, caption)
 
 
@@ -243,7 +240,7 @@ _STD = "standard deviation"
 
 @dataclass(frozen=True)
 class _GrowthFigure:
-    """What the figure shows of one frame, in % per hour."""
+    """The content of the figure for one frame, in %/h."""
 
     found: Map
     exact: Map
@@ -258,10 +255,10 @@ class _GrowthFigure:
 def draw_growth(
     views: FigureArrays, estimate: xr.Dataset, truth: xr.Dataset, score: Score, folder: Path
 ) -> FigureInfo | None:
-    """Draw the growth rate of one frame; None where the truth does not know it, or no window holds enough.
+    """Draw the growth rate of one frame, or return None where it is undefined.
 
-    An estimate's own growth rate is compared with the truth of every pixel, with its standard deviation if that is
-    stated; that which follows from depth and velocity, with the truth in the same window.
+    A growth rate of the estimate is compared with the truth of every pixel, a growth rate computed from depth and
+    velocity with the truth in the same window.
     """
     estimate, truth = align(estimate.sel(t=[views.frame]), truth)
     extent = views.grid.extent
@@ -284,7 +281,7 @@ def draw_growth(
         limits = (0.0, robust_limits(values)[1]) if name == _STD else (low, high)
         drawn = show_map(axes, values, cmap="cividis", vmin=limits[0], vmax=limits[1], extent=extent)
         axes.set_title(f"Growth rate, {name}")
-        colorbar(figure, drawn, axes, "growth of area [%/h]", extend="both")
+        colorbar(figure, drawn, axes, "growth rate [%/h]", extend="both")
     last = panels[1, 1]
     drawn = show_map(last, shown.error, cmap="RdBu_r", vmin=-bound, vmax=bound, extent=extent)
     last.set_title(f"Error, {shown.error_title}")
@@ -295,15 +292,15 @@ def draw_growth(
     void_legend(figure, shown.void)
     save(figure, folder / "growth_rate.png")
     caption = (
-        f"Relative growth of the surface's area. {shown.caption} Estimate and truth share one scale: up to twice the "
-        "largest true rate, or if nothing grows 98 % of the estimates. That of the error is symmetric about zero and "
-        "holds 98 % of the errors."
+        f"Relative growth rate of the surface area. {shown.caption} Estimate and truth share one scale: up to twice "
+        "the largest true rate, or 98 % of the estimates if nothing grows. The scale of the error is symmetric about "
+        "zero and spans 98 % of the errors."
     )
     return FigureInfo("growth_rate.png", f"Growth rate: estimate, truth and error, t = {views.frame}", caption)
 
 
 def _estimated(views: FigureArrays) -> _GrowthFigure | None:
-    """Return the growth rate that the estimate itself holds, and that of every pixel's own element."""
+    """Return the growth rate that the estimate contains, and the truth of every pixel."""
     if "growth_rate" not in views.truth:
         return None
     found, exact = views.estimate["growth_rate"], views.truth["growth_rate"]
@@ -315,12 +312,12 @@ def _estimated(views: FigureArrays) -> _GrowthFigure | None:
         found - exact,
         "estimate − truth",
         "no surface, or no valid estimate",
-        "It is what the estimate itself tells of every pixel.",
+        "The growth rate is estimated by the method at every pixel.",
     )
 
 
 def _windowed(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> _GrowthFigure | None:
-    """Return the growth rate that follows from depth and velocity, and from the true ones."""
+    """Return the growth rate computed from estimated and from true depth and velocity."""
     maps = compute_growth_maps(estimate, truth, settings)
     if maps is None:
         return None
@@ -333,15 +330,15 @@ def _windowed(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) 
         "truth in the same window",
         found - windowed,
         "estimate − truth in the same window",
-        "no surface, or too little known in the window",
-        f"It follows from depths and velocities in a Gaussian window of {settings.growth_window_px:g} px standard "
-        "deviation. The truth is shown for every pixel's own element, and as it comes out of the same windows on its "
-        "own surfaces.",
+        "no surface, or too few valid pixels in the window",
+        f"It is computed from depth and velocity in a Gaussian window of {settings.growth_window_px:g} px standard "
+        "deviation. The truth is shown for every pixel's surface element, and as computed from the true depth and "
+        "velocity in the same windows.",
     )
 
 
 def draw_estimated_growth(views: FigureArrays, estimate: xr.Dataset, folder: Path) -> FigureInfo | None:
-    """Draw the growth rate that follows from one frame of an estimate; None where no window holds enough."""
+    """Draw the growth rate of one frame of an estimate without truth; None where no window has enough valid pixels."""
     settings = ScoreSettings()
     own = "growth_rate" in views.estimate
     if own:
@@ -355,21 +352,21 @@ def draw_estimated_growth(views: FigureArrays, estimate: xr.Dataset, folder: Pat
     figure = new_figure(6.4, map_height(found, 5.1, 1.0))
     axes = figure.add_subplot(title="Growth rate, estimate")
     drawn = show_map(axes, found, cmap="RdBu_r", vmin=-bound, vmax=bound, extent=views.grid.extent)
-    colorbar(figure, drawn, axes, "growth of area [%/h]", extend="both")
+    colorbar(figure, drawn, axes, "growth rate [%/h]", extend="both")
     pixel_axes(axes)
-    void_legend(figure, "no valid estimate" if own else "too little known in the window")
+    void_legend(figure, "no valid estimate" if own else "too few valid pixels in the window")
     save(figure, folder / "growth_rate.png")
-    window = f"from depths and velocities in a Gaussian window of {settings.growth_window_px:g} px standard deviation"
-    origin = "as the estimate itself tells it" if own else window
+    window = f"from depth and velocity in a Gaussian window of {settings.growth_window_px:g} px standard deviation"
+    origin = "as estimated by the method at every pixel" if own else window
     caption = (
-        f"Relative growth of the surface's area, {origin}. The scale is symmetric about zero and holds 98 % of the "
+        f"Relative growth rate of the surface area, {origin}. The scale is symmetric about zero and spans 98 % of the "
         "estimates; red grows, blue shrinks. Noise appears as growth of either sign."
     )
     return FigureInfo("growth_rate.png", f"Growth rate: estimate, t = {views.frame}", caption)
 
 
 def growth_limits(found: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float, float]:
-    """Return limits that let the truth be seen, however noisy the estimate is."""
+    """Return limits that show the truth, independent of the noise of the estimate."""
     low, high = robust_limits(found, exact)
     grows = float(np.nanmax(np.abs(exact), initial=0.0))
     if grows > 1e-9 * max(abs(low), abs(high)):
@@ -403,12 +400,12 @@ _REASON_COLOURS = {
 
 
 def draw_coherence(views: FigureArrays, folder: Path) -> FigureInfo | None:
-    """Draw coherence, status and reason for invalidity, or return None for an estimate that has none of them."""
-    # The status is the lower of the other two.
+    """Draw coherence, status and reason for invalidity; None for an estimate without any of them."""
+    # The status is the lower of the two specific statuses.
     statuses = {name: status for name, status in views.statuses.items() if name != "status" or len(views.statuses) < 3}
     extent = views.grid.extent
     panels, legend, names = [], [], []
-    caption = "What the estimator says about itself, without any look at the truth."
+    caption = "Quality measures of the method, computed without the truth."
     if views.coherence is not None:
         panels.append(_coherence_panel(views.coherence, extent))
         names.append("coherence")
@@ -458,7 +455,7 @@ def draw_coherence(views: FigureArrays, folder: Path) -> FigureInfo | None:
 
 
 def _fractions(statuses: dict[str, NDArray[np.int64]]) -> str:
-    """Spell the fraction of the image that has each status."""
+    """Format the fraction of the image with each status."""
     return "; ".join(
         (f"{_TITLES[name].lower()}, " if len(statuses) > 1 else "")
         + ", ".join(f"{label} {100 * np.mean(status == code):.1f} %" for code, (_, label) in _CODES.items())

@@ -1,4 +1,4 @@
-"""Figures of the reconstructed surface in an oblique parallel view, with texture or with velocities as arrows."""
+"""Figures of the reconstructed surface in an oblique parallel view, with the image or with velocity arrows."""
 
 from __future__ import annotations
 
@@ -22,26 +22,22 @@ Map = NDArray[np.float64]
 
 _STEEPEST = math.tan(math.radians(80.0))
 _LIGHT = np.array([-0.35, -0.55, -0.76])
-"""Direction from the surface to the light: left, above, and from the camera."""
+"""Direction from the surface to the light: left, above, and towards the camera."""
 
 
 _PLOT_ORDER = [0, 2, 1]
-"""The plot's axes are X, Z and Y, so that Y is upright and Z leads away."""
+"""The plot axes are X, Z and Y, so that Y is vertical and Z points away from the viewer."""
 
 
 @dataclass(frozen=True)
 class SurfaceView:
-    """From where a surface is seen.
-
-    ``elevation_deg``: Angle above the X-Z plane.
-    ``azimuth_deg``: Angle around the Y axis; at -90 the viewer stands where the camera stands.
-    """
+    """The viewing direction: angle above the X-Z plane, and around the Y axis, where -90 is the camera position."""
 
     elevation_deg: float
     azimuth_deg: float
 
     def axes(self) -> tuple[Points, Points, Points]:
-        """Return the picture's unit vectors in X, Y and Z: to its right, upwards, and towards the viewer."""
+        """Return the unit vectors of the drawing in X, Y and Z: right, up, and towards the viewer."""
         elevation, azimuth = math.radians(self.elevation_deg), math.radians(self.azimuth_deg)
         flat = math.cos(elevation)
         viewer = np.array([flat * math.cos(azimuth), -math.sin(elevation), flat * math.sin(azimuth)])
@@ -51,12 +47,11 @@ class SurfaceView:
 
 @dataclass(frozen=True)
 class QuadSurface:
-    """A surface without a skin across depth jumps.
+    """A surface of quadrilaterals that is open at depth discontinuities.
 
-    ``corners``: Of every quadrilateral, in order around it, shape (n, 4, 3), mm.
-    ``rows``, ``columns``: The pixel at the centre of each, shape (n,).
-    ``step_px``: The pixels between neighbouring corners.
-    ``limits``: Low and high in X, Y and Z, mm, shape (3, 2).
+    ``corners``: Corners of every quadrilateral, in order around it, shape (n, 4, 3), mm.
+    ``rows``, ``columns``: The pixel at the centre of each, shape (n,); corners are ``step_px`` apart.
+    ``limits``: Minimum and maximum in X, Y and Z, mm, shape (3, 2).
     """
 
     corners: Points
@@ -67,12 +62,9 @@ class QuadSurface:
 
 
 def build_surface(points: Points, focal_length_px: float, max_quads: int = 40_000) -> QuadSurface:
-    """Span quadrilaterals between neighbouring points of a depth map.
+    """Build quadrilaterals between neighbouring points (y, x, 3), mm, of a depth map.
 
-    A quadrilateral is left out where a corner is missing, where the depth across it changes as on a surface that is
-    more than 80 degrees oblique, and where it lies far outside the depths of nearly all others.
-
-    ``points``: X, Y and Z of every pixel in mm, shape (y, x, 3); NaN where there is none.
+    A quadrilateral is omitted if a corner is missing, if its slope exceeds 80 degrees, or if it is an outlier in depth.
     """
     step = max(1, math.ceil(math.sqrt(points.shape[0] * points.shape[1] / max_quads)))
     grid = points[::step, ::step]
@@ -94,7 +86,7 @@ def build_surface(points: Points, focal_length_px: float, max_quads: int = 40_00
 
 
 def shade(surface: QuadSurface) -> Map:
-    """Return how brightly a distant light shines on each quadrilateral, 0 to 1, shape (n,)."""
+    """Return the illumination of each quadrilateral by a distant light, 0 to 1, shape (n,)."""
     corners = surface.corners
     normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     length = np.linalg.norm(normals, axis=1)
@@ -103,7 +95,7 @@ def shade(surface: QuadSurface) -> Map:
 
 
 def texture(image: Map, surface: QuadSurface) -> Map:
-    """Return the image's grey value at each quadrilateral, 0 to 1, shape (n,)."""
+    """Return the grey value of the image at each quadrilateral, 0 to 1, shape (n,)."""
     averaged = ndimage.uniform_filter(image, surface.step_px)
     low, high = robust_limits(averaged[surface.rows, surface.columns], percent=1.0)
     grey = (averaged[surface.rows, surface.columns] - low) / (high - low)
@@ -113,10 +105,7 @@ def texture(image: Map, surface: QuadSurface) -> Map:
 def surface_axes(
     figure: Any, box: tuple[float, float, float, float], limits: NDArray[np.float64], view: SurfaceView
 ) -> Any:
-    """Add axes in parallel projection, true to scale, in mm, around the limits in X, Y and Z, shape (3, 2).
-
-    The box is the place (left, bottom, width, height) in the figure, as fractions of it.
-    """
+    """Add true-to-scale axes in parallel projection, mm, with limits (3, 2), in a box (left, bottom, width, height)."""
     from matplotlib.ticker import MaxNLocator
 
     axes = figure.add_axes(box, projection="3d", computed_zorder=False)
@@ -128,7 +117,7 @@ def surface_axes(
         ends = (low - pad, high + pad)
         spans.append(ends[1] - ends[0])
         getattr(axes, f"set_{name}lim")(*(ends if name != "z" else ends[::-1]))
-    # Where the surface is higher than wide, the labels at the bottom need room.
+    # If the surface is higher than wide, the labels at the bottom need space.
     axes.set_box_aspect((spans[0], spans[2], spans[1]), zoom=0.95 if spans[1] < max(spans[0], spans[2]) else 0.85)
     axes.tick_params(pad=1)
     axes.set_xlabel("$X$ [mm]")
@@ -143,7 +132,7 @@ def surface_axes(
 
 def add_surface(axes: Any, surface: QuadSurface, colours: NDArray[np.float64]) -> None:
     """Draw the quadrilaterals in RGB colours, shape (n, 3)."""
-    # Without thin edges of the same colour, the background shines through between neighbours.
+    # Without thin edges of the same colour, the background is visible between neighbours.
     add_polygons(axes, surface.corners, facecolors=colours, edgecolors=colours, linewidths=0.2, antialiaseds=False)
 
 
@@ -152,20 +141,20 @@ def add_polygons(axes: Any, corners: Points, **options: Any) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     if len(corners):
-        # In files of vectors they are pixels all the same: a hundred thousand facets would take minutes to show.
+        # Rasterised in vector files: 100,000 facets would take minutes to display.
         axes.add_collection3d(Poly3DCollection(corners[..., _PLOT_ORDER], rasterized=True, **options))
 
 
-_PANELS = (("with the image on it", SurfaceView(28.0, -70.0)), ("shaded", SurfaceView(52.0, -80.0)))
+_PANELS = (("textured with the image", SurfaceView(28.0, -70.0)), ("shaded", SurfaceView(52.0, -80.0)))
 
 
 def draw_surface(views: FigureArrays, folder: Path) -> FigureInfo:
-    """Draw the estimated surface twice: with the image on it, and shaded from higher above."""
+    """Draw the estimated surface twice: textured with the image, and shaded from a higher viewpoint."""
     title = f"Reconstructed surface, t = {views.frame}"
     points = views.surface_points()
     figure = new_figure(10.0, 4.6, layout=None)
     for at, (name, view) in enumerate(_PANELS, start=1):
-        # The texture needs a finer mesh than the shape.
+        # The texture requires a finer mesh than the shape.
         surface = build_surface(points, views.map_focal_length_px, max_quads=80_000 if at == 1 else 40_000)
         axes = surface_axes(figure, (0.5 * at - 0.5, 0.02, 0.46, 0.9), surface.limits, view)
         grey = texture(views.image, surface) if at == 1 else shade(surface)
@@ -175,19 +164,19 @@ def draw_surface(views: FigureArrays, folder: Path) -> FigureInfo:
     above = " and ".join(f"{view.elevation_deg:.0f}°" for _, view in _PANELS)
     caption = (
         f"The estimated depth as a surface in parallel projection, true to scale, from {above} above the optical axis; "
-        "the camera stands in front, Y points down. Nothing is smoothed. There is no surface where there is no full "
-        "estimate, nor across jumps of the depth."
+        "the camera is in front, Y points down. Nothing is smoothed. The surface is open where there is no valid "
+        "estimate and at depth discontinuities."
     )
     return FigureInfo("surface.png", title, caption)
 
 
 _VIEW = SurfaceView(30.0, -70.0)
 _ACROSS = 20
-"""Arrows along the longer side of the image."""
+"""Number of arrows along the longer side of the image."""
 _FACTOR = 5.0
-"""Length of an arrow in mm for 1 mm per frame, as in the paper."""
+"""Length of an arrow in mm for 1 mm/frame, as in the paper."""
 _LONGEST = 0.4
-"""Longest arrow as a part of the extent: single wrong velocities would make everything else small."""
+"""Longest arrow as a fraction of the extent: single outliers would otherwise set the scale."""
 
 
 def draw_velocity_arrows(views: FigureArrays, folder: Path) -> FigureInfo:
@@ -219,23 +208,19 @@ def draw_velocity_arrows(views: FigureArrays, folder: Path) -> FigureInfo:
     figure.text(0.03, 0.95, title, fontsize="large")
     save(figure, folder / "velocity_arrows.png")
     caption = (
-        f"Arrows stand on the reconstructed surface; 1 mm/frame is drawn {factor:g}\N{NO-BREAK SPACE}mm long. "
-        "Only single pixels are shown, nothing is averaged, and arrows behind the surface are left out. "
-        + ("Orange arrows are longer than drawn. " if cut.any() else "")
-        + "Where a rigid object translates, arrows should be parallel and equally long."
+        f"Arrows on the reconstructed surface; 1 mm/frame is drawn {factor:g}\N{NO-BREAK SPACE}mm long. "
+        "Arrows show single pixels without averaging; arrows behind the surface are omitted. "
+        + ("Orange arrows are truncated. " if cut.any() else "")
+        + "For a rigid translation, arrows should be parallel and of equal length."
     )
     return FigureInfo("velocity_arrows.png", title, caption)
 
 
 def arrow_factor(vectors: Points, extent: float) -> float:
-    """Return the arrows' length for 1 mm per frame: the paper's 5, or a round number if those would not be legible.
-
-    ``vectors``: Velocities, mm per frame, shape (n, 3).
-    ``extent``: The largest side of the box around the surface, mm.
-    """
-    # Most of the picture may be at rest.
+    """Return the arrow length for 1 mm/frame: the paper's value of 5, or a round number if that is not legible."""
+    # The majority of the pixels may be at rest.
     length = float(np.percentile(np.linalg.norm(vectors, axis=1), 90)) if len(vectors) else 0.0
-    # Velocities that are all but zero are noise; enlarging them would show nothing else.
+    # Velocities of nearly zero are noise, which should not be magnified.
     if length < 1e-6 * extent or 0.015 * extent <= _FACTOR * length <= 0.4 * extent:
         return _FACTOR
     wanted = 0.1 * extent / length
@@ -244,7 +229,7 @@ def arrow_factor(vectors: Points, extent: float) -> float:
 
 
 def _pick(points: Points, velocities: Points, surface: QuadSurface) -> tuple[Points, Points]:
-    """Return positions and velocities at a coarse grid of those pixels that the surface shows."""
+    """Return positions and velocities on a coarse grid of the pixels of the surface."""
     height, width = points.shape[:2]
     spacing = max(1, round(max(height, width) / _ACROSS))
     grid = np.zeros((height, width), dtype=bool)
@@ -257,7 +242,7 @@ def _pick(points: Points, velocities: Points, surface: QuadSurface) -> tuple[Poi
 
 
 def _in_front(tails: Points, surface: QuadSurface, extent: float) -> NDArray[np.bool_]:
-    """Return which points are not hidden behind the surface, judged on a coarse grid of the picture."""
+    """Return which points are not hidden by the surface, evaluated on a coarse grid of the drawing."""
     axes = np.stack(_VIEW.axes())
     centres = surface.corners.mean(axis=1)
     projected = [items @ axes.T for items in (centres, tails)]
@@ -271,7 +256,7 @@ def _in_front(tails: Points, surface: QuadSurface, extent: float) -> NDArray[np.
 
 
 def _arrows(tails: Points, vectors: Points, extent: float) -> Points:
-    """Return flat arrows that face the viewer, as polygons of shape (n, 7, 3)."""
+    """Return flat arrows facing the viewer, as polygons of shape (n, 7, 3)."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     along = vectors / np.where(lengths > 0, lengths, 1.0)
     side = np.cross(along, _VIEW.axes()[2])

@@ -1,4 +1,4 @@
-"""Maps and images as short texts in the report: encoding with a bounded rounding error, and a budget of bytes."""
+"""Compact encoding of maps and images for the report, with a bounded rounding error and a size budget."""
 
 from __future__ import annotations
 
@@ -35,33 +35,27 @@ Map = NDArray[np.float64]
 Codes = NDArray[np.uint16]
 
 LEVELS = 8192
-"""Steps into which the range that is shown at first is divided; codes reach eight times as far."""
+"""Quantisation levels of the initial display range; codes cover eight times this range."""
 RELATIVE_ROUNDING = 0.5 / LEVELS
-"""The most by which a map is rounded, as a share of the range that is shown at first."""
+"""Largest rounding error of a map, as a fraction of the initial display range."""
 
 _NONE, _EXACT, _FIRST = 0, 1, 2
-"""Codes of a pixel without a value, of one whose value is told exactly, and of the lowest value."""
+"""Codes of a pixel without a value, of an exactly stored value, and of the lowest value."""
 _CODES = 65_536 - _FIRST
 _RAW, _ROWS, _PLANE = 0, 1, 2
-"""What a code is told by: itself, the difference from its left neighbour, and that from the left, upper and upper left
-neighbours' plane."""
+"""Predictors of a code: none, the left neighbour, or the plane of the left, upper and upper-left neighbours."""
 
 
 @dataclass(frozen=True)
 class PackedMap:
-    """A map of two dimensions in few bytes.
+    """A compressed two-dimensional map.
 
-    A code c of 2 and more stands for ``low + (c - 2) step``, 0 for no value, and 1 for the next of the exact values,
-    in reading order. Instead of codes stand their differences from what neighbours let expect, modulo 65536, those
-    below zero as odd numbers (zigzag); first the upper bytes of all, then the lower ones, then the exact values (8
-    bytes each, little-endian); all of it as zlib has it.
+    A code c ≥ 2 represents ``low + (c - 2) step``, 0 no value, and 1 the next exact value in reading order. The codes
+    are stored as differences from their prediction, modulo 65536, in zigzag encoding: all upper bytes, then all lower
+    bytes, then the exact values (8 bytes each, little-endian), compressed with zlib.
 
-    ``shape``: Rows and columns.
-    ``low``, ``step``: The value of code 2, and that of a step, in the units of the map.
-    ``predictor``: What neighbours let expect: nothing (0), the left one again (1), or their plane, left + upper - upper
-      left (2).
-    ``exact``: How many values are told exactly.
-    ``data``: The bytes.
+    ``predictor``: None (0), the left neighbour (1), or the plane left + upper - upper left (2).
+    ``exact``: Number of exactly stored values.
     """
 
     shape: tuple[int, int]
@@ -73,16 +67,16 @@ class PackedMap:
 
     @property
     def rounding(self) -> float:
-        """The most by which an unpacked value is wrong, but for the last digits of float64."""
+        """The largest error of an unpacked value, apart from float64 rounding."""
         return 0.5 * self.step
 
     @property
     def size(self) -> int:
-        """How many characters it takes in the page."""
+        """The number of characters in the page."""
         return 4 * -(-len(self.data) // 3)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values for JSON, its bytes in base 64."""
+        """Return plain JSON values, with the bytes in base 64."""
         return {
             "height": self.shape[0],
             "width": self.shape[1],
@@ -113,7 +107,7 @@ def pack_map(values: NDArray[Any], limits: tuple[float, float] | None = None) ->
             low, step = least, 1.0
         else:
             step = high / LEVELS - low / LEVELS
-            # Near the largest and the least numbers that there are, steps cannot be counted: all values are exact then.
+            # Near the limits of float64 steps cannot be resolved; all values are then stored exactly.
             if not (math.isfinite(step * _CODES) and step >= np.finfo(np.float64).tiny):
                 step = 0.0
             elif limits is not None:
@@ -136,7 +130,7 @@ def pack_map(values: NDArray[Any], limits: tuple[float, float] | None = None) ->
         + (told & 255).astype(np.uint8).tobytes()
         + numbers[exact].astype("<f8").tobytes()
     )
-    # What is left are sizes of small differences: looking for repeated strings among them takes time and finds few.
+    # Searching for repeated strings in the residual differences takes time and saves little.
     packer = zlib.compressobj(6, zlib.DEFLATED, zlib.MAX_WBITS, 9, zlib.Z_FILTERED)
     data = packer.compress(content) + packer.flush()
     height, width = numbers.shape
@@ -144,7 +138,7 @@ def pack_map(values: NDArray[Any], limits: tuple[float, float] | None = None) ->
 
 
 def unpack_map(packed: PackedMap) -> Map:
-    """Return what a page's viewer makes of a packed map, shape (y, x), NaN where there is none."""
+    """Return the map that the viewer reconstructs, shape (y, x), NaN where undefined."""
     content = zlib.decompress(packed.data)
     height, width = packed.shape
     size = height * width
@@ -162,7 +156,7 @@ def unpack_map(packed: PackedMap) -> Map:
 
 
 def _predicted_by(codes: Codes, predictor: int) -> Codes:
-    """Return the differences of codes from what is expected, as numbers that are small where those are."""
+    """Return the zigzag-encoded differences of codes from their prediction."""
     left = codes.copy()
     if predictor >= _ROWS:
         left[:, 1:] -= codes[:, :-1]
@@ -172,24 +166,19 @@ def _predicted_by(codes: Codes, predictor: int) -> Codes:
 
 
 def _cost(told: Codes) -> float:
-    """Return about how many bits differences take."""
+    """Return the approximate number of bits that differences require."""
     return float(np.log2(told[::2].astype(np.float32) + 1).sum())
 
 
 _THINNED = 1.2
-"""By how much more than its share of the pixels a thinned image takes: differences between neighbours grow."""
+"""Relative size of a subsampled image per pixel: differences between neighbours increase."""
 _COARSEST_IMAGE = 4
-"""Thinner than every fourth pixel, images are of no use: some are left out then."""
+"""Coarsest subsampling of images; beyond it, images are omitted."""
 
 
 @dataclass(frozen=True)
 class PackedImage:
-    """One image.
-
-    ``row``, ``camera``, ``frame``: Its s_y, s and t.
-    ``step``: Every how manieth row and column of the reference image it has.
-    ``packed``: Its grey values.
-    """
+    """One image of the viewer: its s_y, s and t, subsampling step relative to the reference image, and grey values."""
 
     row: int
     camera: int
@@ -200,13 +189,10 @@ class PackedImage:
 
 @dataclass(frozen=True)
 class ViewerImages:
-    """The images of a page.
+    """The images of a page, beginning with the reference camera at the reference frame.
 
-    ``shown``: Those that it has, the reference camera's at the reference frame first.
     ``cameras``, ``frames``: The cameras (s_y, s) and the frames t of the recording.
-    ``left_out``: How many of those wanted it has not.
-    ``units``: What the grey values are.
-    ``limits``: Low and high of the range that is shown at first.
+    ``left_out``: Number of omitted images.
     """
 
     shown: Sequence[PackedImage]
@@ -218,7 +204,7 @@ class ViewerImages:
 
 
 def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, step: int, budget: int) -> ViewerImages:
-    """Pick and pack images."""
+    """Select and pack images."""
     every = select_pixels(recording, estimate)["image"]
     frames = [int(t) for t in every["t"].values]
     at = frame if frame in frames else 0 if 0 in frames else frames[len(frames) // 2]
@@ -243,7 +229,7 @@ def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, 
     if coarser > _COARSEST_IMAGE:
         coarser = _COARSEST_IMAGE
         keep = max(1, int(room * coarser**2 / _THINNED))
-        # Evenly over all, so that both the cameras and the frames are seen.
+        # Evenly spread, so that both cameras and frames are represented.
         others = [others[n * wanted // keep] for n in range(keep)] if keep < wanted else others
     shown, used = [first], 0
     for row, camera, t in others:
@@ -257,19 +243,16 @@ def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, 
 
 
 _MAPS = 3_900_000
-"""How many characters of the page maps may take."""
+"""Number of characters of the page that maps may use."""
 _MAIN_SHARE = 0.8
-"""The share of that which the main quantities may take."""
+"""Fraction of these for the main quantities."""
 _COARSEST = 4
 _BAND_ROWS, _BANDS = 16, 4
-"""The size of maps is foretold from every fourth band of so many rows."""
+"""The size of maps is predicted from every fourth band of this many rows."""
 
 
 class MapPacker:
-    """Packs maps one after the other, as long as there is room.
-
-    ``step``: Every how manieth row and column of the images the maps have.
-    """
+    """Packs maps with a subsampling step in sequence within the size budget."""
 
     def __init__(self, step: int) -> None:
         self.packed: list[PackedMap] = []
@@ -285,16 +268,16 @@ class MapPacker:
 
     @property
     def room(self) -> bool:
-        """Whether another frame may find room."""
+        """Whether another frame may fit."""
         return self._left > 0.05 * _MAPS
 
     def store(self, packed: PackedMap) -> int:
-        """Keep a packed map, and return its number."""
+        """Store a packed map and return its index."""
         self.packed.append(packed)
         return len(self.packed) - 1
 
     def add_frame(self, t: int, found: list[ViewerLayers]) -> None:
-        """Pack the maps of a frame: the main ones, and what there is room for of the others."""
+        """Pack the main maps of a frame, and the others as the budget allows."""
         first = not self._groups
         for main in (True, False):
             some = [layers for layers in found if layers.main == main]
@@ -312,20 +295,20 @@ class MapPacker:
             self._add_lengths()
 
     def add_regions(self, t: int, truth: xr.Dataset, margin_px: float) -> None:
-        """Pack where the regions of a frame lie, whose outlines can be drawn."""
+        """Pack the region masks of a frame, whose outlines can be drawn."""
         step = self._step
         inside = main_regions(truth, margin_px)["interior"][0, ::step, ::step]
         self.interior[t] = inside
         masks = {
-            "interior": (f"interior, {margin_px:g} px from edges", inside),
-            "edges": ("edges (mixed pixels)", truth["mixed"].values[0, ::step, ::step].astype(bool)),
+            "interior": (f"interior, {margin_px:g} px from discontinuities", inside),
+            "edges": ("discontinuities (mixed pixels)", truth["mixed"].values[0, ::step, ::step].astype(bool)),
         }
         if {"occluded_across_cameras", "occluded_in_time"} <= set(truth):
             hidden = np.zeros(inside.shape, dtype=bool)
             for name in ("occluded_across_cameras", "occluded_in_time"):
                 hidden |= np.nan_to_num(truth[name].values[0, ::step, ::step]).astype(bool)
             masks["hidden"] = (
-                "hidden from some camera or frame",
+                "occluded in a camera or frame",
                 hidden & np.isfinite(truth["depth"].values[0, ::step, ::step]),
             )
         for name, (title, mask) in masks.items():
@@ -334,7 +317,7 @@ class MapPacker:
                 region["maps"][str(t)] = self.store(pack_map(mask))
 
     def groups(self) -> list[dict[str, Any]]:
-        """Return what is known of every quantity, and where its maps are."""
+        """Return the description and the map indices of every quantity."""
         return list(self._groups.values())
 
     def _add(self, t: int, layers: ViewerLayers, step: int) -> None:
@@ -358,7 +341,7 @@ class MapPacker:
         group["maps"][str(t)] = numbers
 
     def _add_lengths(self) -> None:
-        """Add the lengths of the errors of vectors, which the page works out from their components."""
+        """Add the endpoint errors of vectors, which the page computes from their components."""
         for name, title, parts in (
             (ENDPOINT, QUANTITIES[ENDPOINT].title, ("velocity_x", "velocity_y", "velocity_z")),
             ("flow_endpoint", "Optical flow endpoint", ("flow_x", "flow_y")),
@@ -378,7 +361,7 @@ class MapPacker:
 
 
 def _stored(layers: ViewerLayers) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Give the maps that are kept: where there are a truth and an error, the estimate is their sum."""
+    """Yield the stored maps: given truth and error, the estimate is their sum."""
     maps = layers.maps
     for what, values in maps.items():
         if what == "estimate" and "error" in maps:
@@ -390,7 +373,7 @@ def _stored(layers: ViewerLayers) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def _thinnings(found: Sequence[ViewerLayers], room: float) -> Iterator[tuple[ViewerLayers, int]]:
-    """Give each quantity and how much its maps are thinned so that all find room; 0 for those that find none."""
+    """Yield each quantity and the subsampling step with which all fit; 0 where it does not fit."""
     sizes = []
     for layers in found:
         limits = compute_display_ranges(layers)
@@ -403,13 +386,13 @@ def _thinnings(found: Sequence[ViewerLayers], room: float) -> Iterator[tuple[Vie
 
 
 def _share(step: int) -> float:
-    """Return which part of its room a map takes when it is thinned."""
-    # Differences between neighbours grow with their distance.
+    """Return the relative size of a subsampled map."""
+    # Differences between neighbours increase with their distance.
     return 1.0 if step == 1 else 1.2 / step**2
 
 
 def _predicted_size(values: NDArray[Any], limits: tuple[float, float] | None) -> float:
-    """Return about how many characters a map takes, from some of its rows."""
+    """Return the approximate number of characters of a map, predicted from a subset of its rows."""
     rows = values.shape[0]
     some = np.arange(rows) // _BAND_ROWS % _BANDS == 0 if rows >= 2 * _BAND_ROWS * _BANDS else np.ones(rows, dtype=bool)
     return float(pack_map(values[some], limits).size * rows / some.sum())

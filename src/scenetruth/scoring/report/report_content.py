@@ -1,7 +1,4 @@
-"""The content of a report besides figures and viewer.
-
-Headlines, tables and settings of a score, statistics of maps, and the summary in sentences.
-"""
+"""The content of a report besides figures and viewer: headlines, tables, settings and summary sentences."""
 
 from __future__ import annotations
 
@@ -54,9 +51,9 @@ _HEADLINES_OF_FLOW = (
     ("Optical flow in y", "flow_y", "rmse"),
     ("Density of optical flow", "flow_x", "density"),
 )
-"""Of an estimate without depth and velocity, flow is all that there is."""
+"""Additional headlines of an estimate that has flow only."""
 _BY_REGION = ("depth", "disparity", "normal", "velocity_z", ENDPOINT, "growth_rate", "growth_rate_windowed")
-"""Quantities whose RMSE are shown for every region."""
+"""Quantities whose RMSE is shown for every region."""
 _SHORT = {
     ENDPOINT: "U, endpoint",
     "normal": "normal",
@@ -67,7 +64,7 @@ _RATES = {"disparity_rate": "disparity", "flow_rate": "optical flow", "scene_flo
 
 
 def build_score_content(score: Score) -> dict[str, Any]:
-    """Return what the template of a score shows, apart from figures and origin."""
+    """Return the template values of a score, without figures and provenance."""
     shown = select_summary_quantities(score.regions, grows=score.grows)
     return {
         "headlines": list(_headlines(score, shown)),
@@ -84,7 +81,7 @@ def build_score_content(score: Score) -> dict[str, Any]:
 def _headlines(score: Score, shown: list[str]) -> Iterator[dict[str, str]]:
     further = () if "velocity_z" in shown or "depth" in shown else _HEADLINES_OF_FLOW
     for title, quantity, statistic in (*_HEADLINES, *further):
-        # A rate of outliers is there only where it says something.
+        # Outlier rates are present only where they are meaningful.
         if quantity in shown or (quantity == OUTLIERS and statistic in score.regions["all"].get(OUTLIERS, {})):
             yield _headline(score, title, quantity, statistic)
 
@@ -98,7 +95,7 @@ def _headline(score: Score, title: str, quantity: str, statistic: str) -> dict[s
         "value": spelled["interior"],
         "units": "%" if percent else get_units(quantity),
         "whole": spelled["all"],
-        "relative": "" if percent or relative is None else f"{format_percent(relative)} % of the true rms",
+        "relative": "" if percent or relative is None else f"{format_percent(relative)} % of the true RMS",
     }
 
 
@@ -112,7 +109,7 @@ def _rows(score: Score, region: str, shown: list[str]) -> Iterator[tuple[str, st
 
 
 def _outliers(score: Score) -> dict[str, Any]:
-    """Return headings and rows of the table of outliers; without headings where no rate says anything."""
+    """Return headings and rows of the outlier table; without headings if no rate is meaningful."""
     told = [rate for rate in RATES[:-1] if rate in score.regions["all"].get(OUTLIERS, {})]
     return {
         "headings": [_RATES[rate] for rate in told],
@@ -124,9 +121,9 @@ def _outliers(score: Score) -> dict[str, Any]:
 
 
 def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
-    """Return the headings and rows of the table that sets all regions with any pixel beside each other."""
+    """Return the headings and rows of the table that compares all non-empty regions."""
     names = [name for name in _BY_REGION if name in shown] or shown
-    # Densities and counts are those of what most of the others follow from.
+    # Densities and counts are those of the quantity on which the majority of the others depend.
     first = "depth" if "depth" in shown else shown[0]
     rate = "scene_flow_rate" if "scene_flow_rate" in score.regions["all"].get(OUTLIERS, {}) else None
     return {
@@ -147,7 +144,7 @@ def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
 
 
 def _settings(score: Score) -> dict[str, str]:
-    """Return the settings of the score as text; those by default where the score does not say."""
+    """Return the settings of the score as text, by default the default settings."""
     told = score.metadata.get("score_settings") or ScoreSettings().model_dump()
     contrast = [format_percent(bound) for bound in told["contrast_classes"]]
     return {
@@ -165,15 +162,11 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MapSummary:
-    """The values of one quantity over all frames.
+    """Summary statistics of one quantity over all frames.
 
-    ``title``, ``units``: What it is, and its units.
-    ``median``, ``low``, ``high``: The median, and the 5th and 95th percentile of the known values, in ``units``; None
-      where nothing is known.
-    ``median_std``: The median of the standard deviations that the estimate states at these pixels, in ``units``, or
-      None.
-    ``density``: The share of all pixels where the quantity is known, 0 to 1.
-    ``count``: How many pixels that is.
+    ``median``, ``low``, ``high``: Median, 5th and 95th percentile of the valid values; None without any.
+    ``median_std``: Median of the standard deviations that the estimate states there, or None.
+    ``density``, ``count``: Fraction (0 to 1) and number of pixels with a valid value.
     """
 
     title: str
@@ -187,12 +180,7 @@ class MapSummary:
 
 
 def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
-    """Return the summaries of the scalars that an estimate holds, by the keys of `QUANTITIES`.
-
-    A pixel counts where the estimate is finite and claims to know the quantity (see `find_valid_pixels`). Where the
-    estimate has no ``growth_rate`` of its own, it follows from depth and velocity (see `compute_growth_rate`), if any
-    window holds enough.
-    """
+    """Return the summaries of the valid scalar quantities of an estimate; missing growth is computed in windows."""
     check_estimate(estimate)
     single = count_blocks(estimate) == 1
     found: dict[str, _Values] = {}
@@ -209,7 +197,7 @@ def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
 
 
 class _Values:
-    """Gathers the values of one quantity, part by part."""
+    """Accumulates the values of one quantity, block by block."""
 
     def __init__(self, *, single: bool) -> None:
         self._values, self._stds = StreamingQuantiles(single=single), StreamingQuantiles(single=single)
@@ -240,21 +228,14 @@ class _Values:
 
 
 _FEW = 100
-"""Regions with fewer scored pixels say little about where errors are large."""
+"""Minimum number of scored pixels of a region for the summary."""
 
 Values = Mapping[str, float | int | None]
 
 
 @dataclass(frozen=True)
 class SummarySentence:
-    """One part of the answer.
-
-    ``title``: What it is about.
-    ``figure``, ``units``: The number that matters most, spelled, and its units.
-    ``rest``: What follows it.
-    ``place``: Where errors are largest, if that is known.
-    ``layer``: The viewer's name of the map that shows it there.
-    """
+    """One sentence of the summary: subject, main number and text; position and viewer layer of the largest errors."""
 
     title: str
     figure: str
@@ -265,23 +246,23 @@ class SummarySentence:
 
     @property
     def where(self) -> str:
-        """The place in words."""
+        """The position as text."""
         if self.place is None:
             return ""
         side = f"{self.place.side_px:.0f}"
         return (
-            f"by place worst around x = {self.place.x:g}, y = {self.place.y:g} px "
+            f"largest around x = {self.place.x:g}, y = {self.place.y:g} px "
             f"({format_number(self.place.rmse)} {self.units} within {side} × {side} px)"
         )
 
 
 def summarise_score(score: Score, viewer: Viewer) -> list[SummarySentence]:
-    """Return a sentence each about depth, motion and growth, of what the estimate holds."""
+    """Return one sentence each about depth, motion and growth, as available."""
     return [*_shape_sentence(score, viewer), *_motion_sentence(score, viewer), *_growth_sentence(score, viewer)]
 
 
 def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySentence]:
-    """Return a sentence each about depth, motion and growth of an estimate without truth."""
+    """Return one sentence each about depth, motion and growth of an estimate without truth."""
     found = []
     wanted = (("depth", "disparity"), ("velocity_z", "flow_x"), ("growth_rate",))
     for names in wanted:
@@ -292,11 +273,11 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
         bar = (
             ""
             if told.median_std is None
-            else f", with a median error bar of {format_number(told.median_std)} {told.units}"
+            else f", with a median stated standard deviation of {format_number(told.median_std)} {told.units}"
         )
         rest = (
             f"is the median{bar}; 90 % of the values lie between {format_number(told.low)} and "
-            f"{format_number(told.high)} {told.units}. It is known at {format_percent(told.density)} % of all pixels."
+            f"{format_number(told.high)} {told.units}. The density is {format_percent(told.density)} % of all pixels."
         )
         found.append(SummarySentence(told.title, format_number(told.median), told.units, rest))
     return found
@@ -327,7 +308,7 @@ def _motion_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
         signal = f"{format_percent(rms / truth)} % of the true flow" if rms is not None and truth else ""
         worst = _worst_region({region: _length(values) for region, values in _large(score, "flow_x")}, "px/frame")
         yield SummarySentence(
-            "Motion in the image",
+            "Optical flow",
             format_number(rms),
             "px/frame",
             _tail(signal, worst),
@@ -340,7 +321,7 @@ def _growth_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     if not score.grows:
         return
     for name, title in (("growth_rate", "Growth"), ("growth_rate_windowed", "Growth")):
-        # What windows smooth away is no error of the estimate; the place is told of what the viewer shows.
+        # Attenuation by windows is not an error of the estimate; the position is that of the layer in the viewer.
         shown = name if name in viewer.worst else "growth_rate_windowed"
         if name in score.regions["all"] and score.regions["interior"][name]["count"]:
             yield _sentence(score, viewer, title, name, _signal(score.regions["interior"][name], name), shown)
@@ -361,15 +342,15 @@ def _sentence(
 
 def _tail(signal: str, worst: str) -> str:
     text = "RMSE in the interior"
-    return text + (f", {signal}" if signal else "") + (f"; of all regions, it is largest {worst}" if worst else "")
+    return text + (f", {signal}" if signal else "") + (f"; among all regions, it is largest {worst}" if worst else "")
 
 
 def _signal(values: Values, name: str) -> str:
-    """Return what the error is a part of."""
+    """Return the error relative to the true value as text."""
     truth, relative = _true_rms(values), values.get("relative_rmse")
     if truth is None or relative is None:
         return ""
-    return f"{format_percent(relative)} % of the true value (rms {format_number(truth)} {get_units(name)})"
+    return f"{format_percent(relative)} % of the true value (RMS {format_number(truth)} {get_units(name)})"
 
 
 def _true_rms(values: Values) -> float | None:
@@ -384,7 +365,7 @@ def _length(values: Mapping[str, Values]) -> float | None:
 
 
 def _large(score: Score, name: str) -> Iterator[tuple[str, Mapping[str, Values]]]:
-    """Give the regions, but the two that all scores have, in which enough pixels are scored."""
+    """Yield the further regions with enough scored pixels."""
     for region, values in score.regions.items():
         if region not in REGIONS and (values[name]["count"] or 0) >= _FEW:
             yield region, values
@@ -399,17 +380,17 @@ def _worst_region(errors: Mapping[str, float | None], units: str) -> str:
 
 
 def _spell_length(region: str) -> str:
-    """Return where a region is, in words.
+    """Return the position of a region as text.
 
     >>> tuple(_spell_length(name) for name in ("boundary_0_5", "boundary_20_inf", "slope_45_70", "object_leaf 3"))
     ('within 0 to 5 px of an edge', 'from 20 px from an edge on', 'on slopes of 45 to 70°', 'on the object “leaf 3”')
     """
     fixed = {
-        "nonoccluded": "where all images see the point",
-        "occluded": "where some image does not see the point",
-        "contrast_low": "where contrast is low",
-        "contrast_mid": "where contrast is middling",
-        "contrast_high": "where contrast is high",
+        "nonoccluded": "where the point is visible in all images",
+        "occluded": "where the point is occluded in an image",
+        "contrast_low": "where the contrast is low",
+        "contrast_mid": "where the contrast is medium",
+        "contrast_high": "where the contrast is high",
     }
     if region in fixed:
         return fixed[region]

@@ -32,9 +32,9 @@ from scenetruth.scoring.scorer import score as evaluate
 __all__ = ["matches_fingerprint", "write_report", "write_report_with"]
 
 _SCREEN_SCALE = 0.6
-"""Pixels of the page for a pixel of a figure."""
+"""CSS pixels per pixel of a figure."""
 _HEAD = 2000
-"""Characters at the beginning of a page that tell what it was made of."""
+"""Number of characters at the beginning of a page that contain the fingerprint."""
 _SHOWN_ELSEWHERE = ("warnings", "render_fallback_reason", "score_settings")
 
 
@@ -50,56 +50,54 @@ def write_report(
     allow_mismatch: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Draw the figures of an estimate, and write them with its numbers and maps into one page.
+    """Write a report of an estimate: one HTML page with its statistics, figures and maps.
 
-    The page can be looked into: maps beside each other with the values under the pointer, profiles, and the surface
-    in space. It needs no network, and it prints. With a truth, the numbers are the errors, and maps and figures show
-    truth and errors. Without, as for real images, the page says so; its numbers are medians and densities, and it shows
-    the estimate alone.
+    The page is interactive: linked maps with the values at the pointer, profiles, and a 3D view of the surface. It
+    works offline and can be printed. With a truth, statistics, maps and figures show the errors. Without a truth, as
+    for real images, the page states this and reports medians and densities of the estimate.
 
     Parameters
     ----------
     estimate
         The estimate.
     truth
-        What the estimate is compared with, if there is a truth.
+        The ground truth, if available.
     recording
-        What was estimated from; figures show its images.
+        The recording of the estimate; its images are shown.
     score
-        The score; made here if not given. Of its metadata, ``warnings`` (a list of texts) and
-        ``render_fallback_reason`` are shown at the top and everything else in a table.
+        The score; default: computed here. ``warnings`` (a list of texts) and ``render_fallback_reason`` of its
+        metadata are shown at the top, the remaining metadata in a table.
     output
-        Where ``report.html`` and ``figures/*.png`` go; made if missing.
+        Output directory of ``report.html`` and ``figures/*.png``; created if missing.
     figures
-        Names of the figures to draw (`scenetruth.scoring.FIGURES`); all if not given.
+        Names of the figures to draw (`scenetruth.scoring.FIGURES`); default: all.
     figure_formats
-        Formats of the figures: ``"png"``, which the page needs, and ``"pdf"``.
+        Formats of the figures: ``"png"``, which the page requires, and ``"pdf"``.
     allow_mismatch
-        Whether data sets and score may have been made from different recordings.
+        Whether the data sets and the score may belong to different recordings.
     progress
         Called as ``progress("report", done, total)``, in figures.
 
     Returns
     -------
     pathlib.Path
-        The page. It holds its figures and needs no other file.
+        The page, which contains its figures and requires no other file.
 
     Raises
     ------
     ScoreError
-        If recording, estimate and truth do not belong together, or there is a score without a truth; lists what is
-        wrong.
+        If recording, estimate and truth do not match, or a score is given without a truth; lists every problem.
     MismatchError
-        If the parts say that they belong to different recordings.
+        If the data sets belong to different recordings.
 
     See Also
     --------
-    score : The figures alone.
-    run_scene : All stages up to this one, in a folder.
+    score : Error statistics only.
+    run_scene : All stages up to the report, in a run directory.
 
     Examples
     --------
-    Images and a depth map from elsewhere, without truth:
+    Images and a depth map from another source, without truth:
 
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
@@ -114,7 +112,7 @@ def write_report(
     report.html ['disparity.png', 'image.png']
     """
     if recording is None:
-        raise ScoreError([Problem("recording", "is missing: figures show its images")])
+        raise ScoreError([Problem("recording", "is missing; the figures show its images")])
     return write_report_with(
         estimate,
         truth,
@@ -142,7 +140,7 @@ def write_report_with(
     made_of: str = "",
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
 ) -> Path:
-    """Write a report as `write_report` does; for the pipeline, which draws in two processes."""
+    """Write a report as `write_report` does; used by the pipeline, which draws in two processes."""
     given = {"recording": recording, "estimate": estimate, **({} if truth is None else {"truth": truth})}
     wrong = [
         Problem(name, "must be an xarray.Dataset", type(part).__name__)
@@ -179,7 +177,7 @@ def write_report_with(
 
 
 def matches_fingerprint(page: Path, made_of: str) -> bool:
-    """Tell whether a page was written by `write_report` with a certain ``made_of``."""
+    """Return whether a page was written by `write_report` with the fingerprint ``made_of``."""
     try:
         with page.open(encoding="utf-8", errors="replace") as file:
             return f'content="{made_of}"' in file.read(_HEAD)
@@ -218,12 +216,12 @@ def _render(
 
 
 def _content_with_truth(score: Score, viewer: Viewer) -> dict[str, Any]:
-    """Return what the template of a score shows, apart from maps, figures and origin."""
+    """Return the template values of a score, without maps, figures and provenance."""
     return {**build_score_content(score), "sentences": summarise_score(score, viewer)}
 
 
 def _content_without_truth(estimate: xr.Dataset) -> dict[str, Any]:
-    """Return what the template of an estimate without truth shows, apart from maps, figures and origin."""
+    """Return the template values of an estimate without truth, without maps, figures and provenance."""
     found = describe_maps(estimate)
     return {"rows": list(found.values()), "sentences": summarise_estimate(found)}
 
@@ -244,7 +242,7 @@ def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | N
     )
     for key, value in read_intrinsics(estimate).to_attrs().items():
         yield humanise(key), flatten(value)
-    # A score may have been made apart from the recording; what the data sets say is then all that is known.
+    # The metadata of a score may lack the recording; the attributes of the data sets are then used.
     known = {key: recording.attrs[key] for key in ("scene_hash", "seed", "render_backend") if key in recording.attrs}
     known |= {key: estimate.attrs[key] for key in ("method",) if key in estimate.attrs}
     for key, value in {**known, **(score.metadata if score else {})}.items():
@@ -253,10 +251,7 @@ def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | N
 
 
 def _inline(file: Path) -> tuple[str, int]:
-    """Return a picture as a data URL, and how wide to show it, so that all have letters of the same size.
-
-    256 colours are enough for the screen and the printer, and take a quarter of the room.
-    """
+    """Return a figure as a data URL with 256 colours, and the width at which all figures have the same text size."""
     from PIL import Image
 
     with Image.open(file) as picture:

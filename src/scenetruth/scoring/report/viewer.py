@@ -1,4 +1,4 @@
-"""The viewer of the report: everything that it shows as plain JSON values, its colour maps and its scripts."""
+"""The viewer of the report: its content as plain JSON values, its colour maps and its scripts."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ COLOUR_MAPS: Mapping[str, str] = {
     "blue-white-red": "RdBu_r",
     "blue-dark-red": "berlin",
 }
-"""What the page calls them, and what matplotlib does; the last two are for values about zero."""
+"""Names of colour maps in the page and in matplotlib; the last two are diverging."""
 
 _INSTEAD = {"berlin": "PuOr_r"}
-"""What older releases of matplotlib have in place of new ones."""
+"""Replacements of colour maps that older releases of matplotlib lack."""
 
 
 def colour_tables() -> dict[str, str]:
@@ -54,12 +54,12 @@ def colour_tables() -> dict[str, str]:
 
 
 _PARTS = ("unpack", "layers", "panels", "profile", "surface", "page")
-"""What the viewer's script is put together from, in this order."""
+"""The parts of the viewer's script, in this order."""
 
 
 @cache
 def viewer_script() -> str:
-    """Return the viewer's script, one function in strict mode."""
+    """Return the viewer's script, wrapped in a function in strict mode."""
     folder = files("scenetruth.scoring.report") / "templates"
     text = "\n".join((folder / f"viewer_{part}.js").read_text(encoding="utf-8") for part in _PARTS)
     return f'(() => {{\n"use strict";\n{text}\n}})();\n'
@@ -67,30 +67,27 @@ def viewer_script() -> str:
 
 @cache
 def packed_plotly() -> str:
-    """Return plotly's script as zlib packs it, in base 64: less than half of it."""
+    """Return plotly's script, compressed with zlib, in base 64."""
     return base64.b64encode(zlib.compress(plotly_script().encode("utf-8"), 6)).decode("ascii")
 
 
 def json_for_script(values: Mapping[str, Any]) -> str:
-    """Return plain values as JSON that may stand within a script: nothing in it can end one."""
+    """Return plain values as JSON that is safe within a script element."""
     return json.dumps(values, ensure_ascii=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 _MOST_PIXELS = 360_000
-"""Of larger images, every second, third ... row and column is shown."""
+"""Largest number of displayed pixels; larger images are subsampled."""
 _IMAGES = 1_100_000
-"""How many characters of the page images but the reference one may take."""
+"""Number of characters of the page for images other than the reference image."""
 
 
 @dataclass(frozen=True)
 class Viewer:
-    """What the viewer shows, and what was seen on the way.
+    """The content of the viewer, and statistics computed with it.
 
-    ``plain``: What the page's script reads, as plain values for JSON.
-    ``frame``: The reference frame t.
-    ``worst``: By the keys of `QUANTITIES`, where the errors of the reference frame are largest.
+    ``worst``: By the keys of `QUANTITIES`, the largest errors of the reference frame.
     ``spread``: By the same keys, the standard deviation of the truth over the interior of the reference frame.
-    ``notes``: What the page does not show in full, in words.
     """
 
     plain: Mapping[str, Any]
@@ -101,7 +98,7 @@ class Viewer:
 
 
 def build_viewer(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None) -> Viewer:
-    """Read, thin and pack what the viewer shows."""
+    """Read, subsample and pack the content of the viewer."""
     told = {} if score is None else score.metadata.get("score_settings") or {}
     settings = ScoreSettings(**told)
     margin_px = float((score.metadata if score else {}).get("margin_px", settings.interior_margin_px))
@@ -110,7 +107,7 @@ def build_viewer(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset 
     frames = [int(t) for t in estimate["t"].values]
     frame = 0 if 0 in frames else frames[len(frames) // 2]
     gathered = MapPacker(step)
-    # Frames next to the reference frame first.
+    # Frames closest to the reference frame come first.
     for t in sorted(frames, key=lambda t: (t != frame, abs(t - frame))):
         if not gathered.room:
             gathered.frames_left_out += 1
@@ -166,23 +163,23 @@ def build_viewer(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset 
 
 
 def _notes(step: int, gathered: MapPacker, images: ViewerImages) -> Iterator[str]:
-    """Tell what the page does not show in full."""
+    """Yield notes on rounding, subsampling and omissions."""
     share = f"{100 * RELATIVE_ROUNDING:.4f} %"
-    yield f"Values are rounded by at most {share} of the range that is shown at first; whole grey values are exact."
+    yield f"Values are rounded by at most {share} of the initial display range; integer grey values are exact."
     if step > 1:
         yield f"All maps show every {_ordinal(step)} row and column of the images, without averaging."
     for coarser, titles in sorted(gathered.coarser.items()):
         names = ", ".join(dict.fromkeys(titles))
-        yield f"For the size of the page, every {_ordinal(coarser * step)} row and column is shown of: {names}."
+        yield f"To limit the size of the page, every {_ordinal(coarser * step)} row and column is shown of: {names}."
     if gathered.left_out:
-        yield f"For the size of the page, these maps are left out: {', '.join(gathered.left_out)}."
+        yield f"To limit the size of the page, these maps are omitted: {', '.join(gathered.left_out)}."
     if gathered.frames_left_out:
-        yield f"For the size of the page, the estimates of {gathered.frames_left_out} more frames are left out."
+        yield f"To limit the size of the page, the estimates of {gathered.frames_left_out} further frames are omitted."
     coarse = max((one.step for one in images.shown), default=1)
     if coarse > 1:
-        yield f"Images but the reference one show every {_ordinal(coarse * step)} row and column."
+        yield f"Images other than the reference image show every {_ordinal(coarse * step)} row and column."
     if images.left_out:
-        yield f"For the size of the page, {images.left_out} images are left out."
+        yield f"To limit the size of the page, {images.left_out} images are omitted."
 
 
 def _ordinal(number: int) -> str:

@@ -1,4 +1,4 @@
-"""The maps of one frame that the viewer can show, their display ranges, and the places with the largest errors."""
+"""The maps of one frame for the viewer, their display ranges, and the positions of the largest errors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = [
 Map = NDArray[np.float64]
 
 _MAIN = ("depth", "disparity", "velocity", "flow", "growth", "windowed growth")
-"""Groups of quantities that come before all others where there is not room for all."""
+"""Groups of quantities with priority if the space is limited."""
 _STATUSES = {
     STATUS_INVALID: "invalid",
     STATUS_NORMAL: "normal component only",
@@ -47,18 +47,16 @@ _STATUSES = {
 }
 _MAP_DIMS = ("t", "y", "x")
 _INVALID = ("face_id", "mixed", "depth", "disparity", "growth_rate", "boundary_distance")
-"""Variables of a truth that are shown otherwise, or whose numbers mean nothing."""
+"""Variables of a truth that are shown otherwise or whose values carry no information for readers."""
 
 
 @dataclass(frozen=True)
 class ViewerLayers:
     """The maps of one quantity in one frame.
 
-    ``name``, ``title``, ``symbol``, ``units``: What it is.
-    ``main``: Whether it comes before others where there is not room for all.
-    ``maps``: ``estimate``, ``truth``, ``error`` and ``std`` of a quantity, or ``value`` of what is not compared;
-      float64, or integers for codes, shape (y, x), NaN where there is none.
-    ``codes``: What the values mean, of a map of codes.
+    ``main``: Whether it has priority if the space is limited.
+    ``maps``: ``estimate``, ``truth``, ``error`` and ``std`` of a quantity, or ``value`` of other variables; float64, or
+      integers for codes, shape (y, x), NaN where undefined.
     """
 
     name: str
@@ -73,12 +71,9 @@ class ViewerLayers:
 def build_layers(
     estimate: xr.Dataset, truth: xr.Dataset | None, settings: ScoreSettings, *, grows: bool, step: int
 ) -> Iterator[ViewerLayers]:
-    """Give the maps of one frame, those that tell most first.
-
-    An estimate is NaN wherever its status is not valid, as in the score.
-    """
+    """Yield the maps of one frame, the most informative first; the estimate is NaN where invalid, as in the score."""
     names = _list_shown(estimate, truth, grows=grows)
-    # Which pixels are known is read once for each variable, and not for each of its components.
+    # Valid pixels are determined once for each variable, not for each component.
     known: dict[str, NDArray[np.bool_]] = {}
     for name in sorted(names, key=lambda name: QUANTITIES[name].group not in _MAIN):
         entry = QUANTITIES[name]
@@ -110,12 +105,12 @@ def build_layers(
 
 
 def thinned(values: NDArray[Any], step: int) -> NDArray[Any]:
-    """Return every so manieth row and column of the one frame of a map, shape (1, y, x)."""
+    """Return every ``step``-th row and column of a single-frame map, shape (1, y, x)."""
     return values[0, ::step, ::step]
 
 
 def _list_shown(estimate: xr.Dataset, truth: xr.Dataset | None, *, grows: bool) -> list[str]:
-    """Return the keys of `QUANTITIES` that the estimate or the truth can show."""
+    """Return the keys of `QUANTITIES` that estimate or truth contain."""
     of_estimate = list_quantities(estimate)
     names = []
     for name, entry in QUANTITIES.items():
@@ -130,7 +125,7 @@ def _list_shown(estimate: xr.Dataset, truth: xr.Dataset | None, *, grows: bool) 
 def _windowed(
     estimate: xr.Dataset, truth: xr.Dataset | None, settings: ScoreSettings, step: int
 ) -> Iterator[ViewerLayers]:
-    """Give the growth that follows from depth and velocity in windows."""
+    """Yield the growth rate computed from depth and velocity in windows."""
     if not {"depth", "velocity"} <= set(estimate):
         return
     factor = percent_per_hour(read_intrinsics(estimate))
@@ -151,7 +146,7 @@ def _windowed(
 
 
 def _further(estimate: xr.Dataset, truth: xr.Dataset | None, step: int) -> Iterator[ViewerLayers]:
-    """Give what is not compared: what the method says about itself, and what else the truth tells of every pixel."""
+    """Yield variables without errors: quality measures of the method, and further maps of the truth."""
     compared = {entry.variable for entry in QUANTITIES.values()}
     stated = {f"{variable}_std" for variable in compared}
     parts = (("estimate", estimate, compared | stated), ("truth", truth, {*compared, *_INVALID}))
@@ -175,7 +170,7 @@ def _further(estimate: xr.Dataset, truth: xr.Dataset | None, step: int) -> Itera
 
 
 def _codes(variable: xr.DataArray) -> dict[int, str]:
-    """Return what the values of a variable mean, where it says so itself."""
+    """Return the meanings of the values of a variable from its flag attributes."""
     if variable.dtype.kind == "b":
         return {0: "no", 1: "yes"}
     numbers, words = variable.attrs.get("flag_values"), variable.attrs.get("flag_meanings")
@@ -188,16 +183,16 @@ def _codes(variable: xr.DataArray) -> dict[int, str]:
 Limits = tuple[float, float]
 
 _EVERY = 40_000
-"""About so many values are enough to tell where nearly all are."""
+"""Approximate number of values from which display ranges are computed."""
 
 
 def choose_scale(what: str) -> str:
-    """Return which range a map is shown in: estimate and truth share one."""
+    """Return the name of the display range of a map; estimate and truth share one."""
     return what if what in ("error", "std") else "value"
 
 
 def compute_display_ranges(layers: ViewerLayers) -> dict[str, Limits]:
-    """Return the ranges of the maps of a quantity, by what `choose_scale` calls them."""
+    """Return the display ranges of the maps of a quantity, by the names of `choose_scale`."""
     maps = layers.maps
     limits = {}
     values = [maps[what].astype(np.float64) for what in ("estimate", "truth", "value") if what in maps]
@@ -208,13 +203,13 @@ def compute_display_ranges(layers: ViewerLayers) -> dict[str, Limits]:
     elif layers.name.endswith(".coherence"):
         limits["value"] = (0.0, 1.0)
     if layers.name.startswith("growth") and "truth" in maps:
-        # However noisy the estimate is, the truth shall be seen.
+        # The truth must remain visible for noisy estimates.
         low, high = limits["value"]
         grows = float(np.nanmax(np.abs(maps["truth"]), initial=0.0))
         if grows > 1e-9 * max(abs(low), abs(high)):
             limits["value"] = (max(low, -2 * grows), min(high, 2 * grows))
     if "error" in maps:
-        # Angles between directions have no sign.
+        # Angles between directions are not negative.
         signed = "truth" in maps
         limits["error"] = error_limits(maps["error"]) if signed else size_limits(maps["error"])
     if "std" in maps:
@@ -223,7 +218,7 @@ def compute_display_ranges(layers: ViewerLayers) -> dict[str, Limits]:
 
 
 def value_limits(*maps: Map) -> Limits:
-    """Return limits that hold 99 % of the finite values of all maps together; (0, 1) where there is none."""
+    """Return limits that span 99 % of the finite values of all maps together; (0, 1) without any."""
     values = np.concatenate([_sample(values) for values in maps]) if maps else np.empty(0)
     if not values.size:
         return 0.0, 1.0
@@ -235,13 +230,13 @@ def value_limits(*maps: Map) -> Limits:
 
 
 def error_limits(values: Map) -> Limits:
-    """Return limits about zero that hold 98 % of the finite values; (-1, 1) where there is none, or all are zero."""
+    """Return symmetric limits that span 98 % of the finite values; (-1, 1) without any, or if all are zero."""
     high = size_limits(values)[1]
     return -high, high
 
 
 def size_limits(values: Map) -> Limits:
-    """Return limits from zero on that hold 98 % of the sizes of the finite values; (0, 1) where there is none."""
+    """Return limits from zero that span 98 % of the finite absolute values; (0, 1) without any."""
     sizes = np.abs(_sample(values))
     high = float(np.percentile(sizes, 98)) if sizes.size else 0.0
     return 0.0, high if high > 0 else float(sizes.max(initial=0.0)) or 1.0
@@ -251,22 +246,17 @@ def _sample(values: Map) -> Map:
     step = max(1, int(np.sqrt(values.size / _EVERY)))
     some = values[::step, ::step]
     some = some[np.isfinite(some)]
-    # Where nearly nothing is known, all of it counts.
+    # If few values are finite, all of them are used.
     return some if some.size > 100 else values[np.isfinite(values)]
 
 
 _BLOCK_PX = 32
-"""The side of the squares among which the worst is looked for."""
+"""Side of the squares over which the largest errors are searched, in pixels of the map."""
 
 
 @dataclass(frozen=True)
 class ErrorHotspot:
-    """Where the errors of a quantity are largest, in squares of 32 pixels of the map.
-
-    ``x``, ``y``: The pixel of the square with the largest error, in px of the whole image.
-    ``rmse``: The RMSE there, in the quantity's units.
-    ``side_px``: The side of the square, in px of the whole image.
-    """
+    """Position, RMSE and side of the square of 32 pixels of the map with the largest errors, in full-image px."""
 
     x: float
     y: float
@@ -275,16 +265,13 @@ class ErrorHotspot:
 
 
 def find_error_hotspots(layers: Mapping[str, ViewerLayers], x: Map, y: Map) -> dict[str, ErrorHotspot]:
-    """Return where the errors of each quantity are largest.
-
-    ``x``, ``y``: The columns and rows of the maps, in px of the whole image.
-    """
+    """Return the square with the largest errors of each quantity, from columns ``x`` and rows ``y`` of the maps."""
     found = {name: _worst(errors, x, y) for name, errors in _errors(layers)}
     return {name: place for name, place in found.items() if place is not None}
 
 
 def _errors(layers: Mapping[str, ViewerLayers]) -> Iterator[tuple[str, Map]]:
-    """Give the maps of errors, and the lengths of those of vectors."""
+    """Yield the error maps, and the endpoint errors of vectors."""
     for name, one in layers.items():
         if "error" in one.maps:
             yield name, one.maps["error"]
@@ -295,7 +282,7 @@ def _errors(layers: Mapping[str, ViewerLayers]) -> Iterator[tuple[str, Map]]:
 
 
 def _worst(errors: Map, x: Map, y: Map) -> ErrorHotspot | None:
-    """Return the square with the largest RMSE, of those that are known at a quarter of their pixels or more."""
+    """Return the square with the largest RMSE among those with at least a quarter of scored pixels."""
     side = min(_BLOCK_PX, *errors.shape)
     rows, columns = errors.shape[0] // side, errors.shape[1] // side
     blocks = errors[: rows * side, : columns * side].reshape(rows, side, columns, side)

@@ -1,4 +1,4 @@
-"""Conformance of an estimator with the contract of methods, and with what holds for any images."""
+"""Conformance of an estimator with the contract of methods and with image-independent requirements."""
 
 from scenetruth.testing.conformance.check_runner import (
     CheckOutcome,

@@ -1,4 +1,4 @@
-"""The bench: a method with its settings and recordings, and the requirements of a check."""
+"""The test bench: a method with its settings and recordings, and the requirements of a check."""
 
 from __future__ import annotations
 
@@ -33,18 +33,13 @@ __all__ = ["CheckRequirement", "ConformanceBench", "ConformanceCheck", "conforma
 
 
 _FACTOR = 3.0
-"""How many times a method's own error two of its estimates may differ by. Errors that have nothing to do with each
-other make 1.4, errors that change their sign with the image 2."""
+"""Tolerance in units of the method's own error: independent errors differ by 1.4, errors that change sign by 2."""
 
 
 class ConformanceBench:
-    """A method with its settings, and the recordings on which it is tried.
+    """A method with its settings, and the recordings of its checks, with images of ``size`` (height, width) in px.
 
-    ``method``: What `scenetruth.estimate` takes.
-    ``settings``: Its settings: a mapping, or its model.
-    ``size``: Height and width of the images in px.
-    ``cameras``, ``frames``: Number of camera positions and of frames; three, or the next odd number that the method
-      needs, if None.
+    ``cameras``, ``frames``: None for three, or the next odd number that the method requires.
     """
 
     def __init__(
@@ -73,7 +68,7 @@ class ConformanceBench:
 
     @property
     def says_it_is_thread_safe(self) -> bool:
-        """Whether it, or the function that it is made of, has an attribute ``thread_safe`` that is true."""
+        """Whether it, or the function that it wraps, has an attribute ``thread_safe`` that is true."""
         return any(getattr(item, "thread_safe", False) is True for item in (self.method, self._given))
 
     @cached_property
@@ -89,11 +84,11 @@ class ConformanceBench:
         return plane if self._size is None else replace(plane, size=self._size)
 
     def recording(self) -> xr.Dataset:
-        """Return the plain recording; each is a new one that may be written to."""
+        """Return the plain recording as a new, writable data set."""
         return self.plane.recording()
 
     def estimate(self, recording: xr.Dataset, progress: Progress | None = None) -> xr.Dataset:
-        """Let the method estimate, past `scenetruth.estimate`, which would hide what it does wrong."""
+        """Run the method directly, because `scenetruth.estimate` would hide its errors."""
         check_dataset(recording, "recording")
         problems = requirements(recording, self.method, self.settings)
         if problems:
@@ -109,18 +104,18 @@ class ConformanceBench:
         return found
 
     def estimate_if_it_suits(self, recording: xr.Dataset) -> xr.Dataset:
-        """Let the method estimate a recording that it may refuse."""
+        """Run the method on a recording that it may reject."""
         try:
             return self.estimate(recording)
         except ScenetruthError as error:
-            msg = f"such a recording is refused: {' '.join(str(error).split())}"
+            msg = f"such a recording is rejected: {' '.join(str(error).split())}"
             raise NotApplicable(msg) from error
 
     @cached_property
     def _plain(self) -> xr.Dataset | Exception:
         try:
             found = self.estimate(self.recording())
-        except Exception as error:  # whatever the method raises; the check of the plain recording tells it
+        except Exception as error:  # any error of the method; the check of the plain recording reports it
             return error
         problems = output_problems(found, self.recording(), frozenset())
         problems = [problem for problem in problems if not problem.path.endswith(".units")]
@@ -130,13 +125,13 @@ class ConformanceBench:
     def plain(self) -> xr.Dataset:
         """The estimate of the plain recording."""
         if isinstance(self._plain, Exception):
-            msg = "the plain recording has no estimate yet to compare with: see 'declared_outputs' and 'output_schema'"
+            msg = "the plain recording has no estimate for comparison: see 'declared_outputs' and 'output_schema'"
             raise NotApplicable(msg)
         return self._plain
 
     @cached_property
     def maps(self) -> dict[str, xr.DataArray]:
-        """What the estimate of the plain recording knows anywhere, component by component."""
+        """The maps with valid pixels in the estimate of the plain recording, by component."""
         return {name: item for name, item in scalar_maps(self.plain).items() if bool(np.isfinite(item).any())}
 
     @cached_property
@@ -146,7 +141,7 @@ class ConformanceBench:
         return {name: compute_rms((item - truth[name]).values) for name, item in self.maps.items()}
 
     def tolerances(self, factor: float = _FACTOR) -> dict[str, float]:
-        """Return by how much estimates may differ, rms."""
+        """Return the tolerances of differences between estimates, as RMS."""
         truth = self.plane.truth()
         return {name: factor * error + FLOOR * compute_magnitude(truth, name) for name, error in self.own_error.items()}
 
@@ -161,7 +156,7 @@ class ConformanceBench:
         factor: float = _FACTOR,
         least_kept: float = MIN_RETAINED_FRACTION,
     ) -> None:
-        """Demand that maps agree with those of the plain recording, or with others that are expected; see `agree`."""
+        """Require agreement of maps with those of the plain recording, or with others; see `require_agreement`."""
         require_agreement(
             found,
             self.maps if expected is None else expected,
@@ -173,20 +168,18 @@ class ConformanceBench:
         )
 
     def known_of(self, truth: Maps) -> dict[str, xr.DataArray]:
-        """Return a truth, where the estimate of the plain recording knows anything."""
+        """Return a truth, restricted to the valid maps of the estimate of the plain recording."""
         return {name: truth[name].where(np.isfinite(item)) for name, item in self.maps.items()}
 
 
 @dataclass(frozen=True)
 class CheckRequirement:
-    """What a method must give, and its recordings must have, for a check to say anything.
+    """The outputs and recordings that a check requires of a method.
 
-    ``any_of``: Quantities of which the estimate of the plain recording must know at least one somewhere, as of
-      `comparing.scalar_maps`; none if empty.
+    ``any_of``: Quantities of which the plain estimate must have at least one, as in `map_comparison.scalar_maps`.
     ``plain``: Whether the plain recording must have an estimate.
-    ``odd_cameras``, ``odd_frames``: Whether the recording must have an odd number of cameras or frames, so that the
-      reference is in the middle.
-    ``cameras``, ``frames``: Least number of cameras and frames of the plain recording.
+    ``odd_cameras``, ``odd_frames``: Whether the number must be odd, with the reference in the middle.
+    ``cameras``, ``frames``: Minimum number of cameras and frames of the plain recording.
     """
 
     any_of: tuple[str, ...] = ()
@@ -205,7 +198,7 @@ class CheckRequirement:
         return ", ".join(parts) or "nothing"
 
     def demand(self, bench: ConformanceBench) -> None:
-        """Leave if the check says nothing of a method."""
+        """Raise `NotApplicable` if the check does not apply to a method."""
         plane = bench.plane
         for name, least, odd, count in (
             ("cameras", self.cameras, self.odd_cameras, plane.cameras),
@@ -217,23 +210,17 @@ class CheckRequirement:
         if self.plain:
             known = bench.maps
             if self.any_of and not any(name in known for name in self.any_of):
-                msg = f"the method gives no {' and no '.join(self.any_of)}"
+                msg = f"the method estimates no {' and no '.join(self.any_of)}"
                 raise NotApplicable(msg)
 
 
 CheckFunction = Callable[[ConformanceBench], None]
-"""Raises `CheckFailure` if a method does not meet the check, `NotApplicable` if it does not apply."""
+"""Raises `CheckFailure` if a method fails the check, `NotApplicable` if the check does not apply."""
 
 
 @dataclass(frozen=True)
 class ConformanceCheck:
-    """One demand on a method.
-
-    ``name``: Its name: that of its function, without ``check_``.
-    ``says``: What it demands, one sentence: the first line of the function's docstring.
-    ``needs``: When it applies.
-    ``function``: The function.
-    """
+    """One requirement for methods, named as its function without ``check_``; ``says``: its docstring's first line."""
 
     name: str
     says: str
@@ -241,13 +228,13 @@ class ConformanceCheck:
     function: CheckFunction
 
     def run(self, bench: ConformanceBench) -> None:
-        """Try a method."""
+        """Run the check on a method."""
         self.needs.demand(bench)
         self.function(bench)
 
 
 def conformance_check(**needs: Any) -> Callable[[CheckFunction], CheckFunction]:
-    """Return a decorator that makes a function ``check_NAME(bench)`` a conformance check."""
+    """Return a decorator that registers a function ``check_NAME(bench)`` as a conformance check."""
 
     def attach(function: CheckFunction) -> CheckFunction:
         says = (function.__doc__ or "").strip().splitlines()[0]

@@ -30,13 +30,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """How one check ended.
-
-    ``name``, ``says``: The check, and what it demands.
-    ``status``: ``"passed"``, ``"failed"`` or ``"skipped"``.
-    ``told``: What is wrong, or why it was skipped.
-    ``seconds``: How long it took.
-    """
+    """The outcome of one check: ``"passed"``, ``"failed"`` or ``"skipped"``, and the problem or reason for skipping."""
 
     name: str
     says: str
@@ -47,19 +41,19 @@ class CheckOutcome:
 
 @dataclass(frozen=True)
 class ConformanceReport:
-    """How all checks of a method ended.
+    """The outcomes of all checks of a method.
 
     Parameters
     ----------
     method
-        Its name.
+        Name of the method.
     outcomes
-        The checks in the order in which they ran.
+        The checks in the order of their execution.
 
     See Also
     --------
-    scenetruth.testing.check_estimator : Tries a method, and returns one.
-    scenetruth.testing.ConformanceError : Holds it if a check failed.
+    scenetruth.testing.check_estimator : Run all checks and return a report.
+    scenetruth.testing.ConformanceError : The exception that holds it if a check failed.
 
     Examples
     --------
@@ -79,12 +73,12 @@ class ConformanceReport:
 
     @property
     def failed(self) -> dict[str, str]:
-        """What is wrong, by the name of the check."""
+        """The problems by name of the check."""
         return {item.name: item.told for item in self.outcomes if item.status == "failed"}
 
     @property
     def skipped(self) -> dict[str, str]:
-        """Why a check says nothing of the method, by its name."""
+        """The reasons for skipped checks by name of the check."""
         return {item.name: item.told for item in self.outcomes if item.status == "skipped"}
 
     def __str__(self) -> str:
@@ -99,20 +93,20 @@ class ConformanceReport:
 
 
 class ConformanceError(AssertionError):
-    """A method that does not pass all checks; says which, and what to mend.
+    """A method that fails a check; lists every failure with its remedy.
 
     Parameters
     ----------
     report
-        How all checks ended.
+        The outcomes of all checks.
 
     See Also
     --------
-    scenetruth.testing.check_estimator : Raises it.
+    scenetruth.testing.check_estimator : The function that raises it.
 
     Examples
     --------
-    A method that tells depth in metres:
+    A method that returns depth in metres:
 
     >>> import numpy as np
     >>> from scenetruth.testing import check_estimator
@@ -139,9 +133,9 @@ class ConformanceError(AssertionError):
 
 @cache
 def all_checks() -> tuple[ConformanceCheck, ...]:
-    """Return all checks: of the contract, of inputs, of physics, in the order of the files.
+    """Return all checks: of the contract, of inputs, of physics, in the order of the modules.
 
-    A check is a function with the decorator `conformance_check`: the first line of its docstring is the demand.
+    A check is a function with the decorator `conformance_check`; the first line of its docstring is the requirement.
 
     >>> [check.says for check in all_checks() if check.name == "deterministic"]
     ['Two calls with the same recording give the same bytes.']
@@ -158,23 +152,23 @@ EstimatorLike = str | Estimator | Callable[..., Any]
 
 @dataclass(frozen=True, eq=False)
 class EstimatorCheck:
-    """One check of one method: call it to try; its name is that of the test.
+    """One check of one method, called without arguments; its name is that of the test.
 
     Parameters
     ----------
     check
         The check.
     bench
-        Where the method is tried, shared by all its checks.
+        The test bench of the method, shared by all its checks.
 
     See Also
     --------
     scenetruth.testing.estimator_checks : All checks of a method, as parameters of a test.
-    scenetruth.testing.check_estimator : All of them at once.
+    scenetruth.testing.check_estimator : Run all checks of a method.
 
     Examples
     --------
-    A method that takes the mean from the very images that it was given:
+    A method that subtracts the mean from its input images in place:
 
     >>> import numpy as np
     >>> from scenetruth.testing import estimator_checks
@@ -198,7 +192,7 @@ class EstimatorCheck:
 
     @property
     def __name__(self) -> str:
-        """The check's name, which runners of tests show."""
+        """The check's name, for test runners."""
         return self.check.name
 
     id = __name__
@@ -207,25 +201,25 @@ class EstimatorCheck:
         return self.check.name
 
     def __call__(self) -> None:
-        """Try the method.
+        """Run the check.
 
         Raises
         ------
         AssertionError
-            If it does not pass: what was done, what was expected, what was found, what to mend.
+            If the method fails; reports the procedure, the expected and the actual result, and the remedy.
         unittest.SkipTest
-            If the check says nothing of it.
+            If the check does not apply.
         """
         with warnings.catch_warnings():
-            # That settings suit other images better is no matter here.
+            # Warnings that other settings suit the images better are irrelevant here.
             warnings.simplefilter("ignore", EstimateWarning)
             try:
                 self.check.run(self.bench)
             except (CheckFailure, NotApplicable):
                 raise
-            except Exception as error:  # whatever the method raises
+            except Exception as error:  # any error of the method
                 told = " ".join(f"{type(error).__name__}: {error}".split())
-                remedy = "let it estimate, or raise an EstimateError that says what the recording lacks"
+                remedy = "return an estimate, or raise an EstimateError that states the missing requirement"
                 raise CheckFailure(self.check.says, "an estimate", f"it raised {told}", remedy) from error
 
 
@@ -242,22 +236,22 @@ def estimator_checks(
     Parameters
     ----------
     method
-        What `scenetruth.estimate` takes: a name, ``"module:function"``, a function, a method.
+        A method as for `scenetruth.estimate`: a name, ``"module:function"``, a function, a method.
     settings
-        Settings of the method, as of `scenetruth.estimate`.
+        Settings of the method, as in `scenetruth.estimate`.
     size
-        Height and width in px of the images on which it is tried, if it needs larger ones.
+        Height and width of the test images in px, if the method requires larger images.
     cameras, frames
-        Number of camera positions and frames; three if not given, or the next odd number that it needs.
+        Number of camera positions and frames; default: three, or the next odd number that the method requires.
 
     Returns
     -------
     list of EstimatorCheck
-        Each is called without arguments, and named as its test is to be.
+        Each is called without arguments, and carries the name of its test.
 
     See Also
     --------
-    check_estimator : All of them at once.
+    check_estimator : Run all checks of a method.
 
     Examples
     --------
@@ -283,33 +277,32 @@ def check_estimator(
     cameras: int | None = None,
     frames: int | None = None,
 ) -> ConformanceReport:
-    """Check that a method keeps to the contract, and to what must hold for any images.
+    """Check that a method conforms to the contract and to image-independent requirements.
 
     Parameters
     ----------
     method
-        What `scenetruth.estimate` takes: a name, ``"module:function"``, a function, a method.
+        A method as for `scenetruth.estimate`: a name, ``"module:function"``, a function, a method.
     settings
-        Settings of the method, as of `scenetruth.estimate`.
+        Settings of the method, as in `scenetruth.estimate`.
     only, skip
-        Names of the checks to run, and of those not to run.
+        Names of the checks to run, and of those to omit.
     size
-        Height and width in px of the images on which it is tried, if it needs larger ones.
+        Height and width of the test images in px, if the method requires larger images.
     cameras, frames
-        Number of camera positions and frames; three if not given, or the next odd number that it needs.
+        Number of camera positions and frames; default: three, or the next odd number that the method requires.
 
     Returns
     -------
     ConformanceReport
-        Which checks it passed, and which do not apply, with the reasons.
+        The passed checks, and those that do not apply with the reasons.
 
     Raises
     ------
     ConformanceError
-        An AssertionError with every check that failed: what was done, what was expected, how far off it is, and what
-        to mend.
+        An AssertionError with every failed check: procedure, expected and actual result with the deviation, remedy.
     EstimateError
-        If there is no such method, its settings are wrong, or there is no check of a name.
+        If the method is unknown, its settings are invalid, or a name of a check is unknown.
 
     See Also
     --------
@@ -362,5 +355,5 @@ def _names(path: str, given: str | Iterable[str]) -> list[str]:
 
 def _unknown(name: str, checks: Mapping[str, EstimatorCheck]) -> str:
     near = difflib.get_close_matches(name, checks, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(sorted(checks))}"
+    hint = f"did you mean '{near[0]}'?" if near else f"available: {', '.join(sorted(checks))}"
     return f"no such check; {hint}"

@@ -1,4 +1,4 @@
-"""Checks of the contract: what a method must do whatever its images show."""
+"""Checks of the contract: requirements independent of the content of the images."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def check_deterministic(bench: ConformanceBench) -> None:
             "the plain recording was estimated twice",
             "the same bytes",
             f"they differ in {', '.join(differing)}",
-            "seed random numbers with a setting (numpy.random.default_rng(settings.seed)), keep nothing between calls, "
-            "and sum in the same order whichever thread is first",
+            "seed random numbers with a setting (numpy.random.default_rng(settings.seed)), keep no state between "
+            "calls, and sum in an order that is independent of threads",
         )
 
 
@@ -59,27 +59,27 @@ def check_output_schema(bench: ConformanceBench) -> None:
     found = bench.estimate_if_it_suits(part)
     wrong = [str(problem) for problem in output_problems(found, part, frozenset())]
     wrong += [
-        f"{name} begins at {found[name].values[:1]}, that of the recording at {part[name].values[:1]}"
+        f"{name} begins at {found[name].values[:1]}, but in the recording at {part[name].values[:1]}"
         for name in ("y", "x")
         if name in found.coords and not np.array_equal(found[name].values, part[name].values)
     ]
     wrong += [
-        f"attrs.{name} is {found.attrs.get(name)}, that of the recording {part.attrs[name]}"
+        f"attrs.{name} is {found.attrs.get(name)}, but in the recording {part.attrs[name]}"
         for name in _INTRINSIC_VARIABLES
         if not np.array_equal(np.asarray(found.attrs.get(name)), np.asarray(part.attrs[name]))
     ]
     if wrong:
         raise CheckFailure(
             "a part of the plain recording was estimated, without its first row and its first two columns",
-            "an estimate of this part, of the form in docs/reference/data_model.md",
+            "an estimate of this part, as specified in docs/reference/data_model.md",
             "; ".join(dict.fromkeys(wrong)),
-            "return scenetruth.make_estimate(recording=recording, ...), which puts all of that on plain arrays",
+            "return scenetruth.make_estimate(recording=recording, ...), which adds all of this to plain arrays",
         )
 
 
 @conformance_check(plain=False)
 def check_declared_outputs(bench: ConformanceBench) -> None:
-    """The plain recording has an estimate, which holds what `gives` promises and knows it somewhere."""
+    """The plain recording has an estimate with the variables of `gives`, each valid at some pixel."""
     sizes = dict(bench.recording()["image"].sizes)
     found = bench.estimate(bench.recording())
     missing = [name for name in sorted(bench.method.gives) if name not in found]
@@ -89,16 +89,16 @@ def check_declared_outputs(bench: ConformanceBench) -> None:
         told += [f"NaN everywhere in {', '.join(blank)}"] if blank else []
         raise CheckFailure(
             f"a textured plane was estimated, images {sizes}, noise-free",
-            f"all of {', '.join(sorted(bench.method.gives))}, known somewhere",
+            f"all of {', '.join(sorted(bench.method.gives))}, with valid pixels",
             "; ".join(told),
-            "return it, or take it from `gives`; a method that needs larger images or more of them is checked with "
+            "return it, or remove it from `gives`; check a method that requires larger or more images with "
             "size=, cameras=, frames=",
         )
 
 
 @conformance_check()
 def check_input_unchanged(bench: ConformanceBench) -> None:
-    """The recording is as it was when the method returns: images, coordinates and attributes."""
+    """The recording is unchanged when the method returns: images, coordinates and attributes."""
     recording = bench.recording()
     before, attributes = recording.copy(deep=True), copy.deepcopy(recording.attrs)
     of_variables = {name: copy.deepcopy(item.attrs) for name, item in recording.variables.items()}
@@ -130,16 +130,16 @@ def check_invalid_is_nan(bench: ConformanceBench) -> None:
     try:
         found = bench.estimate(bench.plane.recording(blank))
     except ScenetruthError:
-        # Who needs texture everywhere may say so.
+        # A method may require texture everywhere if it reports this.
         pass
     else:
         wrong += [f"{told}, where a third of the images is blank" for told in _invalid_values(found, bench)]
     if wrong:
         raise CheckFailure(
-            "the plain recording was estimated, and one whose right third is a single grey value",
+            "the plain recording was estimated, and a recording whose right third has a constant grey value",
             "NaN wherever there is no estimate, and status 0 exactly there",
             "; ".join(wrong),
-            "write NaN where nothing is known; scenetruth.make_estimate derives the status from that",
+            "write NaN at invalid pixels; scenetruth.make_estimate derives the status from it",
         )
 
 
@@ -159,14 +159,14 @@ def _invalid_values(found: xr.Dataset, bench: ConformanceBench) -> list[str]:
             if status not in found or name not in found:
                 continue
             known = np.isfinite(found[name].values)
-            # Of a flow, both components.
+            # For flow, both components.
             known = known if known.ndim == found[status].ndim else known.all(axis=0)
             count = int((known == (found[status].values == STATUS_INVALID)).sum())
-            wrong += [f"{status} and {name} contradict each other in {count} pixels"] if count else []
+            wrong += [f"{status} and {name} are inconsistent in {count} pixels"] if count else []
     valid = found["valid"].values
     for name, says in (("status", found["status"] == STATUS_VALID), ("invalid_reason", found["invalid_reason"] == 0)):
         count = int((says.values != valid).sum())
-        wrong += [f"{name} and valid contradict each other in {count} pixels"] if count else []
+        wrong += [f"{name} and valid are inconsistent in {count} pixels"] if count else []
     return wrong
 
 
@@ -184,13 +184,13 @@ def check_no_shared_memory(bench: ConformanceBench) -> None:
             if np.may_share_memory(values, item.values) and values.size
         ]
         if name in second and np.may_share_memory(values, second[name].values) and values.size:
-            wrong.append(f"{name} shares memory with that of the next call")
+            wrong.append(f"{name} shares memory with the estimate of the next call")
     if wrong:
         raise CheckFailure(
             "the plain recording was estimated twice, and the addresses of all arrays were compared",
-            "arrays of its own in each estimate",
+            "separate arrays for each estimate",
             "; ".join(wrong),
-            "return copies (array.copy()), and make new arrays in every call",
+            "return copies (array.copy()), and allocate new arrays in every call",
         )
 
 
@@ -200,7 +200,7 @@ class _Interruption(Exception):
 
 @conformance_check()
 def check_progress(bench: ConformanceBench) -> None:
-    """Progress may be told or not; telling it changes nothing, and an exception raised in it comes out."""
+    """Progress is optional and does not change the estimate, and exceptions of the callback are propagated."""
     told: list[tuple[object, object, object]] = []
 
     def listen(what: object, done: object, total: object) -> None:
@@ -210,20 +210,20 @@ def check_progress(bench: ConformanceBench) -> None:
     require_equal_to_rounding(
         scalar_maps(found),
         scalar_maps(bench.plain),
-        done="progress was listened to",
+        done="a progress callback was given",
         expectation="the same estimate",
-        remedy="tell of progress only: nothing may depend on whether anyone listens",
+        remedy="only report progress: the estimate must not depend on the callback",
     )
     if not told:
-        msg = "the method tells of no progress"
+        msg = "the method reports no progress"
         raise NotApplicable(msg)
     wrong = [item for item in told if not _is_progress_call(*item)]
     if wrong:
         raise CheckFailure(
-            "progress was listened to",
+            "a progress callback was given",
             "calls with (what: str, done: int, total: int), 0 <= done <= total",
             f"called with {wrong[0]}",
-            "call progress(what, done, total) with whole numbers",
+            "call progress(what, done, total) with integers",
         )
 
     def interrupt(what: object, done: object, total: object) -> None:
@@ -239,12 +239,12 @@ def check_progress(bench: ConformanceBench) -> None:
         else:
             raise
     else:
-        came_out = "the method went on to its end"
+        came_out = "the method continued to its end"
     raise CheckFailure(
-        "an exception was raised in progress, as interrupting does",
-        "the same exception comes out",
+        "an exception was raised in progress, as for an interruption",
+        "the same exception is propagated",
         came_out,
-        "do not catch what progress raises",
+        "do not catch exceptions of progress",
     )
 
 
@@ -253,19 +253,19 @@ def _is_progress_call(what: object, done: object, total: object) -> bool:
 
 
 _ROUND_TRIP_REMEDY = (
-    "return plain arrays and attributes of plain values (numbers, texts, lists of them): scenetruth.make_estimate does"
+    "return plain arrays and attributes of plain values (numbers, texts, lists), as scenetruth.make_estimate does"
 )
 
 
 @conformance_check()
 def check_round_trip(bench: ConformanceBench) -> None:
-    """The estimate can be saved, loaded and pickled, and is the same afterwards."""
+    """The estimate is unchanged after saving, loading and pickling."""
     estimate = bench.plain
     wrong = []
     try:
         pickled: xr.Dataset = pickle.loads(pickle.dumps(estimate))
         wrong += [f"{name} changes when pickled" for name in list_differing_variables(estimate, pickled)]
-    except Exception as error:  # whatever an attribute raises
+    except Exception as error:  # any error of an attribute
         wrong.append(f"it cannot be pickled: {type(error).__name__}: {error}")
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -282,27 +282,27 @@ def check_round_trip(bench: ConformanceBench) -> None:
 
 @conformance_check()
 def check_standard_deviations(bench: ConformanceBench) -> None:
-    """Standard deviations are positive and finite wherever they are told."""
+    """Standard deviations are positive and finite wherever they are stated."""
     found = bench.plain
     names = [str(name) for name in found.data_vars if str(name).endswith("_std")]
     if not names:
-        msg = "the method tells no standard deviations"
+        msg = "the method states no standard deviations"
         raise NotApplicable(msg)
     wrong = []
     for name in names:
         values = found[name].values
         bad = int((np.isinf(values) | (values <= 0)).sum())
-        wrong += [f"{name} is 0, negative or infinite in {bad} places"] if bad else []
+        wrong += [f"{name} is 0, negative or infinite in {bad} pixels"] if bad else []
         what = name.removesuffix("_std")
         if what in found and found[what].dims == found[name].dims:
             alone = int((np.isfinite(values) & ~np.isfinite(found[what].values)).sum())
-            wrong += [f"{name} is told in {alone} places where {what} is not known"] if alone else []
+            wrong += [f"{name} is stated in {alone} pixels where {what} is invalid"] if alone else []
     if wrong:
         raise CheckFailure(
             "the plain recording was estimated",
             "standard deviations above 0, or NaN",
             "; ".join(wrong),
-            "write NaN where no standard deviation is known",
+            "write NaN where no standard deviation is available",
         )
 
 
@@ -311,10 +311,10 @@ _FURTHER_FRAMES = 2
 
 @conformance_check()
 def check_streaming(bench: ConformanceBench) -> None:
-    """A `StreamingMethod` gives frame by frame, from a store that is read as needed, what it gives in memory."""
+    """A `StreamingMethod` returns the same frame by frame, from a store that is read on demand, as in memory."""
     method = bench.method
     if not isinstance(method, StreamingMethod):
-        msg = "the method is no StreamingMethod: it has all images in memory at once"
+        msg = "the method is not a StreamingMethod: it holds all images in memory"
         raise NotApplicable(msg)
     recording = replace(bench.plane, frames=bench.plane.frames + _FURTHER_FRAMES).recording()
     whole = bench.estimate(recording)
@@ -339,14 +339,14 @@ def check_streaming(bench: ConformanceBench) -> None:
     for name in map(str, blank.data_vars):
         counts = puts.get(name, np.zeros(1, dtype=np.int64))
         if (counts != 1).any():
-            wrong.append(f"values of {name} were put {counts.min()} to {counts.max()} times")
+            wrong.append(f"values of {name} were written {counts.min()} to {counts.max()} times")
     if wrong:
         sizes = dict(recording["image"].sizes)
         raise CheckFailure(
             f"a recording of {sizes} was saved, opened without loading it, and estimated by `blank` and `fill`",
-            "every map put once, with the same bytes as of `estimate`",
+            "every map written once, with the same bytes as by `estimate`",
             "; ".join(wrong),
-            "put every map of every frame of `blank`, and let `estimate` be what StreamingMethod makes of them",
+            "write every map of every frame of `blank`, and do not override `estimate` of StreamingMethod",
         )
 
 
@@ -355,9 +355,9 @@ _THREAD_ROUNDS = 3
 
 @conformance_check()
 def check_thread_safe(bench: ConformanceBench) -> None:
-    """A method that has `thread_safe = True` gives in two threads at once what it gives alone."""
+    """A method with `thread_safe = True` returns the same in two concurrent threads as in one."""
     if not bench.says_it_is_thread_safe:
-        msg = "the method does not say that it is thread-safe: it has no attribute thread_safe = True"
+        msg = "the method is not declared thread-safe: it has no attribute thread_safe = True"
         raise NotApplicable(msg)
     plain = bench.recording()
     upside_down = bench.plane.recording(bench.plane.images()[:, :, ::-1])
@@ -376,10 +376,10 @@ def check_thread_safe(bench: ConformanceBench) -> None:
                 differing |= set(list_differing_variables(one, other))
     if differing:
         raise CheckFailure(
-            f"two recordings were estimated in two threads at once, {_THREAD_ROUNDS} times",
-            "the same bytes as alone",
+            f"two recordings were estimated in two concurrent threads, {_THREAD_ROUNDS} times",
+            "the same bytes as in a single thread",
             f"they differ in {', '.join(sorted(differing))}",
-            "keep what a call works on in local variables, not in the method or in globals; or take thread_safe away",
+            "keep the state of a call in local variables, not in the method or in globals; or remove thread_safe",
         )
 
 
@@ -388,7 +388,7 @@ _UNKNOWN_SETTING = "no_such_setting_of_any_method"
 
 @conformance_check(plain=False)
 def check_unknown_settings(bench: ConformanceBench) -> None:
-    """Settings that the method does not have are refused."""
+    """Unknown settings are rejected."""
     try:
         validate_settings(bench.method, {**bench.settings.model_dump(), _UNKNOWN_SETTING: 1})
     except EstimateError as error:
@@ -396,8 +396,8 @@ def check_unknown_settings(bench: ConformanceBench) -> None:
             return
         raise
     raise CheckFailure(
-        f"the settings were given '{_UNKNOWN_SETTING}'",
-        "an EstimateError that names it",
-        "it was taken, so that a misspelled setting has no effect and nobody is told",
+        f"the settings contained '{_UNKNOWN_SETTING}'",
+        "an EstimateError with its name",
+        "it was accepted, so that a misspelled setting is silently ignored",
         "derive settings from scenetruth.estimators.MethodSettings, without extra='allow' or 'ignore'",
     )

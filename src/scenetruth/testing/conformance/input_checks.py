@@ -1,4 +1,4 @@
-"""Checks of inputs that a method must accept, or refuse with an error."""
+"""Checks of inputs that a method must accept, or reject with an error."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ __all__ = []
 
 
 _IMAGE_TYPE_FACTOR = 1.0
-"""Quantisation to 16 bits is far below any method's own error."""
+"""The quantisation to 16 bits is far below the error of any method."""
 
 
 @conformance_check()
 def check_image_types(bench: ConformanceBench) -> None:
-    """The same images as float32, float64 and digital numbers of 16 bits give the same estimate."""
+    """The same images as float32, float64 and 16-bit digital numbers give the same estimate."""
     for dtype, full_scale in ((np.float64, 1.0), (np.uint16, 65535.0)):
         found = bench.estimate(bench.plane.recording(dtype=dtype, full_scale=full_scale))
         bench.agrees(
@@ -36,19 +36,19 @@ def check_image_types(bench: ConformanceBench) -> None:
             done=f"the images were given as {np.dtype(dtype).name} with full_scale {full_scale:g} instead of float32",
             expectation="the same estimate within the method's own error",
             remedy="convert images first: recording['image'].values.astype(float) / recording.attrs['full_scale']; "
-            "differences of unsigned integers wrap around",
+            "differences of unsigned integers overflow",
             factor=_IMAGE_TYPE_FACTOR,
         )
 
 
 _MASK_SIDE_PX = 4
 _MASK_MARGIN_PX = 10
-"""Closer than this, windows of usual size hold marked pixels."""
+"""At smaller distances, windows of default size contain masked pixels."""
 
 
 @conformance_check(plain=False)
 def check_exclusion_mask(bench: ConformanceBench) -> None:
-    """Pixels that the recording's mask marks are left out: what they hold does not spoil those around them."""
+    """Pixels of the recording's exclusion mask are ignored: their values do not affect the surrounding estimate."""
     if not bench.method.needs.exclusion_mask:
         msg = "the method refuses recordings with a mask: it has no Needs(exclusion_mask=True)"
         raise NotApplicable(msg)
@@ -72,13 +72,13 @@ def check_exclusion_mask(bench: ConformanceBench) -> None:
         {name: item.where(ring) for name, item in bench.maps.items()},
         done=f"a square of {_MASK_SIDE_PX} px in the middle of all images was masked and held a chequerboard",
         expectation=f"the same estimate up to {_MASK_MARGIN_PX} px around it, within three times the method's error",
-        remedy="give masked pixels no weight, or take exclusion_mask=True from `needs`, which refuses such recordings",
+        remedy="give masked pixels no weight, or remove exclusion_mask=True from `needs` to reject such recordings",
     )
 
 
 @conformance_check()
 def check_memory_layout(bench: ConformanceBench) -> None:
-    """Images give the same estimate however they lie in memory: by columns first, or as part of a larger array."""
+    """The estimate does not depend on the memory layout of the images: column-major, or a view of a larger array."""
     for layout in ("by columns first (Fortran order)", "every second value of a larger array", "backwards"):
         recording = bench.recording()
         values = recording["image"].values
@@ -95,24 +95,24 @@ def check_memory_layout(bench: ConformanceBench) -> None:
         require_equal_to_rounding(
             scalar_maps(bench.estimate(recording)),
             scalar_maps(bench.plain),
-            done=f"the images lay in memory {layout}",
-            expectation="the same estimate but for rounding",
-            remedy="take np.ascontiguousarray(...) of images before code that needs them so; never reshape by strides",
+            done=f"the memory layout of the images was: {layout}",
+            expectation="the same estimate up to rounding",
+            remedy="use np.ascontiguousarray(...) for code that requires it; never reshape by strides",
         )
 
 
 _NON_FINITE_MARGIN_PX = 24
-"""Further away, windows of usual size do not hold the pixel."""
+"""At larger distances, windows of default size do not contain the pixel."""
 _NON_FINITE_WORDS = ("finite", "nan", "missing", "exclusion_mask", "not a number")
 _NON_FINITE_REMEDY = (
-    "raise EstimateError([Problem('image', 'holds values that are not finite')]) where images are not finite, or leave "
-    "such pixels out"
+    "raise EstimateError([Problem('image', 'holds values that are not finite')]) for non-finite images, or ignore "
+    "such pixels"
 )
 
 
 @conformance_check()
 def check_non_finite(bench: ConformanceBench) -> None:
-    """One NaN pixel is refused by an error that says so, or leaves the rest of the estimate as it was."""
+    """A NaN pixel is rejected with an explicit error, or leaves the rest of the estimate unchanged."""
     images = bench.plane.images()
     height, width = bench.plane.size
     row, column = height // 8, width // 8
@@ -125,7 +125,7 @@ def check_non_finite(bench: ConformanceBench) -> None:
             return
         told = " ".join(str(error).split())
         raise CheckFailure(
-            done, "an error that says so, or an estimate", f"another error: {told}", _NON_FINITE_REMEDY
+            done, "an explicit error, or an estimate", f"another error: {told}", _NON_FINITE_REMEDY
         ) from error
     away = {
         name: item.where(
@@ -137,14 +137,14 @@ def check_non_finite(bench: ConformanceBench) -> None:
         scalar_maps(found),
         away,
         done=done,
-        expectation=f"the same estimate more than {_NON_FINITE_MARGIN_PX} px away, or an error that says so",
+        expectation=f"the same estimate more than {_NON_FINITE_MARGIN_PX} px away, or an explicit error",
         remedy=_NON_FINITE_REMEDY,
     )
 
 
 @conformance_check(any_of=("depth", "disparity", "flow_x"), cameras=2)
 def check_camera_subset(bench: ConformanceBench) -> None:
-    """Cameras on one side of the reference only, told apart by `s` and `stage_x_mm`, give depth that is right."""
+    """Cameras on one side of the reference only, identified by `s` and `stage_x_mm`, give the correct depth."""
     count = max(2, bench.method.needs.cameras)
     plane = replace(bench.plane, cameras=2 * count - 1)
     recording = plane.recording()
@@ -155,24 +155,24 @@ def check_camera_subset(bench: ConformanceBench) -> None:
             scalar_maps(found),
             plane.truth(),
             ("depth", "disparity", "flow_x", "flow_y"),
-            done=f"only the reference and cameras to its {side} were there, s = {steps}",
-            remedy="find the reference by recording.sel(s=0), and where cameras stand in stage_x_mm, not by their "
-            "place in the array",
+            done=f"only the reference and cameras to its {side} were given, s = {steps}",
+            remedy="select the reference with recording.sel(s=0), and read camera positions from stage_x_mm, not from "
+            "array indices",
         )
 
 
 @conformance_check()
 def check_frame_subset(bench: ConformanceBench) -> None:
-    """Frames from the reference on, told by `t`, are estimated as such: no others are told, and they are right."""
+    """Frames from the reference on, identified by `t`, are estimated correctly, and only these."""
     count = max(2, bench.method.needs.frames)
     plane = replace(bench.plane, frames=2 * count - 1)
     recording = plane.recording().sel(t=slice(0, None))
     found = bench.estimate_if_it_suits(recording)
-    done = f"only the frames t = {recording['t'].values.tolist()} were there"
-    remedy = "take frame numbers from recording['t'], and say by t= of scenetruth.make_estimate which are estimated"
+    done = f"only the frames t = {recording['t'].values.tolist()} were given"
+    remedy = "read frame numbers from recording['t'], and pass the estimated frames as t= to scenetruth.make_estimate"
     others = sorted(set(found["t"].values.tolist()) - set(recording["t"].values.tolist()))
     if others:
-        raise CheckFailure(done, "estimates of these frames", f"estimates of the frames {others} too", remedy)
+        raise CheckFailure(done, "estimates of these frames", f"estimates of the frames {others} in addition", remedy)
     require_median_near(
         scalar_maps(found),
         plane.truth(),
@@ -184,43 +184,43 @@ def check_frame_subset(bench: ConformanceBench) -> None:
 
 @conformance_check()
 def check_read_only_input(bench: ConformanceBench) -> None:
-    """Images that cannot be written to, as `scenetruth.estimate` hands them over, give the same estimate."""
+    """Read-only images, as passed by `scenetruth.estimate`, give the same estimate."""
     if output_problems(bench.plain, bench.recording(), bench.method.gives):
-        msg = "scenetruth.estimate refuses what the method returns: see 'output_schema' and 'declared_outputs'"
+        msg = "scenetruth.estimate rejects the result of the method: see 'output_schema' and 'declared_outputs'"
         raise NotApplicable(msg)
     found = estimate(bench.recording(), bench.method, bench.settings)
     require_equal_to_rounding(
         scalar_maps(found),
         scalar_maps(bench.plain),
         done="scenetruth.estimate was called, which makes the recording's arrays read-only",
-        expectation="the same estimate as with arrays that can be written to",
-        remedy="work on copies, whether or not arrays can be written to",
+        expectation="the same estimate as with writable arrays",
+        remedy="work on copies, even if arrays are writable",
     )
 
 
 @conformance_check()
 def check_single_camera(bench: ConformanceBench) -> None:
-    """A single camera is refused as methods refuse, or gives motion that is right."""
+    """A single camera is rejected with a scenetruth error, or gives the correct motion."""
     plane = replace(bench.plane, cameras=1)
     recording = plane.recording()
     found = bench.estimate_if_it_suits(recording)
-    done = "the plain recording's reference camera was estimated without the others"
-    remedy = "say Needs(cameras=2) if depth needs two; else give motion alone, depth NaN"
+    done = "only the reference camera of the plain recording was estimated"
+    remedy = "declare Needs(cameras=2) if depth requires two; otherwise return motion only, with depth NaN"
     wrong = [str(problem) for problem in output_problems(found, recording, bench.method.gives)]
     if wrong:
-        raise CheckFailure(done, "an error of scenetruth.errors, or an estimate of the form", "; ".join(wrong), remedy)
+        raise CheckFailure(done, "an error of scenetruth.errors, or a valid estimate", "; ".join(wrong), remedy)
     require_median_near(scalar_maps(found), plane.truth(), ("flow_x", "flow_y"), done=done, remedy=remedy)
 
 
 @conformance_check()
 def check_single_frame(bench: ConformanceBench) -> None:
-    """A single frame is refused as methods refuse, or gives depth that is right."""
+    """A single frame is rejected with a scenetruth error, or gives the correct depth."""
     plane = replace(bench.plane, frames=1)
     recording = plane.recording()
     found = bench.estimate_if_it_suits(recording)
-    done = "the plain recording's reference frame was estimated without the others"
-    remedy = "say Needs(frames=2) if the method needs two; else give depth alone, motion NaN"
+    done = "only the reference frame of the plain recording was estimated"
+    remedy = "declare Needs(frames=2) if the method requires two; otherwise return depth only, with motion NaN"
     wrong = [str(problem) for problem in output_problems(found, recording, bench.method.gives)]
     if wrong:
-        raise CheckFailure(done, "an error of scenetruth.errors, or an estimate of the form", "; ".join(wrong), remedy)
+        raise CheckFailure(done, "an error of scenetruth.errors, or a valid estimate", "; ".join(wrong), remedy)
     require_median_near(scalar_maps(found), plane.truth(), ("depth", "disparity"), done=done, remedy=remedy)

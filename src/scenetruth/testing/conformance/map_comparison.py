@@ -31,13 +31,7 @@ __all__ = [
 
 
 class CheckFailure(AssertionError):
-    """What a method does otherwise than it should.
-
-    ``done``: What was done to the recording or asked of the method.
-    ``expected``: What should have followed.
-    ``found``: What followed, with numbers and units.
-    ``remedy``: What to mend.
-    """
+    """A failed check: procedure, expected result, actual result with numbers and units, and correction."""
 
     def __init__(self, done: str, expected: str, found: str, remedy: str) -> None:
         self.done, self.expected, self.found, self.remedy = done, expected, found, remedy
@@ -49,12 +43,12 @@ class CheckFailure(AssertionError):
 
 
 class NotApplicable(SkipTest):
-    """Why a check says nothing of a method; runners of tests count it as skipped."""
+    """The reason why a check does not apply to a method; test runners count it as skipped."""
 
 
 Array = NDArray[np.float64]
 Maps = Mapping[str, xr.DataArray]
-"""Maps of single numbers, dimensions (t, y, x), float64, NaN where nothing is fully known."""
+"""Scalar maps, dimensions (t, y, x), float64, NaN where invalid."""
 
 _SCALARS: Mapping[str, tuple[str, int | None]] = {
     "depth": ("depth", None),
@@ -73,35 +67,29 @@ _STATUSES = {
 }
 
 FLOOR = 2e-3
-"""What counts as nothing, as a share of a quantity: far above the rounding of float32 (6e-8) and of images of 16 bits
-(1 / 65535 of the range of grey values, 1e-4 of a texture's contrast), far below what a slip of convention makes."""
+"""Smallest significant fraction of a quantity: above float32 and 16-bit rounding, below convention errors."""
 MIN_RETAINED_FRACTION = 0.2
-"""Share of the pixels known before that must be known still: borders move when images are mirrored, and methods that
-work in blocks leave what is over at one side."""
+"""Minimum fraction of valid pixels that remain valid; borders move in mirrored images, and blocks omit remainders."""
 _MEDIAN_LIMIT = 0.2
-"""Error in the median, as a share of the true value's median, or of the flow's length. Poor methods stay below it on
-these textures, which have no noise; a wrong sign makes 2, the whole baseline instead of a step 0.5, millimetres instead
-of pixels far more."""
+"""Maximum median error, as a fraction of the median true value or of the flow's length; a wrong sign gives 2, the full
+baseline instead of a step 0.5."""
 _SCATTER_PERCENT = (2.5, 97.5)
-"""Between these percentiles of the estimates, the true velocity must lie if the median error is larger than that."""
+"""Percentiles of the estimates that must enclose the true velocity if the median error is larger."""
 _ROUNDING = 1e-4
-"""Relative difference that rounding of float32 leaves after some thousand operations."""
+"""Relative rounding error of float32 after several thousand operations."""
 _MOST_ROUNDED = 0.01
-"""Share of pixels that may differ by more, where rounding has decided otherwise on a threshold."""
+"""Fraction of pixels that may differ more, where rounding changes the result of a threshold."""
 
 
 def scalar_maps(estimate: xr.Dataset) -> dict[str, xr.DataArray]:
-    """Return what an estimate claims to know fully, component by component.
-
-    Returns: ``depth`` (mm), ``disparity`` (px/step), ``flow_x`` and so on, of what the estimate holds.
-    """
+    """Return the valid values of an estimate by component: ``depth`` (mm), ``disparity`` (px/step), ``flow_x``, ..."""
     found: dict[str, tuple[tuple[Hashable, ...], Array]] = {}
     for name, (variable, component) in _SCALARS.items():
         if variable not in estimate.variables:
             continue
         item = estimate.variables[variable]
         values = np.array(item.values if component is None else item.values[component], dtype=np.float64)
-        # As in scores, `status` takes the place of either that is missing.
+        # As in scores, `status` replaces a missing specific status.
         for status in {one if one in estimate.variables else "status" for one in _STATUSES[variable]}:
             if status in estimate.variables:
                 values[estimate.variables[status].values != STATUS_VALID] = np.nan
@@ -113,8 +101,8 @@ def scalar_maps(estimate: xr.Dataset) -> dict[str, xr.DataArray]:
 def build_maps(
     arrays: Mapping[str, tuple[Sequence[Hashable], Array]], coordinates: Mapping[str, NDArray[Any]]
 ) -> dict[str, xr.DataArray]:
-    """Return arrays with dimensions as maps that share their coordinates."""
-    # All at once: to make a map by itself takes longer than most methods take for images of this size.
+    """Return arrays with dimensions as maps with common coordinates."""
+    # Created together: separate construction of each map takes longer than the estimation of such small images.
     together = xr.Dataset({name: (tuple(dims), values) for name, (dims, values) in arrays.items()}, dict(coordinates))
     return {name: together[name] for name in arrays}
 
@@ -125,25 +113,25 @@ def get_unit(name: str) -> str:
 
 
 def compute_rms(values: Array) -> float:
-    """Return the root of the mean square of what is finite; NaN if nothing is."""
+    """Return the RMS of the finite values; NaN without any."""
     finite = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
 
 
 def compute_magnitude(truth: Maps, name: str) -> float:
-    """Return how large a quantity is: the rms of the true value, of vectors that of their length."""
+    """Return the RMS of the true value of a quantity, for components of a vector that of its length."""
     base = _SCALARS[name][0]
     return float(np.sqrt(sum(compute_rms(truth[other].values) ** 2 for other in truth if _SCALARS[other][0] == base)))
 
 
 def flip_maps(maps: Maps, dim: str) -> dict[str, xr.DataArray]:
-    """Return maps in the opposite order along a dimension, under the coordinates in which they stood."""
+    """Return maps reversed along a dimension, with unchanged coordinates."""
     back = slice(None, None, -1)
     return {name: item.isel({dim: back}).assign_coords({dim: item[dim].values}) for name, item in maps.items()}
 
 
 def change_sign(maps: Maps, names: Iterable[str]) -> dict[str, xr.DataArray]:
-    """Return maps, some of them with the other sign."""
+    """Return maps, with the opposite sign for the given names."""
     other = set(names)
     return {name: -item if name in other else item for name, item in maps.items()}
 
@@ -158,11 +146,11 @@ def require_agreement(
     remedy: str,
     least_kept: float = MIN_RETAINED_FRACTION,
 ) -> None:
-    """Demand that maps agree within tolerances, and that most of what was known still is."""
+    """Require agreement within tolerances, and validity of the majority of the previously valid pixels."""
     wrong, compared = [], False
     for name, limit in tolerances.items():
         if name not in found:
-            wrong.append(f"no {name} any more")
+            wrong.append(f"no {name} is estimated")
             continue
         one, other = _common(found[name], expected[name])
         before = int(np.isfinite(other).sum())
@@ -171,24 +159,24 @@ def require_agreement(
         compared = True
         kept = int(np.isfinite(one - other).sum()) / before
         if kept < least_kept:
-            wrong.append(f"{name} is known in {kept:.0%} of the pixels where it was ({least_kept:.0%} are asked for)")
+            wrong.append(f"{name} is valid in {kept:.0%} of the previously valid pixels ({least_kept:.0%} required)")
         difference = compute_rms(one - other)
         if difference > limit:
             unit = get_unit(name)
-            wrong.append(f"{name} is off by {difference:.3g} {unit} rms ({limit:.3g} {unit} are allowed)")
+            wrong.append(f"{name} differs by {difference:.3g} {unit} rms (limit {limit:.3g} {unit})")
     if wrong:
         raise CheckFailure(done, expectation, "; ".join(wrong), remedy)
     if not compared:
-        msg = "the two estimates have no frame in common that can be compared"
+        msg = "the two estimates have no common frame for comparison"
         raise NotApplicable(msg)
 
 
 def require_equal_to_rounding(found: Maps, expected: Maps, *, done: str, expectation: str, remedy: str) -> None:
-    """Demand that maps are the same but for rounding."""
+    """Require equality of maps up to rounding."""
     wrong = []
     for name, values in expected.items():
         if name not in found:
-            wrong.append(f"no {name} any more")
+            wrong.append(f"no {name} is estimated")
             continue
         if found[name].shape != values.shape:
             wrong.append(f"{name} has the shape {found[name].shape}, not {values.shape}")
@@ -205,10 +193,10 @@ def require_equal_to_rounding(found: Maps, expected: Maps, *, done: str, expecta
 
 
 def require_median_near(found: Maps, truth: Maps, names: Iterable[str], *, done: str, remedy: str) -> None:
-    """Demand that the median error is a small share of the true value: 20 %.
+    """Require a median error below 20 % of the true value.
 
-    Velocity, which is made of differences of depths, may be less certain: what methods find in sixteenths of a pixel is
-    rounded to nothing or to everything. It must then scatter around the true value.
+    Velocity is a difference of depths and may be less certain: values that a method finds in sixteenths of a pixel are
+    rounded to zero or to the next step. It must then scatter around the true value.
     """
     wrong = []
     for name in names:
@@ -235,13 +223,13 @@ def require_median_near(found: Maps, truth: Maps, names: Iterable[str], *, done:
 
 
 def _median_magnitude(name: str, truth: Maps) -> float:
-    """Return the median size of a quantity: of flow, whose components change their signs over the image, its length."""
+    """Return the median magnitude of a quantity; for flow, whose components change sign in the image, of its length."""
     parts = [name] if not name.startswith("flow") else [other for other in truth if other.startswith("flow")]
     return float(np.median(np.sqrt(sum(truth[other].values ** 2 for other in parts))))
 
 
 def _common(one: xr.DataArray, other: xr.DataArray) -> tuple[Array, Array]:
-    """Return the values of two maps at the frames and pixels that both have."""
+    """Return the values of two maps at their common frames and pixels."""
     alike = one.dims == other.dims and all(np.array_equal(one[dim].values, other[dim].values) for dim in one.dims)
     if not alike:
         one, other = xr.align(one, other, join="inner")
@@ -249,7 +237,7 @@ def _common(one: xr.DataArray, other: xr.DataArray) -> tuple[Array, Array]:
 
 
 def list_differing_variables(one: xr.Dataset, other: xr.Dataset) -> list[str]:
-    """Return the variables of two data sets that differ in any bit, type or shape, or that one of them lacks."""
+    """Return the variables of two data sets that differ in any bit, type or shape, or are missing from either."""
     names = sorted({str(name) for name in (*one.variables, *other.variables)})
     return [name for name in names if name not in one or name not in other or not _same(one[name], other[name])]
 

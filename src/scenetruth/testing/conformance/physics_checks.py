@@ -1,4 +1,4 @@
-"""Checks of physics: what holds for any method because it holds for cameras and surfaces."""
+"""Checks of physics: symmetries and relations of cameras and surfaces that any method must respect."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ __all__ = []
 
 @conformance_check(any_of=("flow_x", "velocity_x", "velocity_z"), frames=2)
 def check_static_scene(bench: ConformanceBench) -> None:
-    """A plane at rest has no flow and no velocity."""
+    """A static plane has no flow and no velocity."""
     plane = replace(bench.plane, velocity_mm=(0.0, 0.0, 0.0))
     bench.agrees(
         scalar_maps(bench.estimate(plane.recording())),
         bench.known_of(plane.truth()),
-        done="all frames showed the same",
+        done="all frames were identical",
         expectation="no flow, no velocity and the true depth, within three times the method's own error with motion",
-        remedy="look for what takes disparity or slope for motion, and for exact zeros that are taken as missing",
+        remedy="search for disparity or slope that is mistaken for motion, and for exact zeros that count as missing",
     )
 
 
 _CROP_COLUMNS, _CROP_ROWS = 16, 12
 _CROP_MARGIN_PX = 20
-"""Closer to the new border, windows of usual size have changed."""
+"""At smaller distances from the new border, windows of default size change."""
 
 
 @conformance_check()
 def check_crop(bench: ConformanceBench) -> None:
-    """Cropping the images changes nothing inside: pixels keep their indices, the principal point stays."""
+    """Cropping the images does not change the interior: pixel indices and principal point are unchanged."""
     recording = bench.recording().isel(x=slice(_CROP_COLUMNS, None), y=slice(_CROP_ROWS, None))
     found = scalar_maps(bench.estimate_if_it_suits(recording))
     inside = {
@@ -49,9 +49,9 @@ def check_crop(bench: ConformanceBench) -> None:
     bench.agrees(
         found,
         inside,
-        done=f"the recording was cropped by isel: {_CROP_COLUMNS} columns on the left, {_CROP_ROWS} rows above",
+        done=f"the recording was cropped by isel: {_CROP_COLUMNS} columns at the left, {_CROP_ROWS} rows at the top",
         expectation=f"the same estimate more than {_CROP_MARGIN_PX} px inside, within three times the method's error",
-        remedy="take pixel indices from recording['x'] and recording['y'], not from the array: "
+        remedy="read pixel indices from recording['x'] and recording['y'], not from the array: "
         "scenetruth.schema.compute_pixel_grid(recording)",
     )
 
@@ -63,10 +63,10 @@ def check_reversed_baseline(bench: ConformanceBench) -> None:
     found = scalar_maps(bench.estimate_if_it_suits(recording))
     bench.agrees(
         change_sign(found, ("disparity",)),
-        done="the cameras were numbered from right to left: stage_x_mm falls with s, baseline_mm is negative",
-        expectation="the same depth and velocity, disparity with the other sign, within three times the method's own "
+        done="the cameras were numbered from right to left: stage_x_mm decreases with s, baseline_mm is negative",
+        expectation="the same depth and velocity, disparity with the opposite sign, within three times the method's "
         "error",
-        remedy="take where cameras stand from stage_x_mm and baseline_mm; x_s = x_0 - disparity s",
+        remedy="read camera positions from stage_x_mm and baseline_mm; x_s = x_0 - disparity s",
     )
 
 
@@ -75,12 +75,12 @@ _OTHER_INTERVAL_S = 0.04
 
 @conformance_check()
 def check_frame_interval(bench: ConformanceBench) -> None:
-    """Another time between frames changes nothing: flow and velocity are per frame."""
+    """The frame interval has no effect: flow and velocity are per frame."""
     recording = bench.plane.recording(frame_interval_s=_OTHER_INTERVAL_S)
     require_equal_to_rounding(
         scalar_maps(bench.estimate(recording)),
         scalar_maps(bench.plain),
-        done=f"frame_interval_s was {_OTHER_INTERVAL_S:g} instead of 1, the images the same",
+        done=f"frame_interval_s was {_OTHER_INTERVAL_S:g} instead of 1, with the same images",
         expectation="the same estimate: px per frame and mm per frame",
         remedy="do not divide by frame_interval_s",
     )
@@ -88,7 +88,7 @@ def check_frame_interval(bench: ConformanceBench) -> None:
 
 @conformance_check(frames=2)
 def check_frame_numbers(bench: ConformanceBench) -> None:
-    """Other frame numbers for the same images change the numbers in the estimate, and nothing else."""
+    """Other frame numbers of the same images change only the frame numbers of the estimate."""
     recording = bench.recording()
     later = -int(recording["t"].values[0]) or -int(np.ptp(recording["t"].values))
     interval = float(recording.attrs["frame_interval_s"])
@@ -100,25 +100,25 @@ def check_frame_numbers(bench: ConformanceBench) -> None:
         {name: item.assign_coords(t=item["t"] - later) for name, item in found.items()},
         done=f"the frames were numbered {numbers.tolist()} instead of {recording['t'].values.tolist()}",
         expectation="the same estimate of the same images, within the method's own error",
-        remedy="take frame numbers from recording['t'], and give them back by t= of scenetruth.make_estimate",
+        remedy="read frame numbers from recording['t'], and pass them as t= to scenetruth.make_estimate",
         factor=1.0,
     )
 
 
 _INTENSITY_GAIN, _INTENSITY_OFFSET = 0.7, 0.2
 _MIN_RETAINED_FRACTION = 0.1
-"""Thresholds on contrast may leave fewer pixels; if they leave none, nothing can be compared."""
+"""Contrast thresholds may reduce the number of valid pixels, but a comparison requires some."""
 
 
 @conformance_check()
 def check_intensity_invariance(bench: ConformanceBench) -> None:
-    """Images of less contrast and another brightness give the same estimate."""
+    """A change of contrast and brightness of all images does not change the estimate."""
     images = _INTENSITY_GAIN * bench.plane.images() + _INTENSITY_OFFSET
     bench.agrees(
         scalar_maps(bench.estimate(bench.plane.recording(images))),
-        done=f"all images were made {_INTENSITY_GAIN:g} times as bright, plus {_INTENSITY_OFFSET:g} of full scale",
+        done=f"grey values were multiplied by {_INTENSITY_GAIN:g} and increased by {_INTENSITY_OFFSET:g} of full scale",
         expectation="the same estimate within three times the method's own error",
-        remedy="depth and motion are ratios of differences of grey values: look for one that is used by itself",
+        remedy="depth and motion are ratios of grey-value differences: search for a grey value that is used directly",
         least_kept=_MIN_RETAINED_FRACTION,
     )
 
@@ -129,43 +129,43 @@ _LENGTH_MAPS = ("depth", "velocity_x", "velocity_y", "velocity_z")
 
 @conformance_check(any_of=("depth", "disparity"), cameras=2)
 def check_baseline_scaling(bench: ConformanceBench) -> None:
-    """With ten times the baseline and the same images, depth and velocity are ten times as large, nothing else is."""
+    """Ten times the baseline with the same images multiplies depth and velocity by ten and changes nothing else."""
     recording = bench.plane.recording(baseline_mm=_BASELINE_FACTOR * bench.plane.baseline_mm)
     before = scalar_maps(bench.plain)
     require_equal_to_rounding(
         scalar_maps(bench.estimate(recording)),
         {name: item * _BASELINE_FACTOR if name in _LENGTH_MAPS else item for name, item in before.items()},
-        done=f"baseline_mm and stage_x_mm were {_BASELINE_FACTOR:g} times as large, the images the same",
-        expectation=f"depth and velocity {_BASELINE_FACTOR:g} times as large, disparity and flow equal to rounding",
-        remedy="images know pixels only: lengths enter at the end, by f V_X / disparity; take no thresholds in mm",
+        done=f"baseline_mm and stage_x_mm were {_BASELINE_FACTOR:g} times as large, with the same images",
+        expectation=f"depth and velocity {_BASELINE_FACTOR:g} times as large, disparity and flow equal up to rounding",
+        remedy="images are in pixels: apply lengths last, by f V_X / disparity, and use no thresholds in mm",
     )
 
 
 @conformance_check(odd_cameras=True)
 def check_mirror_x(bench: ConformanceBench) -> None:
-    """In a mirror, left and right exchanged, depth is mirrored and U_X changes its sign."""
+    """Mirroring left and right mirrors the depth and changes the sign of U_X."""
     images = bench.plane.images()[::-1, :, :, ::-1]
     found = flip_maps(scalar_maps(bench.estimate(bench.plane.recording(images))), "x")
     bench.agrees(
         change_sign(found, ("flow_x", "velocity_x")),
-        done="the images were mirrored along x, and the cameras taken in the opposite order",
-        expectation="the mirrored estimate, the sign of U_X and of the flow along x changed, within three times the "
+        done="the images were mirrored along x, and the order of the cameras was reversed",
+        expectation="the mirrored estimate, with opposite signs of U_X and of the flow along x, within three times the "
         "method's own error",
-        remedy="look for signs and offsets that are right for one direction only",
+        remedy="search for signs and offsets that are correct for one direction only",
     )
 
 
 @conformance_check()
 def check_mirror_y(bench: ConformanceBench) -> None:
-    """In a mirror, above and below exchanged, depth is mirrored and U_Y changes its sign."""
+    """Mirroring top and bottom mirrors the depth and changes the sign of U_Y."""
     images = bench.plane.images()[:, :, ::-1]
     found = flip_maps(scalar_maps(bench.estimate(bench.plane.recording(images))), "y")
     bench.agrees(
         change_sign(found, ("flow_y", "velocity_y")),
         done="the images were mirrored along y",
-        expectation="the mirrored estimate, the sign of U_Y and of the flow along y changed, within three times the "
+        expectation="the mirrored estimate, with opposite signs of U_Y and of the flow along y, within three times the "
         "method's own error",
-        remedy="look for signs and offsets that are right for one direction only",
+        remedy="search for signs and offsets that are correct for one direction only",
     )
 
 
@@ -174,7 +174,7 @@ _PRINCIPAL_POINT_SHIFT_PX = (16.0, -14.0)
 
 @conformance_check(any_of=("depth", "disparity", "flow_x", "velocity_x"))
 def check_principal_point(bench: ConformanceBench) -> None:
-    """A principal point beside the image's centre changes flow and velocity as it must."""
+    """A principal point away from the image centre changes flow and velocity as in the camera model."""
     c_x, c_y = bench.plane.centre_px
     plane = replace(
         bench.plane, principal_point_px=(c_x + _PRINCIPAL_POINT_SHIFT_PX[0], c_y + _PRINCIPAL_POINT_SHIFT_PX[1])
@@ -183,18 +183,18 @@ def check_principal_point(bench: ConformanceBench) -> None:
     bench.agrees(
         found,
         bench.known_of(plane.truth()),
-        done=f"the plane was seen with the principal point {_PRINCIPAL_POINT_SHIFT_PX} px beside the image's centre",
+        done=f"the principal point was {_PRINCIPAL_POINT_SHIFT_PX} px from the image centre",
         expectation="the truth, within three times the method's own error on the plain recording",
-        remedy="count x and y from recording.attrs['principal_point_px'], not from the image's centre",
+        remedy="measure x and y from recording.attrs['principal_point_px'], not from the image centre",
     )
 
 
 @conformance_check()
 def check_consistency(bench: ConformanceBench) -> None:
-    """Depth and disparity say the same, and so do flow, depth and velocity."""
+    """Depth and disparity are consistent, and so are flow, depth and velocity."""
     maps, plane = bench.maps, bench.plane
     done = "one map of the plain recording's estimate was computed from the others"
-    remedy = "scenetruth.make_estimate derives what follows: give it disparity and flow, or depth and velocity, only"
+    remedy = "scenetruth.make_estimate derives the others: pass only disparity and flow, or depth and velocity"
     if "depth" in maps and "disparity" in maps:
         follows = plane.focal_length_px * plane.baseline_mm / maps["disparity"]
         require_equal_to_rounding(
@@ -227,27 +227,27 @@ def check_consistency(bench: ConformanceBench) -> None:
 
 @conformance_check(odd_frames=True, frames=3)
 def check_time_reversal(bench: ConformanceBench) -> None:
-    """Played backwards, depth stays and flow and velocity change their sign."""
+    """Reversing time does not change depth, and changes the signs of flow and velocity."""
     found = scalar_maps(bench.estimate(bench.plane.recording(bench.plane.images()[:, ::-1])))
     back = {name: item.assign_coords(t=-item["t"]).sortby("t") for name, item in found.items()}
     motion = ("flow_x", "flow_y", "velocity_x", "velocity_y", "velocity_z")
     bench.agrees(
         change_sign(back, motion),
-        done="the frames were taken in the opposite order",
+        done="the order of the frames was reversed",
         expectation="the same depth, and the opposite flow and velocity, within three times the method's own error",
-        remedy="look for what is one-sided in time: flow belongs to the frame itself, forward, px per frame",
+        remedy="search for asymmetry in time: flow is that of the frame itself, forward, px per frame",
     )
 
 
 @conformance_check()
 def check_median_accuracy(bench: ConformanceBench) -> None:
-    """Depth, disparity, flow and velocity of the plain recording have the right sign and size."""
+    """Depth, disparity, flow and velocity of the plain recording have the correct sign and magnitude."""
     plane = bench.plane
     require_median_near(
         bench.maps,
         plane.truth(),
         bench.maps,
-        done=f"a plane at {plane.depth_mm:g} mm was estimated that moves by {plane.velocity_mm} mm per frame",
+        done=f"a plane at {plane.depth_mm:g} mm that moves by {plane.velocity_mm} mm per frame was estimated",
         remedy="docs/reference/conventions.md: x_s = x_0 - disparity s, depth Z in mm along the optical axis, flow and "
-        "velocity forward in time per frame, Y down, U_Z < 0 comes nearer",
+        "velocity forward in time per frame, Y down, U_Z < 0 approaches the camera",
     )

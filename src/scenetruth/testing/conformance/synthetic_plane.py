@@ -1,4 +1,4 @@
-"""A textured plane in motion whose images and truth are known in closed form."""
+"""A moving textured plane with closed-form images and truth."""
 
 from __future__ import annotations
 
@@ -19,24 +19,23 @@ Array = NDArray[np.float64]
 
 _WAVES = 10
 _WAVELENGTHS_PX = (6.0, 20.0)
-"""The shortest and the longest wave, as seen at rest: long enough for filters of 5 taps, short enough for windows."""
+"""Shortest and longest wavelength at rest: long enough for 5-tap filters, short enough for windows."""
 _SWING = 0.48
-"""All waves together stay this close to the middle grey value, 0.5: nothing is clipped in any type."""
+"""Maximum deviation from the mean grey value 0.5, which avoids clipping in all types."""
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
 @dataclass(frozen=True)
 class SyntheticPlane:
-    """A tilted plane that carries plane waves and moves along X, Y and Z; a pixel has the value at its centre.
+    """A tilted plane with sinusoidal texture that moves along X, Y and Z; a pixel has the value at its centre.
 
     ``size``: Height and width of the images in px.
-    ``cameras``, ``frames``: Number of camera positions s and of frames t; the middle ones are the references.
-    ``channels``: Number of colour channels, each with waves of its own phases; grey images without if None.
-    ``velocity_mm``: (U_X, U_Y, U_Z) in mm per frame.
-    ``principal_point_px``: (c_x, c_y); the image's centre if None.
+    ``cameras``, ``frames``: Number of camera positions s and of frames t; the references are in the middle.
+    ``channels``: Number of colour channels with separate phases; None for grey images.
+    ``velocity_mm``: (U_X, U_Y, U_Z) in mm/frame; ``slopes``: dZ/dX and dZ/dY.
     ``depth_mm``: Z of the plane on the optical axis of the reference camera at t = 0.
-    ``slopes``: dZ/dX and dZ/dY.
     ``focal_length_px``, ``baseline_mm``: f, and V_X in mm per step of s.
+
 
     >>> plane = SyntheticPlane()
     >>> plane.recording()["image"].shape
@@ -63,13 +62,13 @@ class SyntheticPlane:
         return self.principal_point_px or ((width - 1) / 2, (height - 1) / 2)
 
     def images(self) -> Array:
-        """Return the images, shape (s, t, y, x), colours (s, t, y, x, channel), in [0.02, 0.98]; they are one's own."""
+        """Return the images as a new array in [0.02, 0.98], shape (s, t, y, x), with colours (s, t, y, x, channel)."""
         return _images(self).copy()
 
     def recording(
         self, images: ArrayLike | None = None, dtype: DTypeLike = np.float32, full_scale: float = 1.0, **changes: Any
     ) -> xr.Dataset:
-        """Return a recording of these images, or of others with the same intrinsics."""
+        """Return a recording of these images, or of others, with the intrinsics of the plane."""
         values = np.asarray(self.images() if images is None else images)
         if np.issubdtype(dtype, np.integer):
             values = np.rint(values * full_scale)
@@ -82,7 +81,7 @@ class SyntheticPlane:
         return make_recording(values.astype(dtype), full_scale=full_scale, **given)
 
     def truth(self) -> dict[str, xr.DataArray]:
-        """Return the truth of the reference camera in every frame, as `comparing.scalar_maps` returns estimates."""
+        """Return the truth of the reference camera in every frame, in the form of `map_comparison.scalar_maps`."""
         return dict(_truth(self))
 
     def _truth(self) -> dict[str, xr.DataArray]:
@@ -113,7 +112,7 @@ class SyntheticPlane:
         return (x - c_x) / self.focal_length_px, (y - c_y) / self.focal_length_px
 
     def _depth(self, stage_x_mm: float, t: float) -> Array:
-        """Return where the rays of a camera meet the plane: Z - U_Z t = Z0 + a (X - U_X t) + b (Y - U_Y t)."""
+        """Return the intersection of a camera's rays with the plane Z - U_Z t = Z0 + a (X - U_X t) + b (Y - U_Y t)."""
         across, down = self._rays()
         (a, b), (u_x, u_y, u_z) = self.slopes, self.velocity_mm
         start = self.depth_mm + u_z * t + a * (stage_x_mm - u_x * t) - b * u_y * t
@@ -121,13 +120,13 @@ class SyntheticPlane:
 
     def _image(self, stage_x_mm: float, t: float, channel: int) -> Array:
         depth, (across, down) = self._depth(stage_x_mm, t), self._rays()
-        # Where on the plane, as it was at t = 0, the pixels look.
+        # Positions of the pixels on the plane, as it was at t = 0.
         on_x = stage_x_mm + across * depth - self.velocity_mm[0] * t
         on_y = down * depth - self.velocity_mm[1] * t
         total = np.zeros(self.size)
         for n in range(_WAVES):
             low, high = _WAVELENGTHS_PX
-            # The order of lengths is mixed, so that directions do not go with them.
+            # The order of the wavelengths is mixed to make them independent of the directions.
             wavelength_px = low * (high / low) ** ((3 * n % _WAVES) / (_WAVES - 1))
             k = 2 * np.pi / wavelength_px * self.focal_length_px / self.depth_mm
             angle, phase = n * _GOLDEN_ANGLE, (n + 1) ** 2 * (1.0 + channel)

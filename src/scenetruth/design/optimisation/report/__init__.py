@@ -1,1 +1,1 @@
-"""The report of a design: the rig drawn to scale, its scene file, alternatives, sensitivities and tables."""
+"""The report of a design: scale drawings, scene files, charts and tables."""

@@ -1,4 +1,4 @@
-"""Charts of a design for plotly's JavaScript: the Pareto front and the sensitivities."""
+"""Charts of a design for plotly.js: the Pareto front and the sensitivities."""
 
 from __future__ import annotations
 
@@ -27,51 +27,47 @@ __all__ = ["AxisSpec", "build_axis", "build_front_charts", "build_sensitivity_ch
 
 
 _WIDE = 8.0
-"""Values that span more than this factor are drawn on a logarithmic scale."""
+"""Ratio of the largest to the smallest value from which an axis is logarithmic."""
 _BEYOND = 3.0
-"""Bars widen an axis by no more than this factor, or this share of what the points span."""
+"""Largest extension of an axis by error bars: a factor, or a multiple of the span of the points."""
 _FEW_DECADES = 2.5
 _SPARE = 0.05
 _LEAST = 1e-30
-"""Smaller values have no place on a logarithmic scale."""
+"""Smallest value on a logarithmic axis."""
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
 class AxisSpec:
-    """What an axis shows.
-
-    ``name``: The objective's title, or the parameter's path; its column among the predictions.
-    ``objective``: The objective; None of a parameter.
-    """
+    """Quantity of an axis: an objective, or a parameter (``objective=None``); a column of the table of evaluations."""
 
     name: str
     objective: Objective | None = None
 
     @property
     def title(self) -> str:
-        """What stands at the axis."""
+        """Title of the axis."""
         return self.name if self.objective is None else f"{self.name}: {self.objective.told_in}, {self.objective.unit}"
 
     def predicted(self, rig: RigDesign) -> float:
-        """Return where a rig's prediction is drawn."""
+        """Return the position of a predicted rig."""
         return float(rig.parameters[self.name] if self.objective is None else rig.predicted[self.name])
 
     def simulated(self, rig: RigDesign) -> PredictionInterval | None:
-        """Return where its simulations are; None if there are none."""
+        """Return the position of a simulated rig; None without simulations."""
         if self.objective is None:
             return PredictionInterval(self.predicted(rig), math.nan, math.nan, 0)
         return rig.simulated.get(self.name)
 
     def screened(self, table: pd.DataFrame) -> list[float]:
-        """Return where predictions are drawn; NaN where one has no such number."""
+        """Return the positions of all evaluations; NaN for non-numeric values."""
         import pandas as pd
 
         return [float(value) for value in pd.to_numeric(table[self.name], errors="coerce")]
 
 
 def build_axis(way: AxisSpec, points: Sequence[float | None], ends: Sequence[float | None]) -> dict[str, Any]:
-    """Return an axis that holds all points, and the ends of bars as far as they do not push the points together."""
+    """Return an axis that includes all points, and the ends of error bars up to a limited extension."""
     axis: dict[str, Any] = {"title": {"text": way.title}, "automargin": True}
     known = [value for value in points if value is not None]
     if way.objective is not None and way.objective.wanted is not None:
@@ -85,10 +81,10 @@ def build_axis(way: AxisSpec, points: Sequence[float | None], ends: Sequence[flo
         last = max([high, *(min(value, high * _BEYOND) for value in bars)])
         spare = _SPARE * max(math.log10(last) - math.log10(first), 0.1)
         span = [math.log10(first) - spare, math.log10(last) + spare]
-        # One, two and five of each decade are labelled where there is room.
+        # Short axes also have labels at 2 and 5.
         ticks = "D2" if span[1] - span[0] < _FEW_DECADES else 1
         return {**axis, "type": "log", "tickformat": "~g", "dtick": ticks, "range": span}
-    # What differs by rounding alone is one place.
+    # Differences due to rounding are ignored.
     nothing = max(_ROUNDING * max(abs(low), abs(high)), _LEAST)
     wide = high - low if high - low > nothing else abs(high) if abs(high) > nothing else 1.0
     first = min([low, *(max(value, low - _BEYOND * wide) for value in bars)])
@@ -100,7 +96,7 @@ def build_axis(way: AxisSpec, points: Sequence[float | None], ends: Sequence[flo
 def build_target_line(
     way: AxisSpec, axis: str, drawn: Mapping[str, Any]
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return a line at what is wanted, and its words; nothing if nothing is."""
+    """Return the line and the annotation of a target; empty lists without a target."""
     wanted = None if way.objective is None else way.objective.wanted
     if way.objective is None or wanted is None:
         return [], []
@@ -115,13 +111,13 @@ def build_target_line(
         "line": {"color": "#009E73", "width": 1.5, "dash": "dash"},
     }
     words = {
-        # Places of words on logarithmic axes are logarithms.
+        # Positions of annotations on logarithmic axes are logarithms.
         axis: math.log10(wanted) if drawn["type"] == "log" else wanted,
         other: 1,
         f"{other}ref": "paper",
         f"{other}anchor": "top" if axis == "x" else "right",
         f"{axis}anchor": "left" if axis == "x" else "bottom",
-        "text": f"wanted: {format_length(wanted)} {way.objective.unit}",
+        "text": f"target: {format_length(wanted)} {way.objective.unit}",
         "showarrow": False,
         "bgcolor": "rgba(255,255,255,0.85)",
     }
@@ -129,7 +125,7 @@ def build_target_line(
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a number, or None if it is not finite: JSON has no others."""
+    """Return a number, or None if it is not finite, as JSON requires."""
     return value if math.isfinite(value) else None
 
 
@@ -138,10 +134,10 @@ _BLUE, _RED, _GREEN = COLOURS[:3]
 
 
 def trace_screening(x: Sequence[float], y: Sequence[float]) -> dict[str, Any]:
-    """Return all that were screened, as faint points."""
+    """Return the trace of all feasible evaluations, as faint points."""
     known = [(a, b) for a, b in zip(x, y, strict=True) if math.isfinite(a) and math.isfinite(b)]
     return {
-        "name": "screened, within all constraints",
+        "name": "evaluated, feasible",
         "x": [a for a, _ in known],
         "y": [b for _, b in known],
         "mode": "markers",
@@ -151,7 +147,7 @@ def trace_screening(x: Sequence[float], y: Sequence[float]) -> dict[str, Any]:
 
 
 def trace_predictions(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec, *, joined: bool | None) -> dict[str, Any]:
-    """Return what was predicted of the front, joined by a line or not, or of rigs behind it (None)."""
+    """Return the trace of predictions of the front, joined by a line or not, or of alternatives (``joined=None``)."""
     return {
         "name": "alternatives, predicted" if joined is None else "front, predicted",
         "x": [finite_or_none(x.predicted(rig)) for rig in rigs],
@@ -169,7 +165,7 @@ def trace_predictions(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec, *, jo
 
 
 def trace_simulations(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec) -> dict[str, Any]:
-    """Return what simulations of some rigs found, with bars."""
+    """Return the trace of simulated rigs with prediction intervals."""
     trace: dict[str, Any] = {
         "name": "simulated, 95 %",
         "mode": "markers",
@@ -192,7 +188,7 @@ def trace_simulations(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec) -> di
 
 
 def trace_discrepancies(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec) -> dict[str, Any]:
-    """Return thin lines from what was predicted to what was simulated."""
+    """Return the trace of thin lines from predictions to simulations."""
     trace: dict[str, Any] = {
         "mode": "lines",
         "line": {"color": _RED, "width": 1, "dash": "dot"},
@@ -212,7 +208,7 @@ def trace_discrepancies(rigs: Sequence[RigDesign], x: AxisSpec, y: AxisSpec) -> 
 
 
 def trace_recommended(rig: RigDesign, x: AxisSpec, y: AxisSpec) -> dict[str, Any]:
-    """Return the recommended rig."""
+    """Return the trace of the recommended rig."""
     return {
         "name": f"recommended: rig {rig.number}",
         "x": [finite_or_none(x.predicted(rig))],
@@ -228,7 +224,6 @@ def _hover(rigs: Sequence[RigDesign]) -> dict[str, Any]:
 
 
 def _hover_text(rig: RigDesign) -> str:
-    """Return what is told of a rig under the pointer."""
     lines = [f"<b>Rig {rig.number}</b>"]
     for title, value in rig.predicted.items():
         found = rig.simulated.get(title)
@@ -244,7 +239,7 @@ _MOST_PAIRS, _MOST_SCREENED = 6, 1000
 
 
 def build_front_charts(design: DesignResult) -> list[Chart]:
-    """Return the charts of the front."""
+    """Return the charts of the front: pairs of objectives, or a single objective over a parameter."""
     ways = [AxisSpec(objective.title, objective) for objective in design.objectives]
     if len(ways) == 1:
         parameter = _most_influential(design)
@@ -254,12 +249,12 @@ def build_front_charts(design: DesignResult) -> list[Chart]:
 
 
 def _chart(design: DesignResult, x: AxisSpec, y: AxisSpec, name: str) -> Chart:
-    """Return rigs by two figures."""
+    """Return the chart of all rigs over two quantities."""
     is_front = x.objective is not None
     held, best = _feasible(design.screened), design.recommended
     rigs = sorted(design.rigs, key=x.predicted)
     confirmed = [rig for rig in rigs if x.simulated(rig) is not None and y.simulated(rig) is not None]
-    # In two of several objectives, the front is no line that goes down; of a single one it is a point.
+    # For more than two objectives, the front is not a descending line; for a single objective, it is a point.
     numbers = {rig.number for rig in design.front} if is_front else set()
     first = [rig for rig in rigs if rig.number in numbers]
     behind = [rig for rig in rigs if rig.number not in numbers]
@@ -282,7 +277,7 @@ def _chart(design: DesignResult, x: AxisSpec, y: AxisSpec, name: str) -> Chart:
         f"{format_number(x.predicted(rig))} and {format_number(y.predicted(rig))}" for rig in (rigs[0], rigs[-1])
     ]
     told = (
-        f"{y.title} over {x.title}; less is better{' in both' if is_front else ''}. Predictions of {len(rigs)} rigs, "
+        f"{y.title} over {x.title}; lower is better{' for both' if is_front else ''}. Predictions of {len(rigs)} rigs, "
         f"from {ends_of[0]} to {ends_of[1]}; {len(confirmed)} of them were simulated. Recommended: "
         f"rig {best.number} with {format_number(x.predicted(best))} and {format_number(y.predicted(best))}."
     )
@@ -290,13 +285,13 @@ def _chart(design: DesignResult, x: AxisSpec, y: AxisSpec, name: str) -> Chart:
 
 
 def _feasible(screened: pd.DataFrame) -> pd.DataFrame:
-    """Return predictions within all constraints, evenly thinned out if they are many."""
+    """Return the feasible evaluations, evenly thinned to at most 1000."""
     held = screened[screened["holds"].astype(bool)]
     return held.iloc[:: max(1, -(-len(held) // _MOST_SCREENED))]
 
 
 def _most_influential(design: DesignResult) -> str | None:
-    """Return the parameter that does most to the only objective, of those that are numbers; None if there are none."""
+    """Return the most influential numeric parameter of the first objective; None without numeric parameters."""
     worth = {
         path: 0.0
         for path in design.recommended.parameters
@@ -319,15 +314,15 @@ def _is_number(value: object) -> bool:
 
 _MOST_BARS = 20
 _PALE = ("#8cc1e0", "#f0b28f")
-"""The first colours of charts, paler."""
+"""Pale variants of the first colours of charts."""
 _BESIDE = 0.3
-"""Share of the bars' span beside them."""
+"""Margin of the axis for labels, as a fraction of the span of the bars."""
 _BAR_PX, _AROUND_PX = 52, 150
-"""Height of two bars, and of what is around all of them."""
+"""Height of a pair of bars, and of the margins of the chart."""
 
 
 def build_sensitivity_charts(design: DesignResult) -> list[Chart]:
-    """Return what each parameter does to each objective: 10 % more and less of it, and shares of the variance."""
+    """Return charts of local sensitivities (±10 %) and of Sobol' indices for each objective."""
     charts = []
     for place, objective in enumerate(design.objectives):
         own = [one for one in design.sensitivities if one.objective == objective.title]
@@ -339,12 +334,12 @@ def build_sensitivity_charts(design: DesignResult) -> list[Chart]:
 
 
 def _ten_percent(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Chart:
-    """Return bars of what 10 % more and less of each parameter does, the largest on top."""
+    """Return bars of the effect of ±10 % of each parameter, the largest at the top."""
     shown = sorted(own, key=lambda one: abs(one.ten_percent))[-_MOST_BARS:]
     data = []
     for name, changes, colours in (
-        ("10 % less", [one.ten_percent_less for one in shown], _PALE),
-        ("10 % more", [one.ten_percent for one in shown], COLOURS),
+        ("10 % decrease", [one.ten_percent_less for one in shown], _PALE),
+        ("10 % increase", [one.ten_percent for one in shown], COLOURS),
     ):
         data.append(
             {
@@ -357,16 +352,16 @@ def _ten_percent(place: int, objective: Objective, own: Sequence[Sensitivity]) -
                 "textposition": "auto",
                 "insidetextanchor": "middle",
                 "cliponaxis": False,
-                # Less is better.
+                # Lower is better.
                 "marker": {"color": [colours[1] if one > 0 else colours[0] for one in changes]},
                 "hovertemplate": f"{name} of %{{y}}: %{{text}}<extra></extra>",
             }
         )
-    # Room for words beside short bars.
+    # Margins for labels next to short bars.
     ends = [one for each in shown for one in (each.ten_percent, each.ten_percent_less) if math.isfinite(one)]
     reach = [100 * end(0.0, *ends) for end in (min, max)]
     spare = _BESIDE * max(reach[1] - reach[0], 1.0)
-    key = "full: 10 % more; pale: less; blue is better"
+    key = "solid: 10 % increase; pale: decrease; blue: better"
     layout = {
         "title": {"text": f"{objective.title}: ±10 %<br><sub>{key}</sub>"},
         "xaxis": {"title": {"text": "change, %"}, "range": [reach[0] - spare, reach[1] + spare], "automargin": True},
@@ -379,17 +374,16 @@ def _ten_percent(place: int, objective: Objective, own: Sequence[Sensitivity]) -
         f"{one.parameter} {format_signed_percent(one.ten_percent)} ({format_signed_percent(one.ten_percent_less)})"
         for one in reversed(shown)
     )
-    words = f"Change of {objective.title} for 10 % more (less) of a parameter: {told}."
+    words = f"Change of {objective.title} for an increase (decrease) of a parameter by 10 %: {told}."
     return Chart(f"ten-percent-{place}", words, data, layout)
 
 
 def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Chart:
-    """Return bars of the shares of variance, with their intervals."""
     shown = sorted(own, key=lambda one: one.sobol_total)[-_MOST_BARS:]
     data: list[dict[str, Any]] = []
     for name, field, colour in (
-        ("with interactions", "sobol_total", COLOURS[4]),
-        ("alone", "sobol_first", COLOURS[0]),
+        ("total", "sobol_total", COLOURS[4]),
+        ("first order", "sobol_first", COLOURS[0]),
     ):
         found = [(getattr(one, field), getattr(one, f"{field}_half")) for one in shown]
         data.append(
@@ -405,7 +399,7 @@ def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Char
                     "thickness": 1,
                     "width": 2,
                 },
-                # What is not known is pale.
+                # Insignificant indices are pale.
                 "marker": {"color": colour, "opacity": [1.0 if abs(a) >= b else 0.4 for a, b in found]},
                 "customdata": [
                     format_estimate(*one, each.sobol_samples) for one, each in zip(found, shown, strict=True)
@@ -417,7 +411,7 @@ def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Char
     layout = {
         "title": {"text": f"{objective.title}: variance<br><sub>{key}</sub>"},
         "xaxis": {
-            "title": {"text": "share of the variance"},
+            "title": {"text": "fraction of the variance"},
             "rangemode": "tozero",
             "automargin": True,
         },
@@ -434,7 +428,7 @@ def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Char
 
 
 def _folded(path: str) -> str:
-    """Break a long path at a dot, so that there is room for its bar."""
+    """Return a path with a line break at its last dot if it is long."""
     if len(path) <= 18 or "." not in path:
         return path
     head, _, last = path.rpartition(".")

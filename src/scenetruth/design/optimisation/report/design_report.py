@@ -1,4 +1,4 @@
-"""Writes the files of a design: tables, scene files, ``design.json``, and the HTML report with its headline."""
+"""Output files of a design: tables, scene files, ``design.json`` and the HTML report."""
 
 from __future__ import annotations
 
@@ -63,16 +63,16 @@ __all__ = [
 
 
 _LINKED_FILES = (
-    ("budget/index.html", "Error budget of the recommended rig"),
-    ("pattern/pattern.pdf", "Pattern to print, at true scale"),
+    ("budget/index.html", "Uncertainty budget of the recommended rig"),
+    ("pattern/pattern.pdf", "Pattern for printing at true scale"),
     ("pattern/pattern.svg", "The pattern as SVG"),
-    ("recommended/report.html", "Report of one simulation of the recommended rig"),
+    ("recommended/report.html", "Report of a simulation of the recommended rig"),
     ("sweep/index.html", "Sweep around the recommended rig"),
 )
 
 
 def find_links(folder: str | Path) -> list[tuple[str, str]]:
-    """Return addresses and words of what there is beside the page."""
+    """Return addresses and titles of existing related files."""
     return [(name, words) for name, words in _LINKED_FILES if (Path(folder) / name).is_file()]
 
 
@@ -81,13 +81,7 @@ _MOST_LISTED = 3
 
 @dataclass(frozen=True)
 class ObjectiveResult:
-    """What the recommended rig reaches of an objective.
-
-    ``title``: The objective.
-    ``figure``, ``unit``: The number that counts: of simulations if there are any, else predicted.
-    ``source``: Where it is from, with its interval.
-    ``verdict``: Whether it is what was wanted; empty if nothing was.
-    """
+    """Result of an objective for the recommended rig: value, statistic and origin, comparison with the target."""
 
     title: str
     figure: str
@@ -97,7 +91,7 @@ class ObjectiveResult:
 
 
 def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
-    """Return what the recommended rig reaches, objective by objective."""
+    """Return the result of each objective for the recommended rig."""
     found = []
     for objective in design.objectives:
         predicted = design.recommended.predicted[objective.title]
@@ -124,66 +118,62 @@ def _verdict(design: DesignResult, objective: Objective) -> str:
     predicted, simulated = design.recommended.predicted[title], design.recommended.simulated.get(title)
     if wanted is None:
         return ""
-    aim = f"Wanted: {format_length(wanted)} {objective.unit}"
+    aim = f"Target: {format_length(wanted)} {objective.unit}"
     if simulated is None:
-        return f"{aim}. {'Reached' if predicted <= wanted else 'Not reached'} by prediction alone."
+        return f"{aim}. {'Met' if predicted <= wanted else 'Not met'} by the prediction; not simulated."
     if not simulated.value <= wanted:
-        return f"{aim}. Not reached."
+        return f"{aim}. Not met."
     if math.isfinite(simulated.pi_high) and simulated.pi_high > wanted:
-        told = "Reached in the mean, but the interval goes beyond."
+        told = "Met by the mean, but not by the whole interval."
     else:
-        told = f"Reached{', with all of the interval' if math.isfinite(simulated.pi_high) else ''}."
+        told = f"Met{' by the whole interval' if math.isfinite(simulated.pi_high) else ''}."
     rms = compute_rig_interval(design.recommended, title, "rmse")
-    return f"{aim}. {told}" + (" The RMSE is beyond." if rms.value > wanted else "")
+    return f"{aim}. {told}" + (" The RMSE is above the target." if rms.value > wanted else "")
 
 
 def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
-    """Return what must be known before anything else: words, and the part of the page that tells more."""
+    """Return the warnings of the report with the identifiers of the related sections."""
     told = []
     broken = [one for one in design.recommended.constraints if not one.holds]
     if broken:
         names = ", ".join(one.title for one in broken)
-        told.append((f"The recommended rig does not keep every constraint: {names}.", "constraints"))
+        told.append((f"The recommended rig violates constraints: {names}.", "constraints"))
     if not design.recommended.is_confirmed:
-        told.append(("The recommended rig was not simulated: its figures are predictions.", "agreement"))
+        told.append(("The recommended rig was not simulated: its values are predictions.", "agreement"))
     for objective in design.objectives:
         figure = design.recommended.predicted[objective.title]
         if objective.title in design.recommended.simulated:
             figure = design.recommended.simulated[objective.title].value
         if objective.wanted is not None and not figure <= objective.wanted:
-            aim = (
-                f"{format_number(figure)} {objective.unit}, and not {format_length(objective.wanted)} {objective.unit}"
-            )
-            told.append(
-                (f"The recommended rig does not reach what is wanted. {objective.title}: {aim}.", "alternatives")
-            )
+            aim = f"{format_number(figure)} {objective.unit}, target {format_length(objective.wanted)} {objective.unit}"
+            told.append((f"The recommended rig does not meet the target. {objective.title}: {aim}.", "alternatives"))
         told += _far_off(design, objective, figure)
         if design.recommended.density(objective.title) < SUFFICIENT_DENSITY:
             share = f"{100 * design.recommended.density(objective.title):.0f} %"
-            words = f"{objective.title}: the method tells only {share} of the pixels; the figures are of these."
+            words = f"{objective.title}: only {share} of the pixels are valid; the statistics refer to these."
             told.append((words, "agreement"))
     notable = [one for one in design.discrepancies if one.notable]
     if notable:
         count = f"{len(notable)} of {len(design.discrepancies)}"
         own = sum(one.rig == design.recommended.number for one in notable)
-        which = f", {own} of them at the recommended rig" if own else ""
-        told.append((f"Prediction and simulation differ notably in {count} figures{which}.", "agreement"))
+        which = f", {own} of them for the recommended rig" if own else ""
+        told.append((f"Prediction and simulation differ notably in {count} values{which}.", "agreement"))
     return told
 
 
 def _far_off(design: DesignResult, objective: Objective, figure: float) -> list[tuple[str, str]]:
-    """Warn of places that are so far off that the RMSE misses what the objective's statistic reaches."""
+    """Return a warning if the objective's statistic meets the target, but the RMSE does not because of outliers."""
     rms = compute_rig_interval(design.recommended, objective.title, "rmse")
     wanted = objective.wanted
     if objective.statistic == "rmse" or wanted is None or not figure <= wanted or not rms.value > wanted:
         return []
     value = f"{format_number(figure)} {objective.unit}"
-    words = f"{objective.title}: some places are far off. The {objective.told_in} is {value},"
+    words = f"{objective.title}: the errors have outliers. The {objective.told_in} is {value},"
     return [(f"{words} but the RMSE {format_number(rms.value)} {objective.unit}.", "alternatives")]
 
 
 def describe_sensitivities(design: DesignResult) -> list[str]:
-    """Say what 10 % more and less of the parameters that matter most does, objective by objective."""
+    """Return a line on the most influential parameters of each objective, for changes of ±10 %."""
     told = []
     for objective in design.objectives:
         own = [
@@ -194,9 +184,9 @@ def describe_sensitivities(design: DesignResult) -> list[str]:
         own = sorted(own, key=lambda one: -abs(one.ten_percent))[:_MOST_LISTED]
         if own:
             parts = [
-                f"10 % more {one.parameter} changes it by {format_signed_percent(one.ten_percent)} "
+                f"an increase of {one.parameter} by 10 % changes it by {format_signed_percent(one.ten_percent)} "
                 f"({'better' if one.ten_percent < 0 else 'worse'}), "
-                f"10 % less by {format_signed_percent(one.ten_percent_less)}"
+                f"a decrease by {format_signed_percent(one.ten_percent_less)}"
                 for one in own
             ]
             told.append(f"{objective.title}: {_listed(parts)}.")
@@ -209,35 +199,35 @@ def _listed(parts: Sequence[str]) -> str:
 
 PAGE = "index.html"
 _BLUR_PX = 1.0
-"""Blur that counts as sharp where the design specification says nothing."""
+"""Default limit of the blur disc for the depth of field."""
 
 
 def write_design_page(design: DesignResult, folder: str | Path) -> Path:
-    """Write the page of a design.
+    """Write the HTML report of a design.
 
     Parameters
     ----------
     design
         The design.
     folder
-        Where the page goes. Budget and pattern that lie there already are linked.
+        Output directory. An existing budget and pattern in it are linked.
 
     Returns
     -------
     pathlib.Path
-        The page.
+        The report.
 
     Raises
     ------
     SceneError
-        If the scene of the recommended rig cannot be made.
+        If the scene of the recommended rig is invalid.
     StoreError
-        If the page cannot be written.
+        If the report cannot be written.
 
     See Also
     --------
-    scenetruth.design.optimisation.optimise : Makes a design, and with a folder its page.
-    scenetruth.DesignResult.load : A design that lies in a folder.
+    scenetruth.design.optimisation.optimise : Optimise a rig; writes the report with an output directory.
+    scenetruth.DesignResult.load : Load a design from its output directory.
 
     Examples
     --------
@@ -302,7 +292,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
 
 
 def derive_blur_limit(spec: Mapping[str, Any]) -> float:
-    """Return the diameter in px of the blur disc that a specification lets pass as sharp; 1 px if it says nothing."""
+    """Return the largest acceptable blur disc of a specification in px; 1 px by default."""
     limits = []
     for one in spec.get("constraints") or ():
         if one.get("kind") == "depth_of_field":
@@ -317,12 +307,12 @@ FRONT_FILE, RIG_FILE = "pareto_front.csv", "recommended.yaml"
 
 def write_design_files(design: DesignResult, folder: Path) -> None:
     """Write a design: ``recommended.yaml`` and its preview, tables, ``design.json``, ``index.html``."""
-    head = f"# {design.title}: the recommended rig, ready to run: scenetruth run {RIG_FILE} -o results\n"
+    head = f"# {design.title}: the recommended rig. Run: scenetruth run {RIG_FILE} -o results\n"
     text = head + yaml.safe_dump(to_plain_data(design.recommended.scene), sort_keys=False, allow_unicode=True)
     _write_text(folder / RIG_FILE, text)
     light = build_preview(design)
-    head = f"# {design.title}: a part of what the recommended rig sees: scenetruth run {PREVIEW_FILE} -o preview\n"
-    head += f"# Beside {RIG_FILE}: {'; '.join(light.changes) or 'nothing is left out'}\n"
+    head = f"# {design.title}: preview of the recommended rig. Run: scenetruth run {PREVIEW_FILE} -o preview\n"
+    head += f"# Differences from {RIG_FILE}: {'; '.join(light.changes) or 'none'}\n"
     _write_text(
         folder / PREVIEW_FILE, head + yaml.safe_dump(to_plain_data(light.plain), sort_keys=False, allow_unicode=True)
     )

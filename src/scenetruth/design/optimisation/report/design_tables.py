@@ -44,13 +44,13 @@ _OTHER: Mapping[str, Mapping[str, str]] = {
     "rmse": {"scaled_median_abs_error": STATISTIC_TITLES["scaled_median_abs_error"]},
     "p95_abs_error": {"rmse": STATISTIC_TITLES["rmse"]},
 }
-"""What is told of simulations besides an objective's statistic."""
+"""Additional simulated statistics in the table of rigs, by statistic of the objective."""
 _AT_THE_END = 0.01
-"""A parameter is at the end of its range if no more than this share of the range is left."""
+"""Distance from an end that counts as the end of the range, as a fraction of the range."""
 
 
 def build_parameter_table(design: DesignResult) -> HtmlTable:
-    """Return the design variables of the recommended rig, with the range each was chosen from."""
+    """Return the table of design variables of the recommended rig with their ranges."""
     variables = design.specification.get("variables", {})
     lines = []
     for path, value in design.recommended.parameters.items():
@@ -59,12 +59,12 @@ def build_parameter_table(design: DesignResult) -> HtmlTable:
         lines.append(
             [HtmlCell(path), HtmlCell(format_value(value), _sort_key(value)), HtmlCell(chosen), HtmlCell(at_end)]
         )
-    caption = "Design variables, the range of each, and whether the value is at an end of it"
-    return HtmlTable("parameters", caption, ["parameter", "value", "chosen from", "end of the range"], lines)
+    caption = "Design variables with their ranges or choices"
+    return HtmlTable("parameters", caption, ["parameter", "value", "range or choices", "end of the range"], lines)
 
 
 def build_front_table(design: DesignResult) -> HtmlTable:
-    """Return the front and the alternatives, a rig each line."""
+    """Return the table of the front and the alternatives, one row per rig."""
     parameters = list(design.recommended.parameters)
     columns = ["rig", "on the front"]
     rigs, first = design.rigs, {rig.number for rig in design.front}
@@ -72,7 +72,7 @@ def build_front_table(design: DesignResult) -> HtmlTable:
         of = f"{objective.title}, {objective.unit}"
         columns += [f"{of}: predicted {objective.told_in}", "simulated", "95 %", *_OTHER[objective.statistic].values()]
     priced = any(rig.price is not None for rig in rigs)
-    columns += [*parameters, *(["price, €"] if priced else []), "tightest constraint", "what limits", "scene file"]
+    columns += [*parameters, *(["price, €"] if priced else []), "tightest constraint", "limiting factors", "scene file"]
     lines, marked = [], None
     for place, rig in enumerate(rigs):
         is_best = rig.number == design.recommended.number
@@ -96,7 +96,7 @@ def build_front_table(design: DesignResult) -> HtmlTable:
         lines.append([*line, HtmlCell(file.name, float(rig.number), file.address, file.name)])
     return HtmlTable(
         "front",
-        "The front: rigs than which no other is predicted to be better in every objective; and alternatives behind it",
+        "Pareto front (non-dominated rigs by prediction) and alternatives",
         columns,
         lines,
         marked,
@@ -104,28 +104,28 @@ def build_front_table(design: DesignResult) -> HtmlTable:
 
 
 def build_constraint_table(rig: RigDesign) -> HtmlTable:
-    """Return the constraints of a rig, the tightest first."""
+    """Return the table of constraints of a rig, the tightest first."""
     lines = [
         [
             HtmlCell(one.title),
             HtmlCell(f"{format_length(one.value)} {one.unit}".rstrip(), _finite(one.value)),
             HtmlCell(f"{one.sense} {format_length(one.limit)} {one.unit}".rstrip(), one.limit),
             HtmlCell(format_percent(one.margin), one.margin if math.isfinite(one.margin) else None),
-            HtmlCell("holds" if one.holds else "does not hold"),
+            HtmlCell("yes" if one.holds else "no"),
         ]
         for one in sorted(rig.constraints, key=_tightness)
     ]
-    columns = ["constraint", "here", "allowed", "margin, share of the limit", "does it hold"]
-    return HtmlTable("constraints", f"Constraints at rig {rig.number}, the tightest first", columns, lines)
+    columns = ["constraint", "value", "bound", "relative margin", "satisfied"]
+    return HtmlTable("constraints", f"Constraints of rig {rig.number}, the tightest first", columns, lines)
 
 
 def find_tightest(rig: RigDesign) -> ConstraintValue | None:
-    """Return the constraint of which least is left; None if there are none."""
+    """Return the constraint with the smallest margin; None without constraints."""
     return min(rig.constraints, key=_tightness, default=None)
 
 
 def build_sensitivity_table(design: DesignResult) -> HtmlTable:
-    """Return what parameters do to objectives."""
+    """Return the table of sensitivities."""
     lines = [
         [
             HtmlCell(one.parameter),
@@ -139,29 +139,29 @@ def build_sensitivity_table(design: DesignResult) -> HtmlTable:
         ]
         for one in design.sensitivities
     ]
-    columns = ["parameter", "objective", "10 % more of it", "10 % less", "Sobol' first", "Sobol' total"]
+    columns = ["parameter", "objective", "10 % increase", "10 % decrease", "Sobol' first-order", "Sobol' total"]
     columns += ["Morris μ*", "Morris σ"]
-    return HtmlTable("sensitivities", "What parameters do to objectives", columns, lines)
+    return HtmlTable("sensitivities", "Sensitivities of the objectives to the parameters", columns, lines)
 
 
 def build_rule_table(design: DesignResult) -> HtmlTable:
-    """Return the rules of thumb, and whether the recommended rig keeps them."""
+    """Return the table of rules of thumb for the recommended rig."""
     lines = [
         [
             HtmlCell(one.title),
             HtmlCell(one.says),
             HtmlCell(one.here),
-            HtmlCell("kept" if one.holds else "not kept"),
+            HtmlCell("yes" if one.holds else "no"),
             HtmlCell(one.source),
         ]
         for one in design.rules
     ]
-    columns = ["rule", "it says", "here", "is it kept", "source"]
-    return HtmlTable("rules", "Rules of thumb of the field, at the recommended rig", columns, lines)
+    columns = ["rule", "criterion", "recommended rig", "satisfied", "source"]
+    return HtmlTable("rules", "Rules of thumb for the recommended rig", columns, lines)
 
 
 def build_discrepancy_table(design: DesignResult) -> HtmlTable:
-    """Return predictions beside simulations."""
+    """Return the table of predictions and simulations."""
     lines = [
         [
             HtmlCell(str(one.rig), one.rig),
@@ -187,13 +187,13 @@ def build_discrepancy_table(design: DesignResult) -> HtmlTable:
         "recordings",
         "ratio",
         "verdict",
-        "in words",
+        "description",
     ]
-    return HtmlTable("discrepancies", "Prediction beside simulation, every rig that was simulated", columns, lines)
+    return HtmlTable("discrepancies", "Prediction and simulation of every simulated rig", columns, lines)
 
 
 def build_rank_consistency_table(design: DesignResult) -> HtmlTable:
-    """Return whether simulations keep the order of predictions, a pair of rigs each line."""
+    """Return the table of rank consistency, one row per pair of rigs."""
     lines = [
         [
             HtmlCell(one.objective),
@@ -207,8 +207,8 @@ def build_rank_consistency_table(design: DesignResult) -> HtmlTable:
         ]
         for one in design.orders
     ]
-    columns = ["objective", "better by prediction", "worse", "by a factor of", "simulated factor", "95 %", "seeds"]
-    caption = "Order of rigs: by what factor the worse one is worse, from paired figures of the same seeds"
+    columns = ["objective", "better rig", "worse rig", "predicted ratio", "simulated ratio", "95 %", "seeds"]
+    caption = "Rank of pairs of rigs: predicted and simulated ratio, worse over better, paired by seed"
     return HtmlTable("orders", caption, [*columns, "order"], lines)
 
 
@@ -217,7 +217,7 @@ def _tightest_cell(rig: RigDesign) -> HtmlCell:
     if one is None:
         return HtmlCell(UNDEFINED)
     return HtmlCell(
-        f"{one.title}, {format_percent(one.margin)} left" if one.holds else f"{one.title}: does not hold", one.margin
+        f"{one.title}, {format_percent(one.margin)} left" if one.holds else f"{one.title}: violated", one.margin
     )
 
 
@@ -226,7 +226,7 @@ def _tightness(one: ConstraintValue) -> tuple[bool, float]:
 
 
 def _range(entry: Any, value: Any) -> tuple[str, str]:
-    """Return what a parameter was chosen from, and which end of it the value is at."""
+    """Return the range or choices of a parameter, and the end at which the value is."""
     told = entry if isinstance(entry, Mapping) else {"values": entry}
     low, high, values = told.get("from"), told.get("to"), told.get("values")
     if _is_number(low) and _is_number(high):

@@ -1,4 +1,4 @@
-"""Numbers, parameters and intervals formatted for readers."""
+"""Formatting of numbers, intervals and parameters in reports."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MINUS = "−"
 
 
 def format_number(value: float | None, digits: int = 3) -> str:
-    """Spell a number with so many significant digits.
+    """Return the text of a number with ``digits`` significant digits.
 
     >>> tuple(format_number(value) for value in (0.012345, -1234.5, math.inf, None, 0.0, 2.5e-7))
     ('0.0123', '−1230', '∞', '–', '0', '2.50e−7')
@@ -43,7 +43,7 @@ def format_number(value: float | None, digits: int = 3) -> str:
 
 
 def format_length(value: float, digits: int = 3) -> str:
-    """Spell a number that is set and not measured: without zeros at its end.
+    """Return the text of a specified number, without trailing zeros.
 
     >>> format_length(32.0), format_length(0.8), format_length(-1250.4), format_length(100.0), format_length(math.inf)
     ('32', '0.8', '−1250', '100', '∞')
@@ -53,7 +53,7 @@ def format_length(value: float, digits: int = 3) -> str:
 
 
 def format_interval(low: float, high: float) -> str:
-    """Spell an interval; empty where there is none.
+    """Return the text of an interval; empty if undefined.
 
     >>> format_interval(0.19, 0.254), format_interval(math.nan, 1.0)
     ('0.190 to 0.254', '')
@@ -62,11 +62,11 @@ def format_interval(low: float, high: float) -> str:
 
 
 def format_estimate(value: float, half: float, samples: int) -> str:
-    """Spell an estimate with the half width of its interval; say so where it is not known, or only that it is small.
+    """Return the text of an estimate with the half width of its interval, or of its insignificance.
 
     >>> pairs = (0.532, 0.21), (-0.03, 0.09), (0.001, 0.004), (0.3, math.nan)
     >>> tuple(format_estimate(value, uncertainty, 64) for value, uncertainty in pairs)
-    ('0.53 ± 0.21', 'cannot be told from 64 samples', 'under 0.05', '0.30')
+    ('0.53 ± 0.21', 'not significant with 64 samples', 'under 0.05', '0.30')
     """
     if not math.isfinite(value):
         return UNDEFINED
@@ -74,15 +74,15 @@ def format_estimate(value: float, half: float, samples: int) -> str:
         return f"{value:.2f}".replace("-", _MINUS)
     if half <= abs(value):
         return f"{value:.2f} ± {half:.2f}".replace("-", _MINUS)
-    return f"under {_LITTLE:g}" if value + half < _LITTLE else f"cannot be told from {samples} samples"
+    return f"under {_LITTLE:g}" if value + half < _LITTLE else f"not significant with {samples} samples"
 
 
 _LITTLE = 0.05
-"""A share of the variance that is as good as none."""
+"""Negligible fraction of the variance."""
 
 
 def format_percent(share: float) -> str:
-    r"""Spell a share as a number of per cent.
+    r"""Return the text of a fraction in per cent.
 
     >>> [format_percent(share).replace("\N{NO-BREAK SPACE}", " ") for share in (0.125, -0.004, math.nan, 12.0)]
     ['12 %', '−0.4 %', '–', '1200 %']
@@ -93,7 +93,7 @@ def format_percent(share: float) -> str:
 
 
 def format_signed_percent(share: float) -> str:
-    r"""Spell a change as a number of per cent, with its sign.
+    r"""Return the text of a relative change in per cent with its sign.
 
     >>> [format_signed_percent(share).replace("\N{NO-BREAK SPACE}", " ") for share in (0.21, -0.091, 0.0, math.nan)]
     ['+21 %', '−9.1 %', '0 %', '–']
@@ -102,7 +102,7 @@ def format_signed_percent(share: float) -> str:
 
 
 def format_value(value: Any) -> str:
-    """Spell the value of a parameter.
+    """Return the text of a parameter value.
 
     >>> format_value(0.123456), format_value("35 mm f/4"), format_value(5), format_value(True), format_value([1, 2.50])
     ('0.1235', '35 mm f/4', '5', 'yes', '1, 2.5')

@@ -1,4 +1,4 @@
-"""Scene files of a rig, complete and as a preview, as the report shows and offers them."""
+"""Scene files of a rig in the report, complete and as a preview."""
 
 from __future__ import annotations
 
@@ -18,38 +18,34 @@ __all__ = ["PREVIEW_FILE", "SceneFile", "build_preview", "build_preview_file", "
 
 
 PREVIEW_FILE = "recommended_preview.yaml"
-"""File of the preview."""
+"""Name of the preview file."""
 
 
 def build_preview(design: DesignResult) -> ReducedScene:
-    """Return what is rendered quickly of the recommended rig: that of which simulations are made."""
+    """Return the scene of reduced cost of the recommended rig, as in the confirmation runs."""
     max_size_px = (design.specification.get("confirmation") or {}).get("max_size_px") or ConfirmationSpec().max_size_px
     return reduce_scene(Scene.from_dict(design.recommended.scene), design.objectives[0].region, max_size_px)
 
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene file that is part of a page.
-
-    ``name``: What it is called when it is saved.
-    ``text``: What it holds, in YAML.
-    """
+    """A scene file embedded in a page: file name and YAML text."""
 
     name: str
     text: str
 
     @property
     def address(self) -> str:
-        """The file as an address of its own, so that it can be saved from the page."""
+        """The file as a data URL for download."""
         return "data:application/yaml;base64," + base64.b64encode(self.text.encode("utf-8")).decode("ascii")
 
     @property
     def commands(self) -> tuple[tuple[str, str], ...]:
-        """What to do with it: words and the command."""
+        """Commands for the file, each with a title."""
         stem = self.name.removesuffix(".yaml")
         return (
-            ("Simulate it, estimate and score", shlex.join(["scenetruth", "run", self.name, "-o", f"outputs/{stem}"])),
-            ("What takes how much of its precision", shlex.join(["scenetruth", "design", "budget", self.name])),
+            ("Simulate, estimate and score", shlex.join(["scenetruth", "run", self.name, "-o", f"outputs/{stem}"])),
+            ("Compute the uncertainty budget", shlex.join(["scenetruth", "design", "budget", self.name])),
         )
 
 
@@ -59,12 +55,12 @@ def build_scene_file(rig: RigDesign, name: str) -> SceneFile:
 
 
 def build_preview_file(design: DesignResult) -> SceneFile:
-    """Return the file of a scene that shows a part of what the recommended rig sees."""
+    """Return the scene file of the preview."""
     return SceneFile(PREVIEW_FILE, format_yaml(build_preview(design).plain))
 
 
 def format_yaml(plain: Mapping[str, Any]) -> str:
-    """Return plain values as YAML, in their order, short lists on one line."""
+    """Return plain data as YAML, unsorted, with flat lists on one line."""
     import yaml
 
     text: str = yaml.dump(dict(plain), Dumper=_dumper(), sort_keys=False, allow_unicode=True, width=100)
@@ -72,7 +68,7 @@ def format_yaml(plain: Mapping[str, Any]) -> str:
 
 
 def _dumper() -> Any:
-    """Return what writes short lists of numbers on one line, as people write scene files."""
+    """Return a YAML dumper that writes flat lists on one line."""
     import yaml
 
     class Dumper(yaml.SafeDumper):

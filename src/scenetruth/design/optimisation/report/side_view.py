@@ -1,4 +1,4 @@
-"""The rig seen along Y, drawn to scale as SVG: viewport, elements, scene, and the complete drawings."""
+"""Scale drawings of a rig seen along Y, as SVG."""
 
 from __future__ import annotations
 
@@ -22,19 +22,18 @@ __all__ = [
 
 
 PaperPoint = tuple[float, float]
-"""A place on paper: to the right, and down."""
+"""A position in the drawing: right and down."""
 
 
 @dataclass(frozen=True)
 class Viewport:
-    """A window into the side view, at the same scale both ways.
+    """A viewport of the side view with equal scales along both axes.
 
-    ``name``: Its name within the page.
-    ``z_mm``, ``x_mm``: What it shows.
+    ``name``: Identifier within the page.
+    ``z_mm``, ``x_mm``: Displayed range.
     ``scale``: Units of the drawing per mm.
-    ``left``, ``right``, ``top``, ``bottom``: Space around it for dimensions, in units of the drawing.
-    ``upright``: Whether Z goes up and X to the right; else Z goes to the right and X down. Both are what one sees
-      looking along Y.
+    ``left``, ``right``, ``top``, ``bottom``: Margins for dimensions, in units of the drawing.
+    ``upright``: Whether Z points up and X right; otherwise Z points right and X down. Both are views along Y.
     """
 
     name: str
@@ -49,76 +48,76 @@ class Viewport:
 
     @property
     def sides(self) -> tuple[float, float, float, float]:
-        """Left, right, upper and lower end of the window on paper."""
+        """Left, right, upper and lower end of the viewport in the drawing."""
         z, x = ((each[1] - each[0]) * self.scale for each in (self.z_mm, self.x_mm))
         wide, high = (x, z) if self.upright else (z, x)
         return self.left, self.left + wide, self.top, self.top + high
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height of the drawing with what is around."""
+        """Width and height of the drawing with margins."""
         _, right, _, bottom = self.sides
         return right + self.right, bottom + self.bottom
 
     def at(self, z_mm: float, x_mm: float, *, ahead: float = 0.0, aside: float = 0.0) -> PaperPoint:
-        """Return where a point is drawn."""
+        """Return the position of a point, with offsets along Z and X in units of the drawing."""
         z = (z_mm - self.z_mm[0]) * self.scale + ahead
         x = (x_mm - self.x_mm[0]) * self.scale + aside
         return (self.left + x, self.sides[3] - z) if self.upright else (self.left + z, self.top + x)
 
     def along(self, z_mm: float) -> float:
-        """Return where a depth is drawn, along the direction of Z."""
+        """Return the coordinate of a depth along the direction of Z."""
         return self.at(z_mm, self.x_mm[0])[1 if self.upright else 0]
 
     def beside(self, x_mm: float) -> float:
-        """Return where an X is drawn, along the direction of X."""
+        """Return the coordinate of an X along the direction of X."""
         return self.at(self.z_mm[0], x_mm)[0 if self.upright else 1]
 
     def placed(self, points: Iterable[tuple[float, float]]) -> list[PaperPoint]:
-        """Return where points (Z, X) are drawn."""
+        """Return the positions of points (Z, X)."""
         return [self.at(z, x) for z, x in points]
 
     def inside(self, z_mm: float) -> bool:
-        """Whether a depth is shown."""
+        """Return whether a depth is in the displayed range."""
         return self.z_mm[0] <= z_mm <= self.z_mm[1]
 
 
 def choose_round_length_mm(most_mm: float) -> float:
-    """Return the largest of 1, 2, 5, 10, 20, 50 ... mm (also 0.5, 0.2, 0.1 ...) that is not longer than a length.
+    """Return the largest round length (1, 2 or 5 times a power of ten, in mm) that does not exceed a length.
 
     >>> choose_round_length_mm(137.0), choose_round_length_mm(0.3), choose_round_length_mm(5.0)
     (100.0, 0.2, 5.0)
     """
     power = 10.0 ** math.floor(math.log10(most_mm))
-    # Of 0.05 and the like, rounding decides on which side of a power of ten they are.
+    # Rounding may put a length such as 0.05 on either side of a power of ten.
     return next(factor * power for factor in (5.0, 2.0, 1.0, 0.5) if factor * power <= most_mm * (1 + 1e-9))
 
 
 _ARROW, _LETTER, _LINE = 6.0, 7.0, 16.0
-"""Length of an arrow's head, about the width of a letter, and the distance of two lines of words."""
+"""Length of an arrow head, approximate width of a letter, and line spacing."""
 
 
 def svg_line(start: PaperPoint, end: PaperPoint, kind: str) -> str:
-    """Return a line of a class."""
+    """Return a line of a CSS class."""
     return f'<line class="{kind}" x1="{start[0]:.2f}" y1="{start[1]:.2f}" x2="{end[0]:.2f}" y2="{end[1]:.2f}"/>'
 
 
 def svg_area(corners: Iterable[PaperPoint], kind: str, *, colour: str = "") -> str:
-    """Return an area of a class, or of a colour, with its border."""
+    """Return a polygon of a CSS class, optionally with a colour."""
     drawn = "L".join(f"{u:.2f},{v:.2f}" for u, v in corners)
     style = f' style="stroke:{colour};fill:{colour}"' if colour else ""
     return f'<path class="{kind}"{style} d="M{drawn}Z"/>'
 
 
 def svg_text(place: PaperPoint, text: str, anchor: str = "middle") -> str:
-    """Return words, anchored at their start, middle or end."""
+    """Return a text, anchored at its start, middle or end."""
     return f'<text x="{place[0]:.2f}" y="{place[1]:.2f}" text-anchor="{anchor}">{escape(text)}</text>'
 
 
 def svg_horizontal_dimension(
     u0: float, u1: float, v: float, text: str, within: tuple[float, float], *, above: bool = True
 ) -> str:
-    """Return a dimension from left to right, with its words above or below."""
+    """Return a horizontal dimension with its text above or below."""
     half = _LETTER * len(text) / 2
     middle = max(min((u0 + u1) / 2, within[1] - half), within[0] + half)
     return _arrows((u0, v), (u1, v)) + svg_text((middle, v - 9 if above else v + 18), text)
@@ -127,7 +126,7 @@ def svg_horizontal_dimension(
 def svg_vertical_dimension(
     u: float, v0: float, v1: float, lines: Sequence[str], within: tuple[float, float], *, right: bool
 ) -> str:
-    """Return a dimension from top to bottom, with words beside it."""
+    """Return a vertical dimension with its text to the right or left."""
     high = _LINE * (len(lines) - 1)
     first = max(min((v0 + v1 - high) / 2 + 4.5, within[1] - high - 4), within[0] + 12)
     beside, anchor = (u + 9, "start") if right else (u - 9, "end")
@@ -136,14 +135,14 @@ def svg_vertical_dimension(
 
 
 def svg_scale_bar(start: PaperPoint, length: float, text: str) -> str:
-    """Return a bar to the right that is as long as its words say."""
+    """Return a scale bar with its text."""
     u, v = start
     ends = "".join(svg_line((each, v - 5), (each, v + 5), "bar") for each in (u, u + length))
     return svg_line(start, (u + length, v), "bar") + ends + svg_text((u + length + 8, v + 4.5), text, "start")
 
 
 def _arrows(start: PaperPoint, end: PaperPoint) -> str:
-    """Return a line with a head at both ends; they point from outside where there is no room between."""
+    """Return a line with arrow heads at both ends; the heads of short lines are outside."""
     (u0, v0), (u1, v1) = start, end
     length = max(abs(u1 - u0), abs(v1 - v0))
     if length == 0:
@@ -164,21 +163,21 @@ def _arrows(start: PaperPoint, end: PaperPoint) -> str:
 
 
 CAMERA_LENGTH = 16.0
-"""Length of the sign of a camera on paper."""
+"""Length of a camera symbol in the drawing."""
 _LEAST = 2.0
-"""Half of its least width."""
+"""Half of the smallest width of a camera symbol."""
 _OF_OBJECTS = tuple(colour for number, colour in enumerate(COLOURS) if number not in (0, 2, 4))
-"""Blue is the field of view, green the depth of field."""
+"""Colours of objects: blue is reserved for the field of view, green for the depth of field."""
 
 
 def assign_colours(view: SideView) -> list[str]:
-    """Return the colour of each outline: one for all of them if they are too many to be told apart."""
+    """Return the colour of each outline; a single colour if there are more outlines than colours."""
     count = len(view.outlines)
     return list(_OF_OBJECTS[:count]) if count <= len(_OF_OBJECTS) else [_OF_OBJECTS[0]] * count
 
 
 def draw_scene(view: SideView, frame: Viewport) -> list[str]:
-    """Return what lies before the cameras."""
+    """Return the drawing of the fields of view, the depth of field and the objects."""
     last, (x0, x1) = frame.z_mm[1], frame.x_mm
     low, high = min(view.cameras_mm), max(view.cameras_mm)
     drawn = []
@@ -209,10 +208,10 @@ def draw_scene(view: SideView, frame: Viewport) -> list[str]:
 
 
 def draw_cameras(view: SideView, frame: Viewport) -> list[str]:
-    """Return signs of the cameras on their stage; the tip of each, its projection centre, is to scale."""
+    """Return the camera symbols on the stage; their tips are the projection centres, to scale."""
     if not frame.inside(0.0):
         return []
-    # Neighbours do not hide each other, if there is room.
+    # Symbols of adjacent cameras do not overlap if possible.
     apart = frame.scale * view.travel_mm / (len(view.cameras_mm) - 1) if view.travel_mm > 0 else CAMERA_LENGTH
     half = min(max(0.45 * apart, _LEAST), 0.45 * CAMERA_LENGTH)
     first = frame.at(0.0, min(view.cameras_mm), ahead=-CAMERA_LENGTH - 3, aside=-12.0)
@@ -226,25 +225,18 @@ def draw_cameras(view: SideView, frame: Viewport) -> list[str]:
 
 
 _EXTENT, _UPRIGHT_EXTENT, _DETAIL_EXTENT = (860.0, 400.0), (150.0, 560.0), (300.0, 260.0)
-"""Most width and height of what is drawn to scale."""
+"""Largest width and height of the drawings without margins."""
 _ENLARGED = 1.6
-"""A detail that is not enlarged by so much tells nothing new."""
+"""Smallest magnification of a detail."""
 _MOST_NAMED, _LEAST_APART = 11, 16.0
-"""Camera positions that have their names beside them, and how far apart these must be."""
+"""Largest number of labelled camera positions, and their smallest distance."""
 _BAR = 110.0
-"""A scale bar is no longer on paper."""
+"""Largest length of a scale bar."""
 
 
 @dataclass(frozen=True)
 class SideViewDrawing:
-    """A drawing.
-
-    ``name``: Its name within the page.
-    ``title``: What it shows.
-    ``svg``: The drawing, as an element of HTML.
-    ``width``: Its width in CSS pixels at which words have the size of a page's.
-    ``shown``: On which screens: ``"wide"``, ``"narrow"`` or ``"all"``.
-    """
+    """A drawing for ``"wide"``, ``"narrow"`` or ``"all"`` screens, with the font size of the page at ``width`` px."""
 
     name: str
     title: str
@@ -254,7 +246,7 @@ class SideViewDrawing:
 
 
 def draw_side_views(view: SideView) -> list[SideViewDrawing]:
-    """Return the drawings of a rig: all of it, lying and upright, and details where they are much larger."""
+    """Return the drawings of a rig: landscape and upright overview, and sufficiently enlarged details."""
     whole, upright = _draw_overview(view), _draw_overview(view, upright=True)
     title = "Seen along Y, to scale"
     drawings = [
@@ -262,8 +254,8 @@ def draw_side_views(view: SideView) -> list[SideViewDrawing]:
         _drawing(view, upright, _on_upright(view, upright), title, "narrow"),
     ]
     for frame, on, what in (
-        (_draw_stage_detail(view), _on_stage, "The stage"),
-        (_draw_object_detail(view), _on_object, "At the object"),
+        (_draw_stage_detail(view), _on_stage, "Stage"),
+        (_draw_object_detail(view), _on_object, "Object"),
     ):
         if frame is not None and frame.scale >= _ENLARGED * whole.scale:
             drawings.append(_drawing(view, frame, on(view, frame), f"{what}, enlarged", "all"))
@@ -271,7 +263,7 @@ def draw_side_views(view: SideView) -> list[SideViewDrawing]:
 
 
 def describe_side_view(view: SideView) -> str:
-    """Say in words what the drawings show."""
+    """Return a text description of the drawings."""
     near, middle, far = view.seen_mm
     width, height = view.field_mm(middle)
     count = len(view.cameras_mm)
@@ -279,14 +271,14 @@ def describe_side_view(view: SideView) -> str:
         f"{count} camera positions over {format_length(view.travel_mm)} mm along X"
         if count > 1
         else "one camera position",
-        f"objects seen {_between(near, far)}",
+        f"objects visible {_between(near, far)}",
         f"field of view {format_length(width)} x {format_length(height)} mm at {format_length(middle)} mm"
         + (
             f", of which all positions see {format_length(view.common_mm(middle))} mm of the width" if count > 1 else ""
         ),
     ]
     if view.rows > 1:
-        told.insert(1, f"{view.rows} such rows in Y")
+        told.insert(1, f"{view.rows} rows of positions in Y")
     if view.sharp is not None:
         told.append(_sharp_words(view))
     return "; ".join(told) + "."
@@ -314,7 +306,7 @@ def _draw_overview(view: SideView, *, upright: bool = False) -> Viewport:
     x = (lowest - spare, highest + spare)
     if upright:
         scale = min(_UPRIGHT_EXTENT[0] / (x[1] - x[0]), _UPRIGHT_EXTENT[1] / last)
-        # Narrow rigs stand in the middle.
+        # Narrow rigs are centred.
         spare = (_UPRIGHT_EXTENT[0] - scale * (x[1] - x[0])) / 2
         return Viewport("upright", (0.0, last), x, scale, 84.0 + spare, 96.0 + spare, 58.0, 96.0, upright=True)
     scale = min(_EXTENT[0] / last, _EXTENT[1] / (x[1] - x[0]))
@@ -336,7 +328,7 @@ def _draw_object_detail(view: SideView) -> Viewport | None:
     around = max(far - near, 0.35 * width)
     z0, z1 = max(near - 0.6 * around, 0.0), far + 0.6 * around
     if view.sharp is not None:
-        # Limits of sharpness that are not far are shown.
+        # Limits of the depth of field that are close are shown.
         reach = 1.5 * around
         z0 = min(z0, view.sharp.near_mm - 0.1 * around) if view.sharp.near_mm > near - reach else z0
         z1 = max(z1, view.sharp.far_mm + 0.1 * around) if view.sharp.far_mm < far + reach else z1
@@ -371,7 +363,7 @@ def _on_whole(view: SideView, frame: Viewport) -> list[str]:
     drawn = [*_sharp_limits(view, frame), *_field_size(view, frame)]
     drawn += [svg_line((left, frame.beside(0.0)), (left, bottom + 26), "thin")]
     drawn += [svg_line((frame.along(near), bottom - 8), (frame.along(near), bottom + 26), "thin")]
-    told = f"{format_length(near)} mm to the nearest point that is seen"
+    told = f"{format_length(near)} mm to the nearest visible point"
     drawn.append(svg_horizontal_dimension(left, frame.along(near), bottom + 21, told, within))
     if view.travel_mm > 0:
         v0, v1 = (frame.beside(each(view.cameras_mm)) for each in (min, max))
@@ -440,7 +432,7 @@ def _on_object(view: SideView, frame: Viewport) -> list[str]:
     drawn = [*_sharp_limits(view, frame), *_field_size(view, frame)]
     drawn += [svg_line((frame.along(z), bottom - 8), (frame.along(z), bottom + 20), "thin") for z in (near, far)]
     deep = f"{format_length(far - near)} mm deep, " if far - near > 1e-6 * far else ""
-    told = f"{deep}seen {_between(near, far, 4)}"
+    told = f"{deep}visible {_between(near, far, 4)}"
     drawn.append(
         svg_horizontal_dimension(
             frame.along(near), frame.along(far), bottom + 15, told, (6, frame.size[0] - 6), above=False
@@ -450,7 +442,7 @@ def _on_object(view: SideView, frame: Viewport) -> list[str]:
 
 
 def _sharp_limits(view: SideView, frame: Viewport) -> list[str]:
-    """Draw between which depths it is sharp, above."""
+    """Return the dimension of the depth of field, above the viewport."""
     if view.sharp is None:
         return []
     top, (first, last) = frame.sides[2], frame.z_mm
@@ -465,7 +457,7 @@ def _sharp_limits(view: SideView, frame: Viewport) -> list[str]:
 
 
 def _field_size(view: SideView, frame: Viewport) -> list[str]:
-    """Draw how wide the field of the reference camera is where it counts, on the right."""
+    """Return the dimension of the reference camera's field of view at the median depth, on the right."""
     z = view.seen_mm[1]
     beside = frame.sides[1] + 12
     v0, v1 = (frame.beside(slope * z) for slope in (view.left, view.right))
@@ -482,7 +474,7 @@ def _bar(frame: Viewport, start: PaperPoint) -> str:
 
 
 def _directions(place: PaperPoint, right: str, other: str, *, up: bool = False) -> list[str]:
-    """Draw which axis goes to the right, and which one down or up."""
+    """Return the arrows of the axes: one to the right, the other down or up."""
     u, v = place
     way = -1 if up else 1
     return [

@@ -1,4 +1,4 @@
-"""Geometry of a rig seen along Y, in mm: cameras, outlines of objects, fields of view, depth of field."""
+"""Geometry of the side view of a rig, along Y: cameras, outlines, fields of view and depth of field."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ __all__ = ["DepthOfFieldRange", "Outline", "SideView", "compute_depth_of_field",
 Array = NDArray[np.float64]
 
 _PLACES = 161
-"""Places along X between which an outline is straight."""
+"""Number of sampled X coordinates of an outline, which is linear between them."""
 _FEW = 200
-"""The vertices of a mesh that has no more of them are such places too, so that its corners are kept."""
+"""Largest number of vertices of a mesh whose vertices are sampled too, to preserve corners."""
 
 
 def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array, Array, Array]:
-    """Return the depths between which a mesh lies, over X.
+    """Return the depth range of a mesh over X.
 
-    ``vertices_mm``: Where its vertices are, shape (n, 3).
-    ``faces``: Its triangles, shape (m, 3).
-    Returns: X, least and largest Z there, all in mm, X rising; where there is nothing at an X it is left out.
+    ``vertices_mm``: Vertices, shape (n, 3).
+    ``faces``: Triangles, shape (m, 3).
+    Returns: X in ascending order, smallest Z and largest Z, in mm; only X with mesh points.
     """
     corners = vertices_mm[:, ::2]
     first, second = (faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel())
@@ -48,7 +48,7 @@ def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array
     edge = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts) + low[edge]
     across = (end - start)[edge, 0]
-    # Of an edge along Z both ends count.
+    # Both ends of an edge parallel to Z are used.
     steep = across <= 0
     share = np.where(steep, 0.0, (places[place] - start[edge, 0]) / np.where(steep, 1.0, across))
     z_mm = start[edge, 1] + share * (end - start)[edge, 1]
@@ -64,9 +64,8 @@ def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array
 class Outline:
     """An object seen along Y.
 
-    ``name``: Its name in the scene.
-    ``x_mm``, ``near_mm``, ``far_mm``: X, and the least and largest Z there.
-    ``seen_mm``: Least and largest depth at which the reference camera sees it; None if it does not.
+    ``x_mm``, ``near_mm``, ``far_mm``: X, smallest and largest Z.
+    ``seen_mm``: Smallest and largest depth visible from the reference camera; None if not visible.
     """
 
     name: str
@@ -78,12 +77,7 @@ class Outline:
 
 @dataclass(frozen=True)
 class DepthOfFieldRange:
-    """The depth of field of a thin lens: where a point's blur disc is no wider than a limit.
-
-    ``focus_mm``: The depth that is in focus.
-    ``near_mm``, ``far_mm``: Where the disc reaches the limit; infinite if it nowhere does.
-    ``limit_px``: The limit.
-    """
+    """The depth of field of a thin lens: depths with a blur disc up to a limit; ``far_mm`` may be infinite."""
 
     focus_mm: float
     near_mm: float
@@ -95,13 +89,12 @@ class DepthOfFieldRange:
 class SideView:
     """A rig seen along Y at the reference frame.
 
-    ``cameras_mm``: X of every camera position, in order along the stage; all stand at Z = 0.
+    ``cameras_mm``: X of every camera position, in order along the stage, at Z = 0.
     ``reference``: Index of the reference position.
-    ``left``, ``right``, ``top``, ``bottom``: Where the borders of its image look: X and Y in mm per mm of depth.
-    ``outlines``: The objects.
-    ``seen_mm``: Least depth that the reference camera sees, the median of what is measured, and the largest.
-    ``sharp``: The depth of field; None of a lens that is sharp everywhere.
-    ``rows``: Rows of camera positions, in Y.
+    ``left``, ``right``, ``top``, ``bottom``: Slopes X / Z and Y / Z of the rays at the image borders.
+    ``seen_mm``: Smallest visible depth, median depth of the measured region, and largest visible depth.
+    ``sharp``: The depth of field; None for a scene without defocus.
+    ``rows``: Number of rows of camera positions in Y.
     """
 
     cameras_mm: tuple[float, ...]
@@ -117,27 +110,27 @@ class SideView:
 
     @property
     def travel_mm(self) -> float:
-        """Distance of the first camera position from the last."""
+        """Distance between the outermost camera positions."""
         return max(self.cameras_mm) - min(self.cameras_mm)
 
     @property
     def common_from_mm(self) -> float:
-        """Depth from which on all positions see something together."""
+        """Smallest depth with a field of view common to all positions."""
         return self.travel_mm / (self.right - self.left)
 
     def field_mm(self, z_mm: float) -> tuple[float, float]:
-        """Return the width and height that the reference camera sees at a depth."""
+        """Return the width and height of the reference camera's field of view at a depth."""
         return (self.right - self.left) * z_mm, (self.bottom - self.top) * z_mm
 
     def common_mm(self, z_mm: float) -> float:
-        """Return the width that all positions see at a depth; 0 if there is none."""
+        """Return the width of the field of view common to all positions at a depth; 0 if there is none."""
         return max(self.field_mm(z_mm)[0] - self.travel_mm, 0.0)
 
 
 def compute_side_view(plain: Mapping[str, Any], limit_px: float = 1.0, region: str = "all") -> SideView:
-    """Return what is to be seen of a rig from its side."""
+    """Return the side view of the rig of a scene."""
     scene = Scene.from_dict(plain)
-    # Overflows of broken motions are told by checks of their own.
+    # Overflows of invalid motions are reported by other checks.
     with np.errstate(all="ignore"):
         look = sample_surface(scene, limited_objects(scene, Limits()))
     camera, stage = scene.camera, scene.stage
@@ -160,9 +153,7 @@ def compute_side_view(plain: Mapping[str, Any], limit_px: float = 1.0, region: s
 
 
 def compute_depth_of_field(optics: Optics, focal_px: float, limit_px: float) -> DepthOfFieldRange | None:
-    """Return the depth of field of a lens.
-
-    The disc at depth Z has the diameter f A |1/Z - 1/Z_f| px (`scenetruth.camera.Defocus`).
+    """Return the depth of field of a lens, whose blur disc is f A |1/Z - 1/Z_f| px (`scenetruth.camera.Defocus`).
 
     ``focal_px``: Focal length f in px.
     """
@@ -185,7 +176,6 @@ def _outlines(scene: Scene, look: SurfaceSamples) -> tuple[Outline, ...]:
 
 
 def _depths(look: SurfaceSamples, name: str) -> NDArray[np.float64]:
-    """Return the depths at which an object is seen."""
     own = [look.names[number] == name for number in look.body.tolist()]
     return look.depth_mm[np.array(own, dtype=np.bool_)]
 
@@ -194,7 +184,7 @@ def _seen(look: SurfaceSamples, outlines: tuple[Outline, ...], region: str) -> t
     if len(look):
         depths = look.depth_mm
     else:
-        # Nothing is before the camera at the reference frame: where the objects are is worth showing all the same.
+        # No object is visible at the reference frame: the depths of all objects are used.
         depths = np.array([depth for one in outlines for depth in (*one.near_mm, *one.far_mm)])
     measured = _depths(look, region.removeprefix("object_"))
     return float(depths.min()), float(np.median(measured if len(measured) else depths)), float(depths.max())

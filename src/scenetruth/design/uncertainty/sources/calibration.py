@@ -27,40 +27,36 @@ _QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z")
 
 
 class CalibrationSource(UncertaintySource):
-    """A number of the calibration with a standard deviation."""
+    """A calibration parameter with a standard deviation."""
 
     group = "calibration"
     field: ClassVar[str]
-    """Its field in `Calibration`."""
+    """Field in `Calibration`."""
     unit: ClassVar[str]
-    """Unit of its standard deviation."""
+    """Unit of the standard deviation."""
     signs: ClassVar[tuple[str, ...]] = ("+",)
-    """Of each of its numbers, the signs of its errors from draw to draw."""
+    """Signs of the errors over draws, for each component."""
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
-        """Return whether it is not known exactly."""
+        """Return whether the parameter has an uncertainty."""
         return bool(getattr(calibration, self.field) > 0)
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return its standard deviation."""
+        """Return the standard deviation with its unit."""
         return f"{getattr(calibration, self.field):g} {self.unit}"
 
     def drawn_values(self, draw: int) -> list[float]:
-        """Return the errors of a draw, in standard deviations.
-
-        All are plus or minus one, by a plan in which the products of different numbers add up to nothing over four
-        draws: a few draws then have the mean square of very many, without products between causes.
-        """
+        """Return the errors of a draw, ±1 standard deviation, by an orthogonal design over four draws."""
         return [1.0 if signs[draw % len(signs)] == "+" else -1.0 for signs in self.signs]
 
     def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
-        """Give the errors that follow from errors of its numbers, of the quantities that depend on them."""
+        """Yield the errors of the affected quantities, for given errors of the components."""
         raise NotImplementedError
 
     def responses(
         self, sight: ObservationModel, propagation: Propagation, calibration: Calibration
     ) -> Iterator[Errors]:
-        """Give the errors of one standard deviation each; see `UncertaintySource`."""
+        """Yield the errors for one standard deviation each; see `UncertaintySource`."""
         return self._completed(sight, [float(getattr(calibration, self.field))] * len(self.signs))
 
     def responses_drawn(
@@ -71,7 +67,7 @@ class CalibrationSource(UncertaintySource):
         return self._completed(sight, [size * one for one in self.drawn_values(draw)])
 
     def _completed(self, sight: ObservationModel, off: list[float]) -> Iterator[Errors]:
-        """Give the errors of all quantities: none where the formula has not the number."""
+        """Yield the errors of all quantities, zero for those not affected."""
         none = dict.fromkeys(_QUANTITIES, np.zeros_like(sight.depth))
         return ({**none, **errors} for errors in self.responses_of(sight, *off))
 
@@ -79,12 +75,12 @@ class CalibrationSource(UncertaintySource):
         """Return a better calibration."""
         size = getattr(calibration, self.field) / 4
         return Mitigation(
-            f"a {self.title} known four times as well (calibration.{self.field}: {size:g})", {self.kind: 0.25}
+            f"a {self.title} uncertainty four times smaller (calibration.{self.field}: {size:g})", {self.kind: 0.25}
         )
 
 
 class StageScaleSource(CalibrationSource):
-    """Depth and all velocities are off by the same share; growth is not."""
+    """Scale error of the stage: the same relative error of depth and all velocities, none of growth."""
 
     kind = "baseline"
     title = "baseline"
@@ -93,13 +89,13 @@ class StageScaleSource(CalibrationSource):
     signs = ("+-+-",)
 
     def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
-        """Give the errors that a share makes."""
+        """Yield the errors for a relative error."""
         share = off[0] / 100
         velocity = {f"velocity_{axis}": share * sight.velocity[k] for k, axis in enumerate("xyz")}
         yield {"depth": share * sight.depth, **velocity, "growth_rate": 0.0 * sight.depth}
 
     def miscalibrate(self, recording: xr.Dataset, calibration: Calibration, draw: int) -> None:
-        """Change baseline and positions that the recording tells."""
+        """Change baseline and positions in the recording."""
         (drawn,) = self.drawn_values(draw)
         factor = 1 + calibration.baseline_percent / 100 * drawn
         recording.attrs["baseline_mm"] *= factor
@@ -107,7 +103,7 @@ class StageScaleSource(CalibrationSource):
 
 
 class FocalLengthSource(CalibrationSource):
-    """Depth and U_Z are off by the same share; U_X and U_Y are not."""
+    """Error of the focal length: the same relative error of depth and U_Z, none of U_X and U_Y."""
 
     kind = "focal_length"
     title = "focal length"
@@ -116,28 +112,28 @@ class FocalLengthSource(CalibrationSource):
     signs = ("++--",)
 
     def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
-        """Give the errors that a share makes."""
+        """Yield the errors for a relative error."""
         share = off[0] / 100
         found = {"depth": share * sight.depth, "velocity_z": share * sight.velocity[2]}
         wrong = replace(sight.intrinsics, focal_length_px=sight.intrinsics.focal_length_px * (1 + share))
         yield {**found, "growth_rate": compute_growth_error(sight, found, wrong)}
 
     def miscalibrate(self, recording: xr.Dataset, calibration: Calibration, draw: int) -> None:
-        """Change the focal length that the recording tells."""
+        """Change the focal length in the recording."""
         (drawn,) = self.drawn_values(draw)
         recording.attrs["focal_length_px"] *= 1 + calibration.focal_length_percent / 100 * drawn
 
 
 class ResidualDistortionSource(UncertaintySource):
-    """Points are shown elsewhere than a pinhole would show them, by amounts that differ over the image."""
+    """Residual lens distortion: deviations from a pinhole camera that vary over the image."""
 
     kind = "lens_residual"
-    title = "distortion of the lens"
+    title = "lens distortion"
     group = "calibration"
     perfect: ClassVar[Mapping[str, Any]] = {"camera.distortion": None}
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return the largest shift in a corner."""
+        """Return the largest displacement in a corner."""
         camera = scene.camera
         if camera.distortion is None:
             return ""
@@ -146,7 +142,7 @@ class ResidualDistortionSource(UncertaintySource):
         return f"{np.linalg.norm(off):.2g} px in a corner"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the difference of the shift between each image and the reference."""
+        """Yield the difference of the displacement between each image and the reference."""
         distortion = sight.scene.camera.distortion
         if distortion is None:
             return
@@ -166,12 +162,12 @@ class ResidualDistortionSource(UncertaintySource):
         yield change
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
-        """Return a calibrated lens."""
-        return Mitigation("images without distortion: calibrate the lens, and undistort them", {self.kind: 0.05})
+        """Return a calibration of the lens."""
+        return Mitigation("calibration of the lens, with undistorted images", {self.kind: 0.05})
 
 
 class PrincipalPointSource(CalibrationSource):
-    """U_X and U_Y are off by the share of U_Z that a pixel's place stands for: δc U_Z / f."""
+    """Error of the principal point: U_X and U_Y have the error -δc U_Z / f."""
 
     kind = "principal_point"
     title = "principal point"
@@ -180,7 +176,7 @@ class PrincipalPointSource(CalibrationSource):
     signs = ("+--+", "+-")
 
     def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
-        """Give the errors that a shift along x, and one along y, make."""
+        """Yield the errors for a displacement along x, and along y."""
         c_x, c_y = sight.intrinsics.principal_point_px
         for k, one in enumerate(off):
             found = {
@@ -192,7 +188,7 @@ class PrincipalPointSource(CalibrationSource):
             yield {**found, "growth_rate": compute_growth_error(sight, found, wrong)}
 
     def miscalibrate(self, recording: xr.Dataset, calibration: Calibration, draw: int) -> None:
-        """Change the principal point that the recording tells."""
+        """Change the principal point in the recording."""
         point = np.asarray(recording.attrs["principal_point_px"], dtype=np.float64)
         point = point + calibration.principal_point_px * np.array(self.drawn_values(draw))
         recording.attrs["principal_point_px"] = point.tolist()

@@ -20,13 +20,13 @@ __all__ = ["SensorSource"]
 
 
 class SensorSource(UncertaintySource):
-    """A cause in the sensor: some effects of its chain, or some of their values."""
+    """A source in the sensor: effects of its chain, or parameters of effects."""
 
     group = "images"
     effects: ClassVar[tuple[str, ...]] = ()
-    """Kinds of the effects that are left out where the cause is off."""
+    """Effects that are removed where the source is switched off."""
     settings: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
-    """Values of other effects where it is off, by their kinds."""
+    """Parameters of other effects where it is switched off, by effect."""
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
         """Return whether the sensor has such an effect."""
@@ -34,23 +34,23 @@ class SensorSource(UncertaintySource):
         return any(one["kind"] in self.effects for one in sensor["effects"]) or self.unlike(sensor)
 
     def unlike(self, sensor: Any) -> bool:
-        """Return whether a value of another effect makes the cause."""
+        """Return whether a parameter of another effect activates the source."""
         return False
 
     def switch_off(self, plain: dict[str, Any]) -> None:
-        """Take its effects out of the chain; see `UncertaintySource`."""
+        """Remove the effects from the chain; see `UncertaintySource`."""
         if not isinstance(plain["sensor"], dict):
             return
         left = [one for one in plain["sensor"]["effects"] if one["kind"] not in self.effects]
         plain["sensor"]["effects"] = [{**one, **self.settings.get(one["kind"], {})} for one in left]
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give one draw of what the sensor adds to each image: over many pixels it is as good as all."""
+        """Yield one realisation of the sensor's contribution to each image, representative over many pixels."""
         perfect, alone = (
             build_sensor_chain(restrict_sources(sight.scene, kinds).sensor) for kinds in ((), (self.kind,))
         )
         size = sight.texture.shape
-        # Others than those of the images, which are drawn from the scene's own seed.
+        # Independent of the noise of the images, which is drawn from the seed of the scene.
         without, with_it = (chain.open(size, partial(generator_for, 1, "budget")) for chain in (perfect, alone))
 
         def change(s: int, t: int) -> ImageDisturbance:
@@ -61,7 +61,7 @@ class SensorSource(UncertaintySource):
         yield change
 
     def deviation(self, scene: Scene) -> float:
-        """Return the standard deviation that it gives a grey value of half of full scale, as a share of that."""
+        """Return the standard deviation at half of full scale, relative to full scale."""
         perfect, alone = (build_sensor_chain(restrict_sources(scene, kinds).sensor) for kinds in ((), (self.kind,)))
         size = (64, 64)
         image = LinearImage(np.full(size, 0.5 * perfect.saturation_radiance, dtype=np.float32))
@@ -74,13 +74,9 @@ class SensorSource(UncertaintySource):
 
 
 def compute_blur_change(sight: ObservationModel, variance: Callable[[Map, Map], Map]) -> Disturbance:
-    """Return what it does that the blur of the texture changes over time.
+    """Return the effect of a change of blur over time: δ/2 ∇²T for an increase δ of the variance of a Gaussian blur.
 
-    ``variance``: By how much the blur's variance changes along x and along y, in px², referred to the texture as the
-      reference shows it: a function of the share by which a point is seen larger, and of its depth in mm there and
-      then.
-
-    A Gaussian blur whose variance grows by δ changes an image by δ/2 ∇²T.
+    ``variance``: Function of the relative increase in scale and the depth in mm of points that returns δ in px².
     """
     curvature = 0.5 * laplace(sight.texture)
 
@@ -93,10 +89,10 @@ def compute_blur_change(sight: ObservationModel, variance: Callable[[Map, Map], 
 
 
 class IlluminationDriftSource(UncertaintySource):
-    """All that is seen is brighter in one frame than in another."""
+    """Change of brightness of the whole image between frames."""
 
     kind = "brightness"
-    title = "light that changes"
+    title = "illumination drift"
     group = "images"
     perfect: ClassVar[Mapping[str, Any]] = {"lighting.drift_per_frame": 0.0, "lighting.flicker": None}
     takes_contrast = True
@@ -108,7 +104,7 @@ class IlluminationDriftSource(UncertaintySource):
         return ", ".join(told + ([f"± {100 * light.flicker.amplitude:g} %"] if light.flicker else []))
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the change of all grey values."""
+        """Yield the change of all grey values."""
         light = sight.scene.lighting
 
         def change(s: int, t: int) -> ImageDisturbance:
@@ -117,29 +113,29 @@ class IlluminationDriftSource(UncertaintySource):
         yield change
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
-        """Return steady light."""
+        """Return stabilised light."""
         drift = scene.lighting.drift_per_frame / 10
-        words = f"light that is steady to a tenth of this (lighting.drift_per_frame: {drift:g})"
-        return Mitigation(f"{words}, or images that are divided by a grey reference in the picture", {self.kind: 0.1})
+        words = f"light with a tenth of this drift (lighting.drift_per_frame: {drift:g})"
+        return Mitigation(f"{words}, or normalisation of images by a grey reference in the image", {self.kind: 0.1})
 
 
 class DefocusBlurSource(UncertaintySource):
-    """Discs of blur that change as the object comes nearer; a disc of diameter D has a variance of D²/16."""
+    """Defocus discs that change with the distance of the object; a disc of diameter D has the variance D²/16."""
 
     kind = "defocus"
-    title = "blur out of focus"
+    title = "defocus"
     group = "images"
     perfect: ClassVar[Mapping[str, Any]] = {"optics.defocus": None}
     takes_contrast = True
     coarse = True
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return aperture and distance of focus."""
+        """Return aperture and focus distance."""
         defocus = scene.optics.defocus
         return "" if defocus is None else f"{defocus.aperture_mm:g} mm, focus at {defocus.focus_distance_mm:g} mm"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the change of blur with the object's distance."""
+        """Yield the change of blur with the distance of the object."""
         defocus = sight.scene.optics.defocus
         if defocus is None:
             return
@@ -162,22 +158,22 @@ class DefocusBlurSource(UncertaintySource):
 
 
 class FixedPatternNoiseSource(SensorSource):
-    """Sensitivities and offsets that differ from pixel to pixel, and hot pixels."""
+    """Non-uniform sensitivities and offsets of pixels, and hot pixels."""
 
     kind = "fixed_pattern"
-    title = "fixed pattern of the sensor"
+    title = "fixed-pattern noise"
     effects = ("photo_response_nonuniformity", "dark_signal_nonuniformity")
-    # Hot pixels are a part of the dark current, which has no pattern else.
+    # Hot pixels are part of the dark current, which has no other pattern.
     settings: ClassVar[Mapping[str, Mapping[str, Any]]] = {"dark_current": {"hot_pixel_share": 0.0}}
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return the deviation of a grey value."""
+        """Return the standard deviation of a grey value."""
         return f"{100 * self.deviation(scene):.2g} % of full scale"
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
-        """Return what takes most of it."""
+        """Return a flat-field correction."""
         return Mitigation(
-            "a correction of the images by a dark and a bright one (`two_point_correction`)", {self.kind: 0.1}
+            "a correction of the images by a dark and a bright image (`two_point_correction`)", {self.kind: 0.1}
         )
 
     def unlike(self, sensor: Any) -> bool:
@@ -186,26 +182,26 @@ class FixedPatternNoiseSource(SensorSource):
 
 
 class PointSpreadSource(UncertaintySource):
-    """A point spread that has the same size in px wherever the object is.
+    """A point-spread function of constant size in px, at any distance of the object.
 
-    What comes nearer is seen larger, and less blurred in proportion. Of a blur with the variance σ², an image that is
-    larger by ε shows the texture changed by - ε σ² ∇²T.
+    An approaching object appears larger, and relatively less blurred. With blur variance σ², an image magnified by ε
+    shows the texture changed by - ε σ² ∇²T.
     """
 
     kind = "lens_blur"
-    title = "blur of the lens"
+    title = "lens blur"
     group = "images"
     perfect: ClassVar[Mapping[str, Any]] = {"optics.psf": None}
     takes_contrast = True
     coarse = True
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return the width of the point spread."""
+        """Return the width of the point-spread function."""
         psf = scene.optics.psf
         return "" if psf is None else f"{np.sqrt(_variance(psf)):.2g} px"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the change of contrast with the object's distance."""
+        """Yield the change of contrast with the distance of the object."""
         psf = sight.scene.optics.psf
         if psf is not None:
             variance = _variance(psf)
@@ -214,19 +210,16 @@ class PointSpreadSource(UncertaintySource):
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
         """Return a wider aperture, or another lens."""
         words = "a wider aperture (optics.psf.f_number)" if isinstance(scene.optics.psf, AiryPsf) else "a better lens"
-        return Mitigation(f"{words}, half as blurred", {self.kind: 0.25})
+        return Mitigation(f"{words}, with half the blur", {self.kind: 0.25})
 
 
 def _variance(psf: GaussianPsf | AiryPsf) -> float:
-    # Airy's disc has no variance; that of the Gaussian that fits its core.
+    # The variance of an Airy pattern diverges; use that of the Gaussian fitted to its core.
     return float(psf.finest_px**2)
 
 
 class MotionBlurSource(UncertaintySource):
-    """The object, or the camera, moves while an image is taken.
-
-    All images are blurred in the same way as long as the motion is steady: that takes contrast, and shifts nothing.
-    """
+    """Motion during the exposure; steady motion reduces contrast, but does not displace images."""
 
     kind = "motion_blur"
     title = "motion during the exposure"
@@ -236,7 +229,7 @@ class MotionBlurSource(UncertaintySource):
     coarse = True
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
-        """Return whether anything may move while the shutter is open."""
+        """Return whether motion during the exposure is possible."""
         return scene.shutter.exposure_time_s > 0
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
@@ -244,26 +237,26 @@ class MotionBlurSource(UncertaintySource):
         return f"{scene.shutter.exposure_time_s:g} s"
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
-        """Return half the exposure."""
+        """Return half the exposure time."""
         half = scene.shutter.exposure_time_s / 2
-        return Mitigation(f"half the exposure (shutter.exposure_time_s: {half:g})", {self.kind: 0.25})
+        return Mitigation(f"half the exposure time (shutter.exposure_time_s: {half:g})", {self.kind: 0.25})
 
 
 class TemporalNoiseSource(SensorSource):
-    """Shot noise, noise of the readout, and the plain sensor's Gaussian noise."""
+    """Shot noise, readout noise, and the noise of the Gaussian sensor."""
 
     kind = "noise"
-    title = "noise of the sensor"
+    title = "sensor noise"
     effects = ("gaussian_noise", "shot_noise", "readout_noise")
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return the noise of a grey value in the middle of the range."""
+        """Return the noise of a grey value at half of full scale."""
         if getattr(scene.sensor, "kind", "") == "gaussian":
             return f"{100 * float(getattr(scene.sensor, 'noise_std', 0.0)):g} % of full scale"
         return f"{100 * self.deviation(scene):.2g} % of full scale"
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
-        """Return what halves it."""
+        """Return a measure that halves the noise."""
         kinds = {effect.kind for effect in build_sensor_chain(scene.sensor).effects}
         if "gaussian_noise" in kinds:
             value = float(getattr(scene.sensor, "noise_std", 0.0)) / 2
@@ -276,17 +269,17 @@ _BITS = 16
 
 
 class QuantisationSource(SensorSource):
-    """Rounding to the bits of a digital number; off, these are 16."""
+    """Rounding to digital numbers; switched off, these have 16 bits."""
 
     kind = "quantisation"
-    title = "rounding to digital numbers"
+    title = "quantisation"
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
-        """Return whether numbers have less than 16 bits."""
+        """Return whether digital numbers have less than 16 bits."""
         return 0 < self._bits(scene) < _BITS
 
     def switch_off(self, plain: dict[str, Any]) -> None:
-        """Give digital numbers 16 bits, and the gain before them what that takes."""
+        """Set digital numbers to 16 bits, and scale the gain accordingly."""
         if not isinstance(plain["sensor"], dict):
             return
         effects = plain["sensor"]["effects"]
@@ -299,7 +292,7 @@ class QuantisationSource(SensorSource):
                 one["black_level_dn"] *= 2**more
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return the bits, and the deviation that rounding makes."""
+        """Return the bit depth and the standard deviation of rounding."""
         bits = self._bits(scene)
         return f"{bits} bits, {100 / np.sqrt(12) / (2**bits - 1):.2g} % of full scale"
 
@@ -318,20 +311,17 @@ class QuantisationSource(SensorSource):
 
 
 class ShadingSource(UncertaintySource):
-    """A surface that turns, or moves past a lamp, is brighter in one frame than in another; off, nothing is lit.
-
-    Without lamps, radiance is the texture's own. No model predicts it: it is always simulated.
-    """
+    """Change of shading of moving surfaces, without a model: always simulated; switched off, the scene is unlit."""
 
     kind = "shading"
-    title = "light on surfaces that move"
+    title = "shading"
     group = "images"
     perfect: ClassVar[Mapping[str, Any]] = {"lighting.lights": [], "lighting.ambient": None}
     takes_contrast = True
     coarse = True
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
-        """Return whether there are lamps: ambient light is the same everywhere."""
+        """Return whether there are lamps; ambient light is uniform."""
         return bool(scene.lighting.lights)
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
@@ -340,35 +330,35 @@ class ShadingSource(UncertaintySource):
         return f"{count} lamp{'s' if count > 1 else ''}"
 
     def switch_off(self, plain: dict[str, Any]) -> None:
-        """Take the lamps away; ambient light alone stays as it is."""
+        """Remove the lamps; a scene with ambient light only is not changed."""
         if plain["lighting"]["lights"]:
             super().switch_off(plain)
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation | None:
-        """Return a method that lets the light of each image be unknown."""
+        """Return a method with a photometric model per image."""
         if scene.estimate.method == "refined":
-            return Mitigation("even light from all sides (lighting: {ambient: 1})", {self.kind: 0.1})
-        words = "a method that allows for changing light (estimate: {method: refined})"
+            return Mitigation("uniform light from all sides (lighting: {ambient: 1})", {self.kind: 0.1})
+        words = "a method that models changes of illumination (estimate: {method: refined})"
         return Mitigation(words, {self.kind: 0.05, "brightness": 0.05, "slope": 0.01})
 
 
 class VignettingSource(UncertaintySource):
-    """A point is darker where it is nearer to a corner: its grey value changes from image to image."""
+    """Decrease of brightness towards the corners, which changes the grey value of a point between images."""
 
     kind = "vignetting"
-    title = "darkening towards the corners"
+    title = "vignetting"
     group = "images"
     perfect: ClassVar[Mapping[str, Any]] = {"optics.vignetting": None}
     takes_contrast = True
     coarse = True
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return what is left in a corner."""
+        """Return the relative brightness in a corner."""
         vignetting = scene.optics.vignetting
         return "" if vignetting is None else f"{100 * float(vignetting.factor(scene.camera)[0, 0]):.0f} % in a corner"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the change of brightness from image to image."""
+        """Yield the change of brightness between images."""
         vignetting = sight.scene.optics.vignetting
         if vignetting is None:
             return
@@ -378,11 +368,11 @@ class VignettingSource(UncertaintySource):
         def change(s: int, t: int) -> ImageDisturbance:
             place = sight.place(s, t)
             apart = gradient[1] * (place.x - sight.points.x) + gradient[0] * (place.y - sight.points.y)
-            # The texture is darkened already as the reference shows it.
+            # The texture of the reference is already darkened.
             return ImageDisturbance(grey=sight.texture * apart / np.maximum(factor, 1e-6))
 
         yield change
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
-        """Return a division by a bright image."""
-        return Mitigation("images divided by that of an even light field", {self.kind: 0.1})
+        """Return a flat-field correction."""
+        return Mitigation("images divided by that of a uniform light field", {self.kind: 0.1})

@@ -29,33 +29,33 @@ _BETTER = "air_bearing"
 
 
 class StageGuideSource(UncertaintySource):
-    """An error of the guide: drawn for every camera position, and the same at every visit."""
+    """An error of the guide: random for every camera position, and the same at every visit."""
 
     group = "stage"
     field: ClassVar[str]
-    """Its field among the errors of the stage."""
+    """Field in the stage errors."""
     axes: ClassVar[tuple[int, ...]]
-    """Along or about which axes, 0 to 2: those of position, 3 to 5: those of rotation."""
+    """Axes: 0 to 2 for positions, 3 to 5 for rotations."""
     unit: ClassVar[float]
-    """How many mm, or rad, its unit has."""
+    """Its unit in mm or rad."""
 
     def deviation(self, scene: Scene) -> float:
-        """Return its standard deviation, in the unit of its field."""
+        """Return the standard deviation, in the unit of the field."""
         return float(getattr(scene.stage.errors, self.field, 0.0)) if scene.stage.errors else 0.0
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
-        """Return its standard deviation."""
+        """Return the standard deviation with its unit."""
         return f"{self.deviation(scene):g} {'µrad' if self.field.endswith('urad') else 'µm'}"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the error of each camera position, along or about each axis."""
+        """Yield the error of each camera position, for each axis."""
         size = self.deviation(sight.scene) * self.unit
         for camera in sight.s:
             for axis in self.axes:
                 yield partial(_disturb_camera, sight, camera, axis, size)
 
     def drawn(self, sight: ObservationModel, scene: Scene) -> Iterable[Disturbance]:
-        """Return what the stage of a scene does in fact."""
+        """Return the actual errors of the stage of a scene."""
         return [disturb_poses(make_stage_schedule(scene), sight)]
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation | None:
@@ -74,17 +74,17 @@ def _disturb_camera(
 
 
 def make_stage_schedule(scene: Scene) -> Schedule:
-    """Return where and when a scene's images are taken."""
+    """Return the acquisition schedule of a scene."""
     return Schedule(scene.stage, scene.frames, partial(generator_for, scene.seed, "stage"))
 
 
 def propose_air_bearing(scene: Scene, field: str, kind: str) -> Mitigation:
-    """Return what an air bearing makes of the stage's errors, or half of them where that is no better."""
+    """Return the effect of an air bearing, or of halving the error where an air bearing is no better."""
     errors: dict[str, Any] = scene.stage.errors.model_dump() if scene.stage.errors else {}
     better = STAGE_PRESETS[_BETTER]
     if errors.get(field, 0.0) <= better[field]:
         return Mitigation(
-            f"a stage with half of it (stage.errors.{field}: {errors.get(field, 0.0) / 2:g})", {kind: 0.5}
+            f"a stage with half this error (stage.errors.{field}: {errors.get(field, 0.0) / 2:g})", {kind: 0.5}
         )
     factors = {
         cause: max((min(better[name] / errors[name], 1.0) for name in fields if errors.get(name)), default=1.0)
@@ -100,14 +100,14 @@ _FIELDS = {
     "stage_yaw": ("yaw_urad",),
     "stage_roll": ("roll_urad",),
 }
-"""Fields of the stage's errors, by cause."""
+"""Fields of the stage errors, by source."""
 
 
 class StagePitchSource(StageGuideSource):
     """Rotations about X, which shift images along y."""
 
     kind = "stage_pitch"
-    title = "pitch of the stage"
+    title = "stage pitch"
     perfect: ClassVar[Mapping[str, Any]] = {"stage.errors.pitch_urad": 0.0}
     field = "pitch_urad"
     axes = (3,)
@@ -115,10 +115,10 @@ class StagePitchSource(StageGuideSource):
 
 
 class StagePositionSource(UncertaintySource):
-    """Errors along X that are new at every visit, and the backlash, which depends on where the stage comes from."""
+    """Errors along X that are random at every visit, and backlash, which depends on the direction of approach."""
 
     kind = "stage_position"
-    title = "position of the stage"
+    title = "stage position"
     group = "stage"
     perfect: ClassVar[Mapping[str, Any]] = {"stage.errors.repeatability_um": 0.0, "stage.errors.backlash_um": 0.0}
 
@@ -131,7 +131,7 @@ class StagePositionSource(UncertaintySource):
         return f"{errors.repeatability_um:g} µm{backlash}"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the error of every visit, and what the backlash does in all of them."""
+        """Yield the error of every visit, and the effect of backlash on all visits."""
         errors = sight.scene.stage.errors
         if errors is None:
             return
@@ -143,7 +143,7 @@ class StagePositionSource(UncertaintySource):
             yield disturb_poses(Schedule(stage, sight.scene.frames, partial(generator_for, 0, "stage")), sight)
 
     def drawn(self, sight: ObservationModel, scene: Scene) -> Iterable[Disturbance]:
-        """Return what the stage of a scene does in fact."""
+        """Return the actual errors of the stage of a scene."""
         return [disturb_poses(make_stage_schedule(scene), sight)]
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
@@ -163,10 +163,10 @@ def _disturb_image(
 
 
 class StageRollSource(StageGuideSource):
-    """Rotations about Z, which turn images."""
+    """Rotations about Z, which rotate images."""
 
     kind = "stage_roll"
-    title = "roll of the stage"
+    title = "stage roll"
     perfect: ClassVar[Mapping[str, Any]] = {"stage.errors.roll_urad": 0.0}
     field = "roll_urad"
     axes = (5,)
@@ -174,7 +174,7 @@ class StageRollSource(StageGuideSource):
 
 
 class RollingShutterSource(UncertaintySource):
-    """A point that changes its row changes its time as well."""
+    """Rolling shutter: a point that moves to another row is exposed at another time."""
 
     kind = "rolling_shutter"
     title = "rolling shutter"
@@ -186,7 +186,7 @@ class RollingShutterSource(UncertaintySource):
         return f"{scene.shutter.readout_time_s:g} s"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the motion from the time of the reference's row to that of the image's."""
+        """Yield the motion between the exposure times of a point's rows in the reference and in the image."""
         shutter, height = sight.scene.shutter, sight.scene.camera.height
         interval = sight.scene.frames.frame_interval_s
         first = sight.points.y - sight.points.y[0, 0]
@@ -207,7 +207,7 @@ class StageStraightnessSource(StageGuideSource):
     """Errors of position along Y and along Z."""
 
     kind = "stage_straightness"
-    title = "straightness of the stage"
+    title = "stage straightness"
     perfect: ClassVar[Mapping[str, Any]] = {"stage.errors.straightness_um": 0.0}
     field = "straightness_um"
     axes = (1, 2)
@@ -215,10 +215,10 @@ class StageStraightnessSource(StageGuideSource):
 
 
 class ScanTimingSource(UncertaintySource):
-    """The object moves on while the stage travels: motion is taken for depth."""
+    """Motion of the object while the stage travels, which is interpreted as depth."""
 
     kind = "timing"
-    title = "time between positions"
+    title = "scan timing"
     group = "stage"
     perfect: ClassVar[Mapping[str, Any]] = {"stage.time_per_position_s": 0.0}
 
@@ -227,22 +227,22 @@ class ScanTimingSource(UncertaintySource):
         return f"{scene.stage.time_per_position_s:g} s per position"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
-        """Give the motion up to the time at which each image is taken."""
+        """Yield the motion until the exposure of each image."""
         schedule = make_stage_schedule(sight.scene)
         interval = sight.scene.frames.frame_interval_s
         yield lambda s, t: shift_in_time(sight, s, t, schedule.offset_s(s, t) / interval)
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
-        """Return half the time, or what takes more of it away."""
+        """Return half the time."""
         half = scene.stage.time_per_position_s / 2
         return Mitigation(f"half the time per position (stage.time_per_position_s: {half:g})", {self.kind: 0.5})
 
 
 class StageYawSource(StageGuideSource):
-    """Rotations about Y, which shift images along x, as depth does."""
+    """Rotations about Y, which displace images along x, as depth does."""
 
     kind = "stage_yaw"
-    title = "yaw of the stage"
+    title = "stage yaw"
     perfect: ClassVar[Mapping[str, Any]] = {"stage.errors.yaw_urad": 0.0}
     field = "yaw_urad"
     axes = (4,)

@@ -1,4 +1,4 @@
-"""Sources of uncertainty in the surface and the method: the errors that remain with ideal images."""
+"""Sources of uncertainty in the surface and the method: errors that remain with ideal images."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ __all__ = ["SurfaceSource"]
 
 
 class SurfaceSource(UncertaintySource):
-    """A part of the errors with ideal images; the same in all draws, and there with every other cause."""
+    """A part of the errors with ideal images; independent of seeds and of other sources."""
 
     group = "surface"
     of_surface = True
 
     def is_on(self, scene: Scene, calibration: Calibration) -> bool:
-        """Return True: no field of a scene switches its surfaces."""
+        """Return True: surfaces cannot be switched off."""
         return True
 
     def responses(
         self, sight: ObservationModel, propagation: Propagation, calibration: Calibration
     ) -> Iterator[Errors]:
-        """Give the errors, if the model of the method knows them."""
+        """Yield the errors if the propagation model includes them."""
         own = propagation.own()
         if self.kind in own:
             yield own[self.kind]
 
 
 class CurvatureSource(SurfaceSource):
-    """What disparity and motion do in a window beyond the first order."""
+    """Variation of disparity and motion in a window beyond first order."""
 
     kind = "curvature"
     title = "curved surfaces"
@@ -42,41 +42,38 @@ class CurvatureSource(SurfaceSource):
         sigma = getattr(scene.estimate.settings, "window_sigma_px", None)
         if sigma is None:
             return None
-        # The deviation grows with the window's area.
+        # The deviation is proportional to the area of the window.
         return Mitigation(f"a smaller window (estimate.window_sigma_px: {0.7 * sigma:.2g})", {self.kind: 0.5})
 
 
 class DepthDiscontinuitySource(SurfaceSource):
-    """What pixels near silhouettes and sharp edges add to the mean square of all pixels."""
+    """Errors near silhouettes and creases."""
 
     kind = "edges"
-    title = "edges"
+    title = "depth discontinuities"
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation | None:
-        """Return a method that keeps to one surface."""
+        """Return a method with windows on one surface."""
         if scene.estimate.method == "refined":
             return None
-        return Mitigation("a method that keeps to one surface (estimate: {method: refined})", {self.kind: 0.1})
+        return Mitigation("a method with windows on one surface (estimate: {method: refined})", {self.kind: 0.1})
 
 
 class MethodBiasSource(SurfaceSource):
-    """The method's own bias: filters that are not exact, interpolation, texture finer than the pixels."""
+    """Bias of the method: inexact filters, interpolation, texture finer than the pixels."""
 
     kind = "rest"
-    title = "the method's own bias"
+    title = "method bias"
 
 
 class SlopeSource(SurfaceSource):
-    """Disparity and motion differ over a window, and the method takes them to be the same.
-
-    Of the window's pixels, those with the strongest texture count most: the estimate is theirs, not the middle's.
-    """
+    """Variation of disparity and motion over a window, assumed constant by the method, weighted by local texture."""
 
     kind = "slope"
     title = "slanted surfaces"
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation | None:
-        """Return a method that knows slopes."""
+        """Return a method that fits slopes."""
         if scene.estimate.method == "refined":
             return None
         return Mitigation("a method that fits slopes (estimate: {method: refined})", {self.kind: 0.01})

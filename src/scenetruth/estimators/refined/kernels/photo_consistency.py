@@ -1,7 +1,4 @@
-"""Kernels that compare the warped images.
-
-Agreement at every pixel, occlusion by nearer surfaces, and shifts of blocks.
-"""
+"""Kernels that compare the warped images: agreement at every pixel, occlusion, and shifts of blocks."""
 
 from __future__ import annotations
 
@@ -32,7 +29,7 @@ __all__ = ["SIDES", "SUMS", "add_shifts", "hide", "judge_rows"]
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 SUMS = 7
-"""Sums that `add_shifts` fills."""
+"""Number of sums that `add_shifts` fills."""
 
 
 @_jit
@@ -45,13 +42,12 @@ def add_shifts(
     sums: NDArray[np.float64],
     rows: tuple[int, int],
 ) -> None:
-    """Sum up, over blocks of pixels, what each image and the images' mean T tell of a shift between them.
+    """Sum the normal equations of the shift between each image and the mean image T over blocks of pixels.
 
-    An image that shows g where the mean shows T is to be moved by the δ that minimises Σ (g + ∇T · δ - T)²: the
-    solution of Σ ∇T ∇Tᵀ δ = Σ ∇T (T - g).
+    The shift δ of an image with grey value g minimises Σ (g + ∇T · δ - T)²: Σ ∇T ∇Tᵀ δ = Σ ∇T (T - g).
 
-    ``block``: Edge of a block in px; blocks begin at row and column 0 of the image.
-    ``sums``: Is added to: for every row of blocks, block and image the sums of T_x², T_x T_y, T_y², T_x (T - g), T_y (T
+    ``block``: Side length of a block in px; blocks begin at row and column 0 of the image.
+    ``sums``: Incremented: for every row of blocks, block and image the sums of T_x², T_x T_y, T_y², T_x (T - g), T_y (T
       - g), (T - g)² and 1, shape (rows of blocks, columns of blocks, n, 7).
     """
     count, height, width = warped.shape
@@ -76,8 +72,8 @@ def add_shifts(
 
 
 SIDES = 7
-"""All images; those with s ≤ 0, s ≥ 0, t ≤ 0, t ≥ 0, s_y ≤ 0, s_y ≥ 0: what hides a point hides it on one side."""
-# A variance needs that many images.
+"""All images; those with s ≤ 0, s ≥ 0, t ≤ 0, t ≥ 0, s_y ≤ 0, s_y ≥ 0: occlusion affects one side only."""
+# Smallest number of images for a variance.
 _LEAST = 3
 
 
@@ -98,7 +94,7 @@ def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
                 if np.isnan(fields[0, y, x]):
                     continue
                 sums[:] = 0.0
-                # The four middles of blocks around the pixel.
+                # Centres of the four blocks around the pixel.
                 row = min(max((y + 0.5) / block - 0.5, 0.0), down - 1.0)
                 column = min(max((x + 0.5) / block - 0.5, 0.0), across - 1.0)
                 above, beside = int(row), int(column)
@@ -115,7 +111,7 @@ def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
                     if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
                         continue
                     left, top = int(at_x), int(at_y)
-                    # A function for both takes half as much time again.
+                    # A common function for both orders takes 1.5 times as long.
                     if cubic:
                         cubic_weights(at_x - left, wx, dx)
                         cubic_weights(at_y - top, wy, dy)
@@ -176,25 +172,25 @@ def judge_rows(
     out: NDArray[np.float32],
     rows: tuple[int, int],
 ) -> None:
-    """Compute the variances of the grey values that the images show of every pixel's point.
+    """Compute the variances of the grey values of the images at every pixel.
 
-    ``gain``, ``offset``: What takes the images to one brightness, (value - offset) / gain, in blocks of pixels, shape
-      (n, rows of blocks, columns of blocks); linear in between.
-    ``block``: Edge of a block in px.
-    ``out``: Variances of the images of `SIDES`, NaN where fewer than three show the point, shape (7, height, width).
+    ``gain``, ``offset``: Normalisation of the image intensities, (value - offset) / gain, in blocks of pixels, shape
+      (n, rows of blocks, columns of blocks); interpolated linearly.
+    ``block``: Side length of a block in px.
+    ``out``: Variances of the images of `SIDES`, NaN where fewer than three are valid, shape (7, height, width).
     """
     _JUDGES[len(fields), view.spline](coefficients, view, fields, bad, gain, offset, block, out, rows)
 
 
 _jit_exact = numba.njit(cache=True, nogil=True, error_model="numpy")
 
-# Grey values this many px beside what hides a point mix both.
+# Distance in px from an occluding surface within which grey values are a mixture.
 _MARGIN = 1
 
 
 @numba.njit(inline="always")
 def _place(accelerated: Any, view: Any, i: Any, fields: Any, y: Any, x: Any) -> Any:
-    """Return where an image shows the point of a pixel, and the point's disparity there."""
+    """Return the position of a pixel's point in an image, and its disparity there."""
     at_x, at_y, scale = place_of(accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x)
     at_x, at_y = corrected(view, i, at_x, at_y)
     return at_x, at_y, abs(fields[0, y, x] * scale)
@@ -215,7 +211,7 @@ def _compile_visibility(*, accelerated: bool) -> Any:
                     at_x, at_y, d = _place(accelerated, view, i, fields, y, x)
                     if at_x >= 0 and at_x < width - 1 and at_y >= 0 and at_y < height - 1:
                         left, top = int(at_x), int(at_y)
-                        # The four pixels around it, so that no gaps open.
+                        # The four surrounding pixels, which avoids gaps.
                         for v in range(top, top + 2):
                             for u in range(left, left + 2):
                                 largest[v, u] = max(largest[v, u], d)
@@ -245,9 +241,9 @@ def hide(
     hidden: NDArray[np.uint8],
     group: int,
 ) -> None:
-    """Mark the pixels whose points are hidden in eight of the images.
+    """Mark the pixels whose points are occluded in eight of the images.
 
-    A point is hidden where another point of larger disparity is seen in its place or beside it.
+    A point is occluded where another point of larger disparity is at the same or an adjacent pixel.
 
     ``hidden``: Output: bit i % 8 of the byte i // 8 for image i, shape (n / 8, height, width).
     """

@@ -1,4 +1,4 @@
-"""Kernels for the normal equations of single pixels, and for gain and offset of the images in them."""
+"""Kernels for the normal equations of single pixels, including gain and offset of the images."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ __all__ = [
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 PRODUCTS, ALL_PRODUCTS = 22, 46
-"""Maps that `add_products` fills: with the four fields d and q, and with those of the acceleration too."""
+"""Numbers of maps that `add_products` fills: for the four fields d and q, and with those of the acceleration."""
 LEAST_VARIANCE = 0.01
-"""Relative variance of noise, at least."""
+"""Lower limit of the relative noise variance."""
 
 
 def _pairs() -> NDArray[np.int64]:
-    """Return which product belongs to a pair of fields."""
+    """Return the index of the product of each pair of fields."""
     found = np.zeros((7, 7), dtype=np.int64)
     found[np.triu_indices(STEADY)] = np.arange(10)
     first = PRODUCTS
@@ -43,11 +43,11 @@ def _pairs() -> NDArray[np.int64]:
 
 
 PAIR_OF = _pairs()
-"""Which product belongs to a pair of fields, shape (7, 7)."""
+"""Index of the product of each pair of fields, shape (7, 7)."""
 SIDE_OF = np.array([10, 11, 12, 13, 40, 41, 42])
-"""Which product is the part of M (d, q, a) + b that belongs to a field."""
+"""Index of the component of M (d, q, a) + b of each field."""
 SQUARE_OF = np.array([18, 19, 20, 21, 43, 44, 45])
-"""Which product is the square of b of a field."""
+"""Index of the square of b of each field."""
 
 
 def _compiled_products(several: int) -> Any:
@@ -112,7 +112,7 @@ def _compiled_products(several: int) -> Any:
                         sides[k] += own[k] * left
                         for m in range(k + 1):
                             pairs[k, m] += own[k] * own[m]
-                # Where all is dark, noise does not vanish.
+                # Noise does not vanish in dark pixels.
                 weight = 1.0 / max(variance[0] + variance[1] * texture, LEAST_VARIANCE)
                 squares *= weight
                 for k in range(several):
@@ -148,30 +148,29 @@ def add_products(
     products: NDArray[np.float64],
     rows: tuple[int, int],
 ) -> None:
-    """Compute the pixels' own normal equations for disparity and velocity, with the texture as an unknown.
+    """Compute the normal equations of each pixel for disparity and velocity, with the texture as an unknown.
 
-    With a_i = ∇T · ∂x'_i / ∂(d, q), its mean over the images ā, and the texture T as the images' mean:
+    With a_i = ∇T · ∂x'_i / ∂(d, q), its mean over the images ā, and the mean image as texture T:
     M = Σ_i (a_i - ā)(a_i - ā)ᵀ and b = Σ_i (a_i - ā)(T - g_i). All squares and products of grey values are divided by
     the variance of their noise, relative to that of a mean grey value.
 
-    ``products``: Sums to be added to, shape (22, rows, width): the 10 products of M, row by row above the diagonal,
+    ``products``: Sums to increment, shape (22, rows, width): the 10 products of M, row by row above the diagonal,
       then the 4 of M (d, q) + b, then Σ_i (g_i - T)², the number of images less one, 1, |∇T|², and the 4 squares of b.
-      If the acceleration is a field, shape (46, rows, width): behind these, the columns of M of a_X, a_Y and a_Z down
-      to the diagonal, then the other 3 of M (d, q, a) + b, and the other 3 squares of b. Nothing is added where a pixel
-      is left out.
+      If the acceleration is a field, shape (46, rows, width): also the columns of M of a_X, a_Y and a_Z down to the
+      diagonal, then the other 3 of M (d, q, a) + b, and the other 3 squares of b. Invalid pixels are skipped.
     """
     _ADD_PRODUCTS[len(fields)](view, fields, warped, gradient, first_row, least, variance, products, rows)
 
 
 @numba.njit(inline="always")
 def is_pair(product: int) -> bool:
-    """Tell whether a product is one of M."""
+    """Return whether a product is an element of M."""
     return product < 10 or PRODUCTS <= product < SIDE_OF[STEADY]
 
 
 @_jit
 def _brightness(image: Any, texture: Any, some: Any, window: Any, y: int, step: int, sums: Any, nodes: Any) -> None:
-    """Write gain and offset at every n-th column of a row, and at the last, found in the window around it."""
+    """Write gain and offset, estimated in the window, at every n-th column of a row, and at the last."""
     height, width = image.shape
     reach = window.shape[0] // 2
     sums[:] = 0.0
@@ -215,12 +214,12 @@ def correct_brightness(
     first_row: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Take a gain and an offset from an image, found in the window around every n-th pixel against the texture.
+    """Remove gain and offset of an image relative to the texture, estimated in the window around every n-th pixel.
 
-    Between these pixels, gain and offset are linear: they change over the width of a window.
+    Gain and offset are interpolated linearly; they vary over the width of a window.
 
-    ``image``: Warped grey values, NaN where unknown, shape (rows, width).
-    ``texture``: The texture, NaN where unknown, of the same shape.
+    ``image``: Warped grey values, NaN where invalid, shape (rows, width).
+    ``texture``: The texture, NaN where invalid, of the same shape.
     ``window``: Weights along either axis, shape (2 r + 1,).
     """
     height, width = image.shape

@@ -1,7 +1,4 @@
-"""Kernels that interpolate images.
-
-At the points that surface and motion of a pixel predict, and at defective pixels.
-"""
+"""Kernels that interpolate images at the points predicted by surface and motion, and at defective pixels."""
 
 from __future__ import annotations
 
@@ -34,15 +31,15 @@ __all__ = [
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 STEADY, ACCELERATED = 4, 7
-"""Fields of a point: d, q_X, q_Y, q_Z if it moves steadily; if not, the acceleration a_X, a_Y, a_Z behind them."""
+"""Numbers of fields: d, q_X, q_Y, q_Z, and for accelerated motion a_X, a_Y, a_Z."""
 CUBIC, QUINTIC = 3, 5
 """Orders of the splines through the images."""
 TAPS = 6
-REACH = 2  # taps before the sample's whole coordinate
+REACH = 2  # taps before the integer part of the sample position
 
 
 class ImageView(NamedTuple):
-    """Which camera took each image when, and how cameras see; the reference is s = 0 at t = 0."""
+    """Camera positions and times of the images, and intrinsics; the reference is s = 0 at t = 0."""
 
     s: NDArray[np.float64]
     """Position along the stage in steps, of every image, shape (n,)."""
@@ -51,7 +48,7 @@ class ImageView(NamedTuple):
     t: NDArray[np.float64]
     """Time in frames, shape (n,)."""
     moved: NDArray[np.float64]
-    """How far the images are from where they should be, as of `corrected`, shape (n, 4)."""
+    """Pose corrections of the images, as in `corrected`, shape (n, 4)."""
     focal: float
     """Focal length in columns."""
     centre_x: float
@@ -64,10 +61,10 @@ class ImageView(NamedTuple):
 
 @numba.njit(inline="always")
 def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
-    """Return column and row at which an image shows what it should show at (x, y) from the principal point.
+    """Return column and row in an image of the nominal position (x, y) relative to the principal point.
 
-    It is moved by x and y in px, rolled from x towards y by an angle in rad, and larger by a share, in this order in
-    ``view.moved``: to the first order.
+    The corrections in ``view.moved`` are, in this order, shifts along x and y in px, a roll from x towards y in rad,
+    and a relative scale: to first order.
     """
     right, down, roll, larger = view.moved[i, 0], view.moved[i, 1], view.moved[i, 2], view.moved[i, 3]
     return (
@@ -78,10 +75,10 @@ def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
 
 @numba.njit(inline="always")
 def place_of(accelerated: Any, view: Any, s: Any, s_y: Any, t: Any, fields: Any, y: Any, x: Any) -> Any:
-    """Return where an image should show the point of a pixel, from the principal point, and by what share it shrinks.
+    """Return the position of a pixel's point in an image, relative to the principal point, and its scale.
 
-    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`. Kernels know when they are compiled whether motion is
-    accelerated: to ask at every pixel takes twice the time.
+    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`. Acceleration is a compile-time constant, because a
+    condition at every pixel doubles the time.
     """
     d = fields[0, y, x]
     right, down, ahead = t * fields[1, y, x], t * fields[2, y, x], t * fields[3, y, x]
@@ -118,7 +115,7 @@ def _near_slope(f: Any) -> Any:
 
 @_jit
 def cubic_weights(f: float, w: Any, dw: Any) -> None:
-    """Write the weights of six coefficients of a cubic spline, of which the outer ones are 0, as `quintic_weights`."""
+    """Write the weights of six coefficients of a cubic spline, with outer weights 0, as `quintic_weights`."""
     g = 1.0 - f
     w[0], w[1], w[2] = 0.0, g**3 / 6.0, 2.0 / 3.0 - 0.5 * f * f * (2.0 - f)
     w[3], w[4], w[5] = 2.0 / 3.0 - 0.5 * g * g * (2.0 - g), f**3 / 6.0, 0.0
@@ -172,7 +169,7 @@ def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
                         warped[i, row, x] = np.float32(np.nan)
                         continue
                     left, top = int(at_x), int(at_y)
-                    # A function for both takes half as much time again.
+                    # A common function for both orders takes 1.5 times as long.
                     if cubic:
                         cubic_weights(at_x - left, wx, dx)
                         cubic_weights(at_y - top, wy, dy)
@@ -220,32 +217,30 @@ def warp_rows(
     gradient: NDArray[np.float32],
     rows: tuple[int, int],
 ) -> None:
-    """Fetch all images where they see the points of the reference camera's pixels, by B-splines.
+    """Sample all images at the points of the pixels of the reference camera, by B-spline interpolation.
 
-    Camera (s, s_y) sees at time t a point whose pixel lies at (x, y) from the principal point at
+    In camera (s, s_y) at time t, the point of a pixel at (x, y) from the principal point is at
 
         x' = (x + d (t q_X - s)) / (1 + t d q_Z / f)        y' = (y + d (t q_Y - s_y)) / (1 + t d q_Z / f)
 
-    with the disparity d in px per step and the velocity q in steps per frame (paper, eq. 2 and 3), and shows it where
-    `corrected` says. With an acceleration a in steps per frame², t q + ½ t² a stand for t q.
+    with the disparity d in px per step and the velocity q in steps per frame (paper, eq. 2 and 3), then displaced by
+    `corrected`. With an acceleration a in steps per frame², t q is replaced by t q + ½ t² a.
 
-    ``coefficients``: Coefficients of the splines, shape (n, height, width).
-    ``fields``: d, q_X, q_Y, q_Z of every pixel, and a_X, a_Y, a_Z behind them if motion is not steady, shape (4,
-      height, width) or (7, height, width); NaN where none is wanted.
-    ``hidden``: In which images other surfaces hide the points, as of `visibility.hide`; of shape (0, 0, 0), none is
-      hidden.
-    ``bad``: Not 0 at pixels of the images around which nothing must be fetched, shape (n, height, width); of shape (0,
-      0, 0), there are none.
-    ``warped``: Output: grey values, NaN where a point lies outside the image, is hidden, or falls on bad pixels, shape
+    ``coefficients``: Spline coefficients, shape (n, height, width).
+    ``fields``: d, q_X, q_Y, q_Z of every pixel, for accelerated motion also a_X, a_Y, a_Z, shape (4, height, width) or
+      (7, height, width); NaN where not required.
+    ``hidden``: Occlusion of the points by image, as from `photo_consistency.hide`; shape (0, 0, 0) for none.
+    ``bad``: Nonzero at pixels whose surroundings must not be sampled, shape (n, height, width); (0, 0, 0) for none.
+    ``warped``: Output: grey values, NaN where a point is outside the image, occluded, or at defective pixels, shape
       (n, rows, width).
-    ``gradient``: Output: mean over the images of the grey values' derivatives along x and y, shape (2, rows, width).
+    ``gradient``: Output: grey-value derivatives along x and y, averaged over the images, shape (2, rows, width).
     """
     _WARPS[len(fields), view.spline](coefficients, view, fields, hidden, bad, first_row, warped, gradient, rows)
 
 
 @_jit
 def mean_of_row(warped: Any, row: int, least: int, mean: Any) -> None:
-    """Write the mean of the images that show the pixels of a row, NaN where fewer than ``least`` do."""
+    """Write the mean of the images at the pixels of a row, NaN where fewer than ``least`` are valid."""
     count, _, width = warped.shape
     used = np.zeros(width, dtype=np.int64)
     mean[:] = 0.0
@@ -261,10 +256,7 @@ def mean_of_row(warped: Any, row: int, least: int, mean: Any) -> None:
 
 @_jit
 def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.float32], rows: tuple[int, int]) -> None:
-    """Compute the mean of the images that show a pixel, NaN where fewer than ``least`` do.
-
-    ``texture``: Output, shape (rows, width).
-    """
+    """Compute the mean of the images at each pixel, shape (rows, width), NaN where fewer than ``least`` are valid."""
     mean = np.empty(warped.shape[2])
     for row in range(rows[0], rows[1]):
         mean_of_row(warped, row, least, mean)
@@ -276,19 +268,19 @@ _jit_exact = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @numba.njit(inline="always")
 def _inside(n: Any, size: Any) -> Any:
-    """Return a place within the image: beyond its ends, the image is mirrored at its last pixels."""
+    """Return an index within the image; beyond the ends, the image is mirrored at its last pixels."""
     n = abs(n)
     return max(2 * (size - 1) - n, 0) if n >= size else n
 
 
 @_jit_exact
 def smooth_over(image: NDArray[np.float64], pixels: NDArray[np.int64], sweeps: int) -> None:
-    """Bring some pixels to where the squared Laplacian of the image is least, the others being fixed.
+    """Interpolate pixels by minimising the squared Laplacian of the image, with the other pixels fixed.
 
-    One pixel alone gets, after one sweep, what continues any polynomial of third degree: (8 a - 2 b - c) / 20 with the
-    sums a over the four next to it, b over the four across the corners, c over the four two pixels away.
+    A single pixel becomes, after one sweep, the continuation of any polynomial of third degree: (8 a - 2 b - c) / 20
+    with the sums a over the four adjacent pixels, b over the four diagonal pixels, c over the four at distance two.
 
-    ``image``: Finite grey values, shape (y, x); these pixels are changed.
+    ``image``: Finite grey values, shape (y, x); modified at these pixels.
     ``pixels``: Rows and columns of the pixels, shape (n, 2).
     """
     height, width = image.shape

@@ -1,7 +1,4 @@
-"""Kernels that fit one window from its sums.
-
-Derive slopes, curvature, rotation and growth of the surface element.
-"""
+"""Kernels that fit one window from its sums, and derive slope, curvature, rotation and growth of the surface."""
 
 from __future__ import annotations
 
@@ -36,22 +33,22 @@ __all__ = [
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 FUNCTIONALS = 11
-"""What has a variance: slopes along X and Y, mean and Gaussian curvature, three components of the rotation, growth of
-area, the larger and the lesser growth of length, the angle of the larger one's direction."""
+"""Number of quantities with a variance: slopes along X and Y, mean and Gaussian curvature, three components of the
+rotation rate, growth rate of the area, two principal growth rates, angle of the first principal direction."""
 VALUES = 13
-"""The first ten of these, and the three components of the direction."""
+"""Number of values: the first ten of these, and the three components of the direction."""
 _CURVATURE, _ROTATION, _AREA, _PRINCIPAL, _ANGLE = 2, 4, 7, 8, 10
-# Of the parameters, those of velocity's slopes: along x and along y, for three components.
+# Number of velocity slopes among the parameters: along x and along y, for three components.
 _VELOCITY = 6
-# Rates that are linear in the velocity's slopes: rotation, growth of area, and the tensor of growth (aa, bb, ab).
+# Rates that are linear in the velocity slopes: rotation, growth of area, and the growth tensor (aa, bb, ab).
 _RATES = 7
-# Parts of the disparity by which parameters are changed to find derivatives: two thirds of the digits are left.
+# Relative step of the parameters for numerical derivatives, accurate to about two thirds of the digits.
 _STEP = 1e-5
 
 
 @_jit
 def tangents_of(theta: Any, x: float, y: float, focal: float, out: Any) -> None:
-    """Write the surface's derivatives along x and y, in baselines: p = (x, y, f) / d."""
+    """Write the derivatives of the surface along x and y, in baselines: p = (x, y, f) / d."""
     d = theta[0]
     for side in range(2):
         slope = theta[1 + side] / (d * d)
@@ -74,10 +71,10 @@ def metric(tangents: Any) -> Any:
 
 @_jit
 def _shape(theta: Any, x: float, y: float, focal: float, curved: bool, values: Any, gradients: Any) -> None:
-    """Write slopes and curvatures, and their derivatives by the disparity's parameters.
+    """Write slopes and curvatures, and their derivatives by the parameters of the disparity.
 
-    The normal is (f d_x, f d_y, m) with m = d - x d_x - y d_y. Of p = (x, y, f) / d, second derivatives along the
-    normal are those of d, times -(p n) / d: the second fundamental form is the Hessian of d.
+    The normal is (f d_x, f d_y, m) with m = d - x d_x - y d_y. The normal components of the second derivatives of
+    p = (x, y, f) / d are those of d times -(p n) / d: the second fundamental form is the Hessian of d.
     """
     d, d_x, d_y = theta[0], theta[1], theta[2]
     ahead = d - x * d_x - y * d_y
@@ -91,7 +88,7 @@ def _shape(theta: Any, x: float, y: float, focal: float, curved: bool, values: A
     if not curved:
         return
     xx, xy, yy = 2.0 * theta[3], theta[4], 2.0 * theta[5]
-    # The tangents times d², and the normal times d³.
+    # Tangents times d², and normal times d³.
     u = (d - x * d_x, -y * d_x, -focal * d_x)
     v = (-x * d_y, d - y * d_y, -focal * d_y)
     n = (focal * d_x, focal * d_y, ahead)
@@ -132,9 +129,9 @@ def _shape(theta: Any, x: float, y: float, focal: float, curved: bool, values: A
 
 @_jit
 def _rates(theta: Any, x: float, y: float, focal: float, rows: Any, values: Any, second: Any) -> Any:
-    """Write what the velocity's slopes make of the element; return both growths' difference, and the direction.
+    """Write the rates of the element; return the difference of the principal rates, and cosine and sine of the angle.
 
-    ``rows``: Output: what each rate takes of the slopes q_x and q_y, shape (7, 6).
+    ``rows``: Output: coefficients of each rate for the slopes q_x and q_y, shape (7, 6).
     """
     tangents = np.empty((2, 3))
     tangents_of(theta, x, y, focal, tangents)
@@ -189,8 +186,8 @@ def _rates(theta: Any, x: float, y: float, focal: float, rows: Any, values: Any,
 def _motion(theta: Any, x: float, y: float, focal: float, free: bool, values: Any, gradients: Any) -> None:
     """Write rotation and growth, and their derivatives by the parameters.
 
-    Where the velocity's slopes are ``free`` of the surface's, errors of the surface count too. Otherwise rotation and
-    growth themselves are what is fitted, and turn the slopes along with the surface.
+    Where the velocity slopes are ``free``, that is independent of the surface, errors of the surface also contribute.
+    Otherwise rotation and growth are the fitted parameters, and the slopes vary with the surface.
     """
     rows, second = np.empty((_RATES, 6)), np.empty(3)
     apart, cosine, sine = _rates(theta, x, y, focal, rows, values, second)
@@ -219,7 +216,7 @@ def _motion(theta: Any, x: float, y: float, focal: float, free: bool, values: An
             for k in range(3):
                 along += either[side, _ANGLE + k] * values[_ANGLE + k]
                 across += either[side, _ANGLE + k] * second[k]
-            # Either sign of a direction is the same.
+            # The sign of a direction is arbitrary.
             gradients[_ANGLE, p] += (0.5 if side == 0 else -0.5) * across / along / step
 
 
@@ -227,11 +224,11 @@ def _motion(theta: Any, x: float, y: float, focal: float, free: bool, values: An
 def describe_element(
     surface: int, gradient: int, theta: Any, x: float, y: float, focal: float, values: Any, gradients: Any
 ) -> None:
-    """Write what a surface element is and does, and how that depends on the fit's parameters.
+    """Write the quantities of a surface element and their derivatives by the parameters of the fit.
 
-    ``values``: Output, shape (13,), lengths in baselines: what `VALUES` says. Curvatures are positive where the surface
-      bulges towards the camera, rotations turn by the right hand; of the direction either sign is meant.
-    ``gradients``: Output, shape (11, 15): derivatives of what `FUNCTIONALS` says by the parameters.
+    ``values``: Output, shape (13,), lengths in baselines: see `VALUES`. Curvatures are positive where the surface is
+      convex towards the camera; rotations are right-handed; the sign of the direction is arbitrary.
+    ``gradients``: Output, shape (11, 15): derivatives of the quantities of `FUNCTIONALS` by the parameters.
     """
     values[:] = np.nan
     gradients[:] = 0.0
@@ -240,7 +237,7 @@ def describe_element(
     _shape(theta, x, y, focal, surface == _VELOCITY, values, gradients)
     if gradient > 0:
         _motion(theta, x, y, focal, gradient == 3, values, gradients)
-    # Of a turn without growth, growth is not known to be zero; it is not asked for.
+    # Without growth in the model, growth is undetermined rather than zero.
     if gradient < 2:
         values[_AREA] = np.nan
     if gradient < 3:
@@ -248,17 +245,17 @@ def describe_element(
 
 
 FULL = 15
-"""Parameters of the full model: d, d_x, d_y, d_xx, d_xy, d_yy; q_X, its slopes along x and y, q_Y alike, q_Z alike."""
+"""Number of parameters of the full model: d, d_x, d_y, d_xx, d_xy, d_yy; q_X and its slopes along x and y; q_Y; q_Z."""
 ALL = FULL + 3
-"""With those of the acceleration, a_X, a_Y and a_Z, which are the same in a whole window."""
+"""Number with the acceleration, a_X, a_Y and a_Z, which is constant in a window."""
 CURVED = 6
 
-# Monomials x^j y^k of the disparity's parameters, then of each velocity component's, and the fields of all.
+# Monomials x^j y^k of the disparity parameters, then of each velocity component, and the field of each parameter.
 _J = np.array((0, 1, 0, 2, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0))
 _K = np.array((0, 0, 1, 0, 1, 2, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0))
 _FIELD = np.repeat(np.arange(7), [CURVED, 3, 3, 3, 1, 1, 1])
-# Moments are numbered by product, power of x, power of y: those of pairs of parameters, of the right sides, and of
-# parameters with the second powers of each velocity component. (Tuples would be copied at every look.)
+# Moments are numbered by product, power of x, power of y: those of pairs of parameters, of the right-hand sides, and of
+# parameters with the second powers of each velocity component. (Tuples would be copied at every access.)
 POWERS = 5
 
 
@@ -274,47 +271,47 @@ _OF_BEND = _number(
     _K[:, None, None] + np.array([0, 1, 2])[:, None],
 )
 _SQUARES, _FREEDOM, KNOWN, GRADIENTS = (int(_number(n, 0, 0)) for n in (14, 15, 16, 17))
-# Squares of b of the fields, and what white noise of 1 would make of them.
+# Squares of b of the fields, and their expectation for white noise of 1.
 _LEFT, _EXPECTED = _number(SQUARE_OF, 0, 0), _number(np.diag(PAIR_OF), 0, 0)
 TOLD = np.array([0, 1, 2, 6, 9, 12, 15, 16, 17])
-"""Parameters whose variances are told."""
+"""Parameters whose variances are output."""
 EVERY_VARIANCE = len(TOLD) + 1
-"""Asks for all variances, with those of the surface element."""
+"""Number that selects all variances, including those of the surface element."""
 
 
 class Model(NamedTuple):
-    """Which surface and which motion are fitted."""
+    """Models of surface and motion."""
 
     surface: int
-    """Parameters of disparity: 0 (none), 1 (constant), 3 (slopes), 6 (curvature)."""
+    """Number of disparity parameters: 0 (none), 1 (constant), 3 (slopes), 6 (curvature)."""
     components: int
-    """Components of velocity: 0 (none), 2 (X and Y) or 3."""
+    """Number of velocity components: 0 (none), 2 (X and Y) or 3."""
     gradient: int
     """Velocity gradient: 0 (none), 1 (rotation), 2 (rotation and isotropic growth), 3 (all six)."""
     accelerated: bool = False
-    """Whether the components of velocity change over time, evenly."""
+    """Whether the velocity components change uniformly over time."""
 
 
 class Fit(NamedTuple):
-    """What `solve_rows` writes, each with the rows and columns of the image last."""
+    """Output of `solve_rows`, with the rows and columns of the image last."""
 
     theta: NDArray[np.float64]
-    """The full model's parameters, shape (15, height, width), or (18, height, width) with the acceleration's."""
+    """Parameters of the full model, shape (15, height, width), or (18, height, width) with acceleration."""
     variance: NDArray[np.float64]
     """Variances of d, d_x, d_y, q_X, q_Y, q_Z, and a_X, a_Y, a_Z, shape (9, height, width)."""
     element: NDArray[np.float32]
-    """What the surface element is and does, as of `describe_element`, shape (13, height, width)."""
+    """Quantities of the surface element from `describe_element`, shape (13, height, width)."""
     element_variance: NDArray[np.float32]
-    """Variances of that, shape (11, height, width)."""
+    """Variances of these quantities, shape (11, height, width)."""
     images: NDArray[np.float32]
-    """Mean number of images that show the pixels of the window, shape (height, width)."""
+    """Mean number of valid images over the pixels of the window, shape (height, width)."""
     residual: NDArray[np.float64]
-    """Mean squares of what is left, per degree of freedom, and of the texture's gradient, shape (2, height, width)."""
+    """Mean square residual per degree of freedom, and mean square texture gradient, shape (2, height, width)."""
 
 
 @_jit
 def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places: Any, values: Any, sizes: Any) -> int:
-    """Write the basis of what is fitted, the places and values of each column's numbers; return the columns' number."""
+    """Write the basis of the fitted model, as indices and values of each column; return the number of columns."""
     used = 0
     for k in range(model.surface):
         places[used, 0], values[used, 0], sizes[used] = k, 1.0, 1
@@ -324,7 +321,7 @@ def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places:
             places[used, 0], values[used, 0], sizes[used] = CURVED + 3 * c + side, 1.0, 1
             used += 1
     if model.gradient == 1 or model.gradient == 2:
-        # q changes by A p over the surface, whose tangents are p_x and p_y; a rotation is A = [w]x, growth is A = e I.
+        # q changes by A p over the surface, whose tangents are p_x and p_y; rotation is A = [w]x, growth is A = e I.
         tangents = np.empty((2, 3))
         tangents_of(theta, x, y, focal, tangents)
         for turn in range(3):
@@ -352,10 +349,10 @@ def _columns(model: Model, theta: Any, x: float, y: float, focal: float, places:
 
 @_jit
 def _bend(theta: Any, x: float, y: float, focal: float, tangents: Any, bend: Any) -> None:
-    """Write the velocity's second-order terms that follow from the surface's: those of ξ², ξη and η², shape (3, 3).
+    """Write the second-order velocity terms that follow from the surface: those of ξ², ξη and η², shape (3, 3).
 
-    A surface element that turns and grows takes its curvature along: the second derivatives of q are A p_xx, A p_xy and
-    A p_yy, where A takes the tangents to the derivatives of q, and the normal to the normal's own rate.
+    A rotating and growing surface element retains its curvature: the second derivatives of q are A p_xx, A p_xy and
+    A p_yy, where A maps the tangents to the derivatives of q, and the normal to its rate of change.
     """
     tangents_of(theta, x, y, focal, tangents)
     d = theta[0]
@@ -363,7 +360,7 @@ def _bend(theta: Any, x: float, y: float, focal: float, tangents: Any, bend: Any
     n0 = tangents[0, 1] * tangents[1, 2] - tangents[0, 2] * tangents[1, 1]
     n1 = tangents[0, 2] * tangents[1, 0] - tangents[0, 0] * tangents[1, 2]
     n2 = tangents[0, 0] * tangents[1, 1] - tangents[0, 1] * tangents[1, 0]
-    # How fast the tangents turn towards the normal.
+    # Rates of rotation of the tangents towards the normal.
     along = n0 * theta[CURVED + 1] + n1 * theta[CURVED + 4] + n2 * theta[CURVED + 7]
     down = n0 * theta[CURVED + 2] + n1 * theta[CURVED + 5] + n2 * theta[CURVED + 8]
     for term in range(3):
@@ -389,7 +386,7 @@ def _bend(theta: Any, x: float, y: float, focal: float, tangents: Any, bend: Any
 
 @_jit
 def _factorise(a: Any, n: int) -> bool:
-    """Factorise a symmetric matrix in place, L Lᵀ; return whether it is positive definite."""
+    """Factorise a symmetric matrix in place as L Lᵀ; return whether it is positive definite."""
     for j in range(n):
         total = a[j, j]
         for k in range(j):
@@ -420,10 +417,7 @@ def _solve(factor: Any, n: int, x: Any) -> None:
 
 @_jit
 def _full_matrix(moments: Any, place: int, surface: int, count: int, out: Any, weights: Any) -> None:
-    """Write W H W with the normal matrix H at a pixel, of so many parameters, and weights W of the fields.
-
-    What a surface of so many parameters has not, is left as it is.
-    """
+    """Write W H W with the normal matrix H at a pixel and weights W of the fields, for parameters of the model only."""
     for p in range(count):
         if surface <= p < CURVED:
             continue
@@ -449,7 +443,7 @@ def _reduce(full: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) -
 
 @_jit
 def _along(column: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) -> None:
-    """Write Cᵀ times a vector of the full model's parameters."""
+    """Write Cᵀ times a vector of the parameters of the full model."""
     for i in range(n):
         out[i] = 0.0
         for k in range(sizes[i]):
@@ -457,7 +451,7 @@ def _along(column: Any, places: Any, values: Any, sizes: Any, n: int, out: Any) 
 
 
 class WorkSpace(NamedTuple):
-    """Arrays that the fit of one window writes to."""
+    """Scratch arrays for the fit of one window."""
 
     places: NDArray[np.int64]
     values: NDArray[np.float64]
@@ -507,7 +501,7 @@ def fit_window(
     told: int,
     work: Any,
 ) -> None:
-    """Fit a model to the moments of the window around the pixel (x, y), which stand in some column, if they suffice."""
+    """Fit a model to the moments of the window around pixel (x, y), in column ``place``, if they suffice."""
     places, values, sizes, bend, tangents = work.places, work.values, work.sizes, work.bend, work.tangents
     small, other, full = work.matrices[0], work.matrices[1], work.matrices[2]
     right, scale, solution, column = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
@@ -546,7 +540,7 @@ def fit_window(
         theta[:] = np.nan
         return
     _solve(small, n, solution)
-    # Without depth, d is a unit: it stays.
+    # Without depth, d is a unit and remains unchanged.
     theta[1 if model.surface == 0 else 0 :] = 0.0
     for i in range(n):
         for k in range(sizes[i]):
@@ -555,8 +549,8 @@ def fit_window(
     fit.residual[1, y, x] = moments[GRADIENTS, place] / moments[KNOWN, place]
     if told == 0:
         return
-    # Cov = H^-1 S H^-1 with the sums H of the weights, and S of their squares times what b has in place of its part of
-    # white noise: what the images leave may go the same way in many of them.
+    # Cov = H^-1 S H^-1 with the sums H of the weights, and S of their squares times the ratio of b to its expectation
+    # for white noise: residuals may be correlated between images.
     for field in range(7 if count > FULL else 4):
         expected = moments[_EXPECTED[field], place]
         square = moments[_LEFT[field], place] / expected if expected > 0.0 else 0.0

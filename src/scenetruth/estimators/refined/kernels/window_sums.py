@@ -1,7 +1,4 @@
-"""Kernels that sum the normal equations over windows and fit them.
-
-Of all pixels, or of those of the central surface.
-"""
+"""Kernels that sum the normal equations over windows and fit them, for all pixels or those of the central surface."""
 
 from __future__ import annotations
 
@@ -30,14 +27,14 @@ __all__ = ["EVERY_MODEL", "NO_MODEL", "solve_members", "solve_rows"]
 
 
 EVERY_MODEL, NO_MODEL = -1, -2
-"""Whether every model is fitted to a pixel, or none."""
+"""Values that select all models, or none, at a pixel."""
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @numba.njit(inline="always")
 def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
-    """Return the highest power of the distance by which moments of a product are asked for."""
+    """Return the highest power of the distance required for the moments of a product."""
     surface = 2 if curved else 1
     if product == 0:
         return 2 * surface
@@ -50,7 +47,7 @@ def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
         return surface
     if product < PRODUCTS:
         return motion if product < 14 else 0
-    # Those of the acceleration, which is the same in a whole window.
+    # Products of the acceleration, which is constant in a window.
     if product in (PAIR_OF[0, 4], PAIR_OF[0, 5], PAIR_OF[0, 6]):
         return surface
     return 2 if bent else motion
@@ -58,7 +55,7 @@ def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
 
 @_jit
 def _add_pairs(out: Any, weight: float, one: Any, other: Any, odd: bool) -> None:
-    """Add what lies at either side of the middle, whose weights are the same, or opposite."""
+    """Add the values on both sides of the centre, with weights that are symmetric, or antisymmetric if ``odd``."""
     if odd:
         for x in range(out.size):
             out[x] += weight * (one[x] - other[x])
@@ -69,7 +66,7 @@ def _add_pairs(out: Any, weight: float, one: Any, other: Any, odd: bool) -> None
 
 @_jit
 def _window_sums(products: Any, pairs_only: bool, window: Any, y: int, asked: Any, scratch: Any, moments: Any) -> None:
-    """Sum products over windows of a row, times powers of the distance: moments (numbered, x)."""
+    """Sum products over the windows of a row, times powers of the distance: moments (numbered, x)."""
     count, height, width = products.shape
     reach = window.shape[1] // 2
     curved, turning, bent = asked
@@ -108,15 +105,15 @@ def solve_rows(
     told: int,
     rows: tuple[int, int],
 ) -> None:
-    """Fit surface and motion in the window around every pixel of some rows.
+    """Fit surface and motion in the window around every pixel of a range of rows.
 
     ``weights``: Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
       (2, 5, 2 r + 1).
-    ``chosen``: The model of every pixel of the image, shape (height, width); or `EVERY_MODEL`, or `NO_MODEL`.
+    ``chosen``: Model of every pixel of the image, `EVERY_MODEL` or `NO_MODEL`, shape (height, width).
     """
     width = products.shape[2]
     window, squared = weights[0], weights[1]
-    # Nothing lies beyond the ends of a row.
+    # Beyond the ends of a row, all values are zero.
     scratch = np.zeros(width + window.shape[1] - 1)
     moments = np.zeros((len(products) * POWERS**2, width))
     seconds = np.zeros((len(moments) if told > 0 else 1, width))
@@ -139,7 +136,7 @@ def solve_rows(
 
 @_jit
 def _asked(models: Any, count: int) -> Any:
-    """Tell whether any model has curvature, any a velocity gradient, and any motion of second order."""
+    """Return whether any model has curvature, a velocity gradient, or motion of second order."""
     curved, turning, bent = False, False, False
     for m in range(count):
         curved = curved or models[m].surface == CURVED
@@ -148,7 +145,7 @@ def _asked(models: Any, count: int) -> Any:
     return curved, turning, bent
 
 
-# Place of the number of channels that are known, among the products.
+# Index of the number of valid channels among the products.
 _IN_USE = 16
 
 
@@ -166,10 +163,7 @@ def _belongs(
     reach: Any,
     step: Any,
 ) -> bool:
-    """Tell whether a pixel at (x, y) from a window's centre shows the surface that is fitted there.
-
-    It does if the surface's parameters at the pixel hardly move it against its own ones, and explain its images.
-    """
+    """Return whether a pixel at (x, y) from a window centre belongs to its surface: parameters and residual agree."""
     x_x, x_y, y_y = x * x, x * y, y * y
     if not products[v, u, 14] <= limit * products[v, u, 15]:
         return False
@@ -216,7 +210,7 @@ def _compiled(several: int) -> Any:
         window, squared = weights[0], weights[1]
         count = products.shape[2]
         moments, seconds = np.empty((count * POWERS**2, 1)), np.empty((count * POWERS**2, 1))
-        # One power of the distance after the other, so that the products of a pixel are taken at once.
+        # One power of the distance after another, so that the products of a pixel are read together.
         sums, second_sums = np.empty((POWERS, count)), np.empty((POWERS, count))
         work, step = work_space(), np.empty(several)
         theta, own = np.empty(len(fit.theta)), np.empty(several)
@@ -293,17 +287,16 @@ def solve_members(
     shares: NDArray[np.float64],
     part: tuple[int, int],
 ) -> None:
-    """Fit surface and motion around some pixels to those of their windows' pixels that belong to the same surface.
+    """Fit surface and motion around pixels to those pixels of their windows that belong to the same surface.
 
-    ``products``: The pixels' normal equations, as of `products.add_products`, side by side: shape (rows, width, 22 or
-      46).
-    ``limit``: Largest mean square that is left where a pixel is explained, shape (rows, width).
-    ``fields``: The own d and q of the image's pixels, and their acceleration if the fit has one, shape (4 or 7, height,
-      width).
-    ``reach``: The farthest camera in steps, the longest time in frames, half an image over the focal length, and by how
-      much a pixel may be moved against its own parameters, in px.
+    ``products``: Normal equations of the pixels from `pixel_equations.add_products`, with the products last: shape
+      (rows, width, 22 or 46).
+    ``limit``: Largest mean square residual of a pixel that is explained, shape (rows, width).
+    ``fields``: d and q of the pixels of the image, with the acceleration if fitted, shape (4 or 7, height, width).
+    ``reach``: Farthest camera in steps, longest time in frames, half the image width over the focal length, and largest
+      displacement in px relative to a pixel's own parameters.
     ``pixels``: Rows and columns in the image, shape (n, 2).
-    ``shares``: Output: share of the window that belongs to the surface, and distance of the middle of its texture
-      (weighted by the squared gradient) from the window's, in px, shape (n, 2).
+    ``shares``: Output: fraction of the window that belongs to the surface, and distance of its texture centroid
+      (weighted by the squared gradient) from the window centre, in px, shape (n, 2).
     """
     _SOLVES[len(fields)](products, limit, fields, reach, weights, model, view, first_row, fit, pixels, shares, part)

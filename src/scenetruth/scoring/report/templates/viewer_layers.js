@@ -1,4 +1,4 @@
-// What can be shown, and the values of it at the chosen frame and camera.
+// The available layers, and their values at the selected frame and camera.
 
 const data = JSON.parse(document.getElementById("viewer-data").textContent);
 const groups = new Map(data.groups.map((group) => [group.name, group]));
@@ -40,7 +40,7 @@ function mapOf(number) {
   return unpacked.get(number);
 }
 
-// The image of the chosen camera and frame; of other pairs there is none.
+// The image of the selected camera and frame, if the page has it.
 function chosenImage() {
   const [row, camera] = data.images.cameras[state.camera];
   return data.images.shown.find((one) => one.row === row && one.camera === camera && one.frame === state.frame);
@@ -50,7 +50,7 @@ function chosenImage() {
 function field(id, frame = state.frame) {
   const layer = layers.get(id), name = id === "image" ? "image " + state.camera + " " + frame : id + " " + frame;
   if (!fields.has(name)) {
-    // A few large maps fill the memory of a phone.
+    // A few large maps would fill the memory of a phone.
     if (fields.size > 48) fields.delete(fields.keys().next().value);
     fields.set(name, layer.what === "image" ? imageField(frame) : layer.group.length_of ? lengthField(layer, frame) : mapField(layer, frame));
   }
@@ -95,7 +95,7 @@ function spellDigits(value, digits) {
   return (exponent ? mantissa + " × 10^" + Number(exponent) : mantissa).replaceAll("-", "−");
 }
 
-// A number with the digits that rounding has left.
+// A number with the digits that are significant after rounding.
 function spell(value, quantum) {
   if (Number.isNaN(value)) return "no value";
   if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";

@@ -1,4 +1,4 @@
-// What the page itself does: tables sort, light and dark, print, and the start of the viewer.
+// The page itself: sorting of tables, light and dark colours, printing, and the start of the viewer.
 
 function keyOf(cell) {
   const told = cell.dataset.key;
@@ -15,7 +15,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
       const body = table.tBodies[0], lines = Array.from(body.rows);
       lines.sort((one, other) => {
         const a = keyOf(one.cells[column]), b = keyOf(other.cells[column]);
-        // What is not defined stays at the end, whichever way numbers go.
+        // Undefined values stay at the end in both directions.
         if (a === null || b === null) return (a === null) - (b === null);
         const order = a < b ? -1 : a > b ? 1 : 0;
         return up ? order : -order;
@@ -66,7 +66,7 @@ function start() {
   const changed = () => { showAll(); drawSurface(); };
   const setCamera = slider(byId("camera"), byId("camera-told"), cameras, spellCamera, (n) => {
     state.camera = n;
-    // There are images of other cameras at one frame only.
+    // Images of other cameras exist at one frame only.
     if (n !== reference && !chosenImage()) { state.frame = data.frame; setFrame(frames.indexOf(state.frame)); }
     changed();
   });
@@ -79,7 +79,7 @@ function start() {
   setFrame(frames.indexOf(state.frame));
   const missing = cameras.length > 1 && frames.length > 1 && data.images.shown.length < cameras.length * frames.length;
   byId("images-told").hidden = !missing;
-  byId("images-told").textContent = "Images of cameras but " + spellCamera(cameras[reference]) + " are here at t = " + data.frame + " only.";
+  byId("images-told").textContent = "Images of cameras other than " + spellCamera(cameras[reference]) + " are available at t = " + data.frame + " only.";
 
   const quantity = byId("quantity"), along = byId("profile-quantity"), count = byId("panel-count");
   for (const group of data.groups) {
@@ -153,7 +153,7 @@ function start() {
   return again();
 }
 
-// Tests read what the viewer holds.
+// For the tests: the content of the viewer.
 window.scenetruthReport = {data, state, view, cursor, profile, panels, layers, field, valueAt, ready: null};
 if (typeof DecompressionStream === "undefined") {
   byId("viewer").hidden = true;

@@ -1,4 +1,4 @@
-// Panels beside each other: one view, one cursor, colours, outlines of regions.
+// Linked panels: view, cursor, colours, outlines of regions.
 
 const tables = Object.fromEntries(Object.entries(data.colours).map(([name, text]) => [name, Uint8Array.from(atob(text), (one) => one.charCodeAt(0))]));
 const view = {scale: 1, x: 0, y: 0};
@@ -39,11 +39,11 @@ function makePanel(number) {
   layerChoices(select);
   const canvas = element("canvas", {tabindex: 0, role: "application", "aria-describedby": "viewer-keys"});
   const output = element("output", {class: "value", id: "value-" + number, for: "panel-" + number});
-  const low = element("input", {type: "number", step: "any", "aria-label": "Lowest colour of panel " + number});
-  const high = element("input", {type: "number", step: "any", "aria-label": "Highest colour of panel " + number});
+  const low = element("input", {type: "number", step: "any", "aria-label": "Lower limit of panel " + number});
+  const high = element("input", {type: "number", step: "any", "aria-label": "Upper limit of panel " + number});
   const ramp = element("canvas", {class: "ramp", width: 256, height: 1, "aria-hidden": "true"});
-  const again = element("button", {type: "button", "aria-label": "Limits of panel " + number + " as at first"}, "Auto");
-  const table = element("select", {"aria-label": "Colours of panel " + number});
+  const again = element("button", {type: "button", "aria-label": "Reset the limits of panel " + number}, "Auto");
+  const table = element("select", {"aria-label": "Colour map of panel " + number});
   for (const name of Object.keys(tables)) table.append(new Option(name, name));
   const scale = element("div", {class: "scale"}, low, ramp, high, again);
   const codes = element("ul", {class: "codes", hidden: true});
@@ -72,7 +72,7 @@ async function show(panel, id) {
   panel.canvas.setAttribute("aria-label", panel.layer.title + ". Arrow keys move the cursor.");
   const asked = panel.layer;
   const found = await field(id);
-  // Meanwhile something else may have been chosen.
+  // Another layer may have been selected in the meantime.
   if (panel.layer !== asked) return;
   panel.field = found;
   panel.painted = "";
@@ -209,7 +209,7 @@ function readout(panel) {
   panel.output.dataset.number = String(value);
 }
 
-// At most once for each picture that the screen shows.
+// At most once per displayed frame of the screen.
 function refresh() {
   if (drawing) return;
   drawing = true;
@@ -235,7 +235,7 @@ function keepInside() {
   view.y = Math.max(0, Math.min(data.height - data.height / view.scale, view.y));
 }
 
-// Zooms so that a place of the map stays where it is on the screen.
+// Zooms about a fixed point of the map.
 function zoom(factor, x, y) {
   const before = view.scale;
   view.scale = Math.max(1, Math.min(MOST_ZOOM, before * factor));
@@ -265,7 +265,7 @@ function listen(panel) {
     const box = canvas.getBoundingClientRect(), k = pixelsPer(panel);
     return [(event.clientX - box.left) / k + view.x, (event.clientY - box.top) / k + view.y];
   };
-  // How far two fingers are apart; their middle is kept beside it.
+  // The distance of two fingers, and their midpoint.
   const spread = () => {
     if (pointers.size !== 2) return 0;
     const [a, b] = [...pointers.values()];
@@ -314,7 +314,7 @@ function listen(panel) {
   canvas.addEventListener("pointercancel", (event) => end(event, false));
   canvas.addEventListener("wheel", (event) => {
     const factor = Math.exp(-0.0015 * event.deltaY * (event.deltaMode === 1 ? 16 : 1));
-    // Whoever scrolls through the page passes over the maps; and what fits already lets the page scroll.
+    // Ongoing scrolling continues over the maps, and zooming out at full view scrolls the page.
     if (performance.now() - lastScroll < 250 || (view.scale <= 1 && factor < 1)) return;
     event.preventDefault();
     zoom(factor, ...place(event));
@@ -335,7 +335,7 @@ function listen(panel) {
   });
 }
 
-// Whoever does not see the maps hears what is at the cursor, once the keys rest.
+// Announces the values at the cursor to screen readers once the keys rest.
 let telling = 0;
 function tell() {
   clearTimeout(telling);
@@ -349,12 +349,12 @@ function zoomOut() {
   refresh();
 }
 
-// What stands beside each other for a quantity, the most telling first.
+// The layers of the panels for a quantity, the most informative first.
 function arrangement(name, count) {
   const group = groups.get(name), kinds = group ? kindsOf(group) : [], ids = (...some) => some.filter((what) => kinds.includes(what)).map((what) => name + ":" + what);
   const all = count > 2 ? ["image", ...ids("value", "estimate", "error", "truth", "std")] : [...ids("value", "estimate", "error", "truth", "std"), "image"];
   if (count > 3) all.splice(0, all.length, "image", ...ids("value", "estimate", "truth", "error", "std"));
-  // Where a quantity has little: what a length is made of, or how deep it is there.
+  // For quantities with few layers: the components of an endpoint error, or the depth.
   const more = group && group.length_of ? group.length_of.map((part) => part + ":error").reverse() : [];
   more.push("depth:estimate", "depth:error");
   all.push(...more.filter((id) => layers.has(id) && !all.includes(id)));

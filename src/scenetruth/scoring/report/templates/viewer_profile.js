@@ -17,7 +17,7 @@ function profileHere() {
 
 function along(one, at) {
   const count = profile.axis === "row" ? data.width : data.height, found = [];
-  // Of what is thinned, only the pixels that there are.
+  // For subsampled maps, only the existing pixels.
   for (let n = 0; n < count; n += one.step) found.push([n, profile.axis === "row" ? valueAt(one, n, at) : valueAt(one, at, n)]);
   return found;
 }
@@ -34,7 +34,7 @@ function tickText(value, decimals) {
   return value.toFixed(decimals).replace("-", "−").replace(/^−(0(\.0+)?)$/, "$1");
 }
 
-// Names and units may be anyone's.
+// Names and units may contain any text.
 const harmless = (text) => text.replace(/[&<>"']/g, (one) => "&#" + one.charCodeAt(0) + ";");
 
 function chart(said, width, height, range, lines, bands, level) {
@@ -42,7 +42,7 @@ function chart(said, width, height, range, lines, bands, level) {
   const seen = [...lines.map((one) => one.points), ...bands.flatMap((one) => [one.low, one.high])].flat()
     .filter(([n, value]) => Number.isFinite(value) && n >= range[0] && n <= range[1]).map(([, value]) => value).sort((a, b) => a - b);
   let low = seen.length ? seen[Math.floor(0.005 * (seen.length - 1))] : 0, high = seen.length ? seen[Math.ceil(0.995 * (seen.length - 1))] : 1;
-  // Single peaks, as at edges, are shown whole, unless all else would be a flat line beside them.
+  // Single peaks, as at discontinuities, are shown in full, unless the other values would form a flat line.
   if (seen.length && seen[seen.length - 1] - seen[0] <= 6 * (high - low)) { low = seen[0]; high = seen[seen.length - 1]; }
   if (level !== null) { low = Math.min(low, level); high = Math.max(high, level); }
   const pad = 0.08 * (high - low) || 0.05 * Math.abs(high) || 1;
@@ -80,7 +80,7 @@ function chart(said, width, height, range, lines, bands, level) {
   return text;
 }
 
-// Stretches without gaps.
+// Contiguous segments without gaps.
 function runs(points) {
   const found = [];
   let run = [];

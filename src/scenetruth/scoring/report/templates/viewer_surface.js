@@ -1,4 +1,4 @@
-// The estimated surface in space, drawn by plotly once it comes into view.
+// The estimated surface in 3D, drawn by plotly once it comes into view.
 
 const MOST_VERTICES = 24000, MOST_ARROWS = 220, STEEPEST = Math.tan(80 * Math.PI / 180);
 let plotly = null, surfaceDrawn = 0, surfaceWanted = false;
@@ -23,7 +23,7 @@ function hasWebGl() {
   }
 }
 
-// Points and triangles of a map of depth, without any skin across jumps of depth.
+// Points and triangles of a depth map, open at depth discontinuities.
 function mesh(depth, colour) {
   const f = data.focal_length_px, [cx, cy] = data.principal_point_px;
   const thin = Math.max(1, Math.ceil(Math.sqrt(depth.width * depth.height / MOST_VERTICES)));
@@ -73,7 +73,7 @@ async function arrows(points) {
   const side = Math.max(1, Math.round(Math.sqrt(data.width * data.height / MOST_ARROWS)));
   const taken = new Set();
   points.place.forEach(([px, py], n) => {
-    // One in each square of the image.
+    // One arrow per square of the image.
     const square = Math.floor(px / side) + " " + Math.floor(py / side);
     if (taken.has(square) || (every > 1 && n % 2)) return;
     const velocity = parts.map((part) => valueAt(part, px, py));
@@ -107,7 +107,7 @@ async function drawSurface() {
   const asked = ++surfaceDrawn, said = byId("surface-told");
   if (!hasWebGl()) {
     host.hidden = true;
-    said.textContent = "This browser cannot draw in space (it has no WebGL); the figure “surface” below shows the same.";
+    said.textContent = "This browser does not support 3D (it has no WebGL); the figure “surface” below shows the same data.";
     return;
   }
   const layer = layers.get(byId("surface-colour").value);
@@ -115,7 +115,7 @@ async function drawSurface() {
   const truth = byId("surface-truth") && byId("surface-truth").checked ? await field("depth:truth") : null;
   if (asked !== surfaceDrawn) return;
   if (depth === null || colour === null) {
-    said.textContent = "There is no estimate of depth, or none of its colour, at t = " + state.frame + ".";
+    said.textContent = "Depth or the selected colour is not available at t = " + state.frame + ".";
     host.hidden = true;
     return;
   }
@@ -127,7 +127,7 @@ async function drawSurface() {
     colorscale: colourScale(colours.get(layer.scale)), cmin, cmax, flatshading: false, text: told, hovertemplate: "%{text}<extra></extra>",
     lighting: {ambient: 0.75, diffuse: 0.4, specular: 0.05, roughness: 0.9}, lightposition: {x: -1000, y: -4000, z: -3000},
     colorbar: {title: {text: harmless(layer.title).replace(", ", ",<br>") + (layer.units === "1" ? "" : "<br>[" + harmless(layer.units) + "]"), side: "top"}, thickness: 14, len: 0.8}}];
-  let words = points.x.length + " points are drawn, without smoothing.";
+  let words = points.x.length + " points without smoothing.";
   if (truth) {
     const exact = mesh(truth, null);
     traces.push({type: "mesh3d", x: exact.x, y: exact.y, z: exact.z, i: exact.i, j: exact.j, k: exact.k, color: "#e69f00", opacity: 0.45, hoverinfo: "skip"});
@@ -139,7 +139,7 @@ async function drawSurface() {
     if (found) {
       traces.push({type: "scatter3d", mode: "lines", x: found.line.x, y: found.line.y, z: found.line.z, line: {color: ink, width: 3}, hoverinfo: "skip", showlegend: false});
       traces.push(Object.assign({type: "cone", anchor: "tip", sizemode: "absolute", sizeref: 0.025 * found.size, showscale: false, colorscale: [[0, ink], [1, ink]], hoverinfo: "skip"}, found.tip));
-      words += " Arrows: the velocity in mm per frame, " + found.factor + " times as long as in space.";
+      words += " Arrows: the velocity in mm/frame, enlarged " + found.factor + " times.";
     }
   }
   const axis = (title, more = {}) => Object.assign({title: {text: title}, color: ink, nticks: host.clientWidth < 600 ? 4 : 6, gridcolor: line, zerolinecolor: line, showbackground: false}, more);

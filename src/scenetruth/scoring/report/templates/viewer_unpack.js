@@ -1,4 +1,4 @@
-// Unpacks maps and scripts; what is packed how: scenetruth.scoring.report.viewer.packing.
+// Unpacks maps and scripts; for the encoding see scenetruth.scoring.report.map_packing.
 
 async function inflate(text) {
   const letters = atob(text), bytes = new Uint8Array(letters.length);
