@@ -31,7 +31,7 @@ _REMEDY = "run the comparison again"
 
 @dataclass(frozen=True)
 class BenchmarkTask:
-    """What a worker needs: result directory, design points, methods, versions that results depend on, resource limits."""
+    """What a worker needs: result directory, design points, methods, versions, and resource limits."""
 
     folder: str
     points: tuple[DesignPoint, ...]

@@ -189,8 +189,7 @@ def get_simulated_statistic(figures: Figures | None, title: str, statistic: str)
 
 @dataclass(frozen=True)
 class ConfirmationTask:
-    """Input of a worker for all confirmation runs: scenes of the rigs as plain data, and seeds of each rig.``limits``: Resource limits of every scene.
-    """
+    """Input of a worker for all confirmation runs: scenes as plain data, seeds of each rig, and resource limits."""
 
     folder: str
     plains: tuple[Mapping[str, Any], ...]
