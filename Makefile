@@ -14,7 +14,7 @@ help:
 	@echo "make browser environment, chromium and playwright, then the pages in a headless browser"
 	@echo "make bench   environment, then the benchmarks"
 	@echo "make docs    environment and Sphinx, then the site in outputs/site: warnings and dead links are errors"
-	@echo "make gallery environment, then the pictures of all scenes (docs/gallery.md) and of the README"
+	@echo "make gallery environment, then the pictures of all scenes (docs/reference/scene_gallery.md) and of the README"
 	@echo "make format  environment, then the formatter"
 	@echo "make clean   remove the environment, caches and results"
 
@@ -62,8 +62,8 @@ docs:
 	@echo "open outputs/site/index.html"
 
 gallery: setup
-	$(PYTHON_BIN)/python docs/make_gallery.py
-	$(PYTHON_BIN)/python docs/draw_first_screen.py
+	$(PYTHON_BIN)/python docs/_make/make_gallery.py
+	$(PYTHON_BIN)/python docs/_make/draw_first_screen.py
 
 format: setup
 	$(PYTHON_BIN)/ruff check --fix .

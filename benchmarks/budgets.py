@@ -36,7 +36,7 @@ SETUPS: Mapping[str, tuple[list[str], str]] = {
 }
 """Changes of the scene, and how well its calibration is known."""
 DRAWS = 4
-IMAGING = Path(__file__).parents[1] / "docs" / "imaging.md"
+IMAGING = Path(__file__).parents[1] / "docs" / "results" / "imperfections.md"
 MEASURED = {
     "Gaussian noise 1 %, 8 bit": "noise",
     "point spread, Gaussian, 0.7 px": "lens_blur",

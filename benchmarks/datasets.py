@@ -1,4 +1,4 @@
-"""How fast data sets are made, and what making them costs: the figures of docs/scaling.md.
+"""How fast data sets are made, and what making them costs: the figures of docs/results/scaling.md.
 
 Run it from the top of the repository: ``python -m benchmarks.datasets throughput``, or ``tiny``, ``resume``,
 ``memory``, ``kills``, ``cluster``, ``sleeping``; all if nothing is named.

@@ -1,4 +1,4 @@
-"""What both methods make of the leaf and the rosette, region by region: the tables of docs/living.md.
+"""What both methods make of the leaf and the rosette, region by region: the tables of docs/results/plant_scenes.md.
 
 Run it from the top of the repository: ``python -m benchmarks.living [leaf | rosette]``; 640 x 480 pixels, 5 cameras, 9
 frames, of which one is estimated, in three cases each. Options of all benchmarks: `benchmarks.jobs`.

@@ -1,4 +1,4 @@
-"""What the refined method makes of the scenes beside the structure tensor: the table of docs/refined.md.
+"""Compare the refined method with the structure tensor: the table of docs/results/least_squares.md.
 
 Run it from the top of the repository: ``python -m benchmarks.refined``, or with numbers of rows: ``... 0 1 2``.
 """

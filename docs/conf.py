@@ -27,7 +27,7 @@ extensions = [
     "notfound.extension",
     "scenetruth_site.extension",
 ]
-exclude_patterns = ["_*", "**/.ipynb_checkpoints", "examples/pages"]
+exclude_patterns = ["_*", "**/.ipynb_checkpoints", "results/worked_examples/pages"]
 templates_path = ["_templates"]
 language = "en"
 

@@ -19,7 +19,9 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture(scope="module")
 def example() -> Iterator[Any]:
-    spec = importlib.util.spec_from_file_location("wind_sway", ROOT / "docs" / "examples" / "wind_sway.py")
+    spec = importlib.util.spec_from_file_location(
+        "wind_sway", ROOT / "docs" / "results" / "worked_examples" / "wind_sway.py"
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -80,7 +80,6 @@ def main() -> None:
         cases=None if given.all else given.case or CASES,
         workers=given.workers,
         progress=_Progress(),
-        notice=lambda text: print(text, file=sys.stderr, flush=True),
     )
     with_all = found.ranking().to_string(float_format=lambda number: f"{number:.2g}")
     print(f"{with_all}\n{time.perf_counter() - started:.0f} s; {given.output / 'index.html'}")

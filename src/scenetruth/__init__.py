@@ -176,7 +176,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _installed_version() -> str:
-    """Return the version of the installation, which is made from the tag: docs/decisions/0052."""
+    """Return the version of the installation, which is made from the tag: docs/explanation/decisions/0052."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:

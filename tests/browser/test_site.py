@@ -29,7 +29,7 @@ def test_pages_are_accessible_and_fit(browser: Any, address: str, width_px: int,
 
 
 def test_equations_are_set_without_a_network(browser: Any) -> None:
-    with opened(browser, SITE / "reference/method.html", "mjx-container svg") as page:
+    with opened(browser, SITE / "explanation/structure_tensor.html", "mjx-container svg") as page:
         assert page.locator("div.math mjx-container").count() == page.locator("div.math").count() > 8
         assert page.locator("mjx-merror").count() == 0
 

@@ -26,7 +26,9 @@ _FILE = re.compile(
     r"^(?:Append to )?`((?:src|tests)/[\w/]+\.py)`[^\n]*:\n\n```python\n(.*?)^```$", re.MULTILINE | re.DOTALL
 )
 _APPENDED = re.compile(r"^Append to `([\w/]+\.py)`, and add `\"(\w+)\"` to its `__all__`:$", re.MULTILINE)
-_ROW = re.compile(r"^In `(docs/\w+\.md)`, below the line that begins with ``(.+?) ``:\n\n    (\|.*\|)$", re.MULTILINE)
+_ROW = re.compile(
+    r"^In `(docs/[\w/]+\.md)`, below the line that begins with ``(.+?) ``:\n\n    (\|.*\|)$", re.MULTILINE
+)
 _COMMAND = re.compile(r"^    ((?:python|scenetruth) .*)$", re.MULTILINE)
 # By night only: what makes images, and the tests that look through all of the package or of a room.
 _LONG = re.compile(r"scenetruth (run|render)")

@@ -8,9 +8,9 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_scene_is_shown() -> None:
-    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "scene_gallery.md").read_text(encoding="utf-8")
     scenes = sorted(file.stem for file in (ROOT / "scenes").glob("*.yaml"))
     assert [line.split("]")[0].removeprefix("## [") for line in page.splitlines() if line.startswith("## [")] == scenes
     for name in scenes:
         assert f"![The scene {name}: image, depth, and how it moves](gallery/{name}.png)" in page
-        assert (ROOT / "docs" / "gallery" / f"{name}.png").is_file()
+        assert (ROOT / "docs" / "reference" / "gallery" / f"{name}.png").is_file()

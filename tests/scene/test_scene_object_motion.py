@@ -229,7 +229,7 @@ def test_presets_fill_in_what_is_not_given(leaf: Path) -> None:
 
 
 def test_every_figure_of_a_preset_has_a_source_and_the_page_tells_them() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "motions.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "how_to" / "scenes" / "motions.md").read_text(encoding="utf-8")
     for name, preset in MOTION_PRESETS.items():
         assert preset.values.keys() == preset.sources.keys()
         assert all(preset.sources.values())

@@ -1,6 +1,6 @@
 """Truth of meshed surfaces against rays that meet the smooth surfaces themselves.
 
-``python -m tests.truth.test_geometry_maps_surfaces`` prints the table of docs/surfaces.md.
+``python -m tests.truth.test_geometry_maps_surfaces`` prints the table of docs/results/rendering.md.
 """
 
 from __future__ import annotations

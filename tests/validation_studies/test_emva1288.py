@@ -37,7 +37,7 @@ SENSORS: dict[str, dict[str, Any]] = {**{name: {"preset": name} for name in PRES
 BY_DAY = ["noisy", "scientific_cmos"]
 
 
-DOCS = Path(__file__).parents[2] / "docs" / "sensors.md"
+DOCS = Path(__file__).parents[2] / "docs" / "results" / "emva1288.md"
 
 
 def made(name: str, **changes: Any) -> EmvaSensor:

@@ -18,11 +18,12 @@ from sphinx.util.osutil import relative_uri
 from scenetruth.html import plotly_script
 from scenetruth_site.api import documented_names
 from scenetruth_site.generated import fill_in, generated_parts
+from scenetruth_site.redirects import write_redirects
 from scenetruth_site.site_text import site_text
 
 __all__ = ["setup"]
 
-INTERACTIVE = "examples/pages"
+INTERACTIVE = "results/worked_examples/pages"
 """Pages of HTML that are copied as they are; plotly's bundle is put beside them."""
 MATHJAX = "mathjax/tex-svg.js"
 """MathJax with its fonts in one file, below the folder of static files."""
@@ -85,7 +86,7 @@ class InteractivePages(SphinxTransform):  # type: ignore[misc]
     default_priority = 300
 
     def apply(self, **kwargs: Any) -> None:
-        """Replace links to files below ``examples/pages``."""
+        """Replace links to files below ``results/worked_examples/pages``."""
         for node in list(self.document.findall(addnodes.download_reference)):
             target = Path(self.env.srcdir, self.env.docname).parent.joinpath(str(node["reftarget"]))
             path = Path(self.env.relfn2path(str(node["reftarget"]), self.env.docname)[0]).as_posix()
@@ -118,6 +119,12 @@ def _copy_shared(app: Sphinx, failure: Exception | None) -> None:
     (target / "plotly.min.js").write_text(plotly_script(), encoding="utf-8")
 
 
+def _redirect(app: Sphinx, failure: Exception | None) -> None:
+    """Write pages at the former addresses of pages."""
+    if failure is None and app.builder.format == "html":
+        write_redirects(Path(app.outdir))
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register all of it."""
     app.connect("source-read", _fill_in)
@@ -125,6 +132,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("missing-reference", _public_name)
     app.connect("html-page-context", _no_empty_headings)
     app.connect("build-finished", _copy_shared)
+    app.connect("build-finished", _redirect, priority=900)
     app.add_role("name_or_code", _name_or_code)
     app.add_transform(InteractivePages)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

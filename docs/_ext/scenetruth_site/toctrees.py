@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 
 __all__ = ["ADDED", "added_toctree", "pages_of", "parents_of", "twice_or_never", "without_empty_globs"]
 
-ADDED = {"decisions/README": ("0*",)}
+ADDED = {"explanation/decisions/README": ("0*",)}
 """Pages that get a hidden table of contents when the site is built, so that their files stay plain."""
 
 _TOCTREE = re.compile(r"^(?P<fence>`{3,}|:{3,})\{toctree\}\n(?P<body>.*?)^(?P=fence)$", re.MULTILINE | re.DOTALL)

@@ -49,7 +49,7 @@ def export(
         truth or an estimate. A truth holds displacements to other frames only if it is complete
         (``truth_content="complete"``).
     format
-        Name of the format; see `export_formats` and ``docs/export.md``.
+        Name of the format; see `export_formats` and ``docs/how_to/export.md``.
     output
         Directory to make; of a data set, it gets one for each sample: ``OUTPUT/00000417``.
     method

@@ -163,8 +163,8 @@ def make_truth(
     Returns
     -------
     xarray.Dataset
-        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/truth.md``. NaN where no surface is
-        visible.
+        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/reference/data_model.md``. NaN where
+        no surface is visible.
 
     Raises
     ------

@@ -20,7 +20,7 @@ from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 from tests.helpers.scenes import cube
 
-DOCS = Path(__file__).parents[3] / "docs" / "sensors.md"
+DOCS = Path(__file__).parents[3] / "docs" / "how_to" / "scenes" / "sensors.md"
 SHAPE = (40, 50)
 LIGHT = [
     {"kind": "photon_conversion", "photon_rate_per_s": 1000.0, "exposure_time_s": 1.0},

@@ -327,7 +327,7 @@ def test_masks_reach_the_program(recording_of: Make, tmp_path: Path) -> None:
     assert read_results(camera.parents[1] / "output", recording)["depth"].sizes["t"] == 1
 
 
-DOCS = Path(__file__).parents[3] / "docs" / "own_programs.md"
+DOCS = Path(__file__).parents[3] / "docs" / "how_to" / "external_programs.md"
 
 
 def test_the_program_of_the_docs_finds_the_shift(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def test_images_show_the_same_points_where_the_truth_says(plane: SyntheticPlane)
         there = fetched(images[1 + s, 1], x - s * truth["disparity"], y)
         np.testing.assert_allclose(there[INSIDE], here[INSIDE], atol=SPLINE)
     for t in (-1, 1):
-        # A point that moves straight: docs/conventions.md.
+        # A point that moves straight: docs/reference/conventions.md.
         share = t * truth["depth"] / (truth["depth"] + t * truth["velocity_z"])
         there = fetched(images[1, 1 + t], x + share * truth["flow_x"], y + share * truth["flow_y"])
         np.testing.assert_allclose(there[INSIDE], here[INSIDE], atol=SPLINE)

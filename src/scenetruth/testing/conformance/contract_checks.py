@@ -71,7 +71,7 @@ def check_output_schema(bench: ConformanceBench) -> None:
     if wrong:
         raise CheckFailure(
             "a part of the plain recording was estimated, without its first row and its first two columns",
-            "an estimate of this part, as specified in docs/variables.md",
+            "an estimate of this part, as specified in docs/reference/data_model.md",
             "; ".join(dict.fromkeys(wrong)),
             "return scenetruth.make_estimate(recording=recording, ...), which adds all of this to plain arrays",
         )

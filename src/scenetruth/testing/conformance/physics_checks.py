@@ -248,6 +248,6 @@ def check_median_accuracy(bench: ConformanceBench) -> None:
         plane.truth(),
         bench.maps,
         done=f"a plane at {plane.depth_mm:g} mm that moves by {plane.velocity_mm} mm per frame was estimated",
-        remedy="docs/conventions.md: x_s = x_0 - disparity s, depth Z in mm along the optical axis, flow and velocity "
-        "forward in time per frame, Y down, U_Z < 0 approaches the camera",
+        remedy="docs/reference/conventions.md: x_s = x_0 - disparity s, depth Z in mm along the optical axis, flow and "
+        "velocity forward in time per frame, Y down, U_Z < 0 approaches the camera",
     )

@@ -1,0 +1,145 @@
+"""Draws the gallery of scenes: what the reference camera sees, how far it is, how it moves and how it grows."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from rich.progress import track
+
+import scenetruth as st
+from scenetruth.camera import Viewpoint
+from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.scene import Scene
+from scenetruth.scene.built_scene import BuiltScene, build_scene
+from scenetruth.truth import make_truth
+
+ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "docs" / "reference" / "gallery"
+HEADER = """# Scene gallery
+
+Every scene of `scenes/`, as its comment describes it: the reference image, depth, the velocity along the camera's axis,
+and the velocity across it (colour: its size; arrows: its direction). Where nothing moves across the axis, the flow in
+the image takes the last place; where growth differs from place to place, the rate of the area's growth.
+`scenetruth run NAME -o outputs/NAME` runs a scene, from the checkout or once installed; `make gallery` draws the
+pictures anew.
+"""
+
+
+def comment_of(file: Path) -> str:
+    """Return the comment that a scene file opens with."""
+    lines = []
+    for line in file.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)
+
+
+def see(scene: Scene) -> tuple[NDArray[np.float32], xr.Dataset]:
+    """Return the reference image and its truth."""
+    only = scene.model_copy(
+        update={
+            "frames": scene.frames.model_copy(update={"count": 1}),
+            "stage": scene.stage.model_copy(update={"positions": 1}),
+        }
+    )
+    world: BuiltScene = build_scene(scene, ROOT)
+    with RaycastRenderer(world, scene.camera, scene.background, 4, scene.lighting) as renderer:
+        image = renderer.render(0.0, Viewpoint.on_axis(0.0))
+    return image, make_truth(only).sel(t=0)
+
+
+def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, target: Path) -> None:
+    """Draw one scene's row of pictures."""
+    height, width = image.shape
+    figure, axes = plt.subplots(1, 4, figsize=(12.8, 12.8 / 4 * height / width + 0.42), layout="constrained")
+    panel(axes[0], image, "image", "gray", (0.0, float(np.percentile(image, 99.8))))
+    panel(axes[1], truth["depth"].values, "depth Z, mm", "viridis_r")
+    velocity = truth["velocity"].values
+    largest = float(np.nanmax(np.abs(velocity)))
+    along = spread(velocity[2], largest)
+    panel(axes[2], velocity[2], "U_Z, mm/frame", "RdBu_r", along)
+    growth = truth["growth_rate"].values * 100
+    # Growth that is the same everywhere is no picture.
+    if float(np.nanmax(growth) - np.nanmin(growth)) > max(1e-9, 0.01 * float(np.nanmax(np.abs(growth)))):
+        # What is watched by the second is strain rather than growth.
+        slow = hours_per_frame >= 1 / 60
+        growth, units = (growth / hours_per_frame, "%/h") if slow else (growth, "%/frame")
+        panel(axes[3], growth, f"growth rate, {units}", "RdBu_r", spread(growth, 0.0))
+    elif float(np.nanmax(np.hypot(*velocity[:2]))) > 1e-6 * largest:
+        arrows(axes[3], velocity[:2], "(U_X, U_Y), mm/frame")
+    else:
+        arrows(axes[3], truth["flow"].values, "flow, px/frame")
+    figure.savefig(target, dpi=100)
+    plt.close(figure)
+
+
+def arrows(axes: plt.Axes, vectors: NDArray[np.float64], title: str) -> None:
+    """Draw a map of vectors: their lengths as colours, and their directions."""
+    height, width = vectors.shape[1:]
+    lengths = np.hypot(*vectors)
+    longest = float(np.nanmax(lengths))
+    panel(axes, lengths, title, "magma", (0.0, max(longest, 1e-9)))
+    step = max(width // 20, 8)
+    y, x = np.mgrid[step // 2 : height : step, step // 2 : width : step]
+    moving = lengths[y, x] > 0.05 * longest
+    y, x = y[moving], x[moving]
+    if len(x) and longest > 1e-9:
+        # A length in pixels that does not depend on how many move.
+        size = {"angles": "xy", "scale_units": "xy", "scale": 0.8 / step}
+        shown = vectors[:, y, x] / longest
+        axes.quiver(x, y, *shown, **size, color="white", edgecolor="black", linewidth=0.4, width=0.005)
+
+
+def spread(values: NDArray[np.float64], largest: float) -> tuple[float, float]:
+    """Return limits that are alike on both sides of zero; those of the largest values where there are but roundings."""
+    limit = float(np.nanpercentile(np.abs(values), 99.5))
+    limit = limit if limit > 1e-6 * largest else max(largest, 1e-12)
+    return -limit, limit
+
+
+def panel(
+    axes: plt.Axes, values: NDArray[np.floating], title: str, colours: str, limits: tuple[float, float] | None = None
+) -> None:
+    """Draw one map with its scale."""
+    low, high = limits or (None, None)
+    shown = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
+    axes.set_title(title, fontsize=13)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_facecolor("0.85")
+    if colours != "gray":
+        scale = axes.figure.colorbar(shown, ax=axes, shrink=0.85, pad=0.015, ticks=MaxNLocator(4))
+        scale.ax.tick_params(labelsize=11)
+
+
+def main(names: list[str]) -> None:
+    """Draw all scenes, or those that are named, and write the page."""
+    files = sorted((ROOT / "scenes").glob("*.yaml"))
+    PICTURES.mkdir(exist_ok=True)
+    for file in track([file for file in files if not names or file.stem in names], "gallery"):
+        scene = st.load_scene(file)
+        image, truth = see(scene)
+        draw(image, truth, scene.frames.frame_interval_s / 3600, PICTURES / f"{file.stem}.png")
+    parts = [HEADER]
+    for file in files:
+        description = re.sub(r"\s+", " ", comment_of(file))
+        title = f"[{file.stem}](../../scenes/{file.name})"
+        picture = f"![The scene {file.stem}: image, depth, and how it moves](gallery/{file.stem}.png)"
+        parts.append(f"## {title}\n\n{description}\n\n{picture}\n")
+    (ROOT / "docs" / "reference" / "scene_gallery.md").write_text("\n".join(parts), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
