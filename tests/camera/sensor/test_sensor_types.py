@@ -337,7 +337,7 @@ def test_insertions_that_do_not_fit(insertion: dict[str, Any], path: str, messag
 
 
 NAMES = sorted(PRESETS)
-DOCS = Path(__file__).parents[3] / "docs" / "sensors.md"
+DOCS = Path(__file__).parents[3] / "docs" / "how_to" / "scenes" / "sensors.md"
 
 
 def sensor_by_name(**fields: Any) -> EmvaSensor:
