@@ -45,7 +45,9 @@ class QuantityValue:
 
     See Also
     --------
-    scenetruth.Score.value, scenetruth.Prediction.value, scenetruth.Budget.value, scenetruth.Sweep.value
+    scenetruth.Score : Has values of an estimate.
+    scenetruth.Prediction : Has values predicted for a scene.
+    scenetruth.Sweep : Has values of simulations over factors.
 
     Examples
     --------

@@ -259,8 +259,8 @@ class RecipeReport:
     Examples
     --------
     >>> from scenetruth.dataset import check_recipe
-    >>> report = check_recipe("leaves", samples=4)  # doctest: +SKIP
-    >>> report.draws.accepted, report.draws.problems  # doctest: +SKIP
+    >>> report = check_recipe("cubes", samples=4)
+    >>> report.draws.accepted, report.draws.problems
     (4, ())
     """
 
@@ -311,8 +311,9 @@ def check_recipe(
     Examples
     --------
     >>> from scenetruth.dataset import check_recipe
-    >>> check_recipe("leaves").resources.seconds  # doctest: +SKIP
-    4.1
+    >>> report = check_recipe("cubes", samples=2)
+    >>> report.draws.accepted, report.resources.disk_bytes > 0
+    (2, True)
     """
     sampler = load_recipe(recipe, overrides=overrides).sampler()
     refuse_recipe(sampler)

@@ -180,7 +180,7 @@ def preview_dataset(
     samples
         Number of samples; by default as many as show the distributions, or all of a small data set.
     output
-        Directory of the page ``index.html``.
+        Directory of the page ``preview.html``.
     overwrite
         Whether an existing preview may be replaced.
     workers, scheduler
@@ -206,9 +206,11 @@ def preview_dataset(
 
     Examples
     --------
+    >>> from tempfile import TemporaryDirectory
     >>> from scenetruth.dataset import preview_dataset
-    >>> preview_dataset("leaves", samples=24, output="outputs/preview")  # doctest: +SKIP
-    PosixPath('outputs/preview/index.html')
+    >>> with TemporaryDirectory() as folder:
+    ...     preview_dataset("cubes", samples=2, output=f"{folder}/preview").name
+    'preview.html'
     """
     sampler = load_recipe(recipe, overrides=overrides).sampler()
     folder = Path(output)
