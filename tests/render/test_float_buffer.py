@@ -139,7 +139,9 @@ def test_a_texture_that_opengl_cannot_hold_is_named(tmp_path: Path) -> None:
     imageio.imwrite(tmp_path / "wide.png", np.zeros((2, 40_000), dtype=np.uint8))
     scene = facing_plane({"kind": "image", "file": str(tmp_path / "wide.png")})
     rendered(facing_plane({"kind": "uniform"}), 1)  # skips where OpenGL does not run at all
-    with pytest.raises(BackendUnavailableError, match=r"textures of up to \d+ x \d+ texels, this texture has 40000 x 2"):
+    with pytest.raises(
+        BackendUnavailableError, match=r"textures of up to \d+ x \d+ texels, this texture has 40000 x 2"
+    ):
         choose_renderer(scene, build_scene(scene))
     automatic = facing_plane({"kind": "image", "file": str(tmp_path / "wide.png")}, render={"backend": "auto"})
     choice = choose_renderer(automatic, build_scene(automatic))

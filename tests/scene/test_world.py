@@ -56,7 +56,7 @@ def test_mesh_unit_mm_scales(tmp_path: Path) -> None:
         (None, "no such mesh file"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "has no faces|cannot be read as a mesh"),
         ("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "vertices that are not finite"),
-        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "has only faces without area"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "has only faces of zero area"),
         ("this is not a mesh", "has no faces|cannot be read as a mesh"),
     ],
 )

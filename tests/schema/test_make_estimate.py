@@ -110,7 +110,10 @@ def test_an_estimate_is_whole(recording: xr.Dataset, tmp_path: Path) -> None:
         ({"flow": np.ones((3, *SIZE))}, r"flow: must have the shape \(2, t, y, x\)"),
         ({"depth": -np.ones(SIZE)}, "depth: must be positive: 3072 pixels are not"),
         ({"disparity": -np.ones(SIZE)}, r"must be positive \(x_s = x_0 - disparity s\).*change the sign"),
-        ({"depth": np.full(SIZE, np.inf)}, "3072 values that are infinite or exceed float32; mark invalid pixels as NaN"),
+        (
+            {"depth": np.full(SIZE, np.inf)},
+            "3072 values that are infinite or exceed float32; mark invalid pixels as NaN",
+        ),
         ({"depth": np.ones(SIZE, bool)}, "must hold real numbers"),
         ({"depth": np.ones(SIZE), "depth_std": -np.ones(SIZE)}, "depth_std: must not be negative"),
         ({"depth": np.ones((2, *SIZE))}, "arrays have 2 frames, the recording 3"),

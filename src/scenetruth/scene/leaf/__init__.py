@@ -1,1 +1,1 @@
-"""Leaves: their outline, mesh, veins and texture."""
+"""Leaves: outline, mesh, veins and texture."""
