@@ -187,7 +187,7 @@ def test_meshes_are_refused_by_what_they_claim(tmp_path: Path) -> None:
     tree = json.loads(file.read_text())
     tree["accessors"][0] = {"componentType": 5126, "count": 10**9, "type": "VEC3"}
     file.write_text(json.dumps(tree))
-    with pytest.raises(st.SceneError, match="claims 1,000,000,000 elements"):
+    with pytest.raises(st.SceneError, match="declares 1,000,000,000 elements"):
         load_mesh_file(file)
 
 

@@ -39,7 +39,7 @@ def lit(*lights: dict[str, Any], **lighting: Any) -> st.Scene:
         ("lights.0.reference_distance_mm=0", r"lights\.0\.reference_distance_mm: .*greater than 0"),
         ("lights.0.direction=[0, 0, 1]", r"lights\.0: specify either direction or target_mm"),
         ("lights.0.target_mm=null", r"lights\.0: specify either direction or target_mm"),
-        ("lights.0.target_mm=[0, -80, 400]", r"lights\.0: target_mm must not be the lamp's own position"),
+        ("lights.0.target_mm=[0, -80, 400]", r"lights\.0: target_mm must differ from position_mm"),
         ("lights.0.outer_angle_deg=181", r"lights\.0\.outer_angle_deg: .*less than or equal to 180"),
         ("lights.0.colour=red", r"lights\.0\.colour: unknown key"),
         ("lights.0.kind=laser", r"lights\.0: .*'laser'.*'directional', 'point', 'spot'"),

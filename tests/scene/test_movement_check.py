@@ -55,11 +55,11 @@ GROWTH = {"kind": "growth", "rate_per_hour": 0.03}
         (GROWTH | {"rate_per_hour": 6}, "rate_per_hour", r"grows or shrinks by a factor of exp\(24\)"),
         (GROWTH | {"rate_per_hour": -6}, "rate_per_hour", r"grows or shrinks by a factor of exp\(24\)"),
         (GROWTH | {"base_to_tip": [1, 2], "tip_mm": -5}, "tip_mm", "base and tip coincide"),
-        ({"kind": "star", "amplitude_mm": 3, "period_mm": [7, 9]}, "", r"turns \d+ of 192 triangles inside out"),
+        ({"kind": "star", "amplitude_mm": 3, "period_mm": [7, 9]}, "", r"inverts or collapses \d+ of 192 triangles"),
         (
             {"kind": "bending", "angle_deg": 500, "length_mm": 30},
             "angle_deg",
-            r"bends the sheet by 500 degrees, into itself",
+            r"bends the sheet by 500 degrees, which self-intersects",
         ),
     ],
 )
@@ -87,7 +87,7 @@ def test_growth_may_not_turn_triangles_inside_out(leaf: Path) -> None:
     """The edges of a strip grow apart from its middle, and turn round by 5.9 rad; two triangles cannot follow that."""
     steep = GROWTH | {"rate_per_hour": 1, "base_to_tip": [-4.9, 4.9]}
     build_scene(scene(leaf, deformation=[steep]))
-    with pytest.raises(st.SceneError, match=r"deformation\.0: turns \d of 2 triangles inside out, or shrinks"):
+    with pytest.raises(st.SceneError, match=r"deformation\.0: inverts or collapses \d of 2 triangles"):
         build_scene(scene(leaf, deformation=[steep], mesh={"kind": "plane", "size_mm": [40, 24]}))
 
 
@@ -166,7 +166,10 @@ KEYS: dict[str, Any] = {"kind": "keyframes", "times_frames": [0, 1, 2], "positio
             {"motion": [KEYS | {"rotations_deg": [[0, 0, 0]] * 4}]},
             r"motion\.0\.rotations_deg: .*one entry for each of times_frames: 4 for 3",
         ),
-        ({"motion": [KEYS | {"positions_mm": None}]}, r"motion\.0\.rotations_deg: .*require positions_mm, rotations_deg"),
+        (
+            {"motion": [KEYS | {"positions_mm": None}]},
+            r"motion\.0\.rotations_deg: .*require positions_mm, rotations_deg",
+        ),
         ({"motion": [{"kind": "turn", "axis": [0, 0, 0], "angle_deg": 1}]}, r"motion\.0\.axis: .*zero vector"),
         ({"motion": [{"kind": "shift", "direction": [0, 0, 0], "distance_mm": 1}]}, r"direction: .*zero vector"),
         ({"motion": [{"kind": "shift", "preset": "leaf_tilt", "direction": [0, 0, 1]}]}, r"motion\.0\.preset"),

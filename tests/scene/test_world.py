@@ -157,7 +157,7 @@ def test_srgb_is_decoded(tmp_path: Path) -> None:
             {"texture": {"kind": "image", "file": str(SCENES / "cube.yaml")}},
             r"texture\.file: cannot be read as an image",
         ),
-        ({"texture": {"kind": "embedded"}}, r"objects\.0\.texture\.kind: the mesh brings no texture image"),
+        ({"texture": {"kind": "embedded"}}, r"objects\.0\.texture\.kind: the mesh has no texture image"),
     ],
 )
 def test_bad_textures(changes: dict[str, Any], message: str) -> None:

@@ -57,10 +57,7 @@ def find_motion_problems(
     faces: NDArray[np.int32],
     times: Sequence[float],
 ) -> list[Problem]:
-    """Return the problems of an object's deformation and motion.
-
-    ``start``, ``maps``, ``faces``: Points at rest, chain of point maps, and faces of the object, shape (m, 3).
-    """
+    """Return the problems of the deformation and motion of an object with initial points, map chain and faces."""
     found: dict[int, Problem] = {}
     last = max((n for n, item in enumerate(maps) if isinstance(item, DeformationStep)), default=-1)
     for t in times:
@@ -265,10 +262,7 @@ class BuiltScene:
         return np.repeat([body.mesh.smooth for body in self.bodies], np.diff(self.face_offsets))
 
     def corner_normals_at(self, t: float) -> NDArray[np.float64]:
-        """Return the unit normals of smooth surfaces at all face corners at time t, shape (m, 3, 3).
-
-        The sign is arbitrary; NaN for flat faces.
-        """
+        """Return smooth-surface normals at all face corners at time t, (m, 3, 3), sign arbitrary; NaN if flat."""
         return np.concatenate(
             [
                 corner_normals(body.mesh, body.start, body.maps, t)
@@ -321,10 +315,7 @@ def build_scene(scene: Scene, folder: Path = Path(), *, painted: bool = True) ->
 
 
 def add_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> list[Problem]:
-    """Return the problems together with all further missing files of the scene's objects.
-
-    The first problem of an object may hide its other files.
-    """
+    """Return the problems and all further missing files of the objects."""
     told = {problem.path for problem in problems}
     files = [
         (f"{path}.{where}", folder / file) for path, item in scene.parts for where, file in collect_input_files(item)
@@ -368,10 +359,7 @@ def _build(
 
 
 def make_point_maps(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> list[PointMap]:
-    """Return the chain of deformation, pose and motion of an object, in order of application.
-
-    In-plane growth of a sheet precedes the shape of the sheet; all other deformations follow it.
-    """
+    """Return the deformations (in-plane growth before sheet shape), pose and motions of an object, in order."""
     x = mesh.vertices_mm[:, 0] if mesh.material_mm is None else mesh.material_mm[:, 0]
     around = Surroundings((float(x.min()), float(x.max())), frame_interval_s)
     steps = [

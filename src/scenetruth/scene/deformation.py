@@ -36,11 +36,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Context of a deformation: properties of the object and the scene.
-
-    ``extent_mm``: Smallest and largest X of the mesh (of the flat sheet), mm.
-    ``frame_interval_s``: Time between consecutive frames in s.
-    """
+    """Context of a deformation: smallest and largest X of the (flat) mesh in mm, and frame interval in s."""
 
     extent_mm: tuple[float, float]
     frame_interval_s: float
@@ -69,11 +65,7 @@ class DeformationModel(OwnFrameModel):
         """Return the point map in the object frame."""
 
     def problem(self, around: Surroundings, points: Points, t: JetField) -> tuple[str, str]:
-        """Return the field that makes the deformation invalid at a time, and a message; empty strings if valid.
-
-        ``points``: Coordinates before the deformation, mm: arrays.
-        ``t``: Time in frames, shape (1,).
-        """
+        """Return the field that makes the deformation invalid at time t, and a message, or empty strings."""
         return "", ""
 
 
@@ -147,7 +139,7 @@ class Bending(DeformationModel):
         return bend
 
     def problem(self, around: Surroundings, points: Points, t: JetField) -> tuple[str, str]:
-        """Return the field that makes the bend invalid for points at a time, and a message; or empty strings."""
+        """Return the field that makes the bend invalid, and a message; or empty strings."""
         _, u, _ = _parts(points[1] if self.across else points[0], self)
         curvature = float(np.ravel(_curvature(self, t))[0])
         turned = float(np.rad2deg(np.max(np.abs(curvature * u))))
@@ -339,10 +331,7 @@ class Hinge(DeformationModel):
 
 
 class StarDisplacement(DeformationModel):
-    """Star pattern of the DIC Challenge 2.0: displacement across the sheet, a cosine in Y whose period varies along X.
-
-    V = amplitude_mm cos(2 π Y / p(X)), p linear from the left to the right edge (Reu et al. 2022).
-    """
+    """Star pattern (DIC Challenge 2.0, Reu et al. 2022): V = amplitude_mm cos(2 π Y / p(X)), p linear in X."""
 
     in_the_flat: ClassVar[bool] = True
 

@@ -55,11 +55,7 @@ class LightModel(FrozenModel):
 def moved_axis(
     motions: tuple[MotionModel, ...], at: Vector3, ahead: Vector3, t: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Move a lamp and a point on its axis as one rigid body.
-
-    ``at``, ``ahead``: The lamp and the point at t = 0, mm.
-    Returns: Position, mm, and unit vector along the axis, shape (3,) each; zero vector for coincident points.
-    """
+    """Return the position, mm, and axis unit vector (zero if undefined) of a lamp after rigid motion at time t."""
     position: Any = tuple(float(value) for value in at)
     time = np.array([float(t)])
     both = np.array([at, ahead], dtype=np.float64)

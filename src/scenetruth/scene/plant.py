@@ -127,10 +127,7 @@ def _turned(rotations: tuple[Rotation, ...], arm: tuple[float, float, float]) ->
 
 
 def _matrix(vector_rad: np.ndarray) -> np.ndarray:
-    """Return the matrix of a rotation vector by a quaternion, bit-identical to `scipy.spatial.transform.Rotation`.
-
-    Importing SciPy would take longer than building a plant.
-    """
+    """Return a rotation matrix bit-identical to `scipy.spatial.transform.Rotation`, without the import of SciPy."""
     a, b, c = vector_rad
     angle = np.sqrt(a * a + b * b + c * c)
     small = 0.5 - angle**2 / 48 + angle**2 * angle**2 / 3840

@@ -57,10 +57,7 @@ class QuadricFit:
     coefficients: Floats
 
     def derivatives(self, field: Floats) -> Floats:
-        """Return the derivatives (a, b, aa, ab, bb) of a vertex field, shape (5, k).
-
-        ``field``: Values, shape (n,).
-        """
+        """Return the derivatives (a, b, aa, ab, bb), shape (5, k), of a vertex field of shape (n,)."""
         owner = np.repeat(np.arange(len(self.vertices)), np.diff(self.starts))
         difference = field[self.neighbours] - field[self.vertices][owner]
         count = len(self.vertices)
@@ -144,11 +141,7 @@ def _surface_points(
 def _fit(
     vertices: Floats, vertex_of: NDArray[np.int64], frames: Floats, points: NDArray[np.int64], ring: sparse.csr_array
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    """Fit around a set of surface points.
-
-    Returns the number of neighbours of each, all neighbours (vertices) and their coefficients concatenated, and whether
-    the second derivatives are determined.
-    """
+    """Fit around surface points; return neighbour counts, neighbours, coefficients, and whether all are determined."""
     from scipy import sparse
 
     ring = sparse.csr_array(ring)
@@ -198,11 +191,7 @@ class ReferenceConfiguration(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SheetConfiguration:
-    """Flat sheet with material coordinates a, b in mm equal to X and Y, and Z = 0.
-
-    ``material_mm``: Coordinates (a, b) of the vertices, shape (n, 2).
-    ``faces``: Vertex indices, shape (m, 3).
-    """
+    """Flat sheet with material coordinates a, b in mm equal to X and Y, and Z = 0."""
 
     material_mm: NDArray[np.float64]
     faces: NDArray[np.int32]
@@ -225,11 +214,7 @@ class SheetConfiguration:
 
 @dataclass(frozen=True, eq=False)
 class MeshAtRest:
-    """Vertices fixed in the object frame.
-
-    ``vertices_mm``: Positions in the object frame, shape (n, 3).
-    ``faces``: Vertex indices, shape (m, 3).
-    """
+    """Mesh with vertices fixed in the object frame, in mm."""
 
     vertices_mm: NDArray[np.float64]
     faces: NDArray[np.int32]
@@ -305,10 +290,7 @@ def make_constant_field(values: NDArray[np.float64], t: JetField) -> Any:
 
 
 def make_surface_jet(osculation: QuadricFit, orders: NDArray[np.float64]) -> Jet:
-    """Return a vertex field as a jet in t, a and b at the surface points.
-
-    ``orders``: The field and optionally its first and second time derivative, shape (1 to 3, n).
-    """
+    """Return a vertex field, with up to two time derivatives, as a jet in t, a and b at the surface points."""
     coefficients = np.zeros((10, len(osculation.vertices)))
     coefficients[VALUE] = orders[0][osculation.vertices]
     coefficients[[A, B, AA, AB, BB]] = osculation.derivatives(orders[0])

@@ -163,7 +163,7 @@ def apply_overrides(
         value, wrong = read_yaml(text)
         if wrong:
             problems += [
-                Problem(f"--set {'.'.join(filter(None, (path, item.path)))}", f"value: {item.message}", item.value)
+                Problem(f"--set {'.'.join(filter(None, (path, item.path)))}", f"value, {item.message}", item.value)
                 for item in wrong
             ]
             continue

@@ -26,12 +26,7 @@ _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 
 
 def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
-    """Return the problems of a scene's lighting: lights inside objects, and non-positive brightness.
-
-    All frames, or the given times in frames, are evaluated. Only closed meshes, in which every edge belongs to an even
-    number of triangles, have an interior. A light is inside if a ray from it crosses the surface an odd number of
-    times.
-    """
+    """Return the problems of a scene's lighting: lights inside closed objects, and non-positive brightness."""
     lighting = scene.lighting
     times = [float(t) for t in scene.frames.t] if times is None else times
     problems = []

@@ -115,20 +115,14 @@ def strip_derivatives(field: Any) -> Any:
 
 
 def compose(field: JetField, value: Floats, first: Floats, second: Floats) -> Any:
-    """Apply a function of one variable to a field, given value and derivatives of the function at the field values.
-
-    ``value``, ``first``, ``second``: f(x), f'(x) and f''(x), shape (n,).
-    """
+    """Apply a function, given by its value and two derivatives at the field values, shape (n,), to a field."""
     if not isinstance(field, Jet):
         return value
     return Jet(_kernels(field).compose(field.coefficients, *np.broadcast_arrays(value, first, second)))
 
 
 def where(condition: NDArray[np.bool_], one: Any, other: Any) -> Any:
-    """Select values and derivatives from one field where a condition holds, and from another elsewhere.
-
-    ``condition``: bool, shape (n,), not differentiated: the fields should join smoothly at its border.
-    """
+    """Select values and derivatives by a condition, shape (n,); the fields should join smoothly at its border."""
     jets = [item for item in (one, other) if isinstance(item, Jet)]
     if not jets:
         return np.where(condition, one, other)

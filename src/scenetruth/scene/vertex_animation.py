@@ -70,10 +70,7 @@ class VertexModel(OwnFrameModel):
 
     @abstractmethod
     def states(self, mesh: TriangleMesh, mesh_file: Path, unit_mm: float, folder: Path, frames: Frames) -> States:
-        """Return the positions as read from the files.
-
-        ``unit_mm``: Length of the unit of the mesh file in mm.
-        """
+        """Return the positions as read from the files; the unit of the mesh file is ``unit_mm``."""
 
 
 class TimedModel(VertexModel):
@@ -268,10 +265,7 @@ def _refuse_many(count: int, file: Path) -> None:
 
 
 def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] | None:
-    """Return the node of an OBJ file for each vertex, and the number of nodes; None for identical order.
-
-    OBJ files may have unused nodes, and nodes are split at texture seams.
-    """
+    """Return the OBJ node of each vertex (seams split nodes, some are unused) and their count; None if in order."""
     if file.suffix.lower() != ".obj":
         return None
     lines = (line.split() for line in file.read_text(encoding="utf-8", errors="replace").splitlines())

@@ -157,9 +157,7 @@ def _attributes(path: Path, kind: StoreKind | None) -> dict[str, Any]:
     if kind is not None and found != kind:
         raise StoreError(path, f"holds a {found}, but a {kind} is needed")
     if version is None or (isinstance(version, int) and version < FORMAT_VERSION):
-        message = (
-            f"has format 1 with obsolete variable names; this scenetruth version reads format {FORMAT_VERSION}: "
-        )
+        message = f"has format 1 with obsolete variable names; this scenetruth version reads format {FORMAT_VERSION}: "
         raise StoreError(path, message + "create the store again")
     if not isinstance(version, int) or version > FORMAT_VERSION:
         message = f"has format {version}; this scenetruth version reads format {FORMAT_VERSION}: update scenetruth"
@@ -186,11 +184,7 @@ def _variable(path: Path, name: str, array: Any) -> xr.Variable:
 
 
 class StoredArray(BackendArray):
-    """One variable of a store, read on access.
-
-    ``path``: Path of the store, for messages.
-    ``array``: zarr array of the variable.
-    """
+    """One variable of a store, read on access."""
 
     def __init__(self, path: Path, name: str, array: Any) -> None:
         self._path, self._name, self._array = path, name, array

@@ -211,7 +211,7 @@ def test_other_deformations_and_motions_come_after(tmp_path: Path) -> None:
     hinge = {"kind": "hinge", "axis": [0, 0, 1], "angle_deg": {"kind": "linear", "start": 90, "rate_per_frame": 0}}
     found = build_scene(scene_with(mesh, nodal, hinge)).at(2).vertices_mm - (0, 0, 660)
     np.testing.assert_allclose(found, states[6][:, [1, 0, 2]] * (-1, 1, 1), atol=1e-12)
-    with pytest.raises(st.SceneError, match="'nodal' says where the vertices of a mesh file are") as caught:
+    with pytest.raises(st.SceneError, match="'nodal' defines the vertex positions of a mesh file") as caught:
         scene_with(mesh, hinge, nodal)
     assert caught.value.problems[0].path == "objects.0.deformation"
     with pytest.raises(st.SceneError, match="for a mesh with `kind` 'file'"):

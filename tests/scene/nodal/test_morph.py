@@ -192,7 +192,7 @@ def broken(name: str) -> Glb:
     [
         ("step", r"its weights are discontinuous \(STEP\)"),
         ("no targets", "the mesh has no morph targets"),
-        ("short target", "morph target 1 moves 7 of 20 vertices"),
+        ("short target", "morph target 1 has 7 displacements for 20 vertices"),
         ("no animation", "no animation of morph-target weights"),
         ("rotation", "also animates rotation"),
         ("few weights", "has 7 weights for 4 keyframes of 2 targets"),

@@ -45,8 +45,8 @@ def draw_veins(
 ) -> None:
     """Draw a polyline with a Gaussian profile into a raster, as the maximum of both.
 
-    ``points``, shape (n, 2), are columns and rows; ``sigmas`` (texels) and ``strengths``, shape (n,), describe the
-      profile at the points, linear in between.
+    Points, shape (n, 2), are columns and rows; ``sigmas`` (texels) and ``strengths``, shape (n,), are linear in
+    between.
     """
     rows, columns = raster.shape
     for k in range(points.shape[0] - 1):

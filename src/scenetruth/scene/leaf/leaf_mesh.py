@@ -99,10 +99,9 @@ _ATTEMPTS = 8
 
 @dataclass(frozen=True, eq=False)
 class _Half:
-    """The half of a leaf with b >= 0; its points are those of rim, axis and lattice, in this order.
+    """The half of a leaf with b >= 0: points of rim (rear end of the axis to tip), axis and lattice, in this order.
 
-    ``rim`` runs from the rear end of the axis to the tip; ``axis`` are the points in between. ``depth`` is the distance
-      of axis and lattice points from the rim, at most `_BAND`, in edges.
+    The depth is the distance of axis and lattice points from the rim, at most `_BAND`, in edges.
     """
 
     edge: float
@@ -118,10 +117,9 @@ class _Half:
 
 
 def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
-    """Triangulate a flat leaf.
+    """Triangulate a flat leaf: vertices (a, b) in mm, shape (n, 2), and faces, shape (m, 3), upper side to -Z.
 
-    Returns: Coordinates (a, b) of the vertices in mm, shape (n, 2), and faces, shape (m, 3), with their upper side
-    towards -Z. The mesh is symmetric about the midrib, a line of edges.
+    The mesh is symmetric about the midrib, a line of edges.
     """
     edge = leaf.length_mm / max(round(leaf.length_mm / leaf.resolution_mm), 2)
     margin = compute_margin(leaf)
@@ -268,11 +266,7 @@ _MARGIN_POINTS, _SKETCHED_POINTS = 400, 48
 
 
 class LeafMesh(LeafForm):
-    """Leaf: X along the midrib from the base (origin) to the tip, Y across, upper side towards -Z.
-
-    The flat sheet with coordinates (a, b) in mm is shaped by undulation, fold, transverse and longitudinal bending, in
-    this order.
-    """
+    """Leaf mesh: X along the midrib from the base (origin) to the tip, Y across, upper side towards -Z."""
 
     kind: Literal["leaf"]
     """``leaf``."""

@@ -95,10 +95,7 @@ def _sides(tips: Floats, cut: float, sharp: float) -> list[LobeSide]:
 
 
 def _side(length: float, sinus: float, half: float, form: float, sharp: float) -> Floats:
-    """Return a side from the sinus, at a distance and an angle from the lobe axis, to the tip.
-
-    All control points lie between the axis and the line through the sinus, so neighbours never intersect.
-    """
+    """Return a lobe side from the sinus to the tip, with control points that exclude intersections of neighbours."""
     start = sinus * np.array([np.cos(half), np.sin(half)])
     free, off = length - start[0], start[1]
     straight = start + np.linspace(0, 1, 5)[:, None] * ((length, 0.0) - start)

@@ -103,10 +103,7 @@ def compute_half_width_mm(leaf: LeafForm, a_mm: Floats) -> Floats:
 
 
 def compute_entire_margin(leaf: LeafForm, count: int = _FINE) -> Floats:
-    """Return the margin without teeth and petiole from base to tip, shape (count, 2).
-
-    Lobes of a cordate leaf shear the formula along the midrib; those of a palmate leaf are separate curves.
-    """
+    """Return the margin without teeth and petiole from base to tip, shape (count, 2)."""
     if leaf.lobe_sides:
         points = _palmate(leaf, toothed=False)[0]
         place = np.linspace(0, len(points) - 1, count)

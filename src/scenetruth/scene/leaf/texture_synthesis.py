@@ -42,11 +42,7 @@ _HALO = (0.10, 0.014)  # strength and width of the halo around large veins
 
 @dataclass(frozen=True, eq=False)
 class LeafPainting:
-    """Both sides of a leaf as one periodic spline: upper side left, mirrored underside right.
-
-    ``coefficients``: Coefficients of the periodic cubic B-spline, shape (h, w), float32.
-    ``tiled``, ``cubic``: See `SurfaceTexture`.
-    """
+    """Both sides of a leaf as one periodic cubic B-spline, shape (h, w): upper side left, mirrored underside right."""
 
     coefficients: Image
     tiled: bool = True
@@ -97,11 +93,7 @@ class _Canvas:
 def paint_leaf(
     entry: LeafAppearance, mesh: TriangleMesh, generator: np.random.Generator
 ) -> tuple[LeafPainting, Floats, Floats]:
-    """Synthesise the texture of a leaf.
-
-    Returns: The texture, and the texture coordinates of the upper side and underside at every face corner, each of
-    shape (m, 3, 2).
-    """
+    """Return the texture of a leaf, and the texture coordinates of upper side and underside, shape (m, 3, 2) each."""
     leaf = _leaf_of(entry, mesh)
     canvas = _canvas(entry, leaf)
     key = compute_painting_key(entry, mesh, generator)
@@ -244,10 +236,7 @@ def _nets(
 
 
 def _beside_veins(leaf: LeafForm, a: Image, b: Image, wander: Image) -> tuple[Image, Image, Image]:
-    """Return positions along and across the nearest main vein, and a number identifying the side of the vein.
-
-    In a palmate leaf the border between lobes varies randomly about the line through the sinus.
-    """
+    """Return positions along and across the nearest main vein, and a number identifying the side of the vein."""
     below = np.where(b < 0, np.float32(1), np.float32(0))
     if not leaf.lobe_sides:
         return a, np.abs(b), below

@@ -27,12 +27,7 @@ _GRID = 240  # grid points of the distance map along the leaf
 
 @dataclass(frozen=True, eq=False)
 class Vein:
-    """One vein as a polyline.
-
-    ``points_mm``: Points (a, b) of the flat sheet, shape (n, 2).
-    ``width_mm``: Full width at half maximum, shape (n,).
-    ``strength``: Contrast relative to the midrib at the base, shape (n,).
-    """
+    """Vein as a polyline in the flat sheet, with full width at half maximum and contrast relative to the midrib."""
 
     points_mm: Floats
     width_mm: Floats
@@ -83,10 +78,7 @@ class _Blade:
 
 
 def _veins_of_lobes(sides: tuple[LobeSide, ...], texture: LeafAppearance, generator: np.random.Generator) -> list[Vein]:
-    """Return the secondary veins of a palmate leaf; each lobe side is a blade from insertion to tip.
-
-    Towards the neighbouring lobe the line through the sinus acts as margin.
-    """
+    """Return the secondary veins of a palmate leaf, whose lobe sides are limited by the line through the sinus."""
     longest = sides[-1].length_mm
     veins = []
     for side in sides:

@@ -97,10 +97,7 @@ class FileMesh(MeshModel):
 
 
 def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
-    """Load a mesh file with trimesh.
-
-    ``unit_mm``: Length of the unit of the file in mm.
-    """
+    """Load a mesh file with trimesh; the unit of the file is ``unit_mm``."""
     import trimesh
 
     refuse_mesh_file(file)
@@ -162,10 +159,7 @@ def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = 
 
 
 def _vertex_normals(parts: Any) -> NDArray[np.float64] | None:
-    """Return the unit vertex normals of a file, shape (n, 3), NaN where missing; None if there are none.
-
-    Zero-length and non-finite normals count as missing.
-    """
+    """Return the unit vertex normals of a file, shape (n, 3), NaN where missing or invalid; None if there are none."""
     import trimesh
 
     found, brought = [], False

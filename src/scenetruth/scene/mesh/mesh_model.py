@@ -204,11 +204,9 @@ def index_positions(vertices: NDArray[np.float64]) -> Indices:
 
 
 def find_shared_sides(corners: NDArray[np.integer]) -> tuple[Indices, Indices, NDArray[np.bool_]]:
-    """Find the edges shared by exactly two triangles.
+    """Find the edges shared by exactly two triangles, from position indices (`index_positions`), shape (m, 3).
 
-    ``corners``: Position indices of the corners of every triangle (`index_positions`), shape (m, 3).
-    Returns: The two sides at every such edge, shape (k,) each: side 3 i + c runs from corner c of triangle i to the
-    next; and whether both have the same direction (inconsistent orientation).
+    Returns: Both sides of each edge (3 i + c: from corner c of triangle i), and whether their directions are equal.
     """
     half = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
     turned = half[:, 0] > half[:, 1]

@@ -56,10 +56,7 @@ class BoxMesh(MeshModel):
 
 
 def make_box(size_mm: tuple[float, float, float]) -> TriangleMesh:
-    """Return a box centred on the origin, with a separate chart region for each side.
-
-    Seen from outside, each side shows a complete image texture, upright where possible.
-    """
+    """Return a box centred on the origin; each side has a separate chart region and shows a complete image."""
     signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
     vertices = signs * (np.asarray(size_mm) / 2)
     # Corners of each side, clockwise from the upper left as seen from outside.
@@ -351,10 +348,7 @@ class StairsMesh(MeshModel):
 
 
 def make_stairs(tread_mm: tuple[float, float], steps_mm: Sequence[float], risers: bool = True) -> TriangleMesh:
-    """Return treads side by side along X facing -Z, with the depth increments ``steps_mm``.
-
-    The chart develops them, including risers, from left to right; an image covers the whole chart.
-    """
+    """Return treads along X facing -Z with depth increments ``steps_mm``; the chart develops them in order."""
     width, height = tread_mm
     depth = np.concatenate([[0.0], np.cumsum(steps_mm)])
     depth -= (depth.min() + depth.max()) / 2

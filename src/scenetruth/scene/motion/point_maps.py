@@ -35,22 +35,13 @@ class PointMap(Protocol):
     """Time-dependent map of points, written in plain NumPy."""
 
     def __call__(self, points: Points, t: JetField) -> Points:
-        """Map points.
-
-        ``points``: Coordinates before the motion, mm: arrays of any precision, or jets for derivatives.
-        ``t``: Time in frames, of the same type, shape (1,).
-        """
+        """Map coordinates in mm at time t in frames, shape (1,): arrays of any precision, or jets for derivatives."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class MovedPoints:
-    """Points at one time.
-
-    ``positions_mm``: Positions, shape (n, 3), mm.
-    ``velocities``: Velocities, shape (n, 3), mm per frame.
-    ``accelerations``: Accelerations, shape (n, 3), mm per frame squared.
-    """
+    """Positions in mm, velocities in mm/frame and accelerations in mm/frame² of points at one time, shape (n, 3)."""
 
     positions_mm: NDArray[np.float64]
     velocities: NDArray[np.float64]
@@ -65,10 +56,7 @@ class MotionModel(FrozenModel):
 
     @abstractmethod
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map of the motion in the world.
-
-        ``position_mm``: Position of the object at t = 0, mm: the default centre of rotations.
-        """
+        """Return the map of the motion; ``position_mm`` is the default centre of rotations."""
 
 
 # Block size of the maps, such that intermediate jets fit into the cache.
@@ -76,10 +64,7 @@ _BLOCK = 4096
 
 
 def compose(maps: Sequence[PointMap], points_mm: NDArray[np.float64], t: float) -> MovedPoints:
-    """Apply maps in order to points at rest.
-
-    ``points_mm``: Initial positions, shape (n, 3), mm.
-    """
+    """Apply maps in order to points at rest, shape (n, 3), mm."""
     points: Points = tuple(Jet.constant(column, 1) for column in np.ascontiguousarray(points_mm.T))  # type: ignore[assignment]
     time = Jet.variable(np.array([float(t)]), 0, 1)
     return to_moved_points(apply(maps, points, time), len(points_mm))
@@ -127,12 +112,7 @@ def pose_map(
 def rotate_points(
     points: Points, axis: tuple[float, float, float], angle: Any, centre: tuple[float, float, float]
 ) -> Points:
-    """Rotate points about an axis through a centre (right-hand rule, Rodrigues' formula).
-
-    ``points``: Coordinates, mm.
-    ``angle``: Angle in rad: a number or a field.
-    ``centre``: Point on the axis, mm.
-    """
+    """Rotate points (mm) about an axis through a centre by an angle in rad (right-hand rule, Rodrigues' formula)."""
     nx, ny, nz = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
     x, y, z = (field - at for field, at in zip(points, centre, strict=True))
     sine, cosine = np.sin(angle), np.cos(angle)
@@ -145,12 +125,7 @@ def rotate_points(
 
 
 def rotate_points_by_vector(points: Points, vector_rad: Points, centre: tuple[float, float, float]) -> Points:
-    """Rotate points about a centre by a rotation vector, which may vanish.
-
-    ``points``: Coordinates, mm.
-    ``vector_rad``: Rotation vector in rad (right-hand rule): three fields.
-    ``centre``: Fixed point, mm.
-    """
+    """Rotate points (mm) about a centre by a rotation vector in rad, which may vanish (right-hand rule)."""
     x, y, z = (field - at for field, at in zip(points, centre, strict=True))
     u, v, w = vector_rad
     square = u * u + v * v + w * w

@@ -108,11 +108,7 @@ def evaluate_curve(curve: TimeCurve, t: JetField) -> Any:
 
 
 class SplineThrough:
-    """Interpolating cubic spline, twice continuously differentiable, with not-a-knot ends.
-
-    ``times``: Increasing times, shape (n,), n >= 2.
-    ``values``: Values, shape (n,).
-    """
+    """Interpolating cubic not-a-knot spline through values, shape (n,), at increasing times, n >= 2."""
 
     def __init__(self, times: Any, values: Any) -> None:
         # The import takes half a second.

@@ -21,10 +21,8 @@ _COARSER = 2  # subsampling of the raster for peak limiting, with 8 points per s
 
 @dataclass(frozen=True, eq=False)
 class BandLimitedNoise:
-    """Noise of zero mean and unit variance on a periodic raster.
+    """Noise of zero mean and unit variance on a periodic raster, with the coefficients of its cubic B-spline, float32.
 
-    ``values``: Noise at the raster points, shape (h, w), float32.
-    ``coefficients``: Coefficients of the interpolating periodic cubic B-spline, same shape, float32.
     ``period``: Size (width, height) of the raster, in the unit of the wavelengths.
     """
 

@@ -87,8 +87,8 @@ def spline_means(
 ) -> NDArray[np.float32]:
     """Average the spline of `spline_lookup` over samples whose coordinates are quotients of linear forms.
 
-    ``forms``, shape (n, 3, 3), has the numerators of u and v and their denominator as rows: value at zero offset, and
-      steps per unit of the two offset components. ``offsets`` has shape (samples, 2), ``weights`` (samples,).
+    Rows of ``forms``, shape (n, 3, 3): numerators of u and v and their denominator; columns: value at zero offset,
+    steps per unit of the offset components.
     """
     out = np.empty(forms.shape[0], dtype=np.float32)
     in_bands(_spline_means, forms.shape[0], coefficients, forms, offsets, weights, out, least=_LEAST_FOOTPRINTS)

@@ -48,9 +48,8 @@ class SurfaceTexture(Protocol):
         ...
 
     def raster(self) -> NDArray[np.float32]:
-        """Return one tile, shape (h, w), for other renderers: spline coefficients, or values to interpolate.
-
-        Texel (i, j) is at ((j + 1/2) / w, (i + 1/2) / h).
+        """Return a tile, shape (h, w): spline coefficients or values; texel (i, j) is at ((j + 1/2) / w, (i + 1/2) /
+        h).
         """
         ...
 
