@@ -74,7 +74,7 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("seed: 2020-13-45", r"seed: line 1: YAML reads this as a date.*quotes.*\(got '2020-13-45'\)"),
+        ("seed: 2020-13-45", r"seed: line 1: YAML reads this as a date.*quote it.*\(got '2020-13-45'\)"),
         ("seed: 2020-01-01", "seed: line 1: YAML reads this as a date"),
         ("seed: !!int ''", "seed: line 1: cannot be read as a whole number"),
         ("seed: !!timestamp x", "seed: line 1: YAML reads this as a date"),

@@ -278,7 +278,7 @@ def test_only_leaves_wear_leaves() -> None:
     ("changes", "message"),
     [
         ({"texels_per_mm": 2.0}, "texels_per_mm: must be at least 5"),
-        ({"texels_per_mm": 500.0}, "texels_per_mm: would make more than 64 million texels"),
+        ({"texels_per_mm": 500.0}, "texels_per_mm: gives more than 64 million texels"),
     ],
 )
 def test_rasters_that_do_not_fit_are_refused(changes: dict[str, Any], message: str) -> None:

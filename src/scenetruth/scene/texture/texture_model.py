@@ -48,9 +48,7 @@ class SurfaceTexture(Protocol):
         ...
 
     def raster(self) -> NDArray[np.float32]:
-        """Return a tile, shape (h, w): spline coefficients or values; texel (i, j) is at ((j + 1/2) / w, (i + 1/2) /
-        h).
-        """
+        """Return a tile (h, w) of spline coefficients or values; texel (i, j) at ((j + 1/2) / w, (i + 1/2) / h)."""
         ...
 
 
