@@ -22,7 +22,7 @@ _LONGEST_WORD = 400
 """Length beyond which plain scalars are text, without the YAML rules for numbers and dates."""
 _MAX_PROBLEMS = 50
 _PREFIX = "tag:yaml.org,2002:"
-_READ_AS = {"null": "nothing", "bool": "yes or no", "int": "a whole number", "float": "a number"}
+_READ_AS = {"null": "null", "bool": "a boolean", "int": "an integer", "float": "a number"}
 
 
 def read_file(file: str | Path, what: str, refused: type[SceneError] | type[RecipeError]) -> tuple[Any, Path]:
