@@ -137,7 +137,7 @@ BAD: list[tuple[dict[str, Any], list[str]]] = [
         {"distributions": {"objects.7.name": "= 1"}},
         ["distributions.objects.7.name: 'objects' is a list of 2; '7' is not an index of it"],
     ),
-    ({"distributions": {"plants.*.name": "= 1"}}, ["distributions.plants.*.name: stands for nothing"]),
+    ({"distributions": {"plants.*.name": "= 1"}}, ["distributions.plants.*.name: matches nothing"]),
     (
         {"distributions": {"camera.width": {"kind": "unifrm"}}},
         ["distributions.camera.width: is of no known kind: 'unifrm'"],
