@@ -91,7 +91,7 @@ def _summarise_quantity(
         if math.isfinite(total.signed_sum) and abs(total.signed_sum - total.simulated) < _AGREE * total.simulated:
             text += f", but biases have signs: added up pixel by pixel, they make {number(total.signed_sum)}."
         elif not math.isfinite(parts[0].simulated):
-            text += ", and the largest is predicted alone: confirm=1 (--simulated-share 1) simulates it too."
+            text += ", and the largest is predicted alone: simulated_share=1 (--simulated-share 1) simulates it too."
         else:
             text += ": together, causes do more or less than alone."
         sentences.append(text)
