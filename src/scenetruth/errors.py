@@ -385,13 +385,13 @@ class MismatchError(_ProblemListError):
     >>> print(MismatchError([Problem("truth.zarr", "belongs to another recording")]))
     1 problem with the run:
       - truth.zarr: belongs to another recording
-    Use the parts of one run, or allow it (--allow-mismatch, check=False).
+    Use the parts of one run, or allow it (--allow-mismatch, allow_mismatch=True).
     """
 
     _noun = "run"
 
     def __str__(self) -> str:
-        return super().__str__() + "\nUse the parts of one run, or allow it (--allow-mismatch, check=False)."
+        return super().__str__() + "\nUse the parts of one run, or allow it (--allow-mismatch, allow_mismatch=True)."
 
 
 class StoreError(ScenetruthError):
