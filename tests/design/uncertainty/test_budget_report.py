@@ -43,7 +43,7 @@ def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budg
 def test_words_say_how_a_predicted_part_is_simulated(found: Budget) -> None:
     parts = [replace(one, simulated=math.nan) for one in found.parts]
     totals = [replace(found.totals[0], simulated=10.0)]
-    (line,) = replace(found, parts=parts, totals=totals).words()
+    (line,) = replace(found, parts=parts, totals=totals).summary().splitlines()
     assert "simulated_share=1 (--simulated-share 1) simulates it too" in line
     assert "simulated_share" in inspect.signature(st.budget).parameters
 
