@@ -35,7 +35,7 @@ def test_what_finds_the_disk_full_is_written_when_there_is_room(monkeypatch: pyt
 
     said: list[str] = []
     write_with_retry(write, "the catalogue", said.append)
-    assert [line.split(",")[0] for line in said] == ["paused: the disk is full", "goes on"]
+    assert [line.split(",")[0] for line in said] == ["paused: the disk is full", "resumed"]
 
     def refused() -> None:
         raise OSError(errno.EACCES, "denied")

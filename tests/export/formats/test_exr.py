@@ -60,5 +60,5 @@ def test_colours_are_named_red_green_blue(tmp_path: str) -> None:
 
 
 def test_a_map_that_is_not_there_is_refused(export: Export) -> None:
-    with pytest.raises(st.ExportError, match=r"layers: names no map of these data sets; they have depth, .*'shape'"):
+    with pytest.raises(st.ExportError, match=r"layers: is not a map of the data; available maps are depth, .*'shape'"):
         export("exr", layers=["depth", "shape"])
