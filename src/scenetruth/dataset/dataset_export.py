@@ -45,18 +45,18 @@ def export(
     Parameters
     ----------
     source
-            The directory of a run, the directory of a data set (every sample is written), or a recording with its truth
-            or an estimate. Displacements to other frames require a complete truth (``truth_content="complete"``).
+        The directory of a run, the directory of a data set (every sample is written), or a recording with its truth
+        or an estimate. Displacements to other frames require a complete truth (``truth_content="complete"``).
     format
         Name of the format; see `export_formats` and ``docs/export.md``.
     output
-            Output directory; for a data set, with one subdirectory per sample: ``OUTPUT/00000417``.
+        Output directory; for a data set, with one subdirectory per sample: ``OUTPUT/00000417``.
     method
-            Export the estimate of this method; default: the truth.
+        Export the estimate of this method; default: the truth.
     row
-            Row ``s_y`` of a camera grid.
+        Row ``s_y`` of a camera grid.
     overwrite
-            Whether an earlier export may be replaced; other files are kept.
+        Whether an earlier export may be replaced; other files are kept.
     workers
         Processes for the samples of a data set; -1 for all processors.
     progress
@@ -67,17 +67,17 @@ def export(
     Returns
     -------
     ExportResult
-            The files (for a data set, the directories of the samples) and the notes of the export. The same information
-            is in the file ``export.json``.
+        The files (for a data set, the directories of the samples) and the notes of the export. The same information
+        is in the file ``export.json``.
 
     Raises
     ------
     ExportError
-            If the format, its options or the data sets are incompatible; lists every problem.
+        If the format, its options or the data sets are incompatible; lists every problem.
     MismatchError
-            If recording and maps belong to different runs.
+        If recording and maps belong to different runs.
     StoreError
-            If a store is missing or damaged, or ``output`` exists or cannot be written.
+        If a store is missing or damaged, or ``output`` exists or cannot be written.
 
     See Also
     --------
@@ -133,22 +133,22 @@ def verify(
     path
         The directory, or the store.
     regenerate
-            Number of randomly selected samples of a data set that are regenerated and compared bit by bit.
+        Number of randomly selected samples of a data set that are regenerated and compared bit by bit.
     seed
-            Seed of the selection.
+        Seed of the selection.
     progress
         Called with (what, done, total).
 
     Returns
     -------
     list of VerificationResult
-            For a run: one result per scene, store and score, and one for inconsistent parts. For a data set: one result
-            per damaged or missing sample.
+        For a run: one result per scene, store and score, and one for inconsistent parts. For a data set: one result
+        per damaged or missing sample.
 
     Raises
     ------
     StoreError
-            If the path contains no results of scenetruth.
+        If the path contains no results of scenetruth.
 
     See Also
     --------

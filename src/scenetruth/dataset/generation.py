@@ -106,48 +106,48 @@ def run_dataset(
     Parameters
     ----------
     recipe
-            The recipe, its values, its file, or the name of a bundled recipe; None to use the recipe in the directory.
+        The recipe, its values, its file, or the name of a bundled recipe; None to use the recipe in the directory.
     output
-            Directory of the data set.
+        Directory of the data set.
     overrides
-            Changed fields of the recipe, as for `load_scene`.
+        Changed fields of the recipe, as for `load_scene`.
     partition
-            Partition to generate, for several machines that share the directory; default: all samples.
+        Partition to generate, for several machines that share the directory; default: all samples.
     retries
-            Number of retries of a failed sample.
+        Number of retries of a failed sample.
     threads
-            Threads per worker process.
+        Threads per worker process.
     scheduler
-                Address of a Dask scheduler, used instead of local processes. Its workers must reach the directory by
-                the same path.
+        Address of a Dask scheduler, used instead of local processes. Its workers must reach the directory by
+        the same path.
     max_tasks_per_worker
-            Number of samples after which a worker process is replaced.
+        Number of samples after which a worker process is replaced.
     extend
-            Whether the sample count may exceed that of an existing data set.
+        Whether the sample count may exceed that of an existing data set.
     limits
-            Resource limits of a sample; the default limits if not given.
+        Resource limits of a sample; the default limits if not given.
     workers
-            Processes on this machine: 1, the default, for this process only, -1 for all processors.
+        Processes on this machine: 1, the default, for this process only, -1 for all processors.
     progress
         Called with (what, done, total).
 
     Returns
     -------
     Outcome
-            Numbers of generated and of failed samples; the errors are in the files of ``failed/``.
+        Numbers of generated and of failed samples; the errors are in the files of ``failed/``.
 
     Raises
     ------
     RecipeError
-            If the ranges or the first draws yield no valid sample; raised before any work.
+        If the ranges or the first draws yield no valid sample; raised before any work.
     MachineError
-            If a sample exceeds the resources of the machine; raised before any work.
+        If a sample exceeds the resources of the machine; raised before any work.
     ArgumentError
-            If the number of workers is invalid.
+        If the number of workers is invalid.
     MismatchError
-            If the directory contains a data set of another recipe.
+        If the directory contains a data set of another recipe.
     OutputExistsError
-            If another run generates this partition.
+        If another run generates this partition.
 
     See Also
     --------
@@ -283,7 +283,7 @@ def check_recipe(
     recipe
         The recipe, its values, its file, or the name of a bundled recipe.
     overrides
-            Changed fields, as for `scenetruth.load_scene`.
+        Changed fields, as for `scenetruth.load_scene`.
     samples
         Number of samples to draw.
     limits

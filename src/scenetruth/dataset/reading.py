@@ -220,19 +220,19 @@ def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | Non
     Parameters
     ----------
     folder
-            Directory of the data set.
+        Directory of the data set.
     transform
-            Function applied to every sample that is accessed by index, for example to return a pair of arrays.
+        Function applied to every sample that is accessed by index, for example to return a pair of arrays.
 
     Returns
     -------
     SceneDataset
-            The samples in the catalogue, with the scores of methods: ``score.METHOD.interior.depth.rmse``.
+        The samples in the catalogue, with the scores of methods: ``score.METHOD.interior.depth.rmse``.
 
     Raises
     ------
     StoreError
-            If there is no data set, or it is damaged.
+        If there is no data set, or it is damaged.
 
     See Also
     --------

@@ -60,9 +60,9 @@ class Recipe(RecipeModel):
         values
             The values, as in a file.
         source
-                Origin of the values, for messages.
+            Origin of the values, for messages.
         folder
-                Directory against which relative paths are resolved; None leaves them unchanged.
+            Directory against which relative paths are resolved; None leaves them unchanged.
 
         Returns
         -------
@@ -72,7 +72,7 @@ class Recipe(RecipeModel):
         Raises
         ------
         RecipeError
-                If the recipe is invalid; lists every problem with its path.
+            If the recipe is invalid; lists every problem with its path.
 
         See Also
         --------
@@ -133,10 +133,10 @@ def load_recipe(recipe: RecipeLike, *, overrides: Overrides = ()) -> Recipe:
     Parameters
     ----------
     recipe
-                The YAML file, or the name of a bundled recipe, such as ``"leaves"``, if no such file exists. Relative
-                paths are resolved against its directory. Also a mapping of values, or a recipe.
+        The YAML file, or the name of a bundled recipe, such as ``"leaves"``, if no such file exists. Relative
+        paths are resolved against its directory. Also a mapping of values, or a recipe.
     overrides
-            Changed fields, as for `load_scene`.
+        Changed fields, as for `load_scene`.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def load_recipe(recipe: RecipeLike, *, overrides: Overrides = ()) -> Recipe:
     Raises
     ------
     RecipeError
-            If the file cannot be read, or the recipe or a base scene is invalid; lists every problem.
+        If the file cannot be read, or the recipe or a base scene is invalid; lists every problem.
 
     See Also
     --------

@@ -82,17 +82,17 @@ def export_formats(*names: str) -> dict[str, str]:
     Parameters
     ----------
     *names
-            Formats; default: all.
+        Formats; default: all.
 
     Returns
     -------
     dict
-            One line per format.
+        One line per format.
 
     Raises
     ------
     ExportError
-            If a format is unknown.
+        If a format is unknown.
 
     See Also
     --------

@@ -57,10 +57,10 @@ class RunDirectory:
     Parameters
     ----------
     path
-            The directory; it need not exist.
+        The directory; it need not exist.
     own_method
-            The method with plain names; default: the method of the scene in the directory, or the default method if
-            there is no scene.
+        The method with plain names; default: the method of the scene in the directory, or the default method if
+        there is no scene.
 
     See Also
     --------
@@ -135,7 +135,7 @@ class RunDirectory:
         Raises
         ------
         StoreError
-                If there is no estimate.
+            If there is no estimate.
         """
         methods = []
         for store in sorted(self.stores("estimate*")):

@@ -65,50 +65,50 @@ def run_scene(
     Parameters
     ----------
     scene
-            The scene, its values, its file, or the name of a bundled scene.
+        The scene, its values, its file, or the name of a bundled scene.
     methods
-            Methods of estimation: names, functions, or `scenetruth.estimators.MethodSpec` with settings; default: the
-            method of the scene. The settings of the scene apply to its own method, defaults to others.
+        Methods of estimation: names, functions, or `scenetruth.estimators.MethodSpec` with settings; default: the
+        method of the scene. The settings of the scene apply to its own method, defaults to others.
     stages
-            Stages to run; without ``"render"``, recording and truth of an earlier run are used.
+        Stages to run; without ``"render"``, recording and truth of an earlier run are used.
     overrides
-            Changed fields of the scene, as for `load_scene`.
+        Changed fields of the scene, as for `load_scene`.
     truth_views, truth_poses, truth_content, save_radiance
-            As for `simulate`.
+        As for `simulate`.
     save_images
-            Whether to write image files too, as 16-bit PNG or float TIFF.
+        Whether to write image files too, as 16-bit PNG or float TIFF.
     limits
-            Resource limits (`scenetruth.Limits`); the default limits if not given.
+        Resource limits (`scenetruth.Limits`); the default limits if not given.
     output
-            Run directory.
+        Run directory.
     overwrite
-            Whether existing results may be replaced.
+        Whether existing results may be replaced.
     allow_mismatch
-            Whether the directory may contain the recording of another scene.
+        Whether the directory may contain the recording of another scene.
     figures
-            Names of the figures of the report (`scenetruth.scoring.FIGURES`); default: all.
+        Names of the figures of the report (`scenetruth.scoring.FIGURES`); default: all.
     progress
-            Called with (what, done, total).
+        Called with (what, done, total).
 
     Returns
     -------
     RunResults
-            Scores by method, and failures.
+        Scores by method, and failures.
 
     Raises
     ------
     ArgumentError
-            If arguments are invalid; lists every problem.
+        If arguments are invalid; lists every problem.
     SceneError
-            If the scene is invalid, exceeds a limit, or a method cannot estimate its recording; raised before any work.
+        If the scene is invalid, exceeds a limit, or a method cannot estimate its recording; raised before any work.
     MachineError
-            If the predicted memory, disk space or time exceeds the machine or the limits; raised before any work.
+        If the predicted memory, disk space or time exceeds the machine or the limits; raised before any work.
     EstimateError
-            If a method is unknown; raised before any work.
+        If a method is unknown; raised before any work.
     OutputExistsError
-            If existing results may not be replaced; raised before any work.
+        If existing results may not be replaced; raised before any work.
     MismatchError
-            If the directory contains the recording of another scene.
+        If the directory contains the recording of another scene.
 
     See Also
     --------

@@ -174,15 +174,15 @@ def preview_dataset(
     recipe
         The recipe, its values, its file, or the name of a bundled recipe.
     overrides
-            Changed fields, as for `scenetruth.load_scene`.
+        Changed fields, as for `scenetruth.load_scene`.
     samples
-            Number of samples; default: enough to show the distributions, or all of a small data set.
+        Number of samples; default: enough to show the distributions, or all of a small data set.
     output
         Directory of the page ``index.html``.
     overwrite
         Whether an existing preview may be replaced.
     workers, scheduler
-            As for `run_dataset`.
+        As for `run_dataset`.
     progress
         Called with (what, done, total).
 
