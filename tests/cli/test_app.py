@@ -230,7 +230,7 @@ def test_what_shows_nothing_is_found_before_work_starts(scene_file: Path, tmp_pa
     )
     assert done.returncode == 2
     assert "stage.positions: one image determines neither depth nor motion" in done.stderr
-    assert "camera.width: too small" in done.stderr
+    assert "camera.width: is too small" in done.stderr
     assert names(tmp_path) == set()
 
 

@@ -107,7 +107,7 @@ def test_methods_whose_package_is_missing_are_marked_with_the_remedy(monkeypatch
     assert done.returncode == 0, done.stderr
     # The column of what they need, whose lines are folded.
     told = " ".join(" ".join(line.split("│")[3] for line in done.stdout.splitlines() if line.count("│") == 5).split())
-    assert told.count("cannot be used: needs OpenCV") == 3
+    assert told.count("cannot be used: requires OpenCV") == 3
     assert told.count("pip install") == 3
     assert told.count("scenetruth[opencv]") == 3
 
