@@ -150,6 +150,7 @@ class _ProblemListError(ScenetruthError):
     """An exception that lists all problems of one input."""
 
     _noun = "input"
+    _of = "in"
 
     def __init__(self, problems: Sequence[Problem], source: str | Path | None = None) -> None:
         self.problems = tuple(problems)
@@ -158,7 +159,7 @@ class _ProblemListError(ScenetruthError):
 
     def __str__(self) -> str:
         count = len(self.problems)
-        where = f" in {visible(self.source, lines=False)}" if self.source else ""
+        where = f" {self._of} {visible(self.source, lines=False)}" if self.source else ""
         head = f"{count} problem{'s' if count != 1 else ''} with the {self._noun}{where}:"
         return "\n".join([head, *(f"  - {problem}" for problem in self.problems)])
 
@@ -251,7 +252,8 @@ class ArgumentError(_ProblemListError, ValueError):
     truth_views True
     """
 
-    _noun = "call"
+    _noun = "arguments"
+    _of = "of"
 
 
 class RecordingError(_ProblemListError):

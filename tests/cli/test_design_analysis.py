@@ -118,7 +118,7 @@ def test_what_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     given = ("--seeds", "few", "-o", tmp_path / "out")
     done = scenetruth("design", "sweep", file, "--vary", "stage.baseline_mm", *given)
     assert done.returncode == 2
-    assert done.stderr.startswith("error: 2 problems with the sweep")
+    assert done.stderr.startswith("error: 2 problems with the arguments of a sweep")
     for told in ("--vary: must have the form PATH=VALUES", "--seeds: must be a number"):
         assert told in done.stderr
     done = scenetruth("design", "sweep", file, "--vary", "stage.positons=3,5", "-o", tmp_path / "out")

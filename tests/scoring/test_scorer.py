@@ -257,7 +257,7 @@ def test_json_and_pickle_round_trip(case: Case) -> None:
         ("{", "is not JSON"),
         ("[]", "must be a JSON object"),
         ('{"all": {}, "interior": {}}', "metadata: must be a JSON object"),
-        ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is not one of the keys"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is neither one of the keys"),
         ('{"all": {}, "interior": {}, "metadata": {}, "nonoccluded": 1}', "nonoccluded: must be a JSON object"),
         (
             '{"all": {}, "interior": {}, "metadata": {}, "nonoccluded": {}}',

@@ -159,7 +159,7 @@ class OpencvYaml(ExportFormat):
     def problems(self, source: ExportSource) -> Iterator[Problem]:
         """Yield what is missing of the actual poses."""
         if self.poses == "actual" and "camera_position_mm" not in source.maps:
-            yield Problem("poses", "needs the actual poses of a truth; use 'nominal', or export the truth", "real")
+            yield Problem("poses", "needs the actual poses of a truth; use 'nominal', or export the truth", "actual")
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write the cameras."""

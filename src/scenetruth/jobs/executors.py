@@ -215,7 +215,7 @@ def resolve_workers(workers: int) -> int:
     >>> resolve_workers(0)
     Traceback (most recent call last):
     ...
-    scenetruth.errors.ArgumentError: 1 problem with the call:
+    scenetruth.errors.ArgumentError: 1 problem with the arguments:
       - workers: must be 1 or more, or -1 for all processors (got 0)
     """
     try:

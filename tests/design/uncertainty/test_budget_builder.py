@@ -135,7 +135,7 @@ def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, fol
     assert {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()} == before
     assert [one.simulated for one in again.parts] == pytest.approx([one.simulated for one in found.parts], nan_ok=True)
     frame = found.to_dataframe()
-    assert set(frame["cause"]) >= {"noise", "root_sum_square", "signed_sum", "everything", "ideal"}
+    assert set(frame["cause"]) >= {"noise", "root_sum_square", "signed_sum", "everything", "ideal_images"}
     assert len(frame) == len(found.parts) + 4 * len(found.totals)
     with pytest.raises(OutputExistsError, match="another scene"):
         budget(scene, output=folder, calibration="perfect")
