@@ -105,7 +105,7 @@ def _methods() -> list[dict[str, Any]]:
 
 
 def _missing_packages(method: Estimator) -> list[str]:
-    """Return the requirements of a method that no recording can meet: a recording with all variables is checked."""
+    """Return the requirements of a method that no recording can meet, tested with a recording of all variables."""
     import numpy as np
 
     from scenetruth.schema import make_recording
@@ -114,7 +114,7 @@ def _missing_packages(method: Estimator) -> list[str]:
     try:
         images = np.zeros((max(needs.cameras, 3), max(needs.frames, 3), 64, 64), dtype=np.uint8)
         problems = method.requirements(make_recording(images, 100.0, 5.0), method.settings())
-    except Exception:  # settings without a default, or a fault of a plugin: its estimates report it
+    except Exception:  # settings without a default, or a bug of a plugin: estimation reports it
         return []
     return [f"cannot be used: {problem.message}" for problem in problems if problem.path == "method"]
 
