@@ -248,7 +248,6 @@ class _Work:
 
 
 def _saturation_warnings(scene: Scene, brightest: float) -> list[str]:
-    """Return a warning if images exceed the full scale of the sensor."""
     limit = build_sensor_chain(scene.sensor).saturation_radiance
     # A value at full scale may result from rounding.
     if brightest <= limit * (1 + 1e-6):

@@ -25,12 +25,9 @@ _SUFFIXES = (".yaml", ".yml")
 class BundledFiles:
     """One category of bundled files.
 
-    ``noun``: Name of a file of the category.
-    ``metavar``: Its name on the command line.
-    ``command``: Its main command.
-    ``folder``: Its directory within that of all bundled files.
-    ``takes_folders``: Whether an existing directory is a valid path, and not merely the results of an earlier run with
-      the name of a file.
+    ``noun``: Name of a file of the category. ``metavar``: Its name on the command line. ``command``: Its main command.
+    ``folder``: Its directory within that of all bundled files. ``takes_folders``: Whether an existing directory is a
+    valid path, and not merely the results of an earlier run with the name of a file.
     """
 
     noun: str
@@ -91,7 +88,6 @@ def _unknown(shelf: BundledFiles, name: str, bundled: list[str]) -> str:
 
 
 def _other_category(shelf: BundledFiles, name: str) -> BundledFiles | None:
-    """Return another category that contains a name."""
     return next((other for other in (SCENES, RECIPES, DESIGNS) if other is not shelf and name in other.files()), None)
 
 

@@ -72,7 +72,6 @@ def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = Fal
 
 
 def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload], *, shown: bool) -> list[str]:
-    """Print the predicted precision of depth, motion and growth, and return warnings."""
     from scenetruth.cli.design_analysis import precision_rows
     from scenetruth.design.prediction.method_models import all_method_models
     from scenetruth.design.prediction.predictor import predict_quickly, recommend
@@ -124,7 +123,6 @@ def _grows(found: Prediction, region: str) -> bool:
 
 
 def _to_dict(file: Path, report: SceneReport, forecast: Forecast, warnings: Sequence[str]) -> dict[str, object]:
-    """Return the content of the tables for `--json`."""
     return {
         "scene": str(file),
         "valid": True,
@@ -230,7 +228,6 @@ def _positions(stage: Stage) -> str:
 
 
 def _stage_rows(stage: Stage, frames: Frames) -> dict[str, str]:
-    """Return the deviations of the stage from an ideal, instantaneous stage."""
     rows, errors = {}, stage.errors
     if stage.time_per_position_s > 0:
         rows["scan"] = (
@@ -248,7 +245,6 @@ def _stage_rows(stage: Stage, frames: Frames) -> dict[str, str]:
 
 
 def _lens_rows(scene: Scene, report: SceneReport) -> dict[str, str]:
-    """Return the deviations of lens and shutter from a pinhole with instantaneous exposure."""
     rows, camera, optics, shutter = {}, scene.camera, scene.optics, scene.shutter
     if camera.distortion is not None:
         corner = np.array([[camera.width - 1, camera.height - 1]], dtype=np.float64)

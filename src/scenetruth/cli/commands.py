@@ -164,7 +164,6 @@ def estimate(
 
 
 def _estimate_fields(settings: Sequence[str] | None) -> list[str]:
-    """Return settings NAME=VALUE as fields of the scene's section `estimate`."""
     return [f"estimate.{setting}" for setting in settings or ()]
 
 
@@ -361,7 +360,6 @@ def _print_scores(results: RunResult, region: str) -> None:
 
 
 def _print_results(results: RunResult) -> None:
-    """Print a summary of the results, with images where the terminal supports them, and the addresses of reports."""
     from scenetruth.cli.console import make_console, print_main_figures
     from scenetruth.cli.terminal_preview import print_picture
 

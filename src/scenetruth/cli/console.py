@@ -59,8 +59,7 @@ _START, _COMPILE = "start", "compile"
 class ProgressReporter:
     """Shows progress, and measures the duration of each type of task.
 
-    ``progress``: The progress bars.
-    ``timings_s``: Accumulated seconds per type of task.
+    ``progress``: The progress bars. ``timings_s``: Accumulated seconds per type of task.
     """
 
     progress: Progress
@@ -138,7 +137,6 @@ class ProgressReporter:
             self.progress.disable = True
 
     def _print_run_times(self) -> None:
-        """Print the run time of each stage that reported progress, and the total."""
         for task in self.progress.tasks:
             if task.elapsed is not None:
                 self.say(f"{task.description}: {task.completed:,.0f} in {task.elapsed:.2f} s")
@@ -183,7 +181,6 @@ class _ReporterHandler(logging.Handler):
 
 @contextmanager
 def _printed_messages(reporter: ProgressReporter) -> Iterator[None]:
-    """Print messages of the package while the block runs."""
     handler, before = _ReporterHandler(reporter), LOGGER.level
     LOGGER.addHandler(handler)
     LOGGER.setLevel(logging.INFO)
@@ -263,7 +260,6 @@ def _flush() -> None:
 
 
 def _error_message(error: BaseException) -> str | None:
-    """Return the message for an exception; None for an unexpected exception, which is a bug."""
     if isinstance(error, ScenetruthError):
         return str(error)
     if isinstance(error, MemoryError):
@@ -417,7 +413,6 @@ _GROWTH = ("growth_rate", "growth_rate_windowed")
 
 
 def _print_regions(scored: Score) -> None:
-    """Print the RMSE of selected quantities in every region with scored pixels."""
     from rich.table import Table
 
     from scenetruth.errors import visible

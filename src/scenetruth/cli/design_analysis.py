@@ -81,7 +81,6 @@ def budget(
 
 
 def _method_of(scene: Scene, method: str | None, settings: Mapping[str, Any]) -> MethodSpec:
-    """Return a method with settings, in addition to those of the scene for its own method."""
     from scenetruth.estimators import MethodSpec
 
     if method is not None and method != scene.estimate.method:
@@ -165,7 +164,6 @@ _MOTIONS = ("translation", "rigid", "growing", "affine")
 
 
 def _prediction_settings(given: list[str] | None) -> dict[str, Any]:
-    """Return the settings of a method that affect a prediction."""
     from scenetruth.errors import EstimateError, Problem
 
     settings = options.read_settings(given)

@@ -48,12 +48,8 @@ CheckState = Literal["ok", "missing", "broken"]
 class DoctorCheck:
     """Result of one check.
 
-    ``group``: Its group: rendering, packages, ...
-    ``name``: Name of the check.
-    ``state``: Its state.
-    ``told``: Description.
-    ``remedy``: Fix; empty if none is needed.
-    ``needed``: Whether `scenetruth run` requires it.
+    ``group``: Its group: rendering, packages, ... ``name``: Name of the check. ``state``: Its state. ``told``:
+    Description. ``remedy``: Fix; empty if none is needed. ``needed``: Whether `scenetruth run` requires it.
     """
 
     group: str
@@ -142,7 +138,6 @@ def _version(name: str) -> str:
 
 
 def _problem_of(requirement: Requirement) -> str:
-    """Return the problem of a package; empty if there is none."""
     version = _version(requirement.name)
     if not version:
         return f"{requirement.name} is not installed"
@@ -181,7 +176,6 @@ def _compiled() -> DoctorCheck:
 
 
 def _is_older(index: Path) -> bool:
-    """Return whether a module next to its compiled code has changed since."""
     source = index.parents[1] / f"{index.name.partition('.')[0]}.py"
     try:
         return source.stat().st_mtime > index.stat().st_mtime
@@ -215,7 +209,6 @@ def _size(file: Path) -> int:
 
 
 def _can_be_written(folder: Path) -> bool:
-    """Return whether a directory is writable, or can be created."""
     near = next((place for place in (folder, *folder.absolute().parents) if os.path.exists(place)), folder)
     try:
         # Permissions are not sufficient: some file systems are read-only.

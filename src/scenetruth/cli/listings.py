@@ -70,7 +70,6 @@ def _bundled_files(files: BundledFiles) -> list[dict[str, Any]]:
 
 
 def _size(plain: Mapping[str, Any]) -> str:
-    """Return the size of a scene, recipe or design specification; empty if its file has none."""
     if "camera" in plain:
         camera, stage = plain["camera"], plain["stage"]
         across = stage.get("positions") or len(stage.get("positions_mm") or [0])
@@ -105,7 +104,6 @@ def _methods() -> list[dict[str, Any]]:
 
 
 def _missing_packages(method: Estimator) -> list[str]:
-    """Return the requirements of a method that no recording can meet, tested with a recording of all variables."""
     import numpy as np
 
     from scenetruth.schema import make_recording

@@ -27,14 +27,11 @@ __all__ = ["PlacedMesh", "SceneTemplate", "mesh_template", "place_mesh", "regist
 class SceneTemplate:
     """Parameters of a scene template.
 
-    ``summary``: One-line description of the scene.
-    ``first``: Fields to change first, one per line.
-    ``objects``: The list of objects, in commented YAML.
-    ``focal_length_px``, ``focal_note``: Focal length in px, with a comment.
-    ``baseline_mm``, ``baseline_note``: Distance of stage positions in mm, with a comment.
-    ``frame_interval_s``: Frame interval in s.
-    ``blocks``: Further blocks, in commented YAML.
-    ``sensor``, ``estimate``: Fields of the sensor and of the method, in YAML.
+    ``summary``: One-line description of the scene. ``first``: Fields to change first, one per line. ``objects``: The
+    list of objects, in commented YAML. ``focal_length_px``, ``focal_note``: Focal length in px, with a comment.
+    ``baseline_mm``, ``baseline_note``: Distance of stage positions in mm, with a comment. ``frame_interval_s``: Frame
+    interval in s. ``blocks``: Further blocks, in commented YAML. ``sensor``, ``estimate``: Fields of the sensor and of
+    the method, in YAML.
     """
 
     summary: str
@@ -264,14 +261,11 @@ _WAVES_PX = (6.0, 30.0)
 class PlacedMesh:
     """A mesh file with its placement in the scene.
 
-    ``vertices``, ``faces``: Number of vertices and faces.
-    ``size_mm``: Size along X, Y and Z.
-    ``position_mm``: Position of its origin, with its centre on the optical axis.
-    ``distance_mm``: Distance of its nearest point from the camera, along Z.
-    ``focal_length_px``: Focal length for which it covers three quarters of the image.
-    ``baseline_mm``: Distance of stage positions with a disparity of 30 px at the nearest point.
-    ``has_image``: Whether the file contains a texture image or colours.
-    ``has_uv``: Whether it has UV coordinates for an image.
+    ``vertices``, ``faces``: Number of vertices and faces. ``size_mm``: Size along X, Y and Z. ``position_mm``: Position
+    of its origin, with its centre on the optical axis. ``distance_mm``: Distance of its nearest point from the camera,
+    along Z. ``focal_length_px``: Focal length for which it covers three quarters of the image. ``baseline_mm``:
+    Distance of stage positions with a disparity of 30 px at the nearest point. ``has_image``: Whether the file contains
+    a texture image or colours. ``has_uv``: Whether it has UV coordinates for an image.
     """
 
     vertices: int
@@ -386,13 +380,11 @@ def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str
 
 
 def _rounded(value: float, *, down: bool = False) -> float:
-    """Return a positive number rounded to three digits; rounded down if ``down``."""
     near = float(f"{value:.3g}")
     return near if not down or near <= value else float(f"{0.995 * value:.3g}")
 
 
 def _tidy(value: float, across: float) -> float:
-    """Return a position rounded to 1e-5 of the size of the mesh."""
     step = 1e-5 * across
     return float(f"{round(value / step) * step:.9g}")
 
@@ -464,7 +456,6 @@ def _problems(
     distance_mm: float | None,
     schema: Path | None,
 ) -> list[Problem]:
-    """Return all problems of the command, before any file is read or written."""
     from scenetruth.errors import Problem
 
     found = []
@@ -511,12 +502,10 @@ def _of_option(option: str, problem: Problem) -> Problem:
 
 
 def _seen_from(file: Path, other: Path) -> str:
-    """Return the path of another file relative to the directory of a file."""
     return Path(os.path.relpath(other.resolve(), file.absolute().parent.resolve())).as_posix()
 
 
 def _write(start: SceneTemplate, file: Path, schema: Path | None) -> None:
-    """Write a valid scene to a new file."""
     import yaml
 
     from scenetruth.scene import Scene

@@ -82,7 +82,6 @@ def compare(
 
 
 def _labelled(option: str, given: Sequence[str] | None) -> list[tuple[str, str]]:
-    """Return the values of options of the form LABEL=REST."""
     from scenetruth.errors import EstimateError, Problem
 
     pairs = [one.partition("=") for one in given or ()]

@@ -109,7 +109,6 @@ def _nearest_zero(times: NDArray[Any]) -> int:
 
 
 def _plane(images: Any, t: float) -> NDArray[np.float64]:
-    """Return the image nearest to the reference camera at a frame."""
     found = images.sel(t=t, method="nearest")
     for name in ("s", "s_y"):
         if name in found.dims:
@@ -118,7 +117,6 @@ def _plane(images: Any, t: float) -> NDArray[np.float64]:
 
 
 def _grey(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an image as red, green and blue, with its brightest percent white."""
     values = image - min(float(np.nanmin(image)), 0.0)
     part = np.clip(values / max(float(np.nanpercentile(values, 99)), 1e-300), 0, 1)
     return np.repeat(part[..., None], 3, axis=2)

@@ -375,7 +375,6 @@ class Spring(FlowOptions, PairOptions, PictureOptions):
 
 
 def _write_hdf5(folder: Path, what: str, number: int, values: NDArray[np.float64]) -> None:
-    """Write a map as a dataset; all components are NaN where one is NaN."""
     import h5py
 
     flow = values.ndim > 2

@@ -140,7 +140,6 @@ class PairOptions(ExportFormat):
 
 
 def _differences(source: ExportSource, pair: CameraPair) -> Iterator[Problem]:
-    """Yield the deviations of a pair from two aligned pinhole cameras with simultaneous images."""
     remedy = "undistort or rectify first, or use nominal=true, which writes the nominal f B / Z"
     if source.distortion:
         message = f"distorts the images: x of the left minus x of the right image is not f B / Z; {remedy}"

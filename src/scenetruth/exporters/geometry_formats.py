@@ -102,7 +102,6 @@ def _select_points(source: ExportSource, s: int, t: int) -> NDArray[np.bool_]:
 
 
 def _colours(values: NDArray[np.float64]) -> list[str]:
-    """Return red, green and blue of points, from values (n,) or (n, channel)."""
     bytes_ = np.rint(255 * np.clip(values, 0, 1)).astype(int).reshape(len(values), -1)
     bytes_ = bytes_ if bytes_.shape[1] == 3 else np.repeat(bytes_[:, :1], 3, axis=1)
     return [" ".join(map(str, colour)) for colour in bytes_.tolist()]
