@@ -320,7 +320,7 @@ def test_places_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest
     for target, message in (
         (tmp_path / "file" / "x", "cannot be created, because .*file is not a directory"),
         (tmp_path / "dangling", "is a link to .*nothing, which does not exist"),
-        (tmp_path / ("x" * 255), "has a name of 255 bytes, [0-9]+ more than a result may have"),
+        (tmp_path / ("x" * 255), "has a name of 255 bytes, [0-9]+ more than the maximum"),
         (tmp_path / "a\0b", "is not a valid output path"),
         (Path(), "is the current directory, or contains it"),
         (tmp_path, "is the current directory, or contains it"),

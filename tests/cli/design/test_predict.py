@@ -23,7 +23,7 @@ def test_the_table_has_what_there_is_beside_what_can_be_known(tmp_path: Path) ->
         "design", "predict", file_of(tmp_path), "--method", "refined", "--model", "maps", "-o", str(output)
     )
     assert done.returncode == 0, done.stderr
-    for words in ("Depth", "Velocity in Z", "precision", "ratio", "noise of a grey value", "5 positions, 5 frames"):
+    for words in ("Depth", "Velocity in Z", "precision", "ratio", "grey-value noise", "5 positions, 5 frames"):
         assert words in done.stdout
     table = pd.read_csv(output / "prediction.csv")
     assert set(table["model"]) == {"maps"}

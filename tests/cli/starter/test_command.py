@@ -164,7 +164,7 @@ def test_images_are_laid_on_meshes_with_texture_coordinates_alone(here: Path) ->
 def test_options_of_meshes_are_refused_without_one(kind: str, option: str, here: Path) -> None:
     done = scenetruth("init", "--type", kind, option, "1")
     assert done.returncode == 2
-    assert f"{option}: belongs to a mesh; --type {kind} has" in done.stderr
+    assert f"{option}: applies to a mesh; --type {kind} has" in done.stderr
     assert list(here.iterdir()) == []
 
 
@@ -206,7 +206,7 @@ def test_all_that_is_wrong_is_told_together(here: Path) -> None:
     assert done.returncode == 2
     for words in ("FILE: must end in .yaml", "--mesh: requires", "--texture: a leaf", "--unit-mm", "--distance-mm"):
         assert words in done.stderr
-    assert "make it: scenetruth schema > no.json" in done.stderr
+    assert "create it: scenetruth schema > no.json" in done.stderr
     done = scenetruth("init", "no/scene.yaml", "--type", "mesh")
     assert "its directory does not exist" in done.stderr
     assert "--mesh: is missing" in done.stderr
