@@ -158,8 +158,8 @@ def test_everything_in_json_and_as_a_table(monkeypatch: pytest.MonkeyPatch) -> N
     assert {"numba", "numpy", "scenetruth"} <= set(content["packages"])
     table = scenetruth("doctor")
     assert "scenes can be run" in table.stdout
-    assert "of [this] test; not needed" in table.stdout
+    assert "of [this] test; not required" in table.stdout
     monkeypatch.setattr("scenetruth.cli.diagnostics.render_alone", lambda name: (False, "broken"))
     done = scenetruth("doctor")
     assert done.returncode == 2
-    assert "scenes cannot be run here" in done.stdout
+    assert "scenes cannot be run" in done.stdout
