@@ -79,7 +79,7 @@ class FlowOptions(ExportFormat):
     estimates and for truths without finite flow."""
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing for motion."""
+        """Yield the missing requirements of motion."""
         yield from super().problems(source)
         yield from self.motion_problems(source, ("flow_next",), ("flow",))
         if not source.pairs_of_frames:
