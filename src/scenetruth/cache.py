@@ -188,7 +188,6 @@ def _unpacked(raw: NDArray[np.uint8]) -> Arrays | None:
 
 
 def _prune(folder: Path, most: float) -> None:
-    """Remove entries beyond the limit, and temporary files of killed writers."""
     entries = []
     for path in folder.iterdir():
         with contextlib.suppress(OSError):  # another process may remove entries simultaneously

@@ -34,9 +34,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7
 class Chart:
     """A chart.
 
-    ``name``: Its name within the page.
-    ``alt``: Text alternative.
-    ``data``, ``layout``: Traces and layout of plotly.
+    ``name``: Its name within the page. ``alt``: Text alternative. ``data``, ``layout``: Traces and layout of plotly.
     """
 
     name: str
@@ -53,9 +51,8 @@ _NUMBER = re.compile(r"[-+]?(∞|\d+(\.\d*)?([eE][-+]?\d+)?)(?!\w)")
 class HtmlCell:
     """A cell of a table.
 
-    ``text``: Its text.
-    ``key``: Number for sorting; None to sort by text.
-    ``address``, ``saved_as``: Address of a file for download, and its file name; empty if there is none.
+    ``text``: Its text. ``key``: Number for sorting; None to sort by text. ``address``, ``saved_as``: Address of a file
+    for download, and its file name; empty if there is none.
     """
 
     text: str
@@ -75,12 +72,8 @@ class HtmlCell:
 class HtmlTable:
     """A table.
 
-    ``name``: Its name within the page.
-    ``caption``: Its caption.
-    ``columns``: Column headings.
-    ``lines``: Its rows.
-    ``marked``: Index of the highlighted row; None for none.
-    ``foot``: Rows that stay at the bottom, such as sums.
+    ``name``: Its name within the page. ``caption``: Its caption. ``columns``: Column headings. ``lines``: Its rows.
+    ``marked``: Index of the highlighted row; None for none. ``foot``: Rows that stay at the bottom, such as sums.
     """
 
     name: str

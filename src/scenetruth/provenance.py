@@ -167,7 +167,6 @@ _MAPS = ("map_Kd", "map_Ka")
 
 
 def _names_after(file: Path, words: tuple[str, ...]) -> list[str]:
-    """Return the last words of the lines of a text file that begin with given words."""
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     split = [line.split() for line in lines if line.startswith(words)]
     return [parts[-1] for parts in split if len(parts) > 1]

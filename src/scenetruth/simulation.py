@@ -100,7 +100,8 @@ def simulate(
     Simulation
         Named tuple ``(recording, truth)`` in memory: the recording with ``image`` (s, t, y, x) and optionally
         ``radiance``, and the truth with maps (t, y, x) or (s, t, y, x). The recording contains the nominal poses and
-        times of the images, the truth the actual ones. If the stage has rows, ``s_y`` precedes ``s``. `run_scene` with
+        times of the images, the truth the actual values. If the stage has rows, ``s_y`` precedes ``s``. `run_scene`
+        with
         ``stages=("render",)`` writes both to disk image by image.
 
     Raises
@@ -248,7 +249,6 @@ class _Work:
 
 
 def _saturation_warnings(scene: Scene, brightest: float) -> list[str]:
-    """Return a warning if images exceed the full scale of the sensor."""
     limit = build_sensor_chain(scene.sensor).saturation_radiance
     # A value at full scale may result from rounding.
     if brightest <= limit * (1 + 1e-6):

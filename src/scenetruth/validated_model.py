@@ -207,9 +207,8 @@ def _words_in(annotation: Any) -> Iterator[str | type[str]]:
 class Preset:
     """Fields of a model and their values.
 
-    ``title``: Name, such as a product.
-    ``values``: Values by field, in the units of the model.
-    ``sources``: Source of each value, with the same keys.
+    ``title``: Name, such as a product. ``values``: Values by field, in the units of the model. ``sources``: Source of
+    each value, with the same keys.
     """
 
     title: str

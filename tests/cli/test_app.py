@@ -296,7 +296,7 @@ def test_check_tells_what_lens_and_shutter_do(scene_file: Path) -> None:
     for words in (
         "px in the lower right corner",
         "gaussian, standard deviation 0.70 px",
-        "means of 48 sharp ones",
+        "means of 48 sharp images",
         "20.",
         "open for 0.25 s, last row 0.125 s after the first",
     ):

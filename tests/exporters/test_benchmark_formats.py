@@ -139,7 +139,7 @@ def test_what_does_not_fit_becomes_unknown_and_is_told(
     changed["flow_next"] = truth.flow_next.copy(deep=True)
     changed.flow_next.loc[{"s": 0, "t": 0, "y": 10, "x": 20}] = 512.0
     done = st.export((recording, changed), "kitti", output=f"{tmp_path}/kitti")
-    assert "1 values do not fit" in done.notes[1]
+    assert "1 values out of range" in done.notes[1]
     flow = opencv_image(done.folder / "flow_occ" / "000001_10.png")
     assert not flow[10, 20].any()
 

@@ -319,8 +319,8 @@ def test_places_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest
     monkeypatch.chdir(tmp_path / "here")
     for target, message in (
         (tmp_path / "file" / "x", "cannot be created, because .*file is not a directory"),
-        (tmp_path / "dangling", "is a link to .*nothing, which is not there"),
-        (tmp_path / ("x" * 255), "has a name of 255 bytes, [0-9]+ more than a result may have"),
+        (tmp_path / "dangling", "is a link to .*nothing, which does not exist"),
+        (tmp_path / ("x" * 255), "has a name of 255 bytes, [0-9]+ more than the maximum"),
         (tmp_path / "a\0b", "is not a valid output path"),
         (Path(), "is the current directory, or contains it"),
         (tmp_path, "is the current directory, or contains it"),

@@ -47,7 +47,7 @@ def test_stages_can_be_taken_up_later(finished: Path, tmp_path: Path) -> None:
     again = st.load_store(tmp_path / "x" / "estimate.zarr", "estimate")
     xr.testing.assert_identical(again, st.load_store(finished / "estimate.zarr", "estimate"))
     assert results.scores["structure_tensor"].metadata["recording_hash"] == again.attrs["recording_hash"]
-    with pytest.raises(st.MismatchError, match=r"recording\.zarr: was made from another scene"):
+    with pytest.raises(st.MismatchError, match=r"recording\.zarr: belongs to another scene"):
         run_scene(cube(**SMALL_CUBE, seed=9), output=tmp_path / "x", stages=("estimate",), overwrite=True)
 
 
@@ -206,7 +206,7 @@ def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path, m
     assert names(run / "figures") == {"depth.png"}
     assert not report(figures=["depth"])
     (run / "figures" / "notes.txt").write_text("mine")
-    with pytest.raises(st.OutputExistsError, match=r"did not write \(notes\.txt\)"):
+    with pytest.raises(st.OutputExistsError, match=r"not written by scenetruth \(notes\.txt\)"):
         report(overwrite=True)
 
 

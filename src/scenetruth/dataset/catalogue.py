@@ -88,7 +88,6 @@ def build_catalogue_table(rows: Iterable[Mapping[str, Any]], sampler: Sampler) -
 
 
 def _values(sampler: Sampler) -> dict[str, bool]:
-    """Return the keys of all values, and whether each is always numeric."""
     found = {item.key: item.distribution.is_number for item in sampler.varied}
     for factor, _, value in sampler.ladders:
         number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -175,9 +174,8 @@ _PART = re.compile(r"part-[0-9a-z-]+\.parquet")
 class CatalogueWriter:
     """Writer of the catalogue in parts.
 
-    ``folder``: Directory of the data set.
-    ``sampler``: Its recipe.
-    ``label``: Label of the parts of this run among those of concurrent runs.
+    ``folder``: Directory of the data set. ``sampler``: Its recipe. ``label``: Label of the parts of this run among
+    those of concurrent runs.
     """
 
     def __init__(self, folder: DatasetFolder, sampler: Sampler, label: str = "1of1") -> None:

@@ -106,7 +106,6 @@ def _remove_scores_of_other_code(places: DatasetFolder, method: str, code: str) 
 
 
 def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
-    """Raise if scores of the method with different settings exist."""
     file = places.scores(chosen.method) / "settings.json"
     text = json.dumps(chosen.settings.model_dump(mode="json"), sort_keys=True, indent=1) + "\n"
     if file.exists():

@@ -115,7 +115,6 @@ class IndexedDistribution(Distribution):
     """Whether fields are combined as a grid: the next field advances after each full cycle of this field."""
 
     def __len__(self) -> int:
-        """Return the period of the values in samples."""
         raise NotImplementedError
 
     def value(self, place: int) -> Any:
@@ -289,7 +288,6 @@ class GridDistribution(IndexedDistribution):
         return self
 
     def __len__(self) -> int:
-        """Return the number of values of the axis."""
         return len(self.values) if self.values is not None else int(self.count or 0)
 
     def value(self, place: int) -> Any:
@@ -350,7 +348,6 @@ class SequenceDistribution(IndexedDistribution):
     """The values."""
 
     def __len__(self) -> int:
-        """Return the number of values."""
         return len(self.values)
 
     def value(self, place: int) -> Any:
@@ -415,7 +412,6 @@ class NormalDistribution(RandomDistribution):
         return self
 
     def _shares(self) -> tuple[float, float]:
-        """Return the cumulative probabilities at both limits."""
         from scipy.special import ndtr
 
         ends = [None if end is None else (end - self.mean) / self.std for end in (self.low, self.high)]
@@ -507,7 +503,6 @@ class TableDistribution(IndexedDistribution):
     """Header of the column."""
 
     def __len__(self) -> int:
-        """Return the number of rows."""
         return len(self._values())
 
     def value(self, place: int) -> Any:

@@ -98,7 +98,6 @@ class Expression:
         return float(found) if isinstance(found, float) else int(found)
 
     def _refuse(self, node: ast.AST, depth: int) -> None:
-        """Raise if a node is not arithmetic."""
         if depth > _DEEPEST:
             msg = f"is nested more than {_DEEPEST} deep"
             raise ValueError(msg)

@@ -37,12 +37,9 @@ class DatasetFingerprint:
     """Properties shared by all samples of a data set.
 
     ``recipe_hash``: Hash of everything that determines samples: the recipe without descriptions and sample count, base
-      scenes, contents of files.
-    ``samples``: Number of draws.
-    ``count``: Number of samples, including paired series.
-    ``backend``, ``platform``: Rendering backend.
-    ``versions``: Versions of the software.
-    ``format``: Version of the data-set format.
+    scenes, contents of files. ``samples``: Number of draws. ``count``: Number of samples, including paired series.
+    ``backend``, ``platform``: Rendering backend. ``versions``: Versions of the software. ``format``: Version of the
+    data-set format.
     """
 
     recipe_hash: str
@@ -192,7 +189,6 @@ def _differences(
 
 
 def _changed(folder: DatasetFolder, sampler: Sampler) -> list[str]:
-    """Return the sections of the recipe that differ from the existing recipe."""
     try:
         former = open_sampler(folder)
     except (StoreError, RecipeError):

@@ -53,10 +53,8 @@ __all__ = [
 class DatasetRunResult:
     """Result of a run.
 
-    ``folder``: Directory of the data set.
-    ``made``: Number of samples generated.
-    ``present``: Number of existing samples of the partition.
-    ``failed``: Numbers of the failed samples.
+    ``folder``: Directory of the data set. ``made``: Number of samples generated. ``present``: Number of existing
+    samples of the partition. ``failed``: Numbers of the failed samples.
     """
 
     folder: DatasetFolder
@@ -69,9 +67,8 @@ class DatasetRunResult:
 class DatasetStatus:
     """Progress of a data set.
 
-    ``count``: Total number of samples.
-    ``done``: Number of existing samples.
-    ``failed``: Error messages by number of the failed sample.
+    ``count``: Total number of samples. ``done``: Number of existing samples. ``failed``: Error messages by number of
+    the failed sample.
     """
 
     count: int
@@ -339,7 +336,6 @@ def _message(path: Path) -> str:
 
 
 def _catalogue_missing(shelf: SampleStore, writer: CatalogueWriter, done: set[int]) -> None:
-    """Add samples to the catalogue that an interrupted run did not add."""
     for row in shelf.rows(done - list_catalogued(shelf.folder)):
         writer.add(row)
     writer.flush()
@@ -388,8 +384,7 @@ class _Work:
 class VerificationFailure:
     """A damaged or missing sample.
 
-    ``number``: Number of the sample.
-    ``problem``: Description of the problem.
+    ``number``: Number of the sample. ``problem``: Description of the problem.
     """
 
     number: int
@@ -436,7 +431,6 @@ def _some(numbers: Iterable[int], count: int, seed: int) -> list[int]:
 
 
 def _changed(places: DatasetFolder, sampler: Sampler, number: int, row: dict[str, Any]) -> list[str]:
-    """Return problems of the files of a sample compared with the catalogue."""
     shard = places.shard(compute_shard_number(number, sampler.recipe.samples_per_shard))
     if shard.exists():
         with extract_sample(shard, number) as files:
@@ -463,7 +457,6 @@ def _unlike(folder: Path, row: dict[str, Any]) -> list[str]:
 
 
 def _differs(sampler: Sampler, identity: DatasetFingerprint, number: int, row: dict[str, Any]) -> list[str]:
-    """Return the differences between a sample and its regeneration."""
     with TemporaryDirectory(prefix="scenetruth-") as scratch:
         try:
             made = make_sample(sampler, identity, number, Path(scratch) / "again")

@@ -35,10 +35,8 @@ _VALUE = "value."
 class Sample:
     """One sample of a data set.
 
-    ``number``: Its number in the data set.
-    ``folder``: Directory of the data set.
-    ``shard``: The tar file that contains it; None if it has its own directory.
-    ``row``: Its row of the catalogue.
+    ``number``: Its number in the data set. ``folder``: Directory of the data set. ``shard``: The tar file that contains
+    it; None if it has its own directory. ``row``: Its row of the catalogue.
     """
 
     number: int
@@ -146,9 +144,8 @@ class SceneDataset(Sequence[Any]):
 
     A sequence with a length, indices and slices that can be pickled, as required for a map-style data set of PyTorch.
 
-    ``folder``: Directory of the data set.
-    ``catalogue``: Its samples, one row per sample.
-    ``transform``: Function applied to every sample that is accessed by index; default: none.
+    ``folder``: Directory of the data set. ``catalogue``: Its samples, one row per sample. ``transform``: Function
+    applied to every sample that is accessed by index; default: none.
     """
 
     def __init__(

@@ -198,7 +198,6 @@ def _base(recipe: RecipeModel, number: int, folder: Path | None, problems: list[
 
 
 def _missing_bases(plain: Mapping[str, Any], folder: Path | None) -> list[Problem]:
-    """Return the missing base-scene files of a recipe that cannot be validated as a whole."""
     given = plain.get("base")
     entries = given if isinstance(given, list | tuple) else [given]
     files = [entry.get("scene") if isinstance(entry, Mapping) else entry for entry in entries]

@@ -133,7 +133,6 @@ class RecipeModel(FrozenModel):
     @field_validator("base", mode="before")
     @classmethod
     def _listed(cls, value: Any) -> Any:
-        """Return a single scene as a list."""
         entries = value if isinstance(value, list | tuple) else [value]
         return [{"scene": entry} if isinstance(entry, str) or _is_scene(entry) else entry for entry in entries]
 

@@ -29,9 +29,7 @@ _MAX_LISTED = 40
 class DrawReport:
     """Result of trial draws.
 
-    ``accepted``: Number of accepted samples.
-    ``drawn``: Number of draws.
-    ``reasons``: Counts by reason for rejection.
+    ``accepted``: Number of accepted samples. ``drawn``: Number of draws. ``reasons``: Counts by reason for rejection.
     ``problems``: Samples that cannot be drawn.
     """
 
@@ -139,7 +137,6 @@ def _drawn(sampler: Sampler, draw: int) -> Draw | RecipeError | SceneError:
 
 
 def _problems_with(middle: Mapping[str, Any], places: tuple[str, ...], value: Any) -> tuple[Problem, ...]:
-    """Return the problems of a scene with a value assigned to fields."""
     plain = copy.deepcopy(dict(middle))
     try:
         for place in places:
@@ -162,7 +159,6 @@ def _scene_problems(plain: Mapping[str, Any]) -> tuple[Problem, ...]:
 
 
 def _first_problems(sampler: Sampler, tried: int) -> list[Problem]:
-    """Return the problems of the scenes of the first samples."""
     problems: list[Problem] = []
     for draw in range(min(tried, sampler.recipe.samples)):
         try:
@@ -188,8 +184,7 @@ _FREE, _BOUNDED = 500, 48
 class AcceptedDraws:
     """Accepted draws, and the statistics of the others.
 
-    ``trial``: Number of draws, and reasons for rejections.
-    ``draws``: Accepted draws by number.
+    ``trial``: Number of draws, and reasons for rejections. ``draws``: Accepted draws by number.
     """
 
     trial: DrawReport

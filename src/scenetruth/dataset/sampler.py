@@ -41,9 +41,8 @@ class UniformDraws:
     first draws of all samples space-filling; a repeated draw stays in the stratum of a Latin hypercube, but is
     independent for the Sobol sequence.
 
-    ``seed``: Seed of the recipe.
-    ``samples``: Number of strata of a Latin hypercube.
-    ``fields``: The random values by key; their order is that of the dimensions of the Sobol sequence.
+    ``seed``: Seed of the recipe. ``samples``: Number of strata of a Latin hypercube. ``fields``: The random values by
+    key; their order is that of the dimensions of the Sobol sequence.
     """
 
     def __init__(self, seed: int, samples: int, fields: Mapping[str, RandomDistribution]) -> None:
@@ -93,7 +92,6 @@ def _sobol_block(dimension: int, block: int) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=64)
 def _strata(seed: int, key: str, number: int, samples: int) -> NDArray[np.int64]:
-    """Return the stratum of each sample, with as many strata as samples."""
     return generator_for(seed, "latin_hypercube", key, number).permutation(samples)
 
 
@@ -105,11 +103,9 @@ HELD_OUT = "held_out"
 class VariedField:
     """A varied value and its fields.
 
-    ``key``: Its path, or its name if it is assigned to no field.
-    ``distribution``: Its distribution.
-    ``places``: Paths of the fields that receive it.
-    ``name``: Its name in formulas; empty if it has none.
-    ``where``: Its location in the recipe.
+    ``key``: Its path, or its name if it is assigned to no field. ``distribution``: Its distribution. ``places``: Paths
+    of the fields that receive it. ``name``: Its name in formulas; empty if it has none. ``where``: Its location in the
+    recipe.
     """
 
     key: str
@@ -123,16 +119,11 @@ class VariedField:
 class Draw:
     """Draw of a sample.
 
-    ``number``: Number of the sample in the data set, from 0.
-    ``draw``: Number of the draw; all steps of a paired series share it.
-    ``step``: 0 for the sample as drawn, then the steps of the paired series.
-    ``factor``: Factor changed by the step; empty for step 0.
-    ``base``: Index of the base scene.
-    ``values``: All values by key.
-    ``attempts``: Number of draws until acceptance.
-    ``rejected``: Reasons for the rejected draws.
-    ``split``: Its split; empty if there are none.
-    ``plain``: The scene as plain values.
+    ``number``: Number of the sample in the data set, from 0. ``draw``: Number of the draw; all steps of a paired series
+    share it. ``step``: 0 for the sample as drawn, then the steps of the paired series. ``factor``: Factor changed by
+    the step; empty for step 0. ``base``: Index of the base scene. ``values``: All values by key. ``attempts``: Number
+    of draws until acceptance. ``rejected``: Reasons for the rejected draws. ``split``: Its split; empty if there are
+    none. ``plain``: The scene as plain values.
     """
 
     number: int
@@ -154,8 +145,7 @@ class Draw:
 class Sampler:
     """Draws the samples of a recipe independently of each other.
 
-    ``recipe``: The recipe.
-    ``bases``: Its base scenes, with the shared changes applied.
+    ``recipe``: The recipe. ``bases``: Its base scenes, with the shared changes applied.
     """
 
     def __init__(self, recipe: RecipeModel, bases: Sequence[Scene]) -> None:
@@ -175,7 +165,6 @@ class Sampler:
         self._by_key = {item.key: item for item in self.varied}
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return self.recipe.count
 
     def draw(self, number: int) -> Draw:
@@ -305,7 +294,6 @@ class Sampler:
         return self._value_of(item, 0, 0, named)
 
     def _place_of(self, item: VariedField, draw: int) -> int:
-        """Return the index of an indexed distribution for a draw."""
         own = item.distribution
         assert isinstance(own, IndexedDistribution)
         if not own.period:
@@ -374,7 +362,6 @@ class Sampler:
                 problems.append(Problem(f"hold_out.{key}", message))
 
     def _sorted(self, problems: list[Problem]) -> list[VariedField]:
-        """Return all values sorted by dependency."""
         known = {item.key for item in self.varied} | {item.name for item in self.varied if item.name}
         left, done, order = list(self.varied), set[str](), list[VariedField]()
         for item in left:
@@ -402,6 +389,5 @@ class Sampler:
 
 
 def _matches(path: str, pattern: str) -> bool:
-    """Return whether a path matches a path with wildcards."""
     one, other = path.split("."), pattern.split(".")
     return len(one) == len(other) and all(b in ("*", a) for a, b in zip(one, other, strict=True))

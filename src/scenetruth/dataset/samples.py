@@ -310,9 +310,8 @@ class Partition:
 class SampleStore:
     """The samples of a data set, in directories or shards.
 
-    ``folder``: Directory of the data set.
-    ``count``: Number of samples of the complete data set.
-    ``per_shard``: Samples per shard; 0 for one directory per sample.
+    ``folder``: Directory of the data set. ``count``: Number of samples of the complete data set. ``per_shard``: Samples
+    per shard; 0 for one directory per sample.
     """
 
     folder: DatasetFolder

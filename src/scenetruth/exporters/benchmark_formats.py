@@ -85,7 +85,7 @@ class Coco(PictureOptions):
     summary: ClassVar[str] = "instance masks of every frame as COCO's JSON, with the images"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         if "object_id" not in source.maps:
             yield Problem("object_id", "is missing: only a truth contains the objects of pixels; export the truth")
@@ -170,7 +170,7 @@ class Kitti(FlowOptions, PairOptions, PictureOptions):
     packages: ClassVar[tuple[str, ...]] = ("cv2",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         yield from self.motion_problems(source, ("displacement_next",), ("velocity",))
 
@@ -268,7 +268,7 @@ class Sintel(FlowOptions, PictureOptions):
     summary: ClassVar[str] = "flow, depth, camera, occlusions as .flo, .dpt, .cam, PNG (MPI Sintel)"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         if self.camera not in source.views:
             remedy = "; render with `--truth-views all` for the others" if len(source.views) == 1 else ""
@@ -348,7 +348,7 @@ class Spring(FlowOptions, PairOptions, PictureOptions):
     packages: ClassVar[tuple[str, ...]] = ("h5py",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         finite = ("flow_previous", "displacement_next", "displacement_previous")
         yield from self.motion_problems(source, finite, ("velocity",))
@@ -375,7 +375,6 @@ class Spring(FlowOptions, PairOptions, PictureOptions):
 
 
 def _write_hdf5(folder: Path, what: str, number: int, values: NDArray[np.float64]) -> None:
-    """Write a map as a dataset; all components are NaN where one is NaN."""
     import h5py
 
     flow = values.ndim > 2

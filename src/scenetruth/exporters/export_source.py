@@ -27,8 +27,7 @@ FlowKind = Literal["finite", "instantaneous"]
 class CameraPair:
     """Two neighbouring cameras.
 
-    ``left``, ``right``: Their positions s.
-    ``baseline_mm``: Distance from the left to the right camera, positive.
+    ``left``, ``right``: Their positions s. ``baseline_mm``: Distance from the left to the right camera, positive.
     """
 
     left: int
@@ -40,9 +39,8 @@ class CameraPair:
 class ExportSource:
     """A validated recording with its maps.
 
-    ``recording``: The recording, without rows (``s_y``).
-    ``maps``: Its truth, or an estimate.
-    ``is_truth``: Whether the maps are a truth.
+    ``recording``: The recording, without rows (``s_y``). ``maps``: Its truth, or an estimate. ``is_truth``: Whether the
+    maps are a truth.
     """
 
     recording: xr.Dataset

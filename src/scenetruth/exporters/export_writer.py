@@ -64,10 +64,9 @@ def _files_below(folder: Path, top: Path) -> list[str]:
 class ExportResult:
     """Result of an export.
 
-    ``folder``: The directory.
-    ``files``: Names of its files, without ``export.json``.
-    ``notes``: Notes: resolution of the format, pixels outside its range, flow that is not a displacement.
-    ``failures``: For a data set, errors by number of the sample.
+    ``folder``: The directory. ``files``: Names of its files, without ``export.json``. ``notes``: Notes: resolution of
+    the format, pixels outside its range, flow that is not a displacement. ``failures``: For a data set, errors by
+    number of the sample.
     """
 
     folder: Path
@@ -226,7 +225,6 @@ def _meant(name: str, known: Any) -> str:
 
 
 def _meta(source: ExportSource, chosen: ExportFormat, notes: list[str], files: list[str]) -> dict[str, Any]:
-    """Return the metadata of an export."""
     options = chosen.model_dump(mode="json")
     return {
         "made_by": MAKER,

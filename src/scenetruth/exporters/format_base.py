@@ -79,7 +79,7 @@ class FlowOptions(ExportFormat):
     estimates and for truths without finite flow."""
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing for motion."""
+        """Yield the missing requirements of motion."""
         yield from super().problems(source)
         yield from self.motion_problems(source, ("flow_next",), ("flow",))
         if not source.pairs_of_frames:
@@ -140,7 +140,6 @@ class PairOptions(ExportFormat):
 
 
 def _differences(source: ExportSource, pair: CameraPair) -> Iterator[Problem]:
-    """Yield the deviations of a pair from two aligned pinhole cameras with simultaneous images."""
     remedy = "undistort or rectify first, or use nominal=true, which writes the nominal f B / Z"
     if source.distortion:
         message = f"distorts the images: x of the left minus x of the right image is not f B / Z; {remedy}"

@@ -46,7 +46,7 @@ class Colmap(PictureOptions):
     summary: ClassVar[str] = "cameras, poses, points of one frame as COLMAP's text model, with the images"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         if self.frame not in source.frames:
             yield Problem("frame", f"must be one of the frames {source.frames}", self.frame)
@@ -102,7 +102,6 @@ def _select_points(source: ExportSource, s: int, t: int) -> NDArray[np.bool_]:
 
 
 def _colours(values: NDArray[np.float64]) -> list[str]:
-    """Return red, green and blue of points, from values (n,) or (n, channel)."""
     bytes_ = np.rint(255 * np.clip(values, 0, 1)).astype(int).reshape(len(values), -1)
     bytes_ = bytes_ if bytes_.shape[1] == 3 else np.repeat(bytes_[:, :1], 3, axis=1)
     return [" ".join(map(str, colour)) for colour in bytes_.tolist()]
@@ -157,7 +156,7 @@ class OpencvYaml(ExportFormat):
     summary: ClassVar[str] = "cameras as OpenCV's YAML: matrix, distortion, pose"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing of the actual poses."""
+        """Yield the missing requirements of actual poses."""
         if self.poses == "actual" and "camera_position_mm" not in source.maps:
             yield Problem("poses", "needs the actual poses of a truth; use 'nominal', or export the truth", "actual")
 
@@ -220,7 +219,7 @@ class Ply(ExportFormat):
     packages: ClassVar[tuple[str, ...]] = ("plyfile",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield what is missing."""
+        """Yield the missing requirements."""
         yield from point_problems(source)
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:

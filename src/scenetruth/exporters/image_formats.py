@@ -166,7 +166,6 @@ class Npz(ExportFormat):
 
 
 def _write(file: Path, dataset: xr.Dataset, compression: int) -> None:
-    """Write a data set one variable at a time, unlike `numpy.savez`, to limit memory."""
     with zipfile.ZipFile(file, "w", compression) as archive:
         # Sorted, because the order in stores differs from that in memory.
         for name, item in [*_sorted(dataset.coords), *_sorted(dataset.data_vars)]:

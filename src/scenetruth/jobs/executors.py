@@ -62,8 +62,7 @@ class TaskExecutor(Protocol):
 class ProcessExecutor:
     """Local processes, started by spawning.
 
-    ``count``: Number of processes.
-    ``threads``: Threads per process.
+    ``count``: Number of processes. ``threads``: Threads per process.
     """
 
     lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
@@ -154,9 +153,8 @@ class SerialExecutor:
 class DaskExecutor:
     """The workers of a Dask cluster.
 
-    ``address``: Address of the scheduler: ``tcp://host:8786``, or the path of a scheduler file.
-    ``threads``: Threads per task.
-    ``at_once``: Number of tasks submitted simultaneously per worker.
+    ``address``: Address of the scheduler: ``tcp://host:8786``, or the path of a scheduler file. ``threads``: Threads
+    per task. ``at_once``: Number of tasks submitted simultaneously per worker.
     """
 
     def __init__(self, address: str, threads: int = 1, at_once: int = 2) -> None:

@@ -24,11 +24,9 @@ class JobFolder:
     The index file is written when a job begins. It identifies the directory, and contains the fields that must be equal
     when the job is resumed.
 
-    ``index``: Name of the index file.
-    ``noun``: Type of job with its article, for messages: "a sweep".
-    ``results``: Name of the subdirectory with the results of tasks.
-    ``compared``: Fields of the index that must be equal when a job is resumed; None for all, empty for none.
-    ``indent``: Indent of the index file.
+    ``index``: Name of the index file. ``noun``: Type of job with its article, for messages: "a sweep". ``results``:
+    Name of the subdirectory with the results of tasks. ``compared``: Fields of the index that must be equal when a job
+    is resumed; None for all, empty for none. ``indent``: Indent of the index file.
 
     >>> from tempfile import TemporaryDirectory
     >>> folder = JobFolder("search.json", "a search", "points")
@@ -88,7 +86,6 @@ class JobFolder:
             scratch.write_text(json.dumps(wanted, indent=self.indent, ensure_ascii=False) + "\n", encoding="utf-8")
 
     def _select(self, content: Any) -> Any:
-        """Return the part of an index that must be equal."""
         if self.compared is None or not isinstance(content, dict):
             return content
         return [content.get(name) for name in self.compared]

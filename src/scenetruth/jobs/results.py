@@ -38,10 +38,8 @@ __all__ = [
 class TaskResult:
     """The result of a task, or its error.
 
-    ``number``: Number of the task.
-    ``values``: The values that the task returned; empty if it failed.
-    ``failure``: The error as plain values, with a ``message``; empty if there was none.
-    ``seconds``: Duration of the task.
+    ``number``: Number of the task. ``values``: The values that the task returned; empty if it failed. ``failure``: The
+    error as plain values, with a ``message``; empty if there was none. ``seconds``: Duration of the task.
     ``disk_full``: Whether the task failed because the disk was full. Such a task is repeated without limit.
     """
 
@@ -210,7 +208,6 @@ def _read_lines(file: Path) -> list[dict[str, Any]]:
 
 
 def _complete_last_line(file: Path) -> None:
-    """Begin a new line after an incomplete line."""
     if not file.exists() or not file.stat().st_size:
         return
     with file.open("rb+") as stream:

@@ -31,9 +31,8 @@ _SPARE_BYTES = 200e6
 class ResourceGuard:
     """Test whether disk space and memory suffice for another task.
 
-    ``folder``: Output directory.
-    ``disk_bytes``: Disk space reserved for running tasks.
-    ``memory_bytes``: Memory per task.
+    ``folder``: Output directory. ``disk_bytes``: Disk space reserved for running tasks. ``memory_bytes``: Memory per
+    task.
     """
 
     folder: Path
@@ -93,16 +92,12 @@ _DIED = "its process died: killed, out of memory, or a crash of compiled code"
 class TaskScheduler:
     """Scheduler of tasks, each of which is one call in a worker.
 
-    ``workers``: The executor.
-    ``work``: Function of a task: called with ``arguments`` and its number, returns `TaskResult`.
-    ``arguments``: First arguments of every call.
-    ``retries``: Number of retries of a failed task, after all others, in a new process. A task that failed because the
-      disk was full is retried without limit.
-    ``recycle``: Number of tasks after which local processes are restarted.
-    ``pause``: Returns why no task may start now; empty if one may.
-    ``made``: Called with every successful result.
-    ``failed``: Called with every final failure.
-    ``said``: Called with messages for the user.
+    ``workers``: The executor. ``work``: Function of a task: called with ``arguments`` and its number, returns
+    `TaskResult`. ``arguments``: First arguments of every call. ``retries``: Number of retries of a failed task, after
+    all others, in a new process. A task that failed because the disk was full is retried without limit. ``recycle``:
+    Number of tasks after which local processes are restarted. ``pause``: Returns why no task may start now; empty if
+    one may. ``made``: Called with every successful result. ``failed``: Called with every final failure. ``said``:
+    Called with messages for the user.
     """
 
     workers: TaskExecutor
@@ -137,7 +132,6 @@ class TaskScheduler:
                     left.append(found.number)
 
     def _through(self, left: deque[int], again: list[TaskResult]) -> None:
-        """Perform tasks until none remains."""
         under_way: dict[Future[Any], int] = {}
         begun, suspects, paused = 0, list[int](), ""
         while left or under_way or suspects:
@@ -219,9 +213,8 @@ def _died(number: int) -> TaskResult:
 class ParallelResult:
     """Summary of parallel tasks.
 
-    ``done``: Number of completed tasks.
-    ``present``: Number of tasks completed before.
-    ``failed``: Errors by number of the sample.
+    ``done``: Number of completed tasks. ``present``: Number of tasks completed before. ``failed``: Errors by number of
+    the sample.
     """
 
     done: int = 0
@@ -314,7 +307,6 @@ def map_batches(
 
 
 def _split_batches(left: Mapping[str, Any], workers: int) -> list[list[str]]:
-    """Return the keys in batches that balance the load of the workers."""
     keys = list(left)
     size = max(1, min(_MAX_BATCH, -(-len(keys) // max(workers, 1))))
     return [keys[start : start + size] for start in range(0, len(keys), size)]

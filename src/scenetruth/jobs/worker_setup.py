@@ -88,7 +88,6 @@ _LIMITED = threading.local()
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent has ended; otherwise workers of a pool wait indefinitely."""
     from multiprocessing import parent_process
     from multiprocessing.connection import wait
 

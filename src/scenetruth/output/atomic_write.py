@@ -132,7 +132,6 @@ def _refuse_existing(place: Path, overwrite: bool, claim: Claim) -> None:
 
 
 def _remove_stale(place: Path, claim: Claim = claim_file) -> None:
-    """Remove incomplete output of dead writers of a target, and restore an earlier result."""
     own = this_writer()
     for path in _leftovers(place):
         found = written_by(path.name)

@@ -25,9 +25,8 @@ __all__ = ["Writer", "locked", "this_writer", "written_by"]
 class Writer:
     """A process on a machine.
 
-    ``host``: Hash of the host name, eight digits.
-    ``process``: Process ID.
-    ``start``: Start time in clock ticks since boot, because process IDs are reused.
+    ``host``: Hash of the host name, eight digits. ``process``: Process ID. ``start``: Start time in clock ticks since
+    boot, because process IDs are reused.
 
     >>> writer = Writer("0123abcd", 17, 4711)
     >>> written_by(f".cube.partial-{writer}") == (".cube.partial", writer)

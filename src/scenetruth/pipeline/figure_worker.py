@@ -142,7 +142,6 @@ def _serve(requests: IO[str], answers: IO[str]) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent ends, for whatever reason."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:

@@ -24,8 +24,7 @@ __all__ = ["VerificationResult", "export_run", "verify_run"]
 class VerificationResult:
     """Result of the verification of a file or store.
 
-    ``path``: The file or store.
-    ``problem``: Description of the problem; empty if there is none.
+    ``path``: The file or store. ``problem``: Description of the problem; empty if there is none.
     """
 
     path: Path

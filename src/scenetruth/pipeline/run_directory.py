@@ -31,9 +31,8 @@ __all__ = ["MethodPaths", "RunDirectory", "claim_entry", "claim_run"]
 class MethodPaths:
     """Files of one method in a run directory.
 
-    ``estimate``: Store of the estimate.
-    ``score_json``, ``score_csv``: Its score.
-    ``report``, ``figures``: The report, and the directory of its figures.
+    ``estimate``: Store of the estimate. ``score_json``, ``score_csv``: Its score. ``report``, ``figures``: The report,
+    and the directory of its figures.
     """
 
     estimate: Path

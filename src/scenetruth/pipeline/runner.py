@@ -70,10 +70,8 @@ T = TypeVar("T")
 class RunResult:
     """Results of a run.
 
-    ``folder``: The run directory.
-    ``scores``: Scores by method.
-    ``failures``: Errors by method; results of other methods and stages are unaffected.
-    ``timings_s``: Duration of each type of task in seconds.
+    ``folder``: The run directory. ``scores``: Scores by method. ``failures``: Errors by method; results of other
+    methods and stages are unaffected. ``timings_s``: Duration of each type of task in seconds.
     """
 
     folder: RunDirectory
@@ -85,14 +83,10 @@ class RunResult:
 class PipelineRunner:
     """Runner of the stages in a directory; intermediate results stay in memory.
 
-    ``folder``: The run directory.
-    ``overwrite``: Whether existing results may be replaced.
-    ``check``: Whether to reject parts of different runs.
-    ``progress``: Called with (what, done, total).
-    ``helper``: A second process for figures.
-    ``limits``: Resource limits; the default limits if not given.
-    ``asked``: Hash of the arguments of all stages after rendering: an interrupted run with the same hash is resumed.
-      None for single stages.
+    ``folder``: The run directory. ``overwrite``: Whether existing results may be replaced. ``check``: Whether to reject
+    parts of different runs. ``progress``: Called with (what, done, total). ``helper``: A second process for figures.
+    ``limits``: Resource limits; the default limits if not given. ``asked``: Hash of the arguments of all stages after
+    rendering: an interrupted run with the same hash is resumed. None for single stages.
     """
 
     def __init__(
@@ -191,7 +185,6 @@ class PipelineRunner:
         return self._goes_on and ":" not in method and all(target.exists() for target in targets)
 
     def _is_unfinished(self) -> bool:
-        """Return whether the directory contains a run with the same arguments that was interrupted after rendering."""
         try:
             return self.asked is not None and self.folder.unfinished.read_text(encoding="utf-8") == self.asked
         except (OSError, ValueError):
@@ -338,7 +331,6 @@ class PipelineRunner:
             (made / "figures").rmdir()
 
     def _made_of(self, files: MethodPaths, figures: Collection[str] | None, also: Collection[str]) -> str:
-        """Return a hash of all contents of a report."""
         stores = [store for store in (self.folder.recording, self.folder.truth, files.estimate) if store.exists()]
         seals = [open_store_files(store).read("zarr.json").decode(errors="replace") for store in stores]
         scored = files.score_json.read_bytes().hex() if files.score_json.exists() else None
@@ -379,12 +371,10 @@ class PipelineRunner:
             check_output(target, overwrite=self._replaces, claim=_claim)
 
     def _refuse_resources(self, stage: str, effort: MethodWorkload | None = None) -> None:
-        """Raise if the predicted resources of a stage exceed those of the machine."""
         forecast = estimate_cost(compute_recording_workload(self.recording, effort), [stage])
         refuse_resources(forecast, inspect_machine(self.folder.path), self.limits)
 
     def _forget(self) -> None:
-        """Discard data read from the directory."""
         for name in ("recording", "truth"):
             self.__dict__.pop(name, None)
         self._estimates.clear()
@@ -423,7 +413,6 @@ def _refuse_fixed(overrides: Sequence[str], section: str) -> None:
 
 
 def _read_section(alone: Mapping[str, Any], section: str, validate: Callable[[Any], T]) -> T:
-    """Validate a section of a scene; problems include its path."""
     try:
         return validate(alone[section])
     except ScenetruthError as error:

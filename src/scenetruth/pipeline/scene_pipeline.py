@@ -207,7 +207,6 @@ def _run_stages(
     helpers: int | FigureWorker,
     progress: Progress | None,
 ) -> RunResult:
-    """Run the stages of a scene; methods are available by name."""
     _refuse_unknown_figures(figures)
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:

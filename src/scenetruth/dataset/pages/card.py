@@ -72,7 +72,6 @@ def load_thumbnails(
 
 
 def _small(recording: xr.Dataset) -> NDArray[np.float32]:
-    """Return one image, averaged to the size of a thumbnail."""
     from PIL import Image
 
     image = recording["image"]
@@ -142,7 +141,6 @@ def build_card_contents(
 
 
 def _reasons(table: pyarrow.Table) -> list[tuple[str, str]]:
-    """Return the reasons of rejections with counts; the steps of a paired series count as one draw."""
     found = Counter[str]()
     for reasons, step in zip(*_columns(table, "rejected", "step"), strict=True):
         found.update(reasons if step == 0 else ())
@@ -150,7 +148,6 @@ def _reasons(table: pyarrow.Table) -> list[tuple[str, str]]:
 
 
 def _values_of(table: pyarrow.Table) -> dict[str, list[Any]]:
-    """Return drawn values by key, without the steps of paired series."""
     import pyarrow.compute as pc
 
     drawn = table.filter(pc.equal(table["step"], 0))
@@ -189,7 +186,6 @@ def _statistics_rows(statistics: Sequence[PlotQuantity]) -> list[tuple[str, ...]
 
 
 def _draw_sheet(folder: DatasetFolder, table: pyarrow.Table, path: Path, progress: Progress | None) -> None:
-    """Draw a contact sheet of samples across the data set, including the steps of paired series."""
     numbers, draws, splits = _columns(table, "sample", "draw", "split")
     each = len(draws) // len(set(draws))
     chosen = [

@@ -26,9 +26,8 @@ __all__ = ["VALUE", "Publication", "build_croissant", "describe_column"]
 class Publication:
     """Publication of a data set.
 
-    ``version``: Its version: three numbers separated by dots.
-    ``date``: Date of publication, such as 2026-11-23; empty if undecided.
-    ``url``: Address; empty if undecided.
+    ``version``: Its version: three numbers separated by dots. ``date``: Date of publication, such as 2026-11-23; empty
+    if undecided. ``url``: Address; empty if undecided.
     """
 
     version: str = "1.0.0"

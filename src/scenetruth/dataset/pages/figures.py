@@ -47,11 +47,9 @@ _AXES = ("X", "Y", "Z")
 class PlotQuantity:
     """A varied quantity and its values.
 
-    ``title``: Name of the quantity.
-    ``unit``: Its unit; empty for none.
-    ``numbers``: Its values; empty if they are not numeric.
-    ``counts``: Frequency of each value that is not numeric.
-    ``log``: Whether it is evenly distributed on a logarithmic scale.
+    ``title``: Name of the quantity. ``unit``: Its unit; empty for none. ``numbers``: Its values; empty if they are not
+    numeric. ``counts``: Frequency of each value that is not numeric. ``log``: Whether it is evenly distributed on a
+    logarithmic scale.
     """
 
     title: str
@@ -124,7 +122,6 @@ def _leaves(value: Any, name: str, unit: str) -> Iterator[tuple[tuple[str, str],
 
 
 def _counted(values: Sequence[Any], texts: Sequence[str]) -> Iterator[tuple[str, int]]:
-    """Yield categories with their counts, the most frequent first, equal counts by name."""
     by_text = dict(zip(texts, values, strict=True))
     short = {text: _short(value) for text, value in by_text.items()}
     if len(set(short.values())) < len(short):

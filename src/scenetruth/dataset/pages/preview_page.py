@@ -141,7 +141,6 @@ _ALMOST = 0.9
 
 
 def _power(low: float, high: float, exponent: float) -> float:
-    """Return the power of noise between two wavelengths, in arbitrary units."""
     order = exponent + 2
     if abs(order) < _ALMOST_ZERO:
         return math.log(high / low)
@@ -227,7 +226,6 @@ def preview_dataset(
 
 
 def _content(sampler: Sampler, drawn: AcceptedDraws, folder: Path) -> dict[str, Any]:
-    """Draw the figures, and return the contents of the page."""
     recipe = sampler.recipe
     quantities = collect_quantities(sampler, drawn.values())
     paired = select_paired(quantities)
