@@ -121,7 +121,7 @@ def draw_surface(axes: Axes) -> None:
     axes.text(point[0] - 0.2, point[1] + 0.2, "$P = (X, Y, Z)$", ha="right", va="bottom", fontsize=11)
     tip = oblique(POINT + VELOCITY)
     arrow(axes, point, tip, INK, 2.0)
-    axes.text(tip[0] + 0.15, tip[1] - 0.05, "$U = (U_X, U_Y, U_Z)$, mm per frame\nhere $U_Z < 0$: it comes nearer",
+    axes.text(tip[0] + 0.15, tip[1] - 0.05, "$U = (U_X, U_Y, U_Z)$, mm per frame\nhere $U_Z < 0$: approaching",
               ha="left", va="top")  # fmt: skip
     edge = oblique((-0.95, -0.7, FOCAL))
     axes.text(edge[0] - 0.15, edge[1] + 0.05, "image at\n$Z = f$", ha="right", va="top")
@@ -169,7 +169,7 @@ def draw_row(axes: Axes) -> None:
         axes.add_patch(cell)
         axes.plot(column, 0.4, ".", color=INK, markersize=6)
         axes.text(column, 0.95, str(column), ha="center", va="bottom", color=BLUE)
-    axes.text(-0.85, 0.95, "here, OpenCV", ha="right", va="bottom", color=BLUE)
+    axes.text(-0.85, 0.95, "scenetruth, OpenCV", ha="right", va="bottom", color=BLUE)
     axes.text(1.5, 1.62, "centre 1.5 = (W−1)/2", ha="center", va="bottom", color=BLUE)
     for border in range(5):
         axes.plot([border - 0.5] * 2, [-0.12, 0], color=INK, linewidth=1)
@@ -177,7 +177,7 @@ def draw_row(axes: Axes) -> None:
     axes.text(-0.85, -0.2, "OpenGL, pyrender", ha="right", va="top", color=RED)
     axes.text(1.5, -0.85, "centre 2.0 = W/2", ha="center", va="top", color=RED)
     axes.plot([1.5, 1.5], [0, 0.8], color=INK, linewidth=1, linestyle="--")
-    axes.text(4.0, 0.4, "one row, W = 4: pixel centres are integers here,\nborders are integers there", va="center")
+    axes.text(4.0, 0.4, "one row, W = 4: integers are pixel centres (blue),\nor pixel borders (red)", va="center")
 
 
 def draw() -> Figure:
