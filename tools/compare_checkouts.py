@@ -5,8 +5,9 @@
 
 Workers (comparison_worker.py) run inside each checkout with the Python of this script and make one part after the
 other. A part that fails is reported, and the others are compared. Results stay in KEEP/before and KEEP/after and are
-reused while the sources of their checkout stay the same. renames.yaml maps renamed names and lists volatile ones;
-comparison_adapter.py lists names of functions and classes. KEEP/report.txt holds the complete report.
+reused while the sources of their checkout stay the same. renames.yaml maps renamed names, and lists volatile ones and
+changes that were decided on; comparison_adapter.py lists names of functions and classes. KEEP/report.txt holds the
+complete report.
 
 Three aspects can be left out: ``prose`` (help texts, descriptions, messages, pages, plots), ``hashes`` (of scenes,
 recordings, estimates; they depend on names of fields), ``bytes`` (of files whose content is compared too).
@@ -218,7 +219,7 @@ def main() -> int:
         Checkout(path, keep / name, options, fast=arguments.fast)
         for name, path in (("before", arguments.before), ("after", arguments.after))
     )
-    renames, left_out, report, differing = Renames.read(), Counter[str](), [], []
+    renames, left_out, decided, report, differing = Renames.read(), Counter[str](), Counter[str](), [], []
     for part in arguments.parts:
         print(part, flush=True)
         one, other = before.make(part), after.make(part)
@@ -228,6 +229,7 @@ def main() -> int:
             continue
         found = Comparison(one, other, renames, frozenset(arguments.without), arguments.tolerance)
         left_out.update(found.left_out)
+        decided.update(found.decided)
         differing += [part] if found.lines else []
         total = f"{part}: {found.summary()}"
         report += [total, *(f"    {line}" for line in found.lines)]
@@ -237,6 +239,8 @@ def main() -> int:
     (keep / "report.txt").write_text("\n".join(report) + "\n", encoding="utf-8")
     if left_out:
         print("left out by name:", ", ".join(f"{name} ({count})" for name, count in sorted(left_out.items())))
+    for reason, count in sorted(decided.items()):
+        print(f"decided: {reason} ({count})")
     print(f"left out by aspect: {', '.join(arguments.without) or 'nothing'}")
     print(f"{len(arguments.parts) - len(differing)} of {len(arguments.parts)} parts are equal; {keep / 'report.txt'}")
     return int(bool(differing))

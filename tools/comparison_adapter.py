@@ -105,6 +105,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "sampler": ("recipe",),
     "margin_px": ("interior_margin_px",),
     "every_px": ("step_px",),
+    "sobol": ("sobol_points",),
     "part": ("partition",),
 }
 """Other names of arguments."""

@@ -18,7 +18,11 @@ ASPECTS = ("prose", "hashes", "bytes")
 """What can be left out: texts for readers, hashes of inputs, bytes of files whose content is compared too."""
 _PROSE_WORDS = 3
 _LONGEST = 160
+_MOST_PAIRS = 4
 _HASH = re.compile(r"[0-9a-f]{16}")
+_DIGEST = re.compile(r"[0-9]+ bytes, sha256 [0-9a-f]+")
+_PLOT = re.compile(r":(?:.*/)?(?:figures[^/]*|plots)/[^/]*[.]png$")
+_WORD_LISTS = ("flag_meanings",)
 
 
 class Comparison:
@@ -52,17 +56,34 @@ class Comparison:
             for key, text in found["failures"].items()
         ]
         self._gone = self._compare(old, new)
+        self.decided: Counter[str] = Counter()
+        self._changed = self._undecided(self._changed)
+        self._gone = self._undecided(self._gone, "only before: ")
+        new = dict.fromkeys(self._undecided(sorted(new), "only after: "))
+        self._only_after = len(new)
         self.lines = [*self._failures, *self._changed, *_grouped("only before", self._gone)]
-        self.lines += _grouped("only after", sorted(new))
+        self.lines += _grouped("only after", list(new))
 
     def summary(self) -> str:
         """Return the numbers of entries."""
+        decided = f", {self.decided.total()} decided changes" if self.decided else ""
         if not self.lines:
-            return f"equal ({self.count} entries)"
+            return f"equal ({self.count} entries{decided})"
         return (
             f"{self.count} entries compared, {len(self._changed)} differ, {len(self._gone)} only before, "
-            f"{self._only_after} only after, {len(self._failures)} failed"
+            f"{self._only_after} only after, {len(self._failures)} failed{decided}"
         )
+
+    def _undecided(self, lines: Sequence[str], title: str = "") -> list[str]:
+        """Return the lines that no decided change of the table explains; the others are counted."""
+        found = []
+        for line in lines:
+            reason = self._renames.decided_change(title + line)
+            if reason:
+                self.decided[reason] += 1
+            else:
+                found.append(line)
+        return found
 
     def _entries(self, entries: dict[str, Any]) -> dict[str, Any]:
         """Return the entries without those that are volatile or of an aspect that is left out."""
@@ -95,12 +116,14 @@ class Comparison:
     def _aspect(self, key: str, names: Sequence[str], value: Any) -> str:
         if key.split(BETWEEN)[0] in ("prose", "bytes"):
             return key.split(BETWEEN)[0]
+        if isinstance(value, str) and _DIGEST.fullmatch(value):
+            return "prose" if _PLOT.search(key) else ""
         last = next((name for name in reversed(names) if not name.isdigit()), "")
         if last.endswith("_hash") or (isinstance(value, str) and _HASH.fullmatch(value)):
             return "hashes"
-        if last in ("sha256", "bytes") or last.endswith(("_sha256", "_bytes")):
+        if last in ("sha256", "bytes", "contentSize") or last.endswith(("_sha256", "_bytes")):
             return "bytes"
-        return "prose" if _is_prose(value) else ""
+        return "prose" if _is_prose(value) and last not in _WORD_LISTS else ""
 
     def _compare(self, old: dict[str, Any], new: dict[str, Any]) -> list[str]:
         """Compare; entries that both sides have are taken out of ``new``."""
@@ -118,7 +141,6 @@ class Comparison:
             self._changed += [_shown(key, line) for line in self._differences(key, value, new[target])]
         for key in set(new) - rest:
             del new[key]
-        self._only_after = len(new)
         return gone
 
     def _differences(self, key: str, one: Any, other: Any) -> Iterator[str]:
@@ -228,6 +250,12 @@ def _is_prose(value: Any) -> bool:
 
 
 def _of_values(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any], tolerance: float) -> Iterator[str]:
+    if one.dtype.kind in "iub" and other.dtype.kind in "iub" and one.shape == other.shape:
+        changed = np.asarray(one != other)
+        pairs = Counter(zip(one[changed].tolist(), other[changed].tolist(), strict=True))
+        if pairs and len(pairs) <= _MOST_PAIRS:
+            yield "; ".join(f"{a} -> {b} at {count} of {one.size} places" for (a, b), count in sorted(pairs.items()))
+            return
     a, b = (np.asarray(item, dtype=np.float64) for item in (one, other))
     if (np.isfinite(a) != np.isfinite(b)).any():
         yield f"valid pixels differ: {int((np.isfinite(a) != np.isfinite(b)).sum())} of {a.size}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -198,7 +199,11 @@ def scores(context: Context) -> None:
             for label, maps in (("truth", truth), ("estimate", estimate)):
                 if "velocity" in maps and "depth" in maps:
                     records.flat(f"{key} / growth rate of the {label}", call(api("growth_rate"), maps))
-            found = call(api("score"), estimate=estimate, truth=truth, recording=recording, margin_px=2.0)
+            given = {"estimate": estimate, "truth": truth, "recording": recording}
+            if "margin_px" in inspect.signature(api("score")).parameters:
+                found = call(api("score"), **given, margin_px=2.0)
+            else:
+                found = call(api("score"), **given, settings={"interior_margin_px": 2.0})
             records.flat(f"{key} / values, margin of 2 px", member(found, "regions"), sections)
             wrong = estimate.copy()
             for each, factor in (("depth", 0.001), ("disparity", -1), ("velocity", -1000), ("flow", 0.5)):

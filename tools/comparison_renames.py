@@ -54,14 +54,18 @@ class Renames:
     ----------
     table
         Section to old name to new name, or a list of new names; ``patterns`` are regular expressions to replacements,
-        ``volatile`` and ``volatile_rows`` are lists of names.
+        ``volatile`` and ``volatile_rows`` are lists of names, ``decided`` maps reasons to regular expressions.
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:
-        lists = ("volatile", "volatile_rows", "patterns")
+        lists = ("volatile", "volatile_rows", "patterns", "decided")
         self.patterns = [(re.compile(old), str(new)) for old, new in (table.get("patterns") or {}).items()]
         self.volatile = frozenset(map(str, table.get("volatile") or ()))
         self.volatile_rows = frozenset(map(str, table.get("volatile_rows") or ()))
+        self._decided = {
+            str(reason): [re.compile(one) for one in patterns]
+            for reason, patterns in (table.get("decided") or {}).items()
+        }
         self.sections: dict[str, dict[str, list[str]]] = {
             section: {str(old): [str(one) for one in _listed(new)] for old, new in (entries or {}).items()}
             for section, entries in table.items()
@@ -132,6 +136,10 @@ class Renames:
                     return one
             before.add(name)
         return ""
+
+    def decided_change(self, line: str) -> str:
+        """Return the reason of a difference that was decided on; empty if it is none of those."""
+        return next((why for why, ones in self._decided.items() if any(one.search(line) for one in ones)), "")
 
     def unused(self) -> list[str]:
         """Return the entries that have mapped no key yet."""

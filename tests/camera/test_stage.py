@@ -129,7 +129,7 @@ NO_NUMBER = ["stage.positions=null", "stage.baseline_mm=null"]
         (["stage.time_per_position_s=-1"], r"stage\.time_per_position_s: .*greater than or equal to 0"),
         (
             ["stage.time_per_position_s=0.21"],
-            r"frames: the stage needs 1\.05 s from frame to frame, more than frame_interval_s = 1 s: make it longer",
+            r"frames: the stage needs 1\.05 s per frame, more than frame_interval_s = 1 s: increase it",
         ),
         (["stage.errors.preset=screw"], r"stage\.errors\.preset: .*'screw_stage' or 'air_bearing'"),
         (["stage.errors.yaw_urad=100001"], r"stage\.errors\.yaw_urad: must be at most 100000 µrad"),

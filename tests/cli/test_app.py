@@ -111,7 +111,7 @@ def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Pa
         again = scenetruth(command, folder, *few)
         # The same estimate has the same score, and the same score the same report.
         assert again.returncode == (0 if command == "report" else 2)
-        assert ("is as new" if command == "report" else "exists already") in again.stderr
+        assert ("is up to date" if command == "report" else "exists already") in again.stderr
         assert scenetruth(command, folder, "--overwrite", *few[:2]).returncode == 0
     assert names(folder) == RESULTS
     for names_of in ({"image.png", "image.pdf"}, {"image.png"}):

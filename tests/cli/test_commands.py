@@ -214,9 +214,9 @@ def test_every_input_error_is_listed(run: Path) -> None:
         assert problem in done.stderr
     done = scenetruth("export", run, "--format", "flo", "-o", run.parent / "out", "--option", "lft=1")
     assert done.returncode == 2
-    assert "lft: is no option" in done.stderr
+    assert "lft: is not an option" in done.stderr
     done = scenetruth("export", run, "--format", "png", "-o", run.parent / "out")
-    assert "choose an estimate with --method" in done.stderr
+    assert "select an estimate with --method" in done.stderr
 
 
 def test_formats_are_listed() -> None:

@@ -96,7 +96,7 @@ def test_what_is_wrong_with_a_recipe_names_its_file(tmp_path: Path, command: tup
 
 
 def test_other_folders_are_no_data_sets(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="is no data set"):
+    with pytest.raises(StoreError, match="is not a data set"):
         call("status", tmp_path)
 
 

@@ -84,7 +84,7 @@ def test_names_that_act_on_a_terminal_are_refused_and_told_harmlessly(tmp_path: 
     item = cube().to_dict()["objects"][0] | {"name": RED}
     done = scenetruth("check", scene_file(tmp_path, objects=[item]))
     assert done.returncode == 2
-    assert "objects.0.name: must hold printable characters only" in done.stderr
+    assert "objects.0.name: must contain printable characters only" in done.stderr
     assert "\x1b" not in done.stderr
 
 

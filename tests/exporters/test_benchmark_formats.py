@@ -70,7 +70,7 @@ def test_parts_of_a_plant_have_it_as_supercategory(recording: xr.Dataset, truth:
 
 def test_estimates_know_no_objects(recording: xr.Dataset, tmp_path: str) -> None:
     estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
-    with pytest.raises(st.ExportError, match="object_id: is missing: only a truth tells"):
+    with pytest.raises(st.ExportError, match="object_id: is missing: only a truth contains"):
         st.export((recording, estimate), "coco", output=f"{tmp_path}/x")
 
 

@@ -28,7 +28,7 @@ def test_the_scenes_own_method_has_plain_names() -> None:
 
 
 def test_an_empty_folder_has_no_estimates(tmp_path: Path) -> None:
-    with pytest.raises(st.StoreError, match=r"estimate\.zarr: no such store; make it with `scenetruth estimate`"):
+    with pytest.raises(st.StoreError, match=r"estimate\.zarr: no such store; compute it with `scenetruth estimate`"):
         st.RunDirectory(tmp_path).estimated()
 
 

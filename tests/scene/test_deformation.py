@@ -359,7 +359,7 @@ def test_edges_keep_their_length_within_a_millionth_on_a_fine_mesh() -> None:
     ("changes", "message"),
     [
         ({"tightening": 0.2}, "self-intersecting unrolling: the radius falls to zero within 20 mm, but 30 mm are"),
-        ({"tightening": 0, "front_mm": 10}, "self-intersecting unrolling: 30 mm close a circle of 25.1327 mm"),
+        ({"tightening": 0, "front_mm": 10}, "self-intersecting unrolling: 30 mm exceed 25.1327 mm, one turn"),
         ({"tightening": 1.0}, "less than 1"),
         ({"radius_mm": -1}, "greater than 0"),
     ],

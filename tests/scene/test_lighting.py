@@ -37,9 +37,9 @@ def lit(*lights: dict[str, Any], **lighting: Any) -> st.Scene:
         ),
         ("lights.0.irradiance=-1", r"lights\.0\.irradiance: .*greater than or equal to 0 \(got -1\)"),
         ("lights.0.reference_distance_mm=0", r"lights\.0\.reference_distance_mm: .*greater than 0"),
-        ("lights.0.direction=[0, 0, 1]", r"lights\.0: give either direction or target_mm"),
-        ("lights.0.target_mm=null", r"lights\.0: give either direction or target_mm"),
-        ("lights.0.target_mm=[0, -80, 400]", r"lights\.0: target_mm must not be the lamp's own position"),
+        ("lights.0.direction=[0, 0, 1]", r"lights\.0: specify either direction or target_mm"),
+        ("lights.0.target_mm=null", r"lights\.0: specify either direction or target_mm"),
+        ("lights.0.target_mm=[0, -80, 400]", r"lights\.0: target_mm must differ from position_mm"),
         ("lights.0.outer_angle_deg=181", r"lights\.0\.outer_angle_deg: .*less than or equal to 180"),
         ("lights.0.colour=red", r"lights\.0\.colour: unknown key"),
         ("lights.0.kind=laser", r"lights\.0: .*'laser'.*'directional', 'point', 'spot'"),
@@ -78,7 +78,7 @@ def test_brightness() -> None:
 
 def test_brightness_must_stay_positive() -> None:
     scene = lit(drift_per_frame=-0.25)
-    with pytest.raises(st.SceneError, match=r"lighting\.drift_per_frame: makes the brightness 0 at frame 4"):
+    with pytest.raises(st.SceneError, match=r"lighting\.drift_per_frame: brightness is 0 at frame 4"):
         check_scene(scene, build_scene(scene))
 
 

@@ -50,14 +50,14 @@ def test_yaml_and_python_are_equal(tmp_path: Path) -> None:
         ("camera.focal_length_px=.nan", r"camera\.focal_length_px: .*finite"),
         ("stage.baseline_mm=0", r"stage\.baseline_mm: must not be zero"),
         ("frames.count=0", r"frames\.count: .*greater than or equal to 1"),
-        ("objects=[]", r"plants: a scene needs at least one object or plant"),
+        ("objects=[]", r"plants: a scene requires at least one object or plant"),
         ("objects.0.mesh.size_mm=[49, 49]", r"objects\.0\.mesh\.size_mm\.2: is missing"),
         ("objects.0.mesh.size_mm=[49, -49, 49]", r"objects\.0\.mesh\.size_mm\.1: .*greater than 0 \(got -49\)"),
         ("objects.0.mesh.kind=ball", r"objects\.0\.mesh: .*'ball'.*'box', 'cylinder', 'file'"),
         ("objects.0.texture.wavelength_mm=[4, 1]", r"wavelength_mm: must be \(shortest, longest\)"),
         ("objects.0.texture.mean=0.9", r"mean ± 3 rms_contrast mean must stay within \[0, 1\]"),
         ("objects.0.pose.rotations.0.axis=[0, 0, 0]", r"axis: must not be the zero vector"),
-        ("sensor=idal", r"sensor: must be 'ideal', or a mapping of kind gaussian.*\(got 'idal'\)"),
+        ("sensor=idal", r"sensor: must be 'ideal', or a mapping with `kind` gaussian.*\(got 'idal'\)"),
         ("sensor.noise_std=-0.1", r"sensor\.noise_std: .*greater than or equal to 0"),
         ("render.backend=povray", r"render\.backend: .*'pyrender'.*'povray'"),
         ("estimate.window_taps_px=24", r"estimate\.window_taps_px: must be odd"),
@@ -116,8 +116,8 @@ def test_overrides_reach_into_lists_and_new_sections() -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("camera.width", "must read path=value"),
-        ("=3", "must read path=value"),
+        ("camera.width", "must have the form path=value"),
+        ("=3", "must have the form path=value"),
         ("objects.7.name=x", "'objects' is a list of 1; '7' is not an index of it"),
         ("objects.name=x", "is not an index of it"),
         ("camera.width.more=1", "'camera.width' is 640 and has no fields"),
@@ -174,7 +174,7 @@ def test_relative_paths_count_from_the_scene_file(tmp_path: Path) -> None:
 
 def test_a_later_format_is_refused() -> None:
     assert cube(format=1).format == 1
-    with pytest.raises(st.SceneError, match=r"format: is a format .* that this scenetruth does not read; it reads 1"):
+    with pytest.raises(st.SceneError, match=r"format: unsupported format .*; this scenetruth version reads format 1"):
         cube(format=2)
 
 

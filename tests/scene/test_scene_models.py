@@ -69,25 +69,25 @@ def test_numbers_without_measure_are_refused_by_their_fields(path: str, value: f
 @pytest.mark.parametrize("path", ["frames__frame_interval_s", "sensor"])
 def test_numbers_that_get_lost_are_refused(path: str, value: float) -> None:
     given = {"full_scale_radiance": value} if path == "sensor" else value
-    refuse(changed(**{path: given}), "must be at least 1e-12: smaller numbers get lost")
+    refuse(changed(**{path: given}), "must be at least 1e-12: smaller numbers are lost in rounding")
 
 
 @pytest.mark.parametrize(
     ("plain", "message"),
     [
-        (changed(camera__focal_length_px=1e10), "focal length must be 0.001 to 1e.09 px"),
+        (changed(camera__focal_length_px=1e10), "focal length must be between 0.001 and 1e.09 px"),
         (
             changed(camera__focal_length_px=None, camera__focal_length_mm=1e12, camera__pixel_pitch_um=1e-12),
-            "focal length must be 0.001 to 1e.09 px .got 1e.27 px",
+            "focal length must be between 0.001 and 1e.09 px .got 1e.27 px",
         ),
         (changed(objects__0__pose={"rotations": [{"axis": [1e-200, 0, 0], "angle_deg": 1}]}), "axis: must have a comp"),
         (
             changed(objects__0__mesh={"kind": "cylinder", "radius_mm": 1e12, "length_mm": 1e-12, "resolution_mm": 1}),
-            r"resolution_mm: would make about .* triangles",
+            r"resolution_mm: gives about .* triangles",
         ),
         (
             changed(objects__0__motion=[{"kind": "velocity", "velocity_mm_per_frame": [1e10, 0, 0]}]),
-            r"objects\.0\.motion: 'cube' is out of all bounds at frame -1",
+            r"objects\.0\.motion: 'cube' exceeds the coordinate range at frame -1",
         ),
         (
             changed(
@@ -95,7 +95,7 @@ def test_numbers_that_get_lost_are_refused(path: str, value: float) -> None:
                     *({"kind": "exponential", "direction": [0, 0, 1], "amplitude_mm": 1, "time_constant_frames": 1e-6},)
                 ]
             ),
-            r"objects\.0\.motion: 'cube' is out of all bounds at frame 1",
+            r"objects\.0\.motion: 'cube' exceeds the coordinate range at frame 1",
         ),
         (
             changed(objects__0__deformation=[{"kind": "growth", "rate_per_hour": 1e9}]),
@@ -113,24 +113,24 @@ def test_numbers_that_get_lost_are_refused(path: str, value: float) -> None:
                 },
                 frames__count=100,
             ),
-            r"lighting\.lights\.0\.motion: moves the light",
+            r"lighting\.lights\.0\.motion: position or direction of the light overflows",
         ),
         (
             changed(objects__0__texture={"kind": "noise", "wavelength_mm": [9.0, 9.0001]}),
-            r"texture\.wavelength_mm: is so narrow a band that no wave of it fits",
+            r"texture\.wavelength_mm: no wave of the band fits",
         ),
         (leaf(petiole={"length_mm": 1e6, "diameter_mm": 1}), r"petiole: length_mm must not exceed 10 times"),
-        (leaf(speckle_size_mm=1e6), r"texture\.speckle_size_mm: lays .* dots over each other"),
+        (leaf(speckle_size_mm=1e6), r"texture\.speckle_size_mm: gives .* overlapping dots"),
         (
             leaf(length_mm=1e5, resolution_mm=2e3, mottling_wavelength_mm=[1e4, 2e4], texels_per_mm=0.001),
-            r"texture\.speckle_density_per_mm2: would make .* dots",
+            r"texture\.speckle_density_per_mm2: gives .* dots",
         ),
         (leaf(tertiary_spacing_mm=1e-6), r"texture\.tertiary_spacing_mm: is less than a texel"),
         (changed(estimate__window_taps_px=10**15 + 1), r"estimate\.window_taps_px: .*less than or equal to 1001"),
         (changed(score__growth_window_px=1e9), r"score\.growth_window_px: .*less than or equal to 1000"),
         (changed(seed=2**63), "seed: does not fit into 64 bits"),
         (changed(seed=-1), "seed: .*greater than or equal to 0"),
-        (changed(objects__0__name="a\nb"), r"objects\.0\.name: must hold printable characters only"),
+        (changed(objects__0__name="a\nb"), r"objects\.0\.name: must contain printable characters only"),
     ],
 )
 def test_what_leads_to_no_scene_is_refused(plain: dict[str, Any], message: str) -> None:
@@ -153,7 +153,7 @@ def test_light_from_where_the_lens_folds_is_told_before_rendering() -> None:
     camera = {"width": 60, "height": 60, "focal_length_px": 100, "distortion": {"k1": -0.5}}
     st.Scene.from_dict(changed(camera=camera))
     plain = changed(camera=camera, optics={"psf": {"kind": "gaussian", "sigma_px": 5.0}})
-    refuse(plain, r"optics\.psf: spreads light from around the image, where distortion folds the image")
+    refuse(plain, r"optics\.psf: includes light from outside the image, where distortion is not invertible")
 
 
 def test_refined_cameras_may_be_larger_than_those_of_scenes() -> None:

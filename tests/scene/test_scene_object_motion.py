@@ -51,15 +51,15 @@ GROWTH = {"kind": "growth", "rate_per_hour": 0.03}
             "front_mm",
             r"self-intersecting unrolling: the radius falls to zero within 60 mm, but 78 mm .*at t = -4",
         ),
-        (ROLL | {"length_mm": 30, "front_mm": 10}, "length_mm", r"is less than where the mesh ends, 40 mm"),
+        (ROLL | {"length_mm": 30, "front_mm": 10}, "length_mm", r"is less than the end of the mesh, 40 mm"),
         (GROWTH | {"rate_per_hour": 6}, "rate_per_hour", r"grows or shrinks by a factor of exp\(24\)"),
         (GROWTH | {"rate_per_hour": -6}, "rate_per_hour", r"grows or shrinks by a factor of exp\(24\)"),
-        (GROWTH | {"base_to_tip": [1, 2], "tip_mm": -5}, "tip_mm", "growth has no length to change over"),
-        ({"kind": "star", "amplitude_mm": 3, "period_mm": [7, 9]}, "", r"turns \d+ of 192 triangles inside out"),
+        (GROWTH | {"base_to_tip": [1, 2], "tip_mm": -5}, "tip_mm", "base and tip coincide"),
+        ({"kind": "star", "amplitude_mm": 3, "period_mm": [7, 9]}, "", r"inverts or collapses \d+ of 192 triangles"),
         (
             {"kind": "bending", "angle_deg": 500, "length_mm": 30},
             "angle_deg",
-            r"bends the sheet by 500 degrees, into itself",
+            r"bends the sheet by 500 degrees, which self-intersects",
         ),
     ],
 )
@@ -77,7 +77,7 @@ def test_sheets_too_far_from_their_plane_cannot_be_bent_or_rolled(leaf: Path) ->
     roll = ROLL | {"radius_mm": 12, "front_mm": 0}
     for deformation, message in (
         (bend, r"deformation\.1\.angle_deg: the radius of the bend, 4\.91"),
-        (roll, r"deformation\.1\.radius_mm: self-intersecting unrolling: the sheet reaches over 20\.78"),
+        (roll, r"deformation\.1\.radius_mm: self-intersecting unrolling: the sheet extends over 20\.78"),
     ):
         with pytest.raises(st.SceneError, match=message):
             build_scene(scene(leaf, deformation=[hinge, deformation]))
@@ -87,13 +87,13 @@ def test_growth_may_not_turn_triangles_inside_out(leaf: Path) -> None:
     """The edges of a strip grow apart from its middle, and turn round by 5.9 rad; two triangles cannot follow that."""
     steep = GROWTH | {"rate_per_hour": 1, "base_to_tip": [-4.9, 4.9]}
     build_scene(scene(leaf, deformation=[steep]))
-    with pytest.raises(st.SceneError, match=r"deformation\.0: turns \d of 2 triangles inside out, or shrinks"):
+    with pytest.raises(st.SceneError, match=r"deformation\.0: inverts or collapses \d of 2 triangles"):
         build_scene(scene(leaf, deformation=[steep], mesh={"kind": "plane", "size_mm": [40, 24]}))
 
 
 def test_growth_may_not_outgrow_a_roll(leaf: Path) -> None:
     rolled = ROLL | {"front_mm": 20}
-    with pytest.raises(st.SceneError, match=r"deformation\.1\.length_mm: is less than where the mesh ends, 40\.6"):
+    with pytest.raises(st.SceneError, match=r"deformation\.1\.length_mm: is less than the end of the mesh, 40\.6"):
         build_scene(scene(leaf, deformation=[GROWTH, rolled]))
     build_scene(scene(leaf, deformation=[GROWTH, rolled | {"length_mm": 43}]))
 
@@ -138,7 +138,7 @@ def test_presets_per_frame_ask_for_one_frame_a_minute(leaf: Path, interval: floa
         build_scene(made)
         return
     with pytest.raises(
-        st.SceneError, match=r"is a rate at one frame a minute, but frames\.frame_interval_s is 30"
+        st.SceneError, match=r"requires one frame per minute, but frames\.frame_interval_s is 30"
     ) as caught:
         build_scene(made)
     assert [problem.path for problem in caught.value.problems] == [
@@ -155,7 +155,7 @@ KEYS: dict[str, Any] = {"kind": "keyframes", "times_frames": [0, 1, 2], "positio
     [
         (
             {"motion": [KEYS | {"times_frames": [0, 2, 1]}]},
-            r"motion\.0\.times_frames: .*keyframes must be in order.*1 after 2",
+            r"motion\.0\.times_frames: .*keyframe times must be increasing.*1 after 2",
         ),
         ({"motion": [KEYS | {"times_frames": [0]}]}, r"motion\.0\.times_frames: .*at least two keyframes"),
         (
@@ -166,7 +166,10 @@ KEYS: dict[str, Any] = {"kind": "keyframes", "times_frames": [0, 1, 2], "positio
             {"motion": [KEYS | {"rotations_deg": [[0, 0, 0]] * 4}]},
             r"motion\.0\.rotations_deg: .*one entry for each of times_frames: 4 for 3",
         ),
-        ({"motion": [KEYS | {"positions_mm": None}]}, r"motion\.0\.rotations_deg: .*need positions_mm, rotations_deg"),
+        (
+            {"motion": [KEYS | {"positions_mm": None}]},
+            r"motion\.0\.rotations_deg: .*require positions_mm, rotations_deg",
+        ),
         ({"motion": [{"kind": "turn", "axis": [0, 0, 0], "angle_deg": 1}]}, r"motion\.0\.axis: .*zero vector"),
         ({"motion": [{"kind": "shift", "direction": [0, 0, 0], "distance_mm": 1}]}, r"direction: .*zero vector"),
         ({"motion": [{"kind": "shift", "preset": "leaf_tilt", "direction": [0, 0, 1]}]}, r"motion\.0\.preset"),
@@ -191,7 +194,10 @@ KEYS: dict[str, Any] = {"kind": "keyframes", "times_frames": [0, 1, 2], "positio
         ),
         ({"deformation": [GROWTH | {"base_mm": 3, "tip_mm": 2}]}, r"deformation\.0\.tip_mm: .*larger than base_mm, 3"),
         ({"deformation": [GROWTH | {"along_share": 2.2}]}, r"deformation\.0\.along_share"),
-        ({"deformation": [GROWTH | {"solid": True, "along_share": 0.5}]}, r"deformation\.0\.solid: .*grows alike"),
+        (
+            {"deformation": [GROWTH | {"solid": True, "along_share": 0.5}]},
+            r"deformation\.0\.solid: .*uniform and isotropic",
+        ),
         ({"deformation": [{"kind": "growth"}]}, r"deformation\.0\.rate_per_hour"),
         ({"deformation": [{"kind": "growth", "preset": "weed"}]}, r"deformation\.0\.preset"),
         (
@@ -204,7 +210,7 @@ KEYS: dict[str, Any] = {"kind": "keyframes", "times_frames": [0, 1, 2], "positio
         ),
         (
             {"deformation": [ROLL | {"front_mm": {"kind": "keyframes", "times_frames": [3, 1], "values": [0, 1]}}]},
-            r"deformation\.0\.front_mm.*keyframes must be in order",
+            r"deformation\.0\.front_mm.*keyframe times must be increasing",
         ),
         ({"deformation": [{"kind": "star", "amplitude_mm": 1, "period_mm": [0, 3]}]}, r"deformation\.0\.period_mm"),
     ],

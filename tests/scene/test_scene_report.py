@@ -33,14 +33,14 @@ def test_a_scene_is_a_table() -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({}, "unlit: radiance is the textures&#x27;"),
+        ({}, "unlit: radiance equals the texture"),
         ({"sensor": "ideal"}, "<td>ideal</td>"),
         ({"sensor": {"kind": "emva1288", "preset": "ccd_2002"}}, "<td>emva1288; ccd_2002; 12 bits</td>"),
         (
             {"sensor": {"kind": "chain", "effects": [{"kind": "full_scale"}]}},
             "<td>chain; full_scale</td>",
         ),
-        ({"stage": {"positions_mm": [-4, 0, 6], "baseline_mm": 5}}, "3 positions, 5 mm apart in the mean"),
+        ({"stage": {"positions_mm": [-4, 0, 6], "baseline_mm": 5}}, "3 positions, 5 mm apart on average"),
         ({}, "box; texture noise; motion velocity"),
     ],
 )

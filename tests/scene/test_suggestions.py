@@ -31,20 +31,20 @@ def message_of(override: str) -> str:
         ("widht=3", "did you mean 'camera.width'?"),
         ("camera.seed=5", "did you mean 'seed' at the top level?"),
         ("camera.positions=5", "did you mean 'stage.positions'?"),
-        ("camera.noise_std=1", "did you mean 'estimate.noise_std' or 'sensor.noise_std' of kind gaussian?"),
+        ("camera.noise_std=1", "did you mean 'estimate.noise_std' or 'sensor.noise_std' of `kind` gaussian?"),
         ("objects.0.position_mm=[0, 0, 1]", "did you mean 'objects.0.pose.position_mm'?"),
         (
             "objects.0.texture.size_mm=[1, 2]",
-            "did you mean 'objects.0.mesh.size_mm' of kind box, plane, relief or saddle?",
+            "did you mean 'objects.0.mesh.size_mm' of `kind` box, plane, relief or saddle?",
         ),
-        ("size_mm=3", "did you mean 'objects.N.mesh.size_mm' of kind box, plane, relief or saddle?"),
+        ("size_mm=3", "did you mean 'objects.N.mesh.size_mm' of `kind` box, plane, relief or saddle?"),
         (
             "objects.0.mesh.cap_deg=3",
-            "it belongs to kind sphere; known here: kind, size_mm",
+            "it belongs to `kind` sphere; valid keys: kind, size_mm",
         ),
-        ("sensor.gain=3", "did you mean 'sensor.gain_dn_per_e' of kind emva1288?"),
+        ("sensor.gain=3", "did you mean 'sensor.gain_dn_per_e' of `kind` emva1288?"),
         ("estimate.interior_margin_px=3", "did you mean 'score.interior_margin_px'?"),
-        ("frames.nonsense=1", "known here: count, frame_interval_s"),
+        ("frames.nonsense=1", "valid keys: count, frame_interval_s"),
         ("render.backend=raycst", "did you mean 'raycast'?"),
         ("estimate.divergence=papr", "did you mean 'paper'?"),
         ("shutter.samples=auo", "input should be a valid integer or 'auto'; did you mean 'auto'?"),
@@ -52,7 +52,7 @@ def message_of(override: str) -> str:
         ("sensor=idal", "did you mean 'ideal'?"),
         ("sensor.kind=emva", "did you mean 'emva1288'?"),
         ("objects.0.mesh.kind=bx", "did you mean 'box'?"),
-        ("optics.psf={sigma_px: 2}", "needs a kind, one of 'airy', 'gaussian'"),
+        ("optics.psf={sigma_px: 2}", "requires `kind`, one of 'airy', 'gaussian'"),
         ("sensor={kind: chain, effects: [{kind: gamma, gama: 3}]}", "is missing"),
     ],
 )
@@ -74,7 +74,7 @@ def test_what_seems_missing_is_first_told_under_the_name_it_has(wrong: str, righ
     assert first.message == f"unknown key; did you mean '{right}'?"
     # Nothing was given there, so nothing is shown.
     assert [str(other) for other in others] == [
-        "camera: is missing" if right == "camera" else "plants: a scene needs at least one object or plant"
+        "camera: is missing" if right == "camera" else "plants: a scene requires at least one object or plant"
     ]
 
 
@@ -92,7 +92,7 @@ PLACES = [
 
 @pytest.mark.parametrize("place", PLACES, ids=str)
 def test_no_key_is_suggested_to_itself(place: tuple[str | int, ...]) -> None:
-    here = suggest_key((*place, "qqqqqq")).removeprefix("; known here: ").split(", ")
+    here = suggest_key((*place, "qqqqqq")).removeprefix("; valid keys: ").split(", ")
     path = ".".join(str(part) for part in place if part not in ("box", "turn", "gaussian", "rosette"))
     elsewhere = sorted(collect_keys() - set(here))
     assert "kind" in here or "kind" in elsewhere

@@ -143,7 +143,7 @@ def test_parts_that_are_no_data_sets() -> None:
             st.write_report(estimate, recording=recording, output="unused", **more)
     with pytest.raises(st.ScoreError, match=r"must be an xarray\.Dataset"):
         st.compute_growth_rate(None)  # type: ignore[arg-type]
-    with pytest.raises(st.SceneError, match="must be given by its path"):
+    with pytest.raises(st.SceneError, match="must be a file path"):
         st.track_points(None, found, [0])  # type: ignore[arg-type]
 
 

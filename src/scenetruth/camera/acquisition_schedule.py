@@ -41,11 +41,7 @@ class Viewpoint:
         return replace(self, position_mm=self.position_mm + np.asarray(offset_mm, dtype=np.float64), shear=shear)
 
     def to_camera(self, points_mm: ArrayLike) -> NDArray[np.float64]:
-        """Transform world points into the camera frame.
-
-        ``points_mm``: World points, shape (..., 3).
-        Returns: Points in the camera frame in mm, shape (..., 3), float64.
-        """
+        """Transform world points, shape (..., 3), into the camera frame, in mm."""
         return self.directions_to_camera(np.asarray(points_mm, dtype=np.float64) - self.position_mm)
 
     def directions_to_camera(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -90,28 +86,17 @@ class Shutter(FrozenModel):
     """Speed of the camera along X during the exposure, in mm/s; the nominal position is reached at the image time."""
 
     def row_offsets_s(self, rows: Array, height: int) -> Array:
-        """Return the exposure times of rows relative to the middle of the image.
-
-        Returns: Times in s, same shape as ``rows``; negative for the upper half of the image.
-        """
+        """Return the exposure times of rows relative to the image time in s; negative for the upper half."""
         return np.asarray((rows - (height - 1) / 2) * (self.readout_time_s / max(height - 1, 1)))
 
     def exposure_offsets_s(self, count: int) -> Array:
-        """Return the midpoints of equal subintervals of the exposure.
-
-        Returns: Times in s relative to mid-exposure, ascending, shape (count,).
-        """
+        """Return the midpoints of equal subintervals of the exposure in s relative to mid-exposure, shape (count,)."""
         return np.asarray(((np.arange(count) + 0.5) / count - 0.5) * self.exposure_time_s)
 
 
 @dataclass(frozen=True, eq=False)
 class ImageAcquisition:
-    """Time and pose of one image.
-
-    ``t``: Time in frames.
-    ``viewpoint``: Pose of the camera.
-    ``rotation_rad``: Rotation vector of the camera in the world, shape (3,): pitch about X, yaw about Y, roll about Z.
-    """
+    """Time in frames, pose, and rotation vector in rad (pitch about X, yaw about Y, roll about Z) of one image."""
 
     t: float
     viewpoint: Viewpoint
@@ -170,10 +155,7 @@ class Schedule:
         return ImageAcquisition(time, viewpoint, rotation)
 
     def offset_s(self, s: int, t: int, s_y: int = 0) -> float:
-        """Return the acquisition time of an image relative to the reference camera's image of the frame.
-
-        Returns: Time in s; negative for an earlier image.
-        """
+        """Return the acquisition time in s relative to the reference camera's image of the frame."""
         return (self.stage.number_in_scan(s, t, s_y) - self.stage.number_in_scan(0, t)) * self.stage.time_per_position_s
 
     def _turned(self, t: int, s_y: int) -> bool:

@@ -30,11 +30,7 @@ class GaussianPsf(FrozenModel):
     """Standard deviation in px."""
 
     def transfer(self, frequency_per_px: Array) -> Array:
-        """Return the modulation transfer function exp(-2 (π σ f)²).
-
-        ``frequency_per_px``: Spatial frequencies f in cycles per px, any shape.
-        Returns: Contrast from 0 to 1, same shape.
-        """
+        """Return the modulation transfer function exp(-2 (π σ f)²) at spatial frequencies f in cycles per px."""
         return np.asarray(np.exp(-2 * (np.pi * self.sigma_px * frequency_per_px) ** 2))
 
     @property

@@ -68,10 +68,7 @@ class Distortion(FrozenModel):
         return np.stack([np.stack([a, b], axis=-1), np.stack([b, d], axis=-1)], axis=-2)
 
     def undistort(self, points: Array) -> Array:
-        """Invert `distort` by Newton's method.
-
-        Returns: Undistorted positions, shape (..., 2); NaN where the distortion is not uniquely invertible.
-        """
+        """Invert `distort` by Newton's method; NaN where the distortion is not uniquely invertible."""
         given = np.asarray(points, dtype=np.float64)
         found = np.empty((given.size // 2, 2))
         for first in range(0, len(found), _BLOCK):
@@ -255,11 +252,7 @@ class Camera(FrozenModel):
         return self.model_copy(update={"height": last - first, "principal_point_px": (c_x, c_y - first)})
 
     def project(self, points_mm: ArrayLike, camera_x_mm: float = 0.0) -> NDArray[np.float64]:
-        """Project points into the image (paper eq. 3).
-
-        ``points_mm``: World points, shape (..., 3), in front of the camera (Z > 0).
-        Returns: Pixel coordinates (x, y), shape (..., 2), float64; pixel centres are integers.
-        """
+        """Project world points in front of the camera, shape (..., 3), to pixel coordinates (x, y) (paper eq. 3)."""
         points = np.asarray(points_mm, dtype=np.float64)
         c_x, c_y = self.principal_point
         z = points[..., 2]
@@ -283,10 +276,9 @@ class Camera(FrozenModel):
         return np.asarray(self.focal_px * np.einsum("nij,nj->ni", slope, rates))
 
     def ray_directions(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Return the ray direction of each pixel position, scaled to Z = 1, so that the ray parameter is depth.
+        """Return the ray directions of pixel positions, shape (..., 2), scaled to Z = 1 (the ray parameter is depth).
 
-        ``pixels``: Pixel coordinates (x, y), shape (..., 2).
-        Returns: Directions, shape (..., 3), float64; NaN where the distortion is not invertible.
+        Returns: Shape (..., 3), float64; NaN where the distortion is not invertible.
         """
         positions = np.asarray(pixels, dtype=np.float64)
         directions = np.ones((*positions.shape[:-1], 3))
@@ -294,9 +286,8 @@ class Camera(FrozenModel):
         return directions
 
     def ray_steps(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the derivatives of the ray direction per pixel to the right and down.
+        """Return the derivatives of the ray direction per pixel to the right and down at pixel positions, shape (n, 2).
 
-        ``pixels``: Pixel coordinates (x, y), shape (n, 2).
         Returns: Two arrays of shape (n, 3), or (1, 3) if constant, as for a pinhole.
         """
         count = 1 if self.distortion is None else len(pixels)

@@ -123,11 +123,7 @@ def _sort_places(places: NDArray[np.float64], side: int) -> Any:
 def bin_faces(
     boxes: NDArray[np.float64], field: NDArray[np.float64], side: int, most: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """List the faces that may touch each row of cells, in ascending order.
-
-    Returns: Face indices, row after row, empty if there are more than ``most``; and start index of each row, shape
-    (side + 1,).
-    """
+    """List the faces that may touch each row of cells (empty above ``most``); return the list and its row starts."""
     used = np.zeros((_SHARES, side), dtype=np.int64)
     least = max(_SHARES * _LEAST_SORTED // max(boxes.shape[0], 1), 1)
     in_bands(_count_faces, _SHARES, boxes, field, used, least=least)
@@ -194,11 +190,7 @@ def _reach_in_row(
     low_v: float,
     high_v: float,
 ) -> Any:
-    """Return bounds of u for rays inside a face with v in a range, with margins for rounding.
-
-    An edge function divided by the ray component along the axis is linear in u and v. All three have the same sign
-    inside.
-    """
+    """Return bounds of u for rays inside a face with v in a range, with margins for rounding."""
     largest = 1.0 + max(abs(field[LOW_U]), abs(field[HIGH_U])) + max(abs(field[LOW_V]), abs(field[HIGH_V]))
     blur = form[BLUR_X] + form[BLUR_Y] + form[BLUR_Z]
     reach_low, reach_high = np.inf, -np.inf
@@ -226,10 +218,7 @@ def scatter_hits(
     listed: NDArray[np.int32],
     row_start: NDArray[np.int64],
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the first hit of every ray, cell by cell; bit-identical to `raster_hits`.
-
-    ``directions``: Directions of the rays, shape (n, 3).
-    """
+    """Compute the first hit of every ray, cell by cell; bit-identical to `raster_hits`."""
     count = directions.shape[0]
     face = np.empty(count, dtype=np.int32)
     depth = np.empty(count, dtype=np.float64)

@@ -59,10 +59,7 @@ def contour_edges(
     crowded: NDArray[np.bool_],
     crease_cosine: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Select the edges visible as lines: boundaries, silhouettes (between a front and a back face) and sharp edges.
-
-    Returns: bool, shape (k,). Edges with more than two faces are always selected.
-    """
+    """Select boundary, silhouette and sharp edges, and edges with more than two faces; bool, shape (k,)."""
     count = edge_faces.shape[0]
     chosen = np.empty(count, dtype=np.bool_)
     in_bands(_contour_edges, count, normals, front, edge_faces, flipped, crowded, crease_cosine, chosen, least=_LEAST)
@@ -141,10 +138,7 @@ def _cuts(
     piece: float,
     out: NDArray[np.float64],
 ) -> int:
-    """Write the fractions at which a segment starts, is split and ends, unsorted; return their number.
-
-    An ``out`` of size 0 only counts them.
-    """
+    """Write the unsorted fractions at which a segment is split; return their number (``out`` of size 0 only counts)."""
     room = out.shape[0] > 0
     count = 2
     if room:

@@ -78,10 +78,7 @@ def _contour_edges(caster: RayCaster, origin_mm: NDArray[np.float64]) -> NDArray
 def _cut_at_pixels(
     start: NDArray[np.float64], end: NDArray[np.float64], camera: Camera
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Split projected segments at the pixel borders; return 1/Z, position, direction and segment of each midpoint.
-
-    With lens distortion, lines are curved and split into short pieces instead.
-    """
+    """Split segments at pixel borders (short pieces with distortion); return 1/Z, position, direction and segment."""
     from scenetruth.raycast.edge_kernels import cut_segments
 
     pinhole = camera.without_distortion()

@@ -37,10 +37,7 @@ def _meet(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
     dx: float, dy: float, dz: float,
 ) -> Any:  # fmt: skip
-    """Return whether a ray is inside a face, its depth, b1, b2, and the sine of its angle to the nearest edge.
-
-    The test evaluates three edge functions d . (p_i x p_j), as in `ray_triangle_kernels.inside`.
-    """
+    """Return whether a ray is inside a face, its depth, b1, b2, and the sine of its angle to the nearest edge."""
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
     bx, by, bz = vertices[j, 0] - origin[0], vertices[j, 1] - origin[1], vertices[j, 2] - origin[2]
@@ -248,12 +245,7 @@ def _mixed(first: float, second: float, third: float, b1: float, b2: float) -> f
 def mix_vertices(
     face: NDArray[np.int32], weights: NDArray[np.float64], faces: NDArray[np.int32], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate vertex values.
-
-    ``face``: Face index, -1 for none, shape (n,).
-    ``weights``: Barycentric coordinates of the second and third corner, shape (n, 2).
-    ``faces``: Vertex indices of the faces, shape (m, 3).
-    """
+    """Interpolate vertex values at faces, -1 for none, shape (n,), by weights of the second and third corner."""
     out = np.empty((face.shape[0], values.shape[1]), dtype=np.float64)
     in_bands(_mix_vertices, face.shape[0], face, weights, faces, values, out, least=_LEAST_MIXED)
     return out

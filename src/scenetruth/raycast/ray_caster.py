@@ -19,11 +19,7 @@ _PIECE = 1 << 20
 
 
 class EmbreeMesh:
-    """Embree acceleration structure of a mesh at one time.
-
-    ``vertices_mm``: World positions, shape (n, 3).
-    ``faces``: Vertex indices, shape (m, 3).
-    """
+    """Embree acceleration structure of a mesh at one time."""
 
     def __init__(self, vertices_mm: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -35,12 +31,7 @@ class EmbreeMesh:
         self._mesh = TriangleMesh(self._scene, (vertices_mm - self._centre).astype(np.float32), faces)
 
     def first_faces(self, starts_mm: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Return the candidate first face of each ray.
-
-        ``starts_mm``: Ray origins, shape (n, 3), or a common origin, shape (3,).
-        ``directions``: Directions of the rays, of any length, shape (n, 3).
-        Returns: Face index, -1 for none, shape (n,). Near edges it may be wrong due to float32 rounding.
-        """
+        """Return the candidate first face of rays, -1 for none; possibly wrong near edges due to float32."""
         starts = np.broadcast_to(starts_mm, directions.shape)
         faces = np.empty(len(directions), dtype=np.int32)
         for first in range(0, len(directions), _PIECE):
@@ -65,23 +56,14 @@ _MOST_LISTED = 1 << 26
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """First hits of rays.
-
-    ``face``: Face index, shape (n,), int32; -1 for none.
-    ``depth``: Ray parameter of the hit, equal to the depth Z for directions with Z = 1; NaN for none.
-    ``weights``: Barycentric coordinates of the second and third corner, shape (n, 2).
-    """
+    """First hits: face, -1 for none; ray parameter, NaN for none; weights of the second and third corner."""
 
     face: NDArray[np.int32]
     depth: NDArray[np.float64]
     weights: NDArray[np.float64]
 
     def interpolate(self, faces: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate vertex values.
-
-        ``faces``: Vertex indices of the faces, shape (m, 3).
-        ``values``: Vertex values, shape (k, ...).
-        """
+        """Interpolate vertex values, shape (k, ...), of faces, shape (m, 3)."""
         from scenetruth.raycast.hit_kernels import mix_vertices
 
         flat = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), -1)
@@ -105,11 +87,7 @@ class _Prepared(NamedTuple):
 
 
 class RayCaster:
-    """Ray caster for a mesh at one time.
-
-    ``vertices_mm``: World positions, shape (n, 3), float64.
-    ``topology``: Faces and edges of the mesh.
-    """
+    """Ray caster for a mesh at one time, with world positions in mm."""
 
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
         self.vertices_mm = np.ascontiguousarray(vertices_mm, dtype=np.float64)
@@ -128,11 +106,7 @@ class RayCaster:
         return normals
 
     def cast(self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], grid_width: int = 0) -> Hits:
-        """Compute the first hit of rays from one point.
-
-        ``origin_mm``: Common origin of the rays, shape (3,).
-        ``directions``: Directions, shape (n, 3), of any length, which is the unit of the hit depth.
-        """
+        """Compute the first hit of rays from one point; the unit of the hit depth is the length of each direction."""
         origin = np.asarray(origin_mm, dtype=np.float64)
         directions = np.ascontiguousarray(directions, dtype=np.float64)
         if len(directions) and len(self.topology.faces) <= _MOST_RASTERED:

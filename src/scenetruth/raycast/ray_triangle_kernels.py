@@ -50,10 +50,7 @@ _EDGE_ON = 1e3
 def blurs(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
 ) -> Any:  # fmt: skip
-    """Return bounds of the rounding errors of the edge functions of a face.
-
-    ``ax``, ``ay``, ``az``, ``bx``, ``by``, ``bz``, ``cx``, ``cy``, ``cz``: Corners relative to the ray origin, in mm.
-    """
+    """Return bounds of the rounding errors of a face's edge functions; corners relative to the ray origin, in mm."""
     x, y, z = max(abs(ax), abs(bx), abs(cx)), max(abs(ay), abs(by), abs(cy)), max(abs(az), abs(bz), abs(cz))
     return _ROUNDINGS * y * z, _ROUNDINGS * z * x, _ROUNDINGS * x * y
 
@@ -158,10 +155,7 @@ _ACROSS, _DOWN, _AXIS = range(3)
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def components(x: float, y: float, z: float, frame: NDArray[np.float64]) -> Any:
-    """Return the components of a vector in a frame.
-
-    ``frame``: Two transverse unit vectors and the axis as rows of a rotation, shape (3, 3).
-    """
+    """Return the components of a vector in a frame of two transverse unit vectors and the axis, shape (3, 3)."""
     across = x * frame[_ACROSS, 0] + y * frame[_ACROSS, 1] + z * frame[_ACROSS, 2]
     down = x * frame[_DOWN, 0] + y * frame[_DOWN, 1] + z * frame[_DOWN, 2]
     along = x * frame[_AXIS, 0] + y * frame[_AXIS, 1] + z * frame[_AXIS, 2]

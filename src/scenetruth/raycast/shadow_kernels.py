@@ -18,11 +18,9 @@ def meets(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, start: NDArray[np.float64],
     way: NDArray[np.float64], farthest: float,
 ) -> Any:  # fmt: skip
-    """Return whether a ray hits a face between its start and the fraction ``farthest`` of its length.
+    """Return whether a ray hits a face within a fraction of its length.
 
     Test of Möller and Trumbore (J. Graphics Tools 2, 1997).
-
-    ``start``, ``way``: Start and vector of the ray in mm, shape (3,).
     """
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ux, uy, uz = (vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2])
@@ -110,10 +108,7 @@ _CELL_MARGIN = 1e-6
 
 
 class FacesInLight(NamedTuple):
-    """Faces of a mesh in the coordinates of a parallel light, sorted into cells.
-
-    Heights are measured along the light: lower is nearer to the lamp.
-    """
+    """Faces of a mesh in cells across a parallel light; heights are along the light, lower is nearer to the lamp."""
 
     frame: NDArray[np.float64]
     """Two unit vectors across the light and its direction, as rows of a rotation."""

@@ -22,11 +22,7 @@ _CELLS_PER_FACE, _MOST_CELLS = 2, 1 << 22
 
 
 class ShadowCaster:
-    """Shadow computation for a mesh at one time that casts shadows on itself.
-
-    ``vertices_mm``: World positions, shape (n, 3), float64.
-    ``topology``: Faces and edges of the mesh.
-    """
+    """Shadow computation for a mesh at one time that casts shadows on itself; world positions in mm."""
 
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
         self.vertices_mm = np.ascontiguousarray(vertices_mm, dtype=np.float64)
@@ -47,12 +43,7 @@ class ShadowCaster:
         wanted: NDArray[np.bool_],
         to_light: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Return which points parallel light does not reach; bit-identical to `blocked`, but several times faster.
-
-        ``wanted``: Points to evaluate, shape (n,).
-        ``to_light``: Unit vector towards the light, shape (3,).
-        Returns: bool, shape (n,); False for points not evaluated.
-        """
+        """Return which wanted points parallel light does not reach; bit-identical to `blocked`, but faster."""
         from scenetruth.raycast.shadow_kernels import BLOCKED, UNSURE, parallel_shadows
 
         state = parallel_shadows(

@@ -26,8 +26,8 @@ class BackendChoice:
 def choose_renderer(scene: Scene, world: BuiltScene) -> BackendChoice:
     """Open the rendering backend of a scene, including lens and shutter.
 
-    ``auto`` selects ``pyrender`` on OSMesa, then on EGL, then ``raycast``. Scenes not supported by OpenGL (lens
-      distortion, rolling shutter) use ``raycast``.
+    The order of ``auto`` is ``pyrender`` on OSMesa, on EGL, ``raycast``. Lens distortion and rolling shutter need
+    ``raycast``.
     """
     settings = scene.render
     reason = ""

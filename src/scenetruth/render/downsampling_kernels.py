@@ -15,12 +15,7 @@ _LEAST_ROWS = 8
 
 
 def average_samples(samples: NDArray[np.float32], weights: NDArray[np.float64], out: NDArray[np.float32]) -> None:
-    """Average n x n samples per pixel in float64 and flip the image vertically.
-
-    ``samples``: Samples with rows from the bottom up (OpenGL), shape (height n, width n).
-    ``weights``: Weights along either axis of a pixel, with sum 1, shape (n,).
-    ``out``: Output with rows from the top down, shape (height, width).
-    """
+    """Average n x n samples per pixel in float64, with weights of sum 1 per axis, and flip the image vertically."""
     in_bands(_average_samples, out.shape[0], samples, weights, out, least=_LEAST_ROWS)
 
 

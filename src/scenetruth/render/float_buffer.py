@@ -57,10 +57,7 @@ class FloatBuffer:
         renderer._get_primitive_program = self._program
 
     def draw(self, scene: Any, nodes: Sequence[Any], samples: NDArray[np.float32]) -> None:
-        """Draw a scene.
-
-        ``samples``: Output of shape (height, width), rows from the bottom up.
-        """
+        """Draw a scene into samples of shape (height, width), rows from the bottom up."""
         from pyrender import RenderFlags
 
         self._samples = samples
@@ -121,10 +118,7 @@ def largest_side() -> int:
 
 
 def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two_sided: bool = False) -> Any:
-    """Return a material for meshes with texture coordinates in texels.
-
-    ``values``: Raster, shape (h, w): values for linear interpolation, or coefficients of a cubic B-spline.
-    """
+    """Return a material for texture coordinates in texels, with values or B-spline coefficients of shape (h, w)."""
     import pyrender
     from OpenGL import GL
 

@@ -25,12 +25,7 @@ _GOLDEN = (np.sqrt(5) - 1) / 2
 
 @dataclass(frozen=True)
 class DepthBand:
-    """Renderer of a band of image rows, with a margin of rows that is cropped.
-
-    ``rows``: First and last + 1 row of the subsampled image.
-    ``margin``: Number of additional rows above; the same number may follow below.
-    ``renderer``: Renderer of the band.
-    """
+    """Renderer of a band of rows of the subsampled image (first, last + 1), with a margin of rows that is cropped."""
 
     rows: tuple[int, int]
     margin: int
@@ -71,11 +66,7 @@ def motion_px(
 
 
 def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float64]:
-    """Convolve an image with a point spread function in the frequency domain (periodic, so a margin is required).
-
-    ``fine``: Mean radiance of the subpixels, shape (y, x).
-    Returns: Blurred image, shape (y, x), float64.
-    """
+    """Convolve an image of subpixels, shape (y, x), with a point spread function (periodic, needs a margin)."""
     from scipy import fft
 
     rows, columns = (fft.next_fast_len(size, real=True) for size in fine.shape)

@@ -151,10 +151,7 @@ _Part = tuple[tuple[int, int], NDArray[np.float32]]
 
 
 class _Drawing:
-    """OpenGL context with the objects of a scene, used only by the thread that creates it.
-
-    Arguments are as in `PyrenderRenderer`.
-    """
+    """OpenGL context with the objects of a scene, used only by the thread that creates it."""
 
     def __init__(self, world: BuiltScene, camera: Camera, background: float, supersampling: int) -> None:
         import pyrender
@@ -202,11 +199,7 @@ class _Drawing:
     def draw(
         self, t: float, vertices_mm: NDArray[np.float64], viewpoint: Viewpoint, place: tuple[int, int]
     ) -> NDArray[np.float32]:
-        """Draw one tile of an image.
-
-        Returns: Samples of shape (height n, width n), rows from the bottom up, float32, to be returned through
-        `take_back` after use.
-        """
+        """Return the samples of a tile, shape (height n, width n), from the bottom up, for `take_back`."""
         if self._t != t:
             self._place_world(t, vertices_mm)
         pose = np.eye(4)
@@ -275,10 +268,7 @@ def _tile_size(width: int, height: int, n: int, limit: int) -> tuple[int, int]:
 def _texels(
     uv: NDArray[np.float64], shape: tuple[int, ...], *, tiled: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the corner positions on the raster relative to an integer texel at the face centre, and that texel.
-
-    Absolute float32 positions would be precise to a few ten-thousandths of a texel only.
-    """
+    """Return corner positions relative to an integer texel at the face centre (float32 precision), and that texel."""
     size = np.array(shape[::-1])
     texels = uv * size - 0.5
     origins = np.floor(texels.mean(axis=1, keepdims=True))

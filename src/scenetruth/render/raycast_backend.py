@@ -39,10 +39,7 @@ def even_rule(count: int) -> Rule:
 
 
 def gauss_rule(count: int) -> Rule:
-    """Return Gauss-Legendre samples along one axis of a footprint, exact for polynomials of degree 2n - 1.
-
-    Returns: Positions in [-1/2, 1/2] px and weights with sum 1, shape (n,), float64.
-    """
+    """Return n Gauss-Legendre positions in [-1/2, 1/2] px and weights with sum 1, exact up to degree 2n - 1."""
     positions, weights = np.polynomial.legendre.leggauss(count)
     return positions / 2, weights / 2
 

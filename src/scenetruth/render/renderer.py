@@ -21,11 +21,7 @@ class Renderer(Protocol):
     """Backend and platform: ``pyrender (osmesa)``."""
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
-        """Render one image.
-
-        Returns: Linear radiance, shape (height, width), float32, averaged over the footprint [x ± 1/2] x [y ± 1/2] of
-        the pixel centre (x, y).
-        """
+        """Return the linear radiance, float32, averaged over the footprint [x ± 1/2] x [y ± 1/2] of each pixel."""
         ...
 
     def render_all(self, moments: Iterable[tuple[float, Viewpoint]]) -> Iterator[NDArray[np.float32]]:

@@ -140,10 +140,7 @@ class Shader:
         hits: Hits,
         mixed: NDArray[np.bool_],
     ) -> PixelLight:
-        """Return the illumination of the pixels of one image.
-
-        ``mixed``: Mixed pixels, shape (height, width).
-        """
+        """Return the illumination of the pixels of one image with mixed pixels, shape (height, width)."""
         from scenetruth.render.shading_kernels import uneven_pixels
 
         factors, state = self.factors(caster, t, origin_mm, directions, hits)

@@ -35,9 +35,9 @@ def smooth_points(
 ) -> NDArray[np.float64]:
     """Replace triangle normals by those of smooth surfaces, ``normals`` (n, 3), in place.
 
-    ``faces`` (n,) and ``weights`` (n, 2) of the second and third corner locate the points; ``corners`` and
-      ``corner_normals``, both (m, 3, 3), are given for all triangles. Corner normals are oriented to the side of
-      ``normals``, averaged by weight and normalised; where one is not finite, the triangle normal is kept.
+    Points are located by ``faces`` (n,) and ``weights`` (n, 2) of the second and third corner; ``corners`` and
+    ``corner_normals``, (m, 3, 3), are given for all triangles. Corner normals are oriented to the side of ``normals``,
+    averaged by weight and normalised; where one is not finite, the triangle normal is kept.
     Returns the origins of shadow rays, shape (n, 3): the weighted mean of the projections of the point onto the tangent
     planes of the corners, if it lies above the triangle, else the point. This avoids false shadows near the terminator
     of convex surfaces (Hanika, Hacking the shadow terminator, Ray Tracing Gems II, 2021).
@@ -201,11 +201,7 @@ def add_light(
     zone: NDArray[np.uint8],
     dark: NDArray[np.bool_],
 ) -> None:
-    """Add the irradiance of one light where it is not blocked, and its cone zone to the state numbers.
-
-    ``total``, ``state``: Irradiance and state numbers, shape (n,); modified in place.
-    ``dark``: Where the light is blocked, shape (n,).
-    """
+    """Add the irradiance of an unblocked light, and its cone zone to the state numbers, shape (n,), in place."""
     in_bands(_add_light, total.shape[0], total, state, light, zone, dark, least=_LEAST_EASY_POINTS)
 
 
@@ -222,10 +218,7 @@ def _add_light(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _joined(face: int, mixed: bool, other_face: int, other_mixed: bool) -> Any:
-    """Return whether two pixel centres lie on one smooth surface.
-
-    Arguments are scalars, because array arguments of inlined functions are reference-counted per pixel.
-    """
+    """Return whether two pixel centres lie on one smooth surface; scalars avoid reference counting of arrays."""
     if face < 0 or other_face < 0:
         return False
     return face == other_face or not (mixed or other_mixed)

@@ -1,4 +1,4 @@
-"""Scenes: shapes, textures, light and motions, and the scene files that describe them."""
+"""Scenes: shapes, textures, lighting and motion, and the scene files that define them."""
 
 from scenetruth.scene.scene_loader import Overrides, SceneLike, load_scene, read_input
 from scenetruth.scene.scene_models import Scene

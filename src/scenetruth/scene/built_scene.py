@@ -1,7 +1,4 @@
-"""A scene with its meshes, textures and motions built, which can be evaluated at any time.
-
-Deformations and motions that cannot be are refused: inverted triangles, coordinates that overflow, wrong intervals.
-"""
+"""Built scene: meshes, textures and motion of all objects, evaluated at any time and validated."""
 
 from __future__ import annotations
 
@@ -45,9 +42,9 @@ __all__ = [
 ]
 
 
-# A triangle whose area falls below this share of what it was has shrunk to nothing; float64 leaves 1e-16.
+# Relative area below which a triangle counts as vanished; float64 leaves 1e-16.
 _LEAST_AREA = 1e-9
-# Triangles that stand upright on X and Y have no sign there.
+# Relative area below which a triangle is perpendicular to the XY plane and has no sign there.
 _UPRIGHT = 1e-6
 
 
@@ -60,10 +57,7 @@ def find_motion_problems(
     faces: NDArray[np.int32],
     times: Sequence[float],
 ) -> list[Problem]:
-    """Return what is wrong with how an object is deformed and moved.
-
-    ``start``, ``maps``, ``faces``: The object's points at rest, how they move, and its faces, shape (m, 3).
-    """
+    """Return the problems of the deformation and motion of an object with initial points, map chain and faces."""
     found: dict[int, Problem] = {}
     last = max((n for n, item in enumerate(maps) if isinstance(item, DeformationStep)), default=-1)
     for t in times:
@@ -76,7 +70,7 @@ def find_motion_problems(
             field, message = item.problem(points, at)
             moved = points if field else item(points, at)
             if not field and not all(np.isfinite(coordinate).all() for coordinate in moved):
-                message = "moves points to where no number reaches; make it slower, or smaller"
+                message = "coordinates overflow; reduce the rate or the size"
             elif not field and item.entry.in_the_flat:
                 message = _inside_out(points, moved, faces)
             if message:
@@ -88,37 +82,35 @@ def find_motion_problems(
 
 
 def _inside_out(before: Points, after: Points, faces: NDArray[np.int32]) -> str:
-    """Say how many triangles a map along X and Y inverts or makes vanish, or return nothing."""
+    """Return a message if a map in X and Y inverts or collapses triangles, else an empty string."""
     one, other = _areas(before, faces), _areas(after, faces)
     sides = [_extent(np.broadcast_to(field, before[0].shape), faces) for field in before]
     flat = np.abs(one) > _UPRIGHT * np.max(sides, axis=0) ** 2
     bad = flat & ~(other * np.sign(one) > _LEAST_AREA * np.abs(one))
     count = int(np.count_nonzero(bad))
-    return f"turns {count} of {len(faces)} triangles inside out, or shrinks them to nothing" if count else ""
+    return f"inverts or collapses {count} of {len(faces)} triangles" if count else ""
 
 
 def _extent(field: Any, faces: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return by how much a coordinate differs within each face; `numpy.ptp` takes several times as long for three."""
+    """Return the range of a coordinate within each face, several times faster than `numpy.ptp`."""
     a, b, c = (field[faces[:, corner]] for corner in range(3))
     extent: NDArray[np.float64] = np.maximum(np.maximum(a, b), c) - np.minimum(np.minimum(a, b), c)
     return extent
 
 
 def _areas(points: Points, faces: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return twice the signed areas along X and Y."""
+    """Return twice the signed areas in the XY plane."""
     x, y = (np.asarray(field)[faces] for field in points[:2])
     areas: NDArray[np.float64] = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
     return areas
 
 
 def _clock_problems(scene: Scene, where: str, item: SceneObject) -> list[Problem]:
-    """Return which presets, made for one frame a minute, are used at another interval."""
+    """Return the presets that require one frame per minute but are used at another interval."""
     interval: Any = scene.frames.frame_interval_s
     if interval == FRAME_INTERVAL_S:
         return []
-    message = (
-        f"is a rate at one frame a minute, but frames.frame_interval_s is {interval:g}: make that 60, or give a rate"
-    )
+    message = f"requires one frame per minute, but frames.frame_interval_s is {interval:g}: use 60 or specify a rate"
     return [
         Problem(f"{where}.motion.{number}.preset", message, preset)
         for number, motion in enumerate(item.motion)
@@ -126,22 +118,19 @@ def _clock_problems(scene: Scene, where: str, item: SceneObject) -> list[Problem
     ]
 
 
-# Snapshots that a world keeps.
+# Number of cached snapshots.
 _SNAPSHOT_COUNT = 2
 
 
 @dataclass(frozen=True, eq=False)
 class SceneBody:
-    """One object of the world.
+    """One object of a built scene.
 
-    ``name``: Its name in the scene.
-    ``mesh``: Its mesh.
-    ``start``: Where its points are before anything moves them.
+    ``name``: Name in the scene.
+    ``start``: Reference configuration of the points.
     ``uv``: Texture coordinates at the corners, shape (m, 3, 2).
-    ``texture``: What is painted on it.
-    ``maps``: How it is deformed, placed and moved, first applied first.
-    ``uv_back``: Texture coordinates for whoever sees a face from behind, shape (m, 3, 2); None if both sides show the
-      same.
+    ``maps``: Deformation, pose and motion, in order of application.
+    ``uv_back``: Texture coordinates for the back of faces, shape (m, 3, 2); None if both sides are the same.
     """
 
     name: str
@@ -163,13 +152,13 @@ class SceneBody:
         return self.at(0.0).positions_mm
 
     def at(self, t: float) -> MovedPoints:
-        """Return all vertices with their velocities and accelerations at time t (in frames)."""
+        """Return position, velocity and acceleration of all vertices at time t (in frames)."""
         time = Jet.variable(np.array([float(t)]), 0, 1)
         points = self.start.at(time)
         return to_moved_points(apply(self.maps, points, time), len(points[0]))
 
     def positions_at(self, t: float) -> NDArray[np.float64]:
-        """Return where all vertices are at time t, shape (n, 3): as `at`, without velocities and compiled code."""
+        """Return the vertex positions at time t, shape (n, 3), without velocities and compiled code."""
         time = np.array([float(t)])
         points = self.start.at(time)
         for item in self.maps:
@@ -177,7 +166,7 @@ class SceneBody:
         return np.column_stack([np.broadcast_to(field, self.mesh.vertices_mm.shape[:1]) for field in points])
 
     def surface_at(self, t: float) -> NDArray[np.float64]:
-        """Return the tensors of motion and form of all surface points at time t; see `surface_tensors`."""
+        """Return the motion and shape tensors of all surface points at time t, see `surface_tensors`."""
         from scenetruth.scene.surface_tensor_kernels import surface_tensors
 
         time = Jet.variable(np.array([float(t)]), 0, 3)
@@ -190,12 +179,12 @@ class SceneBody:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """All vertices of the world at one time.
+    """All vertices of a scene at one time.
 
     ``t``: Time in frames.
     ``vertices_mm``: World positions, shape (n, 3), float64.
-    ``velocities``: Their velocities in mm per frame, shape (n, 3), float64.
-    ``accelerations``: Their accelerations in mm per frame squared, shape (n, 3), float64.
+    ``velocities``: Velocities in mm per frame, shape (n, 3), float64.
+    ``accelerations``: Accelerations in mm per frame squared, shape (n, 3), float64.
     """
 
     t: float
@@ -206,23 +195,23 @@ class Snapshot:
 
 @dataclass(frozen=True, eq=False)
 class BuiltScene:
-    """All objects of a scene, as one list of vertices and one of faces."""
+    """All objects of a scene with concatenated vertices and faces."""
 
     bodies: tuple[SceneBody, ...]
 
     @cached_property
     def vertex_offsets(self) -> NDArray[np.int64]:
-        """First vertex of every body in the common list, and the total count."""
+        """Index of the first vertex of every body, and the total count."""
         return np.cumsum([0, *(len(body.vertices_mm) for body in self.bodies)])
 
     @cached_property
     def face_offsets(self) -> NDArray[np.int64]:
-        """First face of every body in the common list, and the total count."""
+        """Index of the first face of every body, and the total count."""
         return np.cumsum([0, *(len(body.faces) for body in self.bodies)])
 
     @cached_property
     def faces(self) -> NDArray[np.int32]:
-        """Vertex indices of all faces in the common list, shape (m, 3)."""
+        """Vertex indices of all faces, shape (m, 3)."""
         parts = [body.faces + offset for body, offset in zip(self.bodies, self.vertex_offsets, strict=False)]
         return np.concatenate(parts).astype(np.int32)
 
@@ -233,35 +222,35 @@ class BuiltScene:
 
     @cached_property
     def image_uv(self) -> NDArray[np.float64]:
-        """Coordinates for image textures at the corners of all faces, shape (m, 3, 2); NaN where a mesh has none."""
+        """Image-texture coordinates at the corners of all faces, shape (m, 3, 2); NaN for meshes without."""
         parts = [body.mesh for body in self.bodies]
         return np.concatenate([np.full(mesh.chart_mm.shape, np.nan) if mesh.uv is None else mesh.uv for mesh in parts])
 
     @cached_property
     def chart_mm(self) -> NDArray[np.float64]:
-        """Coordinates on the surface in mm at the corners of all faces, shape (m, 3, 2)."""
+        """Material coordinates in mm at the corners of all faces, shape (m, 3, 2)."""
         return np.concatenate([body.mesh.chart_mm for body in self.bodies])
 
     @cached_property
     def uv_back(self) -> NDArray[np.float64]:
-        """Those for whoever sees a face from behind, shape (m, 3, 2); ``uv`` itself if all bodies show it there too."""
+        """Texture coordinates for the back of all faces, shape (m, 3, 2); ``uv`` if both sides are the same."""
         if all(body.uv_back is None for body in self.bodies):
             return self.uv
         return np.concatenate([body.uv if body.uv_back is None else body.uv_back for body in self.bodies])
 
     @cached_property
     def crease_deg(self) -> NDArray[np.float64]:
-        """The angle at every side of every face above which it is an edge of the object, shape (m, 3)."""
+        """Crease angle at every side of every face, shape (m, 3)."""
         return np.concatenate([np.broadcast_to(body.mesh.crease_deg, body.faces.shape) for body in self.bodies])
 
     @cached_property
     def face_body(self) -> NDArray[np.int32]:
-        """Index of the body that every face belongs to, shape (m,)."""
+        """Body index of every face, shape (m,)."""
         return np.repeat(np.arange(len(self.bodies), dtype=np.int32), np.diff(self.face_offsets))
 
     @cached_property
     def surface_corners(self) -> NDArray[np.int32]:
-        """The surface point of `surface_at` at every corner of every face, shape (m, 3)."""
+        """Index of the surface point (`surface_at`) at every face corner, shape (m, 3)."""
         counts = [int(body.start.corners.max()) + 1 for body in self.bodies]
         offsets = np.cumsum([0, *counts[:-1]])
         parts = [body.start.corners + offset for body, offset in zip(self.bodies, offsets, strict=True)]
@@ -269,14 +258,11 @@ class BuiltScene:
 
     @cached_property
     def face_smooth(self) -> NDArray[np.bool_]:
-        """Whether light falls on the smooth surface that a face stands for, shape (m,); see `TriangleMesh.smooth`."""
+        """Whether a face is shaded as part of a smooth surface, shape (m,); see `TriangleMesh.smooth`."""
         return np.repeat([body.mesh.smooth for body in self.bodies], np.diff(self.face_offsets))
 
     def corner_normals_at(self, t: float) -> NDArray[np.float64]:
-        """Return unit normals of smooth surfaces at the corners of all faces at time t, shape (m, 3, 3).
-
-        Of either sense; NaN for flat faces.
-        """
+        """Return smooth-surface normals at all face corners at time t, (m, 3, 3), sign arbitrary; NaN if flat."""
         return np.concatenate(
             [
                 corner_normals(body.mesh, body.start, body.maps, t)
@@ -287,9 +273,9 @@ class BuiltScene:
         )
 
     def at(self, t: float) -> Snapshot:
-        """Return all vertices with their velocities and accelerations at time t (in frames).
+        """Return position, velocity and acceleration of all vertices at time t (in frames).
 
-        The last ones are kept: renderers and truth ask for the same time one after the other. Nobody changes them.
+        Recent snapshots are cached and must not be modified.
         """
         found = self._recent.get(t)
         if found is None:
@@ -307,22 +293,22 @@ class BuiltScene:
 
     @cached_property
     def _recent(self) -> dict[float, Snapshot]:
-        """The last snapshots by their times, oldest first."""
+        """Cached snapshots by time, oldest first."""
         return {}
 
     def surface_at(self, t: float) -> NDArray[np.float64]:
-        """Return the tensors of motion and form of all surface points at time t, shape (k, 18): `surface_tensors`."""
+        """Return the motion and shape tensors of all surface points at time t, shape (k, 18), see `surface_tensors`."""
         return np.concatenate([body.surface_at(t) for body in self.bodies])
 
 
 def build_scene(
     scene: Scene, folder: Path = Path(), *, painted: bool = True, meshes: Mapping[str, TriangleMesh] | None = None
 ) -> BuiltScene:
-    """Make meshes, textures and motions of a scene; ``meshes``, by names of objects, replace those it describes."""
+    """Build meshes, textures and motions of a scene; ``meshes``, by names of objects, replace those it describes."""
     bodies: list[SceneBody] = []
     problems: list[Problem] = []
     for path, item in scene.parts:
-        # What overflows is found, and told of, by the checks.
+        # Overflow is detected and reported by the checks.
         with np.errstate(all="ignore"):
             _build(scene, path, item, folder, painted, meshes or {}, bodies, problems)
     if problems:
@@ -331,10 +317,7 @@ def build_scene(
 
 
 def add_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> list[Problem]:
-    """Return problems, and besides them every file of a scene's objects that is missing and not among them.
-
-    Of what is wrong with an object, the first that was met says nothing of its other files.
-    """
+    """Return the problems and all further missing files of the objects."""
     told = {problem.path for problem in problems}
     files = [
         (f"{path}.{where}", folder / file) for path, item in scene.parts for where, file in collect_input_files(item)
@@ -353,7 +336,7 @@ def _build(
     bodies: list[SceneBody],
     problems: list[Problem],
 ) -> None:
-    """Add the body of one object, or the problems that it has."""
+    """Append the body of one object, or its problems."""
     part = "mesh"
     try:
         mesh = meshes.get(item.name) or item.mesh.make(folder)
@@ -379,10 +362,7 @@ def _build(
 
 
 def make_point_maps(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> list[PointMap]:
-    """Return how an object is deformed, placed and moved, first applied first.
-
-    What grows in the flat of a sheet comes before the shape of the sheet, all other deformations after it.
-    """
+    """Return the deformations (in-plane growth before sheet shape), pose and motions of an object, in order."""
     x = mesh.vertices_mm[:, 0] if mesh.material_mm is None else mesh.material_mm[:, 0]
     around = Surroundings((float(x.min()), float(x.max())), frame_interval_s)
     steps = [

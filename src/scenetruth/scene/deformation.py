@@ -1,4 +1,4 @@
-"""Deformations in the frame of an object: the model that all share, every type of them, and the union of all types."""
+"""Deformations in the object frame: base model, built-in types, and their union."""
 
 from __future__ import annotations
 
@@ -36,54 +36,46 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What deformations must know of their object and of the scene.
-
-    ``extent_mm``: Least and largest X of the mesh, of a sheet in the flat, mm.
-    ``frame_interval_s``: Time between frames in seconds.
-    """
+    """Context of a deformation: smallest and largest X of the (flat) mesh in mm, and frame interval in s."""
 
     extent_mm: tuple[float, float]
     frame_interval_s: float
 
     @property
     def hours_per_frame(self) -> float:
-        """Time between frames in hours."""
+        """Frame interval in hours."""
         return self.frame_interval_s / 3600
 
 
 class OwnFrameModel(FrozenModel):
-    """What may stand in an object's list of deformations: it acts in the own frame, before the object is posed."""
+    """Entry of an object's deformation list, applied in the object frame before the pose."""
 
     kind: str
-    """Name of the deformation."""
+    """Type of the deformation."""
 
 
 class DeformationModel(OwnFrameModel):
-    """What all deformations share. One is written as one formula for positions; derivatives follow from it."""
+    """Base class of deformations, defined by a formula for positions; derivatives are computed automatically."""
 
     in_the_flat: ClassVar[bool] = False
-    """Whether it acts on the flat of a sheet (a leaf's blade), before the sheet takes its shape."""
+    """Whether it acts on the flat sheet (leaf blade) before the sheet is shaped."""
 
     @abstractmethod
     def point_map(self, around: Surroundings) -> PointMap:
-        """Return the map of the deformation in the object's own frame."""
+        """Return the point map in the object frame."""
 
     def problem(self, around: Surroundings, points: Points, t: JetField) -> tuple[str, str]:
-        """Return which field keeps the deformation from being applied to points at a time, and why.
-
-        ``points``: Coordinates before the deformation, mm: arrays.
-        ``t``: Time in frames, shape (1,).
-        """
+        """Return the field that makes the deformation invalid at time t, and a message, or empty strings."""
         return "", ""
 
 
 @dataclass(frozen=True, eq=False)
 class DeformationStep:
-    """A map that knows which deformation of its object it is.
+    """Point map of one deformation of an object.
 
-    ``number``: Its place in the object's list of deformations.
-    ``entry``: The deformation of the scene.
-    ``surroundings``: What it has to know.
+    ``number``: Index in the deformation list of the object.
+    ``entry``: Deformation of the scene.
+    ``surroundings``: Context of the deformation.
     ``point_map``: The map.
     """
 
@@ -93,45 +85,45 @@ class DeformationStep:
     point_map: PointMap
 
     def __call__(self, points: Points, t: JetField) -> Points:
-        """Move points; see `PointMap`."""
+        """Apply the map, see `PointMap`."""
         return self.point_map(points, t)
 
     def problem(self, points: Points, t: JetField) -> tuple[str, str]:
-        """Return what keeps it from being applied to points (arrays) at a time; see `DeformationModel.problem`."""
+        """Return why the map is invalid for points (arrays) at a time, see `DeformationModel.problem`."""
         return self.entry.problem(self.surroundings, points, t)
 
 
 class Bending(DeformationModel):
-    """Bending over a cylinder, isometric for flat sheets: from a place on X turns towards -Z, the upper side.
+    """Bending over a cylinder towards -Z, the upper side; isometric for flat sheets.
 
-    Over ``length_mm`` the curvature is the same everywhere, beyond it the sheet goes on straight. Points off Z = 0 keep
-    their distance from the bent plane Z = 0 (parallel curves).
+    The curvature is constant over ``length_mm`` and zero beyond. Points off Z = 0 keep their distance from the bent
+    plane Z = 0 (parallel curves).
     """
 
     kind: Literal["bending"]
     """``bending``."""
     angle_deg: TimeCurve
-    """Angle of the whole bend in degrees, positive towards the upper side."""
+    """Total bending angle in degrees, positive towards the upper side."""
     from_mm: Finite = 0.0
-    """X where the bend begins."""
+    """X at the start of the bend."""
     length_mm: Positive
-    """Length of the bend, measured on the sheet."""
+    """Arc length of the bend."""
     across: bool = False
-    """Whether Y is bent instead of X, to either side of Y = 0, from a distance of ``from_mm`` on."""
+    """Bend Y instead of X, symmetrically about Y = 0, starting at a distance of ``from_mm``."""
 
     @field_validator("across")
     @classmethod
     def _to_either_side(cls, value: bool, info: ValidationInfo) -> bool:
         if value and info.data.get("from_mm", 0.0) < 0:
-            msg = "a bend across begins at a distance from Y = 0: from_mm must not be negative"
+            msg = "a bend across Y starts at a distance from Y = 0: from_mm must not be negative"
             raise ValueError(msg)
         return value
 
     def point_map(self, around: Surroundings) -> PointMap:
-        """Return the map of a bend.
+        """Return the map of the bend.
 
-        With u the distance from where it begins, and θ = κ u the angle there, a point goes to the place of u on an arc,
-        (sin θ, -(1 - cos θ)) / κ, and from there by its Z along the arc's normal (sin θ, cos θ).
+        With the distance u from the start and the angle θ = κ u, a point maps to the arc point (sin θ, -(1 - cos θ)) /
+        κ, offset by its Z along the arc normal (sin θ, cos θ).
         """
 
         def bend(points: Points, t: JetField) -> Points:
@@ -147,17 +139,17 @@ class Bending(DeformationModel):
         return bend
 
     def problem(self, around: Surroundings, points: Points, t: JetField) -> tuple[str, str]:
-        """Return the field that makes a bend unfit for points at a time, and why; or two empty strings."""
+        """Return the field that makes the bend invalid, and a message; or empty strings."""
         _, u, _ = _parts(points[1] if self.across else points[0], self)
         curvature = float(np.ravel(_curvature(self, t))[0])
         turned = float(np.rad2deg(np.max(np.abs(curvature * u))))
         if turned >= 360:
-            return "angle_deg", f"bends the sheet by {turned:.6g} degrees, into itself; make it less than 360"
+            return "angle_deg", f"bends the sheet by {turned:.6g} degrees, which self-intersects; use less than 360"
         tightest = float(np.min(1 + curvature * np.where(u == 0, 0, points[2])))
         if tightest <= 0:
             return "angle_deg", (
-                f"the radius of the bend, {abs(1 / curvature):.6g} mm, is less than what stands off the plane Z = 0; "
-                "make length_mm larger or the angle smaller"
+                f"the radius of the bend, {abs(1 / curvature):.6g} mm, is smaller than the extent along Z; "
+                "increase length_mm or reduce the angle"
             )
         return "", ""
 
@@ -168,8 +160,8 @@ def _curvature(entry: Bending, t: JetField) -> Any:
 
 
 def _parts(x: Any, entry: Bending) -> tuple[Any, Any, Any]:
-    """Split a coordinate into what lies before the bend, in it and beyond it; across, to either side of zero."""
-    # Zero belongs to one side, so that a bend from zero on is one smooth piece there.
+    """Split a coordinate into the parts before, inside and beyond the bend; across, on either side of zero."""
+    # Zero is assigned to one side, so a bend that starts at zero is one smooth piece there.
     side = np.where(strip_derivatives(x) < 0, -1, 1) if entry.across else 1
     distance = x * side - entry.from_mm
     at, length = strip_derivatives(distance), entry.length_mm
@@ -182,11 +174,11 @@ _LARGEST_EXPONENT = 20.0
 
 
 class Growth(DeformationModel):
-    """Growth of the area by a relative elemental growth rate r(X, t), which may fall from base to tip and change daily.
+    """Areal growth by a relative elemental growth rate r(X, t).
 
-    r = rate_per_hour g(X) (1 + diel_amplitude cos(2 π (hour - peak_h) / 24)); g is linear, ``base_to_tip`` at the base
-    and at the tip. X is the material point's, not its present place. On sheets it acts in the flat, elsewhere along X
-    and Y. The own frame's origin stays in place, and at t = 0 nothing has grown.
+    r = rate_per_hour g(X) (1 + diel_amplitude cos(2 π (hour - peak_h) / 24)) with linear g, ``base_to_tip`` at base and
+    tip. X is the material coordinate. Growth acts on the flat sheet, or along X and Y of other meshes. The origin of
+    the object frame is fixed, and growth is zero at t = 0.
     """
 
     model_config = ConfigDict(json_schema_extra=preset_or_fields())
@@ -195,27 +187,28 @@ class Growth(DeformationModel):
     kind: Literal["growth"]
     """``growth``."""
     preset: GrowthPreset | None = None
-    """Growth by name, whose values stand for all fields that are not given; null for none."""
+    """Preset that supplies the default values; null for none."""
     rate_per_hour: Finite
-    """Relative rate of the area in 1/h where g = 1, in the mean of a day; 0.01 is 1 %/h, negative rates shrink."""
+    """Daily mean of the relative areal growth rate in 1/h where g = 1; 0.01 is 1 %/h, negative rates shrink."""
     base_to_tip: tuple[Finite, Finite] = (1.0, 1.0)
-    """g at the base and at the tip."""
+    """g at base and tip."""
     base_mm: Finite | None = None
-    """X of the base; the least X of the mesh if not given."""
+    """X of the base; default: smallest X of the mesh."""
     tip_mm: Finite | None = None
-    """X of the tip; the largest X of the mesh if not given."""
+    """X of the tip; default: largest X of the mesh."""
     along_share: Annotated[float, Described(ge=-1, le=2, allow_inf_nan=False)] | None = None
-    """Share p of the rate that goes along X, the rest, 1 - p, goes along Y; null for growth alike in all directions.
-    More than 1 for what gets narrower as it gets longer: a sheet of Poisson's ratio ν that is pulled along X has
-    p = 1 / (1 - ν), which is 2 for rubber; pulled along Y, it has -ν / (1 - ν)."""
+    """Fraction p of the rate along X, with 1 - p along Y; null for isotropic growth. Values outside 0 to 1 describe
+    lateral contraction: a sheet of Poisson's ratio ν stretched along X has p = 1 / (1 - ν), which is 2 for rubber;
+    stretched along Y, -ν / (1 - ν).
+    """
     diel_amplitude: NonNegative = 0.0
-    """Largest deviation from the mean of a day, relative to it."""
+    """Amplitude of the daily variation, relative to the mean."""
     peak_h: Finite = 6.0
     """Hour of the day with the highest rate."""
     start_h: Finite = 0.0
     """Hour of the day at t = 0."""
     solid: bool = False
-    """Whether Z grows as X and Y do: every surface of the body then grows by r, its volume by 1.5 r."""
+    """Isotropic growth including Z: every surface of the body grows by r, its volume by 1.5 r."""
 
     @model_validator(mode="before")
     @classmethod
@@ -236,17 +229,17 @@ class Growth(DeformationModel):
     def _alike_everywhere(cls, value: bool, info: ValidationInfo) -> bool:
         base, tip = info.data.get("base_to_tip", (1.0, 1.0))
         if value and (base != tip or info.data.get("along_share") is not None):
-            msg = "a solid grows alike everywhere and in all directions: leave along_share and base_to_tip away"
+            msg = "growth of a solid is uniform and isotropic: omit along_share and base_to_tip"
             raise ValueError(msg)
         return value
 
     def point_map(self, around: Surroundings) -> PointMap:
         """Return the map of growth.
 
-        With R(t) the rate integrated over time, and g(X) linear, growth alike in all directions is the conformal map
-        f(z) = ∫ exp(g R / 2) dz of z = X + i Y: its local area grows by |f'|² = exp(g R), and log |f'| is harmonic
-        because g is linear. Other growth, of the share p along X, is X' = ∫ exp(p g R) dX, Y' = Y exp((1 - p) g R),
-        with the Jacobian exp(g R) again.
+        With the time integral R(t) of the rate and linear g(X), isotropic growth is the conformal map f(z) = ∫ exp(g R
+        / 2) dz of z = X + i Y: the local area factor is |f'|² = exp(g R), and log |f'| is harmonic because g is linear.
+        Anisotropic growth with fraction p along X is X' = ∫ exp(p g R) dX, Y' = Y exp((1 - p) g R), with the same
+        Jacobian exp(g R).
         """
         at_origin, slope = _gradient(self, around.extent_mm)
 
@@ -267,44 +260,44 @@ class Growth(DeformationModel):
         return grow
 
     def problem(self, around: Surroundings, points: Points, t: JetField) -> tuple[str, str]:
-        """Return the field that makes growth unfit for points at a time, and why; or two empty strings."""
+        """Return the field that makes growth invalid for points at a time, and a message; or empty strings."""
         if self.base_to_tip[0] != self.base_to_tip[1]:
             base, tip = _ends(self, around.extent_mm)
             if tip <= base:
-                return "tip_mm", f"growth has no length to change over: base {base:g} mm, tip {tip:g} mm"
+                return "tip_mm", f"base and tip coincide: base {base:g} mm, tip {tip:g} mm"
         at_origin, slope = _gradient(self, around.extent_mm)
         at_points = at_origin + slope * strip_derivatives(points[0])
         grown = float(np.max(np.abs(_grown(self, around.hours_per_frame, t) * at_points)))
         if self.along_share is not None:
             grown *= max(1.0, abs(self.along_share), abs(1 - self.along_share))
         if not grown <= _LARGEST_EXPONENT:
-            message = f"grows or shrinks by a factor of exp({grown:.4g}) within the frames; make it slower"
+            message = f"grows or shrinks by a factor of exp({grown:.4g}) within the frames; reduce the rate"
             return "rate_per_hour", message
         return "", ""
 
 
 def _conformal(x: Any, y: Any, slope: Any) -> tuple[Any, Any]:
-    """Return real and imaginary part of (exp(slope z) - 1) / slope, written so that a slope of zero is no exception."""
+    """Return the real and imaginary part of (exp(slope z) - 1) / slope, regular at zero slope."""
     p, q = slope * x, slope * y
     half = sinc_root(q * q * 0.25)
     return x * exp_quotient(p) * np.cos(q) - 0.5 * q * y * half * half, y * np.exp(p) * sinc_root(q * q)
 
 
 def _grown(entry: Growth, hours_per_frame: float, t: JetField) -> Any:
-    """Return the rate where g = 1, integrated from 0 to t."""
+    """Return the time integral of the rate at g = 1 from 0 to t."""
     hours = hours_per_frame * t
     turns = 2 * np.pi / 24
     if entry.diel_amplitude == 0:
         return entry.rate_per_hour * hours
     phase = turns * (entry.start_h - entry.peak_h)
-    # sin(phase + 2 d) - sin(phase) as a product, to keep small d exact.
+    # sin(phase + 2 d) - sin(phase) as a product, to avoid cancellation for small d.
     half = turns / 2 * hours
     daily = entry.diel_amplitude / turns * 2 * np.sin(half) * np.cos(half + phase)
     return entry.rate_per_hour * (hours + daily)
 
 
 def _gradient(entry: Growth, extent_mm: tuple[float, float]) -> tuple[float, float]:
-    """Return g at X = 0, and its slope in 1/mm."""
+    """Return g at X = 0 and its slope in 1/mm."""
     at_base, at_tip = entry.base_to_tip
     if at_base == at_tip:
         return at_base, 0.0
@@ -319,41 +312,38 @@ def _ends(entry: Growth, extent_mm: tuple[float, float]) -> tuple[float, float]:
 
 
 class Hinge(DeformationModel):
-    """Rotation about an axis in the object's own frame by an angle that changes: a leaf about its petiole."""
+    """Rotation about an axis in the object frame by a time-dependent angle, such as a leaf about its petiole."""
 
     kind: Literal["hinge"]
     """``hinge``."""
     axis: Direction = (0.0, 1.0, 0.0)
-    """Direction of the axis in the own frame."""
+    """Direction of the axis in the object frame."""
     point_mm: Vector3 = (0.0, 0.0, 0.0)
-    """Point on the axis in the own frame."""
+    """Point on the axis in the object frame."""
     angle_deg: TimeCurve
     """Angle in degrees (right-hand rule)."""
 
     def point_map(self, around: Surroundings) -> PointMap:
-        """Return the map; see `DeformationModel`."""
+        """Return the point map, see `DeformationModel`."""
         return lambda points, t: rotate_points(
             points, self.axis, np.pi / 180 * evaluate_curve(self.angle_deg, t), self.point_mm
         )
 
 
 class StarDisplacement(DeformationModel):
-    """The star of the DIC community: displacement across the sheet, a cosine in Y whose period changes along X.
-
-    V = amplitude_mm cos(2 π Y / p(X)), p linear from the left to the right edge (Reu et al. 2022, DIC Challenge 2.0).
-    """
+    """Star pattern (DIC Challenge 2.0, Reu et al. 2022): V = amplitude_mm cos(2 π Y / p(X)), p linear in X."""
 
     in_the_flat: ClassVar[bool] = True
 
     kind: Literal["star"]
     """``star``."""
     amplitude_mm: TimeCurve
-    """Largest displacement in mm."""
+    """Amplitude of the displacement in mm."""
     period_mm: tuple[Positive, Positive]
-    """Period p at the least and at the largest X of the mesh in mm."""
+    """Period p at the smallest and largest X of the mesh in mm."""
 
     def point_map(self, around: Surroundings) -> PointMap:
-        """Return the map; see `DeformationModel`."""
+        """Return the point map, see `DeformationModel`."""
         left, right = around.extent_mm
         at_left, at_right = self.period_mm
         slope = (at_right - at_left) / (right - left) if right > left else 0.0
@@ -370,25 +360,25 @@ class StarDisplacement(DeformationModel):
 
 
 class Unrolling(DeformationModel):
-    """A sheet rolled up beyond a front that moves along X, isometric for flat sheets.
+    """Sheet rolled up beyond a front that moves along X; isometric for flat sheets.
 
-    The roll is a logarithmic spiral, the curve whose radius of curvature falls steadily along it: radius_mm -
-    tightening (distance from the front, measured on the sheet). It lies on one side of the sheet and never meets
-    itself. Points off Z = 0 keep their distance from the rolled plane Z = 0.
+    The roll is a logarithmic spiral with radius of curvature radius_mm - tightening (arc length from the front). It
+    lies on one side of the sheet without self-intersection. Points off Z = 0 keep their distance from the rolled plane
+    Z = 0.
     """
 
     kind: Literal["unrolling"]
     """``unrolling``."""
     length_mm: Positive
-    """X up to which there is material, at all times."""
+    """Largest X of the material at all times."""
     front_mm: TimeCurve
-    """X of the front: the sheet is as it was up to here, and rolled up beyond."""
+    """X of the front, beyond which the sheet is rolled up."""
     radius_mm: Positive
     """Radius of curvature of the roll at the front."""
     tightening: Annotated[float, Described(ge=0, lt=1, allow_inf_nan=False, validate_default=True)] = 0.02
-    """Loss of radius per length of the sheet; 0 is a circle, which may not close."""
+    """Decrease of the radius per arc length; 0 is a circle, which must not close."""
     side: Literal["upper", "lower"] = "upper"
-    """Side that the roll lies on: ``upper`` is -Z."""
+    """Side of the roll: ``upper`` is -Z."""
 
     @field_validator("tightening")
     @classmethod
@@ -404,10 +394,10 @@ class Unrolling(DeformationModel):
         return value
 
     def point_map(self, around: Surroundings) -> PointMap:
-        """Return the map of a roll that opens.
+        """Return the map of the opening roll.
 
         At the distance u from the front the radius is ρ = ρ0 - c u and the angle θ = ∫ du / ρ = -log(1 - c u / ρ0) / c,
-        so that the curve ∫ exp(i θ) du is ρ0 ((ρ / ρ0) exp(i θ) - 1) / (i - c).
+        so the curve ∫ exp(i θ) du is ρ0 ((ρ / ρ0) exp(i θ) - 1) / (i - c).
         """
         radius, c = self.radius_mm, self.tightening
         sign = -1.0 if self.side == "upper" else 1.0
@@ -426,14 +416,14 @@ class Unrolling(DeformationModel):
         return roll
 
     def problem(self, around: Surroundings, points: Points, t: JetField) -> tuple[str, str]:
-        """Return the field that makes a roll unfit for points at a time, and why; or two empty strings."""
+        """Return the field that makes the roll invalid for points at a time, and a message; or empty strings."""
         front = float(np.ravel(evaluate_curve(self.front_mm, t))[0])
         problem = roll_problem(self.length_mm - front, self.radius_mm, self.tightening)
         if problem:
             return "front_mm", problem
         end = float(np.max(points[0]))
         if end > self.length_mm * (1 + 1e-9):
-            return "length_mm", f"is less than where the mesh ends, {end:.6g} mm"
+            return "length_mm", f"is less than the end of the mesh, {end:.6g} mm"
         u = _rolled(points[0], self, t)
         rolled = float(np.max(u))
         if rolled == 0:
@@ -441,28 +431,28 @@ class Unrolling(DeformationModel):
         low, high = float(np.min(points[2][u > 0])), float(np.max(points[2][u > 0]))
         c, inner = self.tightening, self.radius_mm - self.tightening * rolled
         towards_inside = -low if self.side == "upper" else high
-        # Between turns there is at least the distance to the next turn outside, where the roll is tightest.
+        # The smallest gap between turns is the distance to the next outer turn, at the tightest point.
         room = inner * np.expm1(2 * np.pi * c) / (1 + c * c)
         closed = float(_angle(np.array([rolled]), self)[0]) >= 2 * np.pi
         if towards_inside >= inner or (closed and high - low >= room):
             space = min(inner, room) if closed else inner
             return "radius_mm", (
-                f"self-intersecting unrolling: the sheet reaches over {high - low:.6g} mm across its plane Z = 0, but "
-                f"the roll has room for {space:.6g} mm"
+                f"self-intersecting unrolling: the sheet extends over {high - low:.6g} mm across its plane Z = 0, but "
+                f"the gap of the roll is {space:.6g} mm"
             )
         return "", ""
 
 
 def roll_problem(rolled_mm: float, radius_mm: float, tightening: float) -> str:
-    """Say why a length of a sheet cannot be rolled up, or return nothing."""
+    """Return a message if a length of a sheet cannot be rolled up, else an empty string."""
     if tightening == 0 and rolled_mm >= 2 * pi * radius_mm:
         turn = 2 * pi * radius_mm
-        return f"self-intersecting unrolling: {rolled_mm:.6g} mm close a circle of {turn:.6g} mm; tighten the roll"
+        return f"self-intersecting unrolling: {rolled_mm:.6g} mm exceed {turn:.6g} mm, one turn; increase tightening"
     if tightening * rolled_mm >= radius_mm:
         most = radius_mm / tightening
         return (
             f"self-intersecting unrolling: the radius falls to zero within {most:.6g} mm, but {rolled_mm:.6g} mm are "
-            "rolled up; make radius_mm larger or tightening smaller"
+            "rolled up; increase radius_mm or reduce tightening"
         )
     return ""
 

@@ -1,4 +1,4 @@
-"""Paths of fields in scenes, recipes and design specifications: wildcards, values, assignment."""
+"""Field paths in scenes, recipes and design specifications: wildcards, values, assignment."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ _MAX_SUGGESTED = 3
 
 
 class PathError(Exception):
-    """A path that leads nowhere; says why."""
+    """Invalid path, with the reason as message."""
 
 
 def expand(plain: Any, path: str) -> list[str]:
-    """Return the paths that a path with wildcards stands for; one without stands for itself.
+    """Return the paths matched by a path with wildcards; a path without wildcards is returned unchanged.
 
-    ``path``: Keys and indices with dots between them; ``*`` stands for every key, or every index, of what is there. The
-      last key need not be there; whoever validates the result tells.
+    ``path``: Keys and indices separated by dots; ``*`` matches every existing key or index. The last key need not
+      exist; the validation of the result reports unknown keys.
 
     >>> expand({"objects": [{"name": "a"}, {"name": "b"}]}, "objects.*.name")
     ['objects.0.name', 'objects.1.name']
     """
     found = list(_expanded(plain, path.split("."), []))
     if not found:
-        msg = f"stands for nothing: there is nothing in '{path.partition('.*')[0]}'"
+        msg = f"matches nothing: '{path.partition('.*')[0]}' is empty"
         raise PathError(msg)
     return found
 
@@ -43,14 +43,14 @@ def _expanded(here: Any, keys: list[str], above: list[str]) -> Iterator[str]:
             yield from _expanded(here[key], rest, [*above, str(key)])
         return
     if not rest and isinstance(here, dict):
-        # Whether there may be such a key is known to whoever validates.
+        # The validation of the result checks whether the key is allowed.
         yield ".".join([*above, first])
         return
     yield from _expanded(_below(here, first, above), rest, [*above, first])
 
 
 def value_at(plain: Any, path: str) -> Any:
-    """Return what stands at a path without wildcards."""
+    """Return the value at a path without wildcards."""
     here, above = plain, list[str]()
     for key in path.split("."):
         here = _below(here, key, above)
@@ -59,7 +59,7 @@ def value_at(plain: Any, path: str) -> Any:
 
 
 def assign(plain: Any, path: str, value: Any) -> None:
-    """Put a value at a path without wildcards, in place."""
+    """Set the value at a path without wildcards, in place."""
     *around, last = path.split(".")
     here, above = plain, list[str]()
     for key in around:
@@ -91,12 +91,12 @@ def _below(here: Any, key: str, above: list[str]) -> Any:
 
 
 def _no_fields(here: Any, key: str, above: list[str]) -> str:
-    """Say what stands where a mapping should, as files spell it, and what to do."""
+    """Return a message for a value that is not a mapping, with a remedy."""
     path = ".".join(above)
     is_number = isinstance(here, int | float)
     remedy = f"end the path at '{path}'"
     if not is_number:
-        # What is null, or a word as in `sensor: ideal`, may be a mapping instead.
+        # A null value, or a word such as `sensor: ideal`, may be replaced by a mapping.
         whole = f"set all of '{path}' to a mapping first, under 'set'"
         remedy = whole if here is None else f"{whole}, or {remedy}"
     return f"'{path}' is {json.dumps(here):.60} in the scene, and has no field '{key}': {remedy}"

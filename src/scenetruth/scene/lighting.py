@@ -1,4 +1,4 @@
-"""The light on a scene: ambient light, lamps that may move, shadows, and brightness that changes with time."""
+"""Lighting of a scene: ambient light, moving lamps, shadows, and brightness variation over time."""
 
 from __future__ import annotations
 
@@ -19,19 +19,18 @@ __all__ = ["EVERYWHERE", "DirectionalLight", "Flicker", "Lamp", "LightModel", "L
 
 
 EVERYWHERE = -1.0
-"""Cosine of the angle of a border that a lamp which shines everywhere does not have."""
+"""Cone-border cosine of a lamp without a cone."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
     """One light at one time.
 
-    ``position_mm``: World position, shape (3,); None if it is infinitely far away.
-    ``axis``: Unit vector along which it shines, shape (3,); zeros for a point light.
-    ``irradiance``: E of a surface that faces it, at the reference distance.
-    ``reference_distance_mm``: That distance; 0 for a directional light.
-    ``cos_inner``, ``cos_outer``: Cosines of the angles from the axis where the border of a spot begins and ends; -1 and
-      -1 for others, which shine everywhere.
+    ``position_mm``: World position, shape (3,); None at infinity.
+    ``axis``: Unit vector of the light direction, shape (3,); zeros for a point light.
+    ``irradiance``: Irradiance E at normal incidence, at the reference distance.
+    ``reference_distance_mm``: Reference distance; 0 for a directional light.
+    ``cos_inner``, ``cos_outer``: Cosines of the inner and outer cone angles of a spotlight; -1 and -1 for other lights.
     """
 
     position_mm: NDArray[np.float64] | None
@@ -43,10 +42,10 @@ class Lamp:
 
 
 class LightModel(FrozenModel):
-    """What all lights share."""
+    """Base class of lights."""
 
     kind: str
-    """Name of the light."""
+    """Type of the light."""
 
     @abstractmethod
     def lamp(self, t: float) -> Lamp:
@@ -56,12 +55,7 @@ class LightModel(FrozenModel):
 def moved_axis(
     motions: tuple[MotionModel, ...], at: Vector3, ahead: Vector3, t: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Move a lamp and a point on its axis as one rigid body.
-
-    ``at``, ``ahead``: The lamp and the point at t = 0, mm.
-    Returns: Position, mm, and unit vector along the axis, shape (3,) each; the vector is zero where both points are
-    one.
-    """
+    """Return the position, mm, and axis unit vector (zero if undefined) of a lamp after rigid motion at time t."""
     position: Any = tuple(float(value) for value in at)
     time = np.array([float(t)])
     both = np.array([at, ahead], dtype=np.float64)
@@ -74,64 +68,64 @@ def moved_axis(
 
 
 class DirectionalLight(LightModel):
-    """Parallel light from infinitely far away."""
+    """Parallel light from infinity."""
 
     kind: Literal["directional"]
     """``directional``."""
     direction: Direction
-    """Direction in which the light travels at t = 0, of any length."""
+    """Propagation direction at t = 0, of any length."""
     irradiance: NonNegative
-    """Irradiance E of a surface that faces the light; 1 makes a surface as bright as its texture says."""
+    """Irradiance E at normal incidence; 1 gives the radiance of the texture."""
     motion: tuple[Motion, ...] = ()
-    """How it moves; only rotations change it."""
+    """Motion of the light; only rotations have an effect."""
 
     def lamp(self, t: float) -> Lamp:
-        """Return the light at time t; see `LightModel`."""
+        """Return the light at time t, see `LightModel`."""
         _, axis = moved_axis(self.motion, (0.0, 0.0, 0.0), self.direction, t)
         return Lamp(None, axis, self.irradiance, 0.0, EVERYWHERE, EVERYWHERE)
 
 
 class PointLight(LightModel):
-    """A lamp that shines alike in all directions; irradiance falls with the square of the distance."""
+    """Isotropic point light with inverse-square falloff."""
 
     kind: Literal["point"]
     """``point``."""
     position_mm: Vector3
     """World position at t = 0 in mm."""
     irradiance: NonNegative
-    """Irradiance E of a surface that faces the lamp at ``reference_distance_mm``."""
+    """Irradiance E at normal incidence at ``reference_distance_mm``."""
     reference_distance_mm: Positive
-    """Distance from the lamp where ``irradiance`` holds."""
+    """Distance from the lamp at which ``irradiance`` is specified."""
     motion: tuple[Motion, ...] = ()
-    """How it moves; rotations without a point of their own turn about its position."""
+    """Motion of the lamp; rotations without a specified point are about its position."""
 
     def lamp(self, t: float) -> Lamp:
-        """Return the light at time t; see `LightModel`."""
+        """Return the light at time t, see `LightModel`."""
         at, _ = moved_axis(self.motion, self.position_mm, self.position_mm, t)
         return Lamp(at, np.zeros(3), self.irradiance, self.reference_distance_mm, EVERYWHERE, EVERYWHERE)
 
 
 class SpotLight(LightModel):
-    """A lamp that shines into a cone with a soft border; inside, as a point light."""
+    """Point light restricted to a cone with a soft border."""
 
     kind: Literal["spot"]
     """``spot``."""
     position_mm: Vector3
     """World position at t = 0 in mm."""
     direction: Direction | None = None
-    """Direction of the cone's axis at t = 0, of any length; give this or ``target_mm``."""
+    """Direction of the cone axis at t = 0, of any length; alternative to ``target_mm``."""
     target_mm: Vector3 | None = None
-    """World point on the cone's axis at t = 0; it moves along with the lamp, as one rigid body."""
+    """World point on the cone axis at t = 0; it moves rigidly with the lamp."""
     inner_angle_deg: Annotated[float, Field(ge=0, le=180, allow_inf_nan=False)]
-    """Angle from the axis up to which the lamp shines in full."""
+    """Angle from the axis up to which the intensity is constant."""
     outer_angle_deg: Annotated[float, Field(gt=0, le=180, allow_inf_nan=False)]
-    """Angle from the axis beyond which it is dark; in between, a smoothstep of the angle's cosine."""
+    """Angle from the axis beyond which the intensity is zero; smoothstep of the cosine in between."""
     irradiance: NonNegative
-    """Irradiance E of a surface that faces the lamp, in the full cone, at ``reference_distance_mm``."""
+    """Irradiance E at normal incidence inside the inner cone, at ``reference_distance_mm``."""
     reference_distance_mm: Positive
-    """Distance from the lamp where ``irradiance`` holds."""
+    """Distance from the lamp at which ``irradiance`` is specified."""
     motion: tuple[Motion, ...] = ()
-    """How position and axis move; rotations without a point of their own turn about its position."""
+    """Motion of position and axis; rotations without a specified point are about its position."""
 
     @field_validator("outer_angle_deg")
     @classmethod
@@ -145,15 +139,15 @@ class SpotLight(LightModel):
     @model_validator(mode="after")
     def _one_axis(self) -> SpotLight:
         if (self.direction is None) == (self.target_mm is None):
-            msg = "give either direction or target_mm"
+            msg = "specify either direction or target_mm"
             raise ValueError(msg)
         if self.target_mm == self.position_mm:
-            msg = "target_mm must not be the lamp's own position: the cone would have no axis"
+            msg = "target_mm must differ from position_mm: the cone would have no axis"
             raise ValueError(msg)
         return self
 
     def lamp(self, t: float) -> Lamp:
-        """Return the light at time t; see `LightModel`."""
+        """Return the light at time t, see `LightModel`."""
         at = np.asarray(self.position_mm)
         ahead = at + np.asarray(self.direction) if self.target_mm is None else np.asarray(self.target_mm)
         at, axis = moved_axis(self.motion, self.position_mm, (ahead[0], ahead[1], ahead[2]), t)
@@ -168,7 +162,7 @@ else:
 
 
 class Flicker(FrozenModel):
-    """A periodic change of brightness, as of lamps on the mains."""
+    """Periodic brightness variation, such as that of mains-powered lamps."""
 
     amplitude: Annotated[float, Field(ge=0, lt=1)]
     """Amplitude, relative to the mean brightness."""
@@ -179,32 +173,32 @@ class Flicker(FrozenModel):
 
 
 class Lighting(FrozenModel):
-    """The light on the objects.
+    """Lighting of the objects.
 
     A surface has the radiance ``texture (ambient + sum of E falloff max(0, n l) over the lights that reach it)``, with
-    its texture as albedo; π is left out, so that irradiance 1 gives the texture's own value. Everything that is seen is
-    then multiplied by the brightness of the time. Without ambient and lights, the scene is unlit: radiance is the
-    texture's, times the brightness.
+    the texture as albedo; the factor 1/π is omitted, so irradiance 1 gives the value of the texture. All radiances are
+    then multiplied by the time-dependent brightness. Without ambient light and lights, the scene is unlit: radiance is
+    texture times brightness.
     """
 
     ambient: NonNegative | None = None
-    """Irradiance that comes from everywhere alike; 0 if there are lights, unlit if there are none either."""
+    """Ambient irradiance; null: 0 with lights, unlit without lights."""
     lights: tuple[Light, ...] = ()
     """The lamps."""
     shadows: bool = True
-    """Whether objects take light from what is behind them."""
+    """Whether objects cast shadows."""
     drift_per_frame: Finite = 0.0
-    """Brightness at time t is 1 + drift_per_frame t + flicker, of all that is seen, background included."""
+    """Linear brightness drift: brightness at time t is 1 + drift_per_frame t + flicker, including the background."""
     flicker: Flicker | None = None
-    """A periodic part of it: amplitude sin(2π t / period + phase)."""
+    """Periodic brightness variation: amplitude sin(2π t / period + phase)."""
 
     @property
     def lit(self) -> bool:
-        """Whether surfaces are shaded at all."""
+        """Whether surfaces are shaded."""
         return self.ambient is not None or bool(self.lights)
 
     def brightness(self, t: float) -> float:
-        """Return the factor of everything that is seen at time t (in frames); exactly 1 where nothing changes."""
+        """Return the brightness factor at time t (in frames); exactly 1 without variation."""
         factor = 1.0 + self.drift_per_frame * t
         if self.flicker is not None:
             phase = 2 * np.pi * t / self.flicker.period_frames + np.deg2rad(self.flicker.phase_deg)
@@ -212,5 +206,5 @@ class Lighting(FrozenModel):
         return factor
 
     def lamps_at(self, t: float) -> list[Lamp]:
-        """Return the lights at time t (in frames), in the scene's order."""
+        """Return the lights at time t (in frames), in scene order."""
         return [light.lamp(t) for light in self.lights]

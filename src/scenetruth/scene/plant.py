@@ -1,4 +1,4 @@
-"""Plants: leaves of one form arranged about a stem; each leaf is an object of the scene."""
+"""Plants: leaves of the same shape arranged about a stem; each leaf is a scene object."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["LeafPlace", "PlantModel", "Rosette", "Seedling"]
 
 
 GOLDEN_ANGLE_DEG = 137.508
-# Below, the quotient is taken from its series.
+# Angle below which the quotient is evaluated by its series.
 _SMALL_RAD = 1e-3
 
 Elevation = Annotated[float, Field(gt=-90, lt=90, allow_inf_nan=False)]
@@ -32,7 +32,7 @@ Elevation = Annotated[float, Field(gt=-90, lt=90, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class LeafPlace:
-    """One leaf of a plant: its mesh, direction, angle with the plane across the stem, and height on the stem."""
+    """One leaf of a plant: mesh, azimuth, elevation and height on the stem."""
 
     mesh: LeafMesh
     azimuth_deg: float
@@ -43,41 +43,41 @@ class LeafPlace:
 
 
 class PlantModel(FrozenModel):
-    """What all plants share. The stem points to -Z, towards the camera: plants are seen from above."""
+    """Base class of plants. The stem points to -Z, towards the camera (top view)."""
 
     name: Name
-    """Name, unique in the scene; its leaves are called ``name/leaf-1``, the oldest first."""
+    """Unique name in the scene; the leaves are called ``name/leaf-1`` and so on, oldest first."""
     position_mm: Vector3
-    """World position of the foot of the oldest leaf's petiole, in the middle of the plant, in mm."""
+    """World position of the petiole base of the oldest leaf, at the centre of the plant, in mm."""
     rotations: tuple[Rotation, ...] = ()
-    """Rotations of the whole plant about its position, applied one after the other."""
+    """Rotations of the whole plant about its position, applied in order."""
     texture: LeafTexture = LeafTexture(kind="leaf")
-    """What is seen on its leaves; every leaf has veins, mottling and hairs of its own."""
+    """Texture of the leaves, with individual veins, mottling and hairs for each leaf."""
     growth: Growth | None = None
     """Growth of the oldest leaf; null for none."""
     youngest_growth: NonNegative = 2.0
-    """Rate of growth of the youngest leaf relative to the oldest."""
+    """Growth rate of the youngest leaf relative to the oldest."""
     nutation_deg: NonNegative = 0.0
-    """Amplitude in degrees with which leaves rise and sink about the feet of their petioles, each in its turn."""
+    """Amplitude in degrees of the periodic elevation of leaves about their petiole bases, with a phase per leaf."""
     nutation_period_frames: Positive = 90.0
-    """Period of that movement in frames; 90 are an hour and a half at one frame a minute."""
+    """Period of the nutation in frames; 90 is 1.5 h at one frame per minute."""
     deformation: tuple[Deformation, ...] = ()
-    """More deformations of every leaf, in the leaf's own frame."""
+    """Further deformations of every leaf, in the leaf frame."""
     motion: tuple[Motion, ...] = ()
-    """How the whole plant moves in the world."""
+    """Motion of the whole plant in the world."""
 
     @abstractmethod
     def places(self) -> Sequence[LeafPlace]:
-        """Return the leaves, the oldest first."""
+        """Return the leaves, oldest first."""
 
     def leaf_objects(self) -> list[SceneObject]:
-        """Return the leaves as objects of the scene, the oldest first."""
+        """Return the leaves as scene objects, oldest first."""
         return [_leaf(self, number, place) for number, place in enumerate(self.places())]
 
 
 def _leaf(plant: PlantModel, number: int, place: LeafPlace) -> SceneObject:
     stalk = 0.0 if place.mesh.petiole is None else place.mesh.petiole.length_mm
-    # The foot of the petiole stands on the stem: the blade's base is as far away as the petiole is long.
+    # The petiole base is on the stem, and the blade base one petiole length away.
     rotations = (
         Rotation(axis=(0, 1, 0), angle_deg=place.elevation_deg),
         Rotation(axis=(0, 0, 1), angle_deg=place.azimuth_deg),
@@ -104,7 +104,7 @@ def _leaf(plant: PlantModel, number: int, place: LeafPlace) -> SceneObject:
         name=f"{plant.name}/leaf-{number + 1}",
         mesh=place.mesh,
         texture=plant.texture,
-        # A leaf may stand beyond the bounds of what a file may say, by as much as the plant is large.
+        # A leaf may exceed the coordinate bounds of scene files by the size of the plant.
         pose=Pose(rotations=rotations).model_copy(update={"position_mm": (float(x), float(y), float(z))}),
         deformation=tuple(deformation),
         motion=tuple(_about(entry, plant) for entry in plant.motion),
@@ -112,7 +112,7 @@ def _leaf(plant: PlantModel, number: int, place: LeafPlace) -> SceneObject:
 
 
 def _about(entry: MotionModel, plant: PlantModel) -> MotionModel:
-    """Turn what has no point of its own about the plant, not about each leaf."""
+    """Rotate about the plant position instead of each leaf, unless a point is specified."""
     if getattr(entry, "point_mm", ()) is None:
         return entry.model_copy(update={"point_mm": plant.position_mm})
     return entry
@@ -127,10 +127,7 @@ def _turned(rotations: tuple[Rotation, ...], arm: tuple[float, float, float]) ->
 
 
 def _matrix(vector_rad: np.ndarray) -> np.ndarray:
-    """Return the matrix of a rotation vector as `scipy.spatial.transform.Rotation` does, to the bit, by a quaternion.
-
-    To import that takes longer than everything else that is done to look at a plant.
-    """
+    """Return a rotation matrix bit-identical to `scipy.spatial.transform.Rotation`, without the import of SciPy."""
     a, b, c = vector_rad
     angle = np.sqrt(a * a + b * b + c * c)
     small = 0.5 - angle**2 / 48 + angle**2 * angle**2 / 3840
@@ -150,27 +147,27 @@ LengthRatio = Annotated[float, Field(ge=0.01, le=1)]
 
 
 class Rosette(PlantModel):
-    """Leaves at phyllotactic angles around a short stem; younger ones are smaller, steeper and higher up."""
+    """Leaves at phyllotactic angles around a short stem; younger leaves are smaller, steeper and higher."""
 
     kind: Literal["rosette"]
     """``rosette``."""
     leaf: LeafMesh
-    """The oldest and largest leaf; the others have the same form."""
+    """Oldest and largest leaf; the other leaves have the same shape."""
     leaves: Annotated[int, Field(ge=1, le=100)] = 9
     """Number of leaves."""
     divergence_deg: Finite = 137.508
-    """Angle from each leaf to the next younger one; 137.508 is the golden angle."""
+    """Divergence angle between successive leaves; 137.508 is the golden angle."""
     smallest: LengthRatio = 0.3
-    """Length of the youngest leaf relative to the oldest; from leaf to leaf it falls by one factor."""
+    """Length of the youngest leaf relative to the oldest; the ratio between successive leaves is constant."""
     elevation_deg: tuple[Elevation, Elevation] = (8.0, 50.0)
-    """Angle of the oldest and of the youngest leaf with the plane across the stem; positive rises along the stem."""
+    """Elevation of the oldest and youngest leaf above the plane across the stem; positive along the stem."""
     stem_mm: NonNegative = 8.0
-    """How much farther along the stem the youngest leaf stands than the oldest."""
+    """Distance along the stem from the oldest to the youngest leaf."""
     azimuth_deg: Finite = 0.0
-    """Direction of the oldest leaf, from X towards Y."""
+    """Azimuth of the oldest leaf, from X towards Y."""
 
     def places(self) -> list[LeafPlace]:
-        """Return the leaves, the oldest first."""
+        """Return the leaves, oldest first."""
         low, high = self.elevation_deg
         places = []
         for number in range(self.leaves):
@@ -182,7 +179,7 @@ class Rosette(PlantModel):
 
 
 class Seedling(PlantModel):
-    """Two seed leaves, opposite each other, and above them the first true leaves across."""
+    """Two opposite cotyledons and, above them, the first true leaves at right angles."""
 
     kind: Literal["seedling"]
     """``seedling``."""
@@ -195,7 +192,7 @@ class Seedling(PlantModel):
         bend_along_deg=-15,
         resolution_mm=0.5,
     )
-    """The two seed leaves."""
+    """Shape of the two cotyledons."""
     leaf: LeafMesh = LeafMesh(
         kind="leaf",
         outline="ovate",
@@ -206,18 +203,18 @@ class Seedling(PlantModel):
         fold_deg=20,
         resolution_mm=0.5,
     )
-    """The oldest of the true leaves."""
+    """Oldest true leaf."""
     leaves: Annotated[int, Field(ge=0, le=4)] = 2
-    """Number of true leaves; a second pair is smaller, and stands across the first."""
+    """Number of true leaves; a second pair is smaller and at right angles to the first."""
     elevation_deg: tuple[Elevation, Elevation] = (12.0, 40.0)
-    """Angle of the seed leaves and of the true leaves with the plane across the stem; positive rises along the stem."""
+    """Elevation of the cotyledons and true leaves above the plane across the stem; positive along the stem."""
     stem_mm: NonNegative = 3.0
-    """How much farther along the stem the true leaves stand than the seed leaves."""
+    """Distance along the stem from the cotyledons to the true leaves."""
     azimuth_deg: Finite = 0.0
-    """Direction of the first seed leaf, from X towards Y."""
+    """Azimuth of the first cotyledon, from X towards Y."""
 
     def places(self) -> list[LeafPlace]:
-        """Return the leaves, the oldest first."""
+        """Return the leaves, oldest first."""
         low, high = self.elevation_deg
         places = [LeafPlace(self.cotyledon, self.azimuth_deg + 180 * side, low, 0.0, 1.0) for side in range(2)]
         for number in range(self.leaves):

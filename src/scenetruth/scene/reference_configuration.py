@@ -1,7 +1,4 @@
-"""The points of a body before any motion, and derivatives along its surface.
-
-By formula, or by quadric fits to meshes.
-"""
+"""Reference configuration of a body before any motion, with surface derivatives by formula or quadric fits."""
 
 from __future__ import annotations
 
@@ -35,21 +32,21 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-# Least ratio of the eigenvalues of a fit's normal equations (in units of the neighbours' distance).
+# Minimum eigenvalue ratio of the normal equations of a fit (coordinates scaled by the neighbour distance).
 _LEAST_RATIO = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class QuadricFit:
-    """The surface points of a mesh, and how fields on its vertices change along the surface.
+    """Surface points of a mesh and linear operators for derivatives along the surface.
 
-    A surface point is a vertex as seen from one smooth piece of the surface: a vertex on a sharp edge has one for each
-    side. Every one has two orthonormal tangents, the directions of its coordinates a and b.
+    A surface point is a vertex restricted to one smooth piece of the surface: a vertex on a sharp edge has one for each
+    side. Its coordinates a and b refer to two orthonormal tangents.
 
-    ``corners``: The surface point at every corner of every face, shape (m, 3), int32.
-    ``vertices``: The vertex that each surface point is, shape (k,).
+    ``corners``: Surface point at every face corner, shape (m, 3), int32.
+    ``vertices``: Vertex of each surface point, shape (k,).
     ``starts``, ``neighbours``: Neighbours of surface point i: vertices ``neighbours[starts[i] : starts[i + 1]]``.
-    ``coefficients``: What the difference to each neighbour counts in the derivatives (a, b, aa, ab, bb), shape
+    ``coefficients``: Weights of the difference to each neighbour in the derivatives (a, b, aa, ab, bb), shape
       (len(neighbours), 5).
     """
 
@@ -60,10 +57,7 @@ class QuadricFit:
     coefficients: Floats
 
     def derivatives(self, field: Floats) -> Floats:
-        """Return the derivatives (a, b, aa, ab, bb) of a field on the vertices, shape (5, k).
-
-        ``field``: Values, shape (n,).
-        """
+        """Return the derivatives (a, b, aa, ab, bb), shape (5, k), of a vertex field of shape (n,)."""
         owner = np.repeat(np.arange(len(self.vertices)), np.diff(self.starts))
         difference = field[self.neighbours] - field[self.vertices][owner]
         count = len(self.vertices)
@@ -73,9 +67,8 @@ class QuadricFit:
 def fit_quadrics(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: float | Floats) -> QuadricFit:
     """Fit a quadratic function of two tangent coordinates around every vertex.
 
-    Gradients are exact to second order in the edge length, second derivatives to first order, to second order on
-    regular meshes.
-    Where the neighbours do not determine the second derivatives, as at the corners of a box, these are zero.
+    Gradients are accurate to second order in the edge length, second derivatives to first order (second on regular
+    meshes). Second derivatives not determined by the neighbours, as at the corners of a box, are zero.
 
     ``vertices_mm``: Positions, shape (n, 3).
     ``faces``: Vertex indices, shape (m, 3).
@@ -122,7 +115,7 @@ def fit_quadrics(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: floa
 def _surface_points(
     vertices: Floats, faces: NDArray[np.int32], crease_deg: float | Floats
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return the surface point at every corner, and the vertex of each."""
+    """Return the surface point at every face corner, and the vertex of each."""
     normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     one, two, flipped = find_shared_sides(index_positions(vertices)[faces])
@@ -132,7 +125,7 @@ def _surface_points(
     smooth = (cosine >= np.cos(np.deg2rad(crease))) & (crease > 0)
     one, two, flipped = one[smooth], two[smooth], flipped[smooth]
     next_one, next_two = (index - index % 3 + (index + 1) % 3 for index in (one, two))
-    # Around a shared edge neighbours run in opposite senses: the first corner of one is the second of the other.
+    # Adjacent faces traverse a shared edge in opposite directions: the first corner of one is the second of the other.
     ends = (np.where(flipped, two, next_two), np.where(flipped, next_two, two))
     rows, columns = np.concatenate([one, next_one]), np.concatenate(ends)
     count = faces.size
@@ -148,11 +141,7 @@ def _surface_points(
 def _fit(
     vertices: Floats, vertex_of: NDArray[np.int64], frames: Floats, points: NDArray[np.int64], ring: sparse.csr_array
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    """Fit around some surface points.
-
-    Returns for each the number of its neighbours, then all neighbours (vertices) and their coefficients one after the
-    other, and whether the second derivatives are determined.
-    """
+    """Fit around surface points; return neighbour counts, neighbours, coefficients, and whether all are determined."""
     from scipy import sparse
 
     ring = sparse.csr_array(ring)
@@ -184,29 +173,25 @@ def _fit(
 
 
 class ReferenceConfiguration(Protocol):
-    """The points of a body at the beginning of its chain of maps."""
+    """Initial points of a body, the input of its chain of maps."""
 
     @property
     def corners(self) -> NDArray[np.int32]:
-        """The surface point at every corner of every face, shape (m, 3)."""
+        """Surface point at every face corner, shape (m, 3)."""
         ...
 
     def at(self, t: JetField) -> Points:
-        """Return the coordinates of all vertices at times t: fields of the kind of t."""
+        """Return the coordinates of all vertices at times t, as fields of the same type as t."""
         ...
 
     def surface(self, t: Jet) -> Points:
-        """Return those of all surface points as jets in t, a and b."""
+        """Return the coordinates of all surface points as jets in t, a and b."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class SheetConfiguration:
-    """A flat sheet: its material coordinates a, b in mm are X and Y, and Z is zero.
-
-    ``material_mm``: Coordinates (a, b) of the vertices, shape (n, 2).
-    ``faces``: Vertex indices, shape (m, 3).
-    """
+    """Flat sheet with material coordinates a, b in mm equal to X and Y, and Z = 0."""
 
     material_mm: NDArray[np.float64]
     faces: NDArray[np.int32]
@@ -229,11 +214,7 @@ class SheetConfiguration:
 
 @dataclass(frozen=True, eq=False)
 class MeshAtRest:
-    """Vertices that stay where they are in the own frame.
-
-    ``vertices_mm``: Positions in the own frame, shape (n, 3).
-    ``faces``: Vertex indices, shape (m, 3).
-    """
+    """Mesh with vertices fixed in the object frame, in mm."""
 
     vertices_mm: NDArray[np.float64]
     faces: NDArray[np.int32]
@@ -246,35 +227,33 @@ class MeshAtRest:
 
 @dataclass(frozen=True, eq=False)
 class FittedConfiguration(MeshAtRest):
-    """A mesh at rest, whose surface has no formula.
+    """Mesh at rest with derivatives from quadric fits.
 
-    ``vertices_mm``, ``faces``: Of `MeshAtRest`.
-    ``crease_deg``: Faces that meet at a larger angle belong to different pieces of the surface; see `TriangleMesh`.
+    ``crease_deg``: Angle between faces above which they belong to different pieces of the surface; see `TriangleMesh`.
     """
 
     crease_deg: float | NDArray[np.float64]
 
     @cached_property
     def osculation(self) -> QuadricFit:
-        """The derivatives along the surface."""
+        """Derivative operators along the surface."""
         return fit_quadrics(self.vertices_mm, self.faces, self.crease_deg)
 
     @property
     def corners(self) -> NDArray[np.int32]:
-        """Vertices on sharp edges are several surface points."""
+        """Vertices on sharp edges have several surface points."""
         return self.osculation.corners
 
     def surface(self, t: Jet) -> Points:
-        """Return the mesh with the derivatives of fits to it."""
+        """Return the mesh with fitted derivatives."""
         fields = [make_surface_jet(self.osculation, column[None]) for column in self.vertices_mm.T]
         return fields[0], fields[1], fields[2]
 
 
 @dataclass(frozen=True, eq=False)
 class AnalyticConfiguration(MeshAtRest):
-    """A mesh at rest on a smooth surface whose formula is known.
+    """Mesh at rest on a smooth surface given by a formula.
 
-    ``vertices_mm``, ``faces``: Of `MeshAtRest`.
     ``along``: Derivatives (a, b, aa, ab, bb) of the positions along the surface, shape (5, n, 3).
     """
 
@@ -295,7 +274,7 @@ class AnalyticConfiguration(MeshAtRest):
 
 
 def make_reference_configuration(mesh: TriangleMesh) -> ReferenceConfiguration:
-    """Return where the points of a mesh are at rest, with the best derivatives along its surface that it allows."""
+    """Return the reference configuration of a mesh with the most accurate derivatives available."""
     if mesh.material_mm is not None:
         return SheetConfiguration(mesh.material_mm, mesh.faces)
     if mesh.along is not None:
@@ -304,17 +283,14 @@ def make_reference_configuration(mesh: TriangleMesh) -> ReferenceConfiguration:
 
 
 def make_constant_field(values: NDArray[np.float64], t: JetField) -> Any:
-    """Return values that do not change as a field of the kind of t."""
+    """Return constant values as a field of the same type as t."""
     if isinstance(t, Jet):
         return Jet.constant(np.ascontiguousarray(values, dtype=t.coefficients.dtype), t.variables)
     return np.asarray(values, dtype=t.dtype)
 
 
 def make_surface_jet(osculation: QuadricFit, orders: NDArray[np.float64]) -> Jet:
-    """Return a field on the vertices as a jet in t, a and b at the surface points.
-
-    ``orders``: The field and, as far as it moves, its first and second derivative in time, shape (1 to 3, n).
-    """
+    """Return a vertex field, with up to two time derivatives, as a jet in t, a and b at the surface points."""
     coefficients = np.zeros((10, len(osculation.vertices)))
     coefficients[VALUE] = orders[0][osculation.vertices]
     coefficients[[A, B, AA, AB, BB]] = osculation.derivatives(orders[0])
@@ -327,13 +303,12 @@ def make_surface_jet(osculation: QuadricFit, orders: NDArray[np.float64]) -> Jet
 
 
 def corner_normals(mesh: TriangleMesh, start: ReferenceConfiguration, maps: Sequence[PointMap], t: float) -> Floats:
-    """Return the unit normals of the smooth surface at the corners of all faces at time t (in frames).
+    """Return the unit normals of the smooth surface at all face corners at time t (in frames).
 
-    They are those of the surface's derivatives, whose error falls with the square of the triangles' size. Normals that
-    came with the mesh turn with the surface from where it is at rest: the little by which they differ from the
-    derivatives' there, they keep.
+    They are computed from the surface derivatives, with an error quadratic in the triangle size. Normals supplied with
+    the mesh rotate with the surface and keep their deviation from the derivative normals at rest.
 
-    Returns: Of either sense, shape (m, 3, 3); NaN where the derivatives along the surface are parallel.
+    Returns: Shape (m, 3, 3), sign arbitrary; NaN where the derivatives along the surface are parallel.
     """
     moved = _frames(start, maps, t)[start.corners]
     if mesh.corner_normals is None:
@@ -345,7 +320,7 @@ def corner_normals(mesh: TriangleMesh, start: ReferenceConfiguration, maps: Sequ
 
 
 def _frames(start: ReferenceConfiguration, maps: Sequence[PointMap], t: float) -> Floats:
-    """Return right-handed frames (along a, across, normal) of all surface points, rows of shape (k, 3, 3)."""
+    """Return right-handed frames (along a, across, normal) of all surface points, as rows, shape (k, 3, 3)."""
     time = Jet.variable(np.array([float(t)]), 0, 3)
     points = start.surface(time)
     shape = points[0].coefficients.shape

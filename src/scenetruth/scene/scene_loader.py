@@ -1,4 +1,4 @@
-"""Loading of scene files: YAML in, a validated scene out, with every problem named."""
+"""Loading and validation of scene files in YAML, with a report of every problem."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ __all__ = ["Overrides", "SceneLike", "apply_overrides", "load_scene", "read_inpu
 
 
 SceneLike = Scene | Mapping[str, Any] | str | PathLike[str]
-"""A scene, its values as in a file, the path of its file, or the name of a scene that is shipped."""
+"""A scene, its values as in a file, the path of its file, or the name of a bundled scene."""
 Overrides = Mapping[str, Any] | Sequence[str]
-"""Changes of fields: values by path, or assignments ``path=value`` with the value in YAML."""
+"""Overrides of fields: values by path, or assignments ``path=value`` with the value in YAML."""
 
 InputProblemError = type[SceneError] | type[RecipeError]
 
@@ -37,26 +37,26 @@ def load_scene(scene: SceneLike, *, overrides: Overrides = ()) -> Scene:
     Parameters
     ----------
     scene
-        The YAML file, or the name of a scene that is shipped, as ``"cube"``, if no file has it. Relative paths in it
-        count from its folder. Also the values of a scene as a mapping, or a scene.
+        Path of a YAML file, or the name of a bundled scene such as ``"cube"`` if no such file exists. Relative paths in
+        the file refer to its directory. Also accepts a mapping of values, or a scene.
     overrides
-        Changes to apply first: values by path, or assignments ``path=value`` with the value in YAML:
-        ``camera.width=320``, ``sensor=ideal``, ``objects.0.texture.rms_contrast=0.1``.
+        Overrides of fields: values by path, or assignments ``path=value`` with the value in YAML: ``camera.width=320``,
+        ``sensor=ideal``, ``objects.0.texture.rms_contrast=0.1``.
 
     Returns
     -------
     Scene
-        Validated and frozen; paths of mesh and image files are absolute.
+        Validated and immutable; paths of mesh and image files are absolute.
 
     Raises
     ------
     SceneError
-        If the file cannot be read, or with every problem that its content has.
+        If the file cannot be read or its content is invalid; lists every problem.
 
     See Also
     --------
-    Scene.from_dict : A scene from its values.
-    simulate : Images and truth of a scene.
+    Scene.from_dict : Create a scene from values.
+    simulate : Simulate images and ground truth of a scene.
 
     Examples
     --------
@@ -88,9 +88,9 @@ def load_scene(scene: SceneLike, *, overrides: Overrides = ()) -> Scene:
 def read_input(
     given: Any, what: str, refused: InputProblemError, *, within: str = ".", overrides: Overrides = ()
 ) -> tuple[Any, str | Path | None, Path | None]:
-    """Return the values of a scene, a recipe or a specification that is given as a mapping, a path or a name."""
+    """Return the values of a scene, recipe or specification given as a mapping, path or name."""
     if isinstance(given, Mapping):
-        # Changes are for this copy alone.
+        # Overrides apply to this copy only.
         plain, source, folder = copy.deepcopy(dict(given)) if overrides else given, None, None
     else:
         source = bundled_file(given, within=within) or given
@@ -104,7 +104,7 @@ _MAPPING = "a mapping of camera, stage, frames, objects, ..."
 
 
 def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> Scene:
-    """Validate a scene given by its values; see `Scene.from_dict`."""
+    """Validate a scene given by its values, see `Scene.from_dict`."""
     if plain is None:
         raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=source)
     if not isinstance(plain, Mapping):
@@ -117,7 +117,7 @@ def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | Non
         try:
             validated["estimate"] = choose(plain["estimate"], from_file=True)
         except EstimateError as error:
-            # What is wrong inside the settings of a method is told field by field, with all else.
+            # Problems of method settings are reported per field, together with all others.
             del validated["estimate"]
             problems += [_in_estimate(problem) for problem in error.problems]
     try:
@@ -138,7 +138,7 @@ def apply_overrides(
     source: str | Path | None = None,
     refused: InputProblemError = SceneError,
 ) -> None:
-    """Change values in place, by path or by ``path=value`` assignments."""
+    """Apply overrides in place, by path or by ``path=value`` assignments."""
     problems = []
     if isinstance(overrides, str):
         overrides = [overrides]
@@ -150,15 +150,15 @@ def apply_overrides(
         overrides = ()
     for override in overrides:
         if not isinstance(override, str):
-            problems.append(Problem("--set", "must read path=value", override))
+            problems.append(Problem("--set", "must have the form path=value", override))
             continue
         path, separator, text = override.partition("=")
         keys = path.strip().split(".")
         if not separator or not all(keys):
-            problems.append(Problem("--set", "must read path=value, as camera.width=320", override))
+            problems.append(Problem("--set", "must have the form path=value, such as camera.width=320", override))
             continue
         if len(text) > MAX_YAML_BYTES:
-            problems.append(Problem("--set", f"a value has at most {MAX_YAML_BYTES:,} characters", override))
+            problems.append(Problem("--set", f"value must have at most {MAX_YAML_BYTES:,} characters", override))
             continue
         value, wrong = read_yaml(text)
         if wrong:
@@ -174,7 +174,7 @@ def apply_overrides(
         raise refused(problems, source=source)
 
 
-# No list has more items than nine digits can count, and other alphabets have digits too.
+# At most nine ASCII digits.
 _INDEX = re.compile(r"-?[0-9]{1,9}", re.ASCII)
 
 
@@ -202,11 +202,11 @@ def _assign(target: Any, keys: list[str], value: Any) -> str | None:
 
 
 def _joined_keys(target: Any, keys: list[str]) -> list[str]:
-    """Return keys with those joined that are a single key of a mapping: of recipes and designs, some hold dots."""
+    """Return keys with parts joined to keys that contain dots, as in recipes and designs."""
     joined: list[str] = []
     start = 0
     while start < len(keys) and isinstance(target, dict):
-        # Of the mapping's own keys, so that the time does not grow with the square of the path's length.
+        # Iterate over the keys of the mapping, to avoid quadratic time in the path length.
         known = [each.split(".") for each in target if isinstance(each, str)]
         parts = max((each for each in known if keys[start : start + len(each)] == each), key=len, default=[keys[start]])
         joined.append(".".join(parts))
@@ -220,7 +220,7 @@ def _brief(value: Any) -> str:
 
 
 def _in_estimate(problem: Problem) -> Problem:
-    """Return a problem of the settings of a method as one of the scene."""
+    """Return a problem of method settings as a problem of the scene."""
     message = problem.message
     if message.startswith("unknown setting"):
         message += suggest_setting(problem.path)
@@ -235,20 +235,20 @@ def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Probl
     for entry in entries[:_MAX_PROBLEMS]:
         path = _path_in(plain, entry["loc"], entry["type"])
         message, value = _message_of(entry, path), entry.get("input")
-        # Of what is not there, nothing can be shown.
+        # Missing values cannot be displayed.
         shown = None if entry["type"] == "missing" or value in ((), []) else value
         problem = Problem(path, message[:1].lower() + message[1:], shown)
         found.setdefault((path, problem.message), (entry["type"], problem))
     problems = _joined(list(found.values()))
     if any(entry["type"] == "missing" or entry.get("input") in ((), []) for entry in entries):
-        # What is missing may stand there under a wrong name, which is what is to be mended.
+        # A missing field may be present under a misspelt key, which is reported first.
         problems.sort(key=lambda one: "." in one.path or not one.message.startswith("unknown key; did you mean"))
     if len(entries) > _MAX_PROBLEMS:
-        problems.append(Problem("", f"{len(entries) - _MAX_PROBLEMS:,} more problems are not told; mend these first"))
+        problems.append(Problem("", f"{len(entries) - _MAX_PROBLEMS:,} more problems are omitted; fix these first"))
     return problems
 
 
-# Each is told with what may have been meant, which takes some milliseconds.
+# Suggestions take some milliseconds per problem.
 _MAX_PROBLEMS = 100
 
 
@@ -260,32 +260,32 @@ def _message_of(entry: ErrorDetails, path: str) -> str:
         case "missing":
             return "is missing"
         case _ if path == "format":
-            return "is a format of scene files that this scenetruth does not read; it reads 1: update it"
+            return "unsupported format of scene files; this scenetruth version reads format 1: update scenetruth"
         case _ if path == "sensor":
             named = value.get("kind") if isinstance(value, dict) else value
             return (
-                "must be 'ideal', or a mapping of kind gaussian (the default), emva1288 or chain with its fields"
+                "must be 'ideal', or a mapping with `kind` gaussian (the default), emva1288 or chain and its fields"
                 + suggest_word(named, "'ideal', 'gaussian', 'emva1288', 'chain'")
             )
         case "literal_error":
             return message + suggest_word(value, message)
         case "union_tag_invalid":
             kinds = entry["ctx"]["expected_tags"]
-            return f"is of no known kind: '{entry['ctx']['tag']}' is none of {kinds}" + suggest_word(
+            return f"unknown `kind`: '{entry['ctx']['tag']}' is not one of {kinds}" + suggest_word(
                 entry["ctx"]["tag"], kinds
             )
         case "union_tag_not_found":
-            return f"needs a kind, one of {str(list_kinds(entry['loc']))[1:-1]}"
+            return f"requires `kind`, one of {str(list_kinds(entry['loc']))[1:-1]}"
     return message
 
 
 def _joined(found: Sequence[tuple[str, Problem]]) -> list[Problem]:
-    """Return problems so that each value has one: of a value that may be of several types, pydantic reports each."""
+    """Return one problem per value, because pydantic reports each alternative of a union separately."""
     problems: list[Problem] = []
     for kind, problem in found:
         others = [other for entry, other in found if entry != "literal_error" and other.path == problem.path]
         if kind == "literal_error":
-            # What is wrong inside a mapping says more than that it is not a word.
+            # Problems inside a mapping are more specific than its mismatch with a literal.
             if not others and not any(other.path.startswith(f"{problem.path}.") for _, other in found):
                 problems.append(problem)
             continue
@@ -300,10 +300,10 @@ def _joined(found: Sequence[tuple[str, Problem]]) -> list[Problem]:
 
 
 def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int], kind_of_error: str) -> str:
-    """Spell a location as keys of the file, leaving out the names of union members that pydantic puts in between."""
+    """Return the path of a location as keys of the file, without the union members inserted by pydantic."""
     keys, here = [], plain
     for index, key in enumerate(loc):
-        # A field may be called like the kind of its mapping, as `file`: what has more below it is the kind then.
+        # A field may have the name of the `kind` of its mapping (`file`); followed by more parts it is the `kind`.
         below = index < len(loc) - 1 and isinstance(here, dict) and not isinstance(here.get(str(key)), dict | list)
         named = isinstance(here, dict) and str(here.get("kind", "")).lower() == key
         inside = isinstance(here, dict) and key in here and not (below and named)
@@ -317,9 +317,9 @@ def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int], kind_of_error: 
 
 
 def _is_union_member(here: object, key: str | int) -> bool:
-    """Tell whether the last part of a location names a type that was tried, not a field or an index."""
+    """Return whether the last part of a location is a union member rather than a field or an index."""
     if isinstance(key, int):
         return False
-    # A mapping that is wrong as a whole is reported under its kind, which may be called like a field.
+    # A mapping that is invalid as a whole is reported under its `kind`, which may have the name of a field.
     kind = here.get("kind") if isinstance(here, dict) else None
     return key not in collect_keys() or (isinstance(kind, str) and kind.lower() == key)

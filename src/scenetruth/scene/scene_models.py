@@ -1,4 +1,4 @@
-"""The models of a scene (a scene file in YAML is only their spelling), their summaries, and their image times."""
+"""Models of a scene (YAML scene files are their serialisation), summaries, and image times."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["RenderSettings", "Scene", "compute_image_times"]
 
 
 def format_line(description: str, camera: Camera, stage: Stage, frames: Frames, names: Sequence[str]) -> str:
-    """Return one line that tells what a scene is for, how many images of which size it has, and of what."""
+    """Return a one-line summary: description, image size and count, and objects."""
     grid = f"{stage.rows} x " if stage.rows > 1 else ""
     parts = [
         *([repr(description)] if description else []),
@@ -44,10 +44,10 @@ def make_summary_rows(
     lighting: Lighting,
     sensor: AnySensor,
 ) -> dict[str, str]:
-    """Return what a scene consists of: headings and texts."""
+    """Return the parts of a scene as headings and texts."""
     lens = "" if camera.distortion is None else ", with distortion"
     rows = f"{stage.rows} rows, {stage.row_spacing_mm:g} mm apart, of " if stage.rows > 1 else ""
-    unequal = "" if stage.positions_mm is None else " in the mean"
+    unequal = "" if stage.positions_mm is None else " on average"
     return {
         "camera": f"{camera.width} x {camera.height} px, f = {camera.focal_px:g} px{lens}",
         "stage": f"{rows}{stage.positions} positions, {stage.baseline_mm:g} mm apart{unequal}",
@@ -59,7 +59,7 @@ def make_summary_rows(
 
 
 def make_summary_table(caption: str, rows: Mapping[str, str]) -> str:
-    """Return a table in HTML of headings and texts."""
+    """Return an HTML table of headings and texts."""
     lines = "".join(f"<tr><th>{escape(head)}</th><td>{escape(text)}</td></tr>" for head, text in rows.items())
     return f"<table><caption>{escape(caption)}</caption><tbody>{lines}</tbody></table>"
 
@@ -88,7 +88,7 @@ def _plant_kind(plant: PlantModel) -> str:
 
 def _light(lighting: Lighting) -> str:
     if not lighting.lit:
-        return "unlit: radiance is the textures'"
+        return "unlit: radiance equals the texture"
     ambient = [] if lighting.ambient is None else [f"ambient {lighting.ambient:g}"]
     return ", ".join([*ambient, *(light.kind for light in lighting.lights)])
 
@@ -110,12 +110,12 @@ else:
 
 
 class RenderSettings(FrozenModel):
-    """How images are made."""
+    """Rendering of the images."""
 
     backend: Literal["auto", "pyrender", "raycast"] = "auto"
-    """``pyrender`` (OpenGL), ``raycast`` (the reference), or ``auto``: pyrender where it runs, else raycast."""
+    """``pyrender`` (OpenGL), ``raycast`` (reference), or ``auto``: pyrender if available, else raycast."""
     platform: Literal["auto", "osmesa", "egl"] = "auto"
-    """OpenGL platform of ``pyrender``; ``auto`` takes OSMesa where it runs, else EGL."""
+    """OpenGL platform of ``pyrender``; ``auto``: OSMesa if available, else EGL."""
     supersampling: Annotated[int, Field(ge=1, le=16)] = 4
     """n: every pixel is the mean of n x n samples."""
 
@@ -129,16 +129,16 @@ def _refuse_twice(names: list[str]) -> None:
 
 
 class Scene(FrozenModel):
-    """Everything that a recording and its truth are made from.
+    """Complete specification of a recording and its ground truth.
 
-    Scenes are read with `load_scene` or `Scene.from_dict`. They cannot be changed, and compare and hash by their
-    values; notebooks show them as a table.
+    Scenes are created with `load_scene` or `Scene.from_dict`. They are immutable, compare and hash by value, and are
+    displayed as a table in notebooks.
 
     See Also
     --------
-    load_scene : A scene from a file in YAML.
-    Scene.from_dict : A scene from plain values.
-    simulate : Images and truth of a scene.
+    load_scene : Load a scene from a YAML file.
+    Scene.from_dict : Create a scene from values.
+    simulate : Simulate images and ground truth of a scene.
 
     Examples
     --------
@@ -159,45 +159,45 @@ class Scene(FrozenModel):
     True
     """
 
-    # The schema of scene files says no more than it needs to.
+    # Short description for the schema of scene files.
     model_config = ConfigDict(
-        json_schema_extra={"description": "Everything that a recording and its truth are made from."}
+        json_schema_extra={"description": "Complete specification of a recording and its ground truth."}
     )
 
     format: Literal[1] = 1
-    """Version of the format of scene files."""
+    """Format version of scene files."""
     description: str = ""
-    """What the scene is for."""
+    """Purpose of the scene."""
     camera: Camera
-    """The camera."""
+    """Camera intrinsics."""
     optics: Optics = Optics()
-    """What its lens does besides distorting."""
+    """Lens effects other than distortion."""
     shutter: Shutter = Shutter()
-    """When its pixels collect light."""
+    """Exposure and readout timing."""
     stage: Stage
-    """Its linear stage."""
+    """Linear stage of the camera."""
     frames: Frames
-    """When it takes images."""
+    """Frame times."""
     objects: tuple[SceneObject, ...] = ()
-    """What stands before it."""
+    """Objects of the scene."""
     plants: Annotated[tuple[Plant, ...], Field(validate_default=True)] = ()
-    """Plants that stand before it; each leaf is an object."""
+    """Plants of the scene; each leaf is an object."""
     background: Radiance = 0.0
-    """Radiance where no object is seen."""
+    """Radiance of the background."""
     lighting: Lighting = Lighting()
-    """The light on the objects; unlit, the radiance is the textures' own."""
+    """Lighting of the objects; unlit, radiance equals the texture."""
     sensor: AnySensor = "ideal"
-    """The sensor; ``ideal`` delivers the linear images themselves."""
+    """Sensor model; ``ideal`` returns the linear images."""
     render: RenderSettings = RenderSettings()
-    """Backend and sampling of the images."""
+    """Rendering backend and sampling."""
     estimate: MethodChoice = Field(default_factory=lambda: choose({}))
-    """How depth and motion are estimated from them."""
+    """Method and settings for the estimation of depth and motion."""
     score: ScoreSettings = ScoreSettings()
-    """How the estimate is scored."""
+    """Settings of the scores."""
     storage: StorageSettings = StorageSettings()
-    """How all of that is stored."""
+    """Settings of the stores."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    """Seed of every random number of the scene."""
+    """Seed of all random numbers of the scene."""
 
     @field_validator("frames")
     @classmethod
@@ -208,8 +208,8 @@ class Scene(FrozenModel):
         needed = stage.scan_interval_s
         if needed > value.frame_interval_s * (1 + 1e-9):
             msg = (
-                f"the stage needs {needed:g} s from frame to frame, more than frame_interval_s = "
-                f"{value.frame_interval_s:g} s: make it longer, or stage.time_per_position_s shorter"
+                f"the stage needs {needed:g} s per frame, more than frame_interval_s = "
+                f"{value.frame_interval_s:g} s: increase it, or reduce stage.time_per_position_s"
             )
             raise ValueError(msg)
         return value
@@ -228,14 +228,14 @@ class Scene(FrozenModel):
             return value
         names = [item.name for item in (*objects, *value)]
         if not names:
-            msg = "a scene needs at least one object or plant"
+            msg = "a scene requires at least one object or plant"
             raise ValueError(msg)
         _refuse_twice(names)
         return value
 
     @cached_property
     def parts(self) -> tuple[tuple[str, SceneObject], ...]:
-        """All objects, those of plants too, each with its path in the scene: ``objects.0``, ``plants.0.leaves.2``."""
+        """All objects, including plant leaves, with their paths in the scene: ``objects.0``, ``plants.0.leaves.2``."""
         own = [(f"objects.{index}", item) for index, item in enumerate(self.objects)]
         return tuple(own) + tuple(
             (f"plants.{index}.leaves.{number}", leaf)
@@ -245,12 +245,12 @@ class Scene(FrozenModel):
 
     @property
     def needs_rays(self) -> str:
-        """What of the scene only ray casting can render; empty if nothing."""
-        parts = ["a lens that distorts"] if self.camera.distortion is not None else []
+        """Features of the scene that require ray casting; empty if none."""
+        parts = ["lens distortion"] if self.camera.distortion is not None else []
         return " and ".join(parts + (["a rolling shutter"] if self.shutter.readout_time_s > 0 else []))
 
     def shrunk_to(self, most_px: int) -> Scene:
-        """Return the scene with the reference frame alone, and not more than so many pixels along a side."""
+        """Return the scene with the reference frame only and at most ``most_px`` along an image side."""
         frames = self.frames.model_copy(update={"count": 1})
         return self.model_copy(update={"camera": self.camera.shrunk_to(most_px), "frames": frames})
 
@@ -261,43 +261,43 @@ class Scene(FrozenModel):
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        """Return a table of what the scene consists of, as notebooks show it."""
+        """Return a summary table for notebooks."""
         things: list[SceneObject | Plant] = [*self.objects, *self.plants]
         rows = make_summary_rows(self.camera, self.stage, self.frames, things, self.lighting, self.sensor)
         return make_summary_table(self.description or "Scene", rows)
 
     _reader: ClassVar[Callable[[Any, str | Path | None, Path | None], Scene]]
-    """What `from_dict` does; the loader, which lies higher, says so."""
+    """Implementation of `from_dict`, set by the loader."""
 
     @classmethod
     def from_dict(
         cls, values: Mapping[str, Any], *, source: str | Path | None = None, folder: Path | None = None
     ) -> Scene:
-        """Validate a scene given by its values.
+        """Create a scene from its values.
 
         Parameters
         ----------
         values
-            The values, as in a scene file.
+            Values as in a scene file.
         source
-            Where they are from, for messages.
+            Origin of the values, for messages.
         folder
-            Folder that relative paths of files count from; None leaves them as they are.
+            Base directory of relative file paths; None leaves them unchanged.
 
         Returns
         -------
         Scene
-            Validated and frozen.
+            Validated and immutable.
 
         Raises
         ------
         SceneError
-            With every problem and its path.
+            If the values are invalid; lists every problem with its path.
 
         See Also
         --------
-        load_scene : A scene from a file in YAML.
-        Scene.to_dict : Back to values.
+        load_scene : Load a scene from a YAML file.
+        Scene.to_dict : Convert a scene into values.
 
         Examples
         --------
@@ -322,12 +322,12 @@ class Scene(FrozenModel):
         return cls._reader(values, source, folder)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the scene's values, ready for YAML or JSON."""
+        """Return the values of the scene for YAML or JSON."""
         return self.model_dump(mode="json")
 
 
 def compute_image_times(scene: Scene) -> list[float]:
-    """Return the times of the frames, and those of the first and of the last image, in frames."""
+    """Return the times of all frames and of the first and last image, in frames."""
     stage, frames = scene.stage, scene.frames.t.tolist()
     per_image = stage.time_per_position_s / scene.frames.frame_interval_s
     before, last = stage.number_in_scan(0, frames[0]), stage.number_in_scan(0, frames[-1])

@@ -1,4 +1,4 @@
-"""An object of a scene: its mesh, texture, pose, deformations and motions."""
+"""Object of a scene: mesh, texture, pose, deformations and motions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Pose", "Rotation", "SceneObject", "Texture"]
 
 
 class Rotation(FrozenModel):
-    """A rotation about an axis through the object's origin (right-hand rule: X towards Y about Z)."""
+    """Rotation about an axis through the object origin (right-hand rule: X towards Y about Z)."""
 
     axis: Direction
     """Direction of the axis."""
@@ -28,12 +28,12 @@ class Rotation(FrozenModel):
 
 
 class Pose(FrozenModel):
-    """Where an object stands at t = 0: rotated first, in the given order, then moved to its position."""
+    """Pose of an object at t = 0: rotations in the given order, then translation."""
 
     position_mm: Vector3 = (0.0, 0.0, 0.0)
-    """World position of the mesh's origin in mm."""
+    """World position of the mesh origin in mm."""
     rotations: tuple[Rotation, ...] = ()
-    """Rotations about fixed axes, applied one after the other."""
+    """Rotations about fixed axes, applied in order."""
 
 
 if TYPE_CHECKING:
@@ -49,20 +49,20 @@ else:
 
 
 class SceneObject(FrozenModel):
-    """A textured mesh that stands and moves before the camera."""
+    """Textured mesh with pose, deformation and motion."""
 
     name: Name
-    """Name, unique in the scene; keys the object's random numbers."""
+    """Unique name in the scene, also the key of the random streams of the object."""
     mesh: Mesh
-    """Its shape."""
+    """Shape of the object."""
     texture: Texture
-    """Its surface."""
+    """Texture of the surface."""
     pose: Pose = Pose()
-    """Where it stands at t = 0."""
+    """Pose at t = 0."""
     deformation: tuple[AnyDeformation, ...] = ()
-    """How it changes in its own frame, before it is posed; several deformations are applied one after the other."""
+    """Deformations in the object frame, applied in order before the pose."""
     motion: tuple[Motion, ...] = ()
-    """How it moves in the world; several motions are applied one after the other."""
+    """Motions in the world, applied in order."""
 
     @field_validator("deformation")
     @classmethod
@@ -72,7 +72,7 @@ class SceneObject(FrozenModel):
         given = [index for index, entry in enumerate(value) if isinstance(entry, VertexModel)]
         mesh = info.data.get("mesh")
         if given and (given != [0] or not (mesh is None or isinstance(mesh, FileMesh))):
-            msg = f"'{value[given[-1]].kind}' says where the vertices of a mesh file are: "
-            msg += "it must be the first deformation and the only one of its sort, of a mesh of kind 'file'"
+            msg = f"'{value[given[-1]].kind}' defines the vertex positions of a mesh file: "
+            msg += "it must be the first deformation and the only vertex animation, for a mesh with `kind` 'file'"
             raise ValueError(msg)
         return value

@@ -1,4 +1,4 @@
-"""Checks of a scene before it is rendered: image sizes, disparities, memory, wavelengths, and its lighting."""
+"""Checks of a scene before rendering: image size, disparity, memory, texture wavelength and lighting."""
 
 from __future__ import annotations
 
@@ -20,27 +20,20 @@ from scenetruth.scene.texture import TextureModel
 __all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene", "find_lighting_problems"]
 
 
-# A direction in which no mesh is likely to have edges or faces.
+# Perturbation that gives a ray direction unlikely to be aligned with edges or faces.
 _UNSTEADY = 1e-3
 _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 
 
 def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
-    """Return what is wrong with a scene's lighting: lights inside objects, and brightness that does not stay positive.
-
-    All frames, or the given times in frames, are looked at. Only closed meshes have an inside: those in which every
-    edge belongs to an even number of triangles. A light is inside if a ray from it passes the surface an odd number of
-    times.
-    """
+    """Return the problems of a scene's lighting: lights inside closed objects, and non-positive brightness."""
     lighting = scene.lighting
     times = [float(t) for t in scene.frames.t] if times is None else times
     problems = []
     brightness = [lighting.brightness(t) for t in times]
     if min(brightness) <= 0:
         worst = times[int(np.argmin(brightness))]
-        message = (
-            f"makes the brightness {min(brightness):.6g} at frame {worst:g}; it must stay positive over all frames"
-        )
+        message = f"brightness is {min(brightness):.6g} at frame {worst:g}; it must be positive in all frames"
         problems.append(Problem("lighting.drift_per_frame", message, lighting.drift_per_frame))
     problems += _lost_lamps(scene, times)
     if problems or all(lamp.position_mm is None for lamp in lighting.lamps_at(0.0)):
@@ -58,21 +51,21 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
                     continue
                 if _is_inside(lamp.position_mm, corners, body.faces):
                     found.add((number, index))
-                    message = f"the light is inside '{body.name}' at frame {t:g}; move it out"
+                    message = f"the light is inside '{body.name}' at frame {t:g}; move it outside"
                     where = tuple(round(float(value), 6) for value in lamp.position_mm)
                     problems.append(Problem(f"lighting.lights.{number}.position_mm", message, where))
     return problems
 
 
 def _lost_lamps(scene: Scene, times: Sequence[float]) -> list[Problem]:
-    """Return which lamps are moved so far that they, or the directions in which they shine, are no numbers any more."""
+    """Return the problems of lamps whose position or direction overflows."""
     lost: dict[int, Problem] = {}
     for t in times:
         for number, lamp in enumerate(scene.lighting.lamps_at(t)):
             directed = lamp.position_mm is None or lamp.cos_outer > EVERYWHERE
             shines = not directed or abs(float(np.linalg.norm(lamp.axis)) - 1) < _UNSTEADY
             if not shines or not (lamp.position_mm is None or np.isfinite(lamp.position_mm).all()):
-                message = f"moves the light, at frame {t:g}, so far that its place or direction is lost; make it slower"
+                message = f"position or direction of the light overflows at frame {t:g}; reduce the rate"
                 lost.setdefault(number, Problem(f"lighting.lights.{number}.motion", message))
     return list(lost.values())
 
@@ -89,7 +82,7 @@ def _is_inside(point: NDArray[np.float64], vertices: NDArray[np.float64], faces:
     if (point < vertices.min(axis=0)).any() or (point > vertices.max(axis=0)).any():
         return False
     first, second, third = (vertices[faces[:, k]] - point for k in range(3))
-    # Signed volumes of the ray and each edge, exactly opposite for the two faces that share it: none slips through.
+    # Signed volumes of the ray and each edge, exactly opposite for adjacent faces, so no ray passes between them.
     volumes = np.stack(
         [np.cross(a, b) @ _GENERIC_DIRECTION for a, b in ((first, second), (second, third), (third, first))]
     )
@@ -101,21 +94,20 @@ def _is_inside(point: NDArray[np.float64], vertices: NDArray[np.float64], faces:
 
 
 _FINEST_PX = 2.0
-# A thousand kilometres: float64 then still tells 1e-7 mm apart, and float32, which the search for rays uses, 64 mm.
+# A thousand kilometres: the resolution is 1e-7 mm in float64, and 64 mm in float32, which the ray search uses.
 _FARTHEST_MM = 1e9
 _BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3 + 2 + 1 + 1) + 4 + 4 + 1 + 2 + 1 + 1
 
 
 @dataclass(frozen=True)
 class ObjectReport:
-    """What is to be expected of one object.
+    """Expected properties of one object in the images.
 
-    ``name``: Its name.
     ``faces``: Number of triangles.
-    ``depth_mm``: Least and largest depth Z over all frames, of the vertices in front of the camera.
-    ``disparity_px``: Least and largest disparity over all frames, px per step.
-    ``wavelength_px``: Shortest and longest wavelength of its texture in the image where it is nearest and farthest,
-      without foreshortening; None for textures without a stated wavelength.
+    ``depth_mm``: Smallest and largest depth Z over all frames, of the vertices in front of the camera.
+    ``disparity_px``: Smallest and largest disparity over all frames, px per step.
+    ``wavelength_px``: Shortest and longest texture wavelength in the image at the smallest and largest depth, without
+      foreshortening; None for textures without a specified wavelength.
     """
 
     name: str
@@ -127,15 +119,15 @@ class ObjectReport:
 
 @dataclass(frozen=True)
 class SceneReport:
-    """What will be made from a scene.
+    """Expected properties of the recording and ground truth of a scene.
 
     ``image_count``: Number of images.
-    ``recording_bytes``, ``truth_bytes``: Memory of the recording, and of the truth of the reference camera.
-    ``mean_disparity_px``: Mean disparity of what the reference camera sees at the reference frame.
-    ``working_point_px``: That mean, rounded: the integer shift per step of s that brings the images together.
-    ``residual_disparity_px``: Range of the disparity that remains after it, at the reference frame.
+    ``recording_bytes``, ``truth_bytes``: Memory of the recording, and of the ground truth of the reference camera.
+    ``mean_disparity_px``: Mean disparity in the reference image.
+    ``working_point_px``: Mean disparity rounded to the integer shift per step of s for registration.
+    ``residual_disparity_px``: Range of the disparity after registration, at the reference frame.
     ``objects``: One report for each object.
-    ``warnings``: What makes the scene unfit to be measured, though it can be made.
+    ``warnings``: Properties that impair estimation but not simulation.
     """
 
     image_count: int
@@ -149,7 +141,7 @@ class SceneReport:
 
 
 def check_scene(scene: Scene, world: BuiltScene) -> None:
-    """Refuse a scene with nothing to see, and warn of one that can hardly be measured."""
+    """Raise a SceneError if nothing is visible, and warn about scenes unsuitable for estimation."""
     reports, problems = _inspect(scene, world, None)
     if problems:
         raise SceneError(problems)
@@ -160,13 +152,13 @@ def check_scene(scene: Scene, world: BuiltScene) -> None:
 def describe_scene(
     scene: Scene, world: BuiltScene, depth: NDArray[np.float64], times: Sequence[float] | None = None
 ) -> SceneReport:
-    """Describe what will be made."""
+    """Return the expected properties of the data."""
     reports, problems = _inspect(scene, world, times)
     seen = depth[np.isfinite(depth)]
-    # Of a scene that is looked at in part, what is seen may be among the rest.
+    # For a subset of the objects, visible objects may be among the others.
     whole = len(world.bodies) == len(scene.parts)
     if not problems and not seen.size and whole:
-        problems = [Problem("objects", "the reference camera sees none of them at the reference frame")]
+        problems = [Problem("objects", "none is visible in the reference camera at the reference frame")]
     if problems:
         raise SceneError(problems)
     disparity = scene.camera.focal_px * scene.stage.baseline_mm / seen
@@ -179,8 +171,8 @@ def describe_scene(
     span = (ends[0] - round(mean), ends[1] - round(mean))
     if max(map(abs, span)) > 2:
         messages.append(
-            f"the disparity left after registration reaches {max(map(abs, span)):.1f} px per step; derivative filters "
-            "work best up to about 1 px: reduce the baseline or the range of depth"
+            f"the residual disparity after registration is {max(map(abs, span)):.1f} px per step; derivative filters "
+            "work best up to about 1 px: reduce the baseline or the depth range"
         )
     return SceneReport(
         image_count=images,
@@ -198,25 +190,25 @@ def _inspect(
     scene: Scene, world: BuiltScene, times: Sequence[float] | None
 ) -> tuple[list[ObjectReport], list[Problem]]:
     moments = compute_image_times(scene) if times is None else times
-    # What overflows is told of as a problem.
+    # Overflow is reported as a problem.
     with np.errstate(all="ignore"):
         reports, problems = _object_reports(scene, world, moments)
         return reports, [*problems, *_camera_problems(scene), *find_lighting_problems(scene, world, times)]
 
 
 def _camera_problems(scene: Scene) -> list[Problem]:
-    """Return what lens, shutter and backend ask for that does not go together."""
+    """Return incompatible settings of lens, shutter and backend."""
     problems = []
     if scene.render.backend == "pyrender" and scene.needs_rays:
-        message = f"OpenGL cannot render {scene.needs_rays}; use raycast, or auto"
+        message = f"OpenGL cannot render {scene.needs_rays}; use raycast or auto"
         problems.append(Problem("render.backend", message, scene.render.backend))
     psf, camera, shutter = scene.optics.psf, scene.camera, scene.shutter
     if psf is not None and 2 * psf.reach_px > min(camera.width, camera.height):
-        value = f"light reaches {psf.reach_px:.3g} px far"
-        problems.append(Problem("optics.psf", "is wider than the image; make it narrower, or the image larger", value))
+        value = f"radius {psf.reach_px:.3g} px"
+        problems.append(Problem("optics.psf", "is wider than the image; reduce its width, or enlarge the image", value))
     elif psf is not None and (folded := camera.folding_problem(int(np.ceil(psf.reach_px)))):
-        # Light comes into the image from around it.
-        problems.append(Problem("optics.psf", f"spreads light from around the image, where {folded}"))
+        # The image receives light from a margin around it.
+        problems.append(Problem("optics.psf", f"includes light from outside the image, where {folded}"))
     interval = scene.frames.frame_interval_s
     if shutter.exposure_time_s > interval:
         message = f"is longer than frames.frame_interval_s, {interval:g} s"
@@ -229,7 +221,7 @@ def _camera_problems(scene: Scene) -> list[Problem]:
 
 @dataclass
 class _ObjectRange:
-    """What is known of one object after some moments."""
+    """Ranges of one object over the evaluated times."""
 
     near: float = np.inf
     far: float = -np.inf
@@ -237,7 +229,7 @@ class _ObjectRange:
     lost_at: float | None = None
 
     def look(self, scene: Scene, vertices: NDArray[np.float64], t: float) -> None:
-        """Look at its vertices at one more moment."""
+        """Update the ranges with the vertices at one time."""
         if self.lost_at is not None:
             return
         if not np.abs(vertices).max() <= _FARTHEST_MM:
@@ -251,13 +243,13 @@ class _ObjectRange:
 def _object_reports(
     scene: Scene, world: BuiltScene, times: Sequence[float]
 ) -> tuple[list[ObjectReport], list[Problem]]:
-    # Moment by moment: all of them together would not fit into memory.
+    # Time by time, to limit memory.
     seen = [_ObjectRange() for _ in world.bodies]
     for t in times:
         for one, body in zip(seen, world.bodies, strict=True):
             one.look(scene, body.positions_at(t), t)
     for one, body in zip(seen, world.bodies, strict=True):
-        # What is seen at a moment that was left out is not outside every image.
+        # An object may be visible at a time that was skipped.
         for t in compute_image_times(scene) if not one.in_view and one.near > 0 and one.lost_at is None else ():
             one.look(scene, body.positions_at(t), t)
             if one.in_view:
@@ -268,8 +260,10 @@ def _object_reports(
         path, item = items[body.name]
         near, far = one.near, one.far
         if one.lost_at is not None:
-            message = f"'{item.name}' is out of all bounds at frame {one.lost_at:g}: no coordinate may be farther "
-            message += f"than {_FARTHEST_MM:g} mm from the origin; make it smaller, nearer or slower"
+            message = (
+                f"'{item.name}' exceeds the coordinate range at frame {one.lost_at:g}: no coordinate may be farther "
+            )
+            message += f"than {_FARTHEST_MM:g} mm from the origin; reduce size, distance or speed"
             problems.append(Problem(f"{path}.motion" if item.motion else path, message))
         elif near <= 0:
             where = "is behind the camera" if far <= 0 else "reaches behind the camera"
@@ -277,7 +271,7 @@ def _object_reports(
             remedy = "move it to Z > 0 for all frames"
             problems.append(Problem(f"{path}.pose.position_mm", f"'{item.name}' {where}; {remedy}", value))
         elif not one.in_view:
-            message = f"'{item.name}' is outside every image; move it, or widen the view"
+            message = f"'{item.name}' is outside every image; move it, or increase the field of view"
             problems.append(Problem(f"{path}.pose.position_mm", message, item.pose.position_mm))
         else:
             disparity = sorted(scene.camera.focal_px * scene.stage.baseline_mm / np.array([near, far]))
@@ -294,7 +288,7 @@ def _object_reports(
 
 
 def _in_view(scene: Scene, vertices: NDArray[np.float64]) -> bool:
-    """Whether the box around the projected vertices meets an image, from any camera."""
+    """Return whether the bounding box of the projected vertices intersects an image of any camera."""
     camera, stage = scene.camera, scene.stage
     for x_mm, y_mm in product(stage.x_mm, stage.y_mm):
         pixels = camera.project(vertices - (x_mm, y_mm, 0.0))
@@ -312,7 +306,7 @@ def _wavelengths_px(texture: TextureModel, focal: float, near: float, far: float
 def _texture_warnings(reports: list[ObjectReport]) -> list[str]:
     return [
         f"objects: the texture of '{report.name}' has wavelengths down to {report.wavelength_px[0]:.2f} px; finer than "
-        f"{_FINEST_PX:g} px it cannot be sampled: use longer wavelengths or a longer focal length"
+        f"{_FINEST_PX:g} px it is aliased: use longer wavelengths or a longer focal length"
         for report in reports
         if report.wavelength_px is not None and report.wavelength_px[0] < _FINEST_PX
     ]

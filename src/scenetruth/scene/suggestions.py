@@ -1,4 +1,4 @@
-"""Suggestions for a wrong key or word of a scene file: the nearest valid one, or where the key belongs."""
+"""Suggestions for unknown keys and words in scene files: the closest valid key, or its correct location."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from scenetruth.scene.scene_models import Scene
 __all__ = ["collect_keys", "list_kinds", "suggest_key", "suggest_setting", "suggest_word"]
 
 _HERE, _ELSEWHERE = 0.6, 0.75
-"""Least likeness of a word that is suggested; other places have many keys, of which some are alike by chance."""
+"""Minimum similarity of a suggested word, at the same location and elsewhere (higher, because there are more keys)."""
 _WITHOUT_UNIT = 0.9
 _MOST = 3
-"""Most suggestions of one sort."""
+"""Maximum number of suggestions of each type."""
 
 Path = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class _Place:
-    """A mapping of the scene format: its path with N for every index, and its model."""
+    """Location of a mapping in the scene format (path with N for every index) and its model."""
 
     path: Path
     model: type[BaseModel]
     kind: str
-    """Kind of the innermost thing around it that has several; empty if it is a part of every kind of it."""
+    """Discriminator value of the innermost enclosing union; empty if the location exists in all its members."""
 
 
 def collect_keys() -> frozenset[str]:
-    """Return every key that a scene file may have anywhere, but for settings of methods."""
+    """Return all keys of scene files, except method settings."""
     return _collect_keys()
 
 
 def suggest_key(location: Sequence[str | int]) -> str:
-    """Return the end of a message about an unknown key: what it was meant to be."""
+    """Return a suggestion for an unknown key, as the end of a message."""
     *around, last = location
     path, models = _place_at(around)
     here = sorted({name for model in models for name in _fields_of(model)})
@@ -51,7 +51,7 @@ def suggest_key(location: Sequence[str | int]) -> str:
         {place.kind for place in _places() if place.path == _pattern(path) and key in _fields_of(place.model)}
     )
     if others:
-        return f"; it belongs to kind {_listed(others)}" + (_question(guesses) or _list_keys(here))
+        return f"; it belongs to `kind` {_listed(others)}" + (_question(guesses) or _list_keys(here))
     elsewhere = _where(key, path)
     if not guesses and not elsewhere:
         elsewhere = [text for name in _nearest(key, collect_keys(), _ELSEWHERE) for text in _where(name, path)]
@@ -59,36 +59,36 @@ def suggest_key(location: Sequence[str | int]) -> str:
 
 
 def list_kinds(location: Sequence[str | int]) -> list[str]:
-    """Return the kinds of what may stand at a location, in order."""
+    """Return the valid discriminator values at a location, in order."""
     return sorted(filter(None, {_kind_of(model) for model in _place_at(location)[1]}))
 
 
 def suggest_setting(name: str) -> str:
-    """Return where in a scene a key belongs that is no setting of the method, as the end of a message, or nothing."""
+    """Return the location of a key that is not a method setting, as the end of a message, or an empty string."""
     belongs = [text for text in _where(name, ("estimate",)) if not text.startswith("'estimate.")]
     return _question(belongs[:_MOST])
 
 
 def suggest_word(given: object, message: str) -> str:
-    """Return what a word was meant to be, as the end of a message that quotes the allowed ones, or nothing."""
+    """Return the closest of the allowed words quoted in a message, as its end, or an empty string."""
     near = _nearest(given, re.findall(r"'([^']*)'", message), _HERE) if isinstance(given, str) else []
     return _question([f"'{word}'" for word in near])
 
 
 def _nearest(word: str, words: Iterable[str], least: float) -> list[str]:
-    """Return the words that are most like one, in any case; several only if they are equally like it."""
+    """Return the most similar words, ignoring case; several only for equal similarity."""
     likeness = {known: _likeness(known.casefold(), word.casefold()) for known in words}
     best = max(likeness.values(), default=0.0)
     return sorted(known for known, ratio in likeness.items() if ratio == best)[:_MOST] if best >= least else []
 
 
 def _list_keys(here: Sequence[str]) -> str:
-    return f"; known here: {', '.join(here)}" if here else "; see `scenetruth schema` for the known ones"
+    return f"; valid keys: {', '.join(here)}" if here else "; see `scenetruth schema` for valid keys"
 
 
 def _likeness(known: str, word: str) -> float:
     ratio = difflib.SequenceMatcher(None, known, word).ratio()
-    # Names end in their units, which are soon forgotten.
+    # Names without their unit suffix count as similar.
     return max(ratio, _WITHOUT_UNIT) if known.startswith(f"{word}_") else ratio
 
 
@@ -101,7 +101,7 @@ def _listed(texts: Sequence[str]) -> str:
 
 
 def _where(key: str, path: Sequence[str]) -> list[str]:
-    """Return the paths nearest to a place that end in a key, with the kinds of what has it, if not all have."""
+    """Return the closest paths that end in a key, with the `kind` values if not all members have the key."""
     kinds: dict[Path, set[str]] = {}
     for place in _places():
         if key in _fields_of(place.model):
@@ -116,7 +116,7 @@ def _pattern(path: Sequence[str]) -> Path:
 
 
 def _distance(one: Path, other: Path) -> int:
-    """Return the steps from one place to another by way of what both are parts of."""
+    """Return the number of steps between two locations through their common ancestor."""
     return len(one) + len(other) - 2 * _common(one, other)
 
 
@@ -131,11 +131,11 @@ def _spelled(place: Path, key: str, kinds: set[str], path: Sequence[str]) -> str
     shared = _common(place, _pattern(path))
     text = f"'{'.'.join((*path[:shared], *place[shared:], key))}'"
     every = {other.kind for other in _places() if other.path == place}
-    return text if kinds == every else f"{text} of kind {_listed(sorted(kinds))}"
+    return text if kinds == every else f"{text} of `kind` {_listed(sorted(kinds))}"
 
 
 def _place_at(location: Sequence[str | int]) -> tuple[list[str], list[type[BaseModel]]]:
-    """Return the path of a location without the names of union members, and the models that may stand there."""
+    """Return the path of a location without union members, and the models allowed there."""
     path: list[str] = []
     models: list[type[BaseModel]] = [Scene]
     for part in location:
@@ -164,7 +164,7 @@ def _places() -> tuple[_Place, ...]:
 
 
 def _walk(model: type[BaseModel], path: Path, kind: str, above: tuple[type[BaseModel], ...]) -> Iterator[_Place]:
-    """Yield the place of a model and all places in it."""
+    """Yield the location of a model and all locations inside it."""
     yield _Place(path, model, kind)
     for name in _fields_of(model):
         inner = _models_of(model, name)
@@ -182,7 +182,7 @@ def _fields_of(model: type[BaseModel]) -> tuple[str, ...]:
 
 
 def _models_of(model: type[BaseModel], field: str) -> list[tuple[bool, type[BaseModel]]]:
-    """Return the models that a field may hold, and whether in a list."""
+    """Return the models allowed in a field, and whether in a list."""
     if model is MethodChoice:
         return []
     return list(_models_in(model.model_fields[field].annotation))

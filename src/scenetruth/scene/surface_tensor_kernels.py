@@ -1,4 +1,4 @@
-"""A kernel that computes normal, rates and curvature of surface points, and the layout of its result."""
+"""Kernel for normal, deformation rate, rotation rate and curvature of surface points, with the layout of its result."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ ROTATION = 9
 CURVATURE = 12
 """First of six: curvature tensor, 1/mm."""
 WIDTH = 18
-"""All of them."""
+"""Total number of values."""
 
-# The order of the six numbers of a symmetric tensor: xx, yy, zz, xy, xz, yz.
+# Order of the six numbers of a symmetric tensor: xx, yy, zz, xy, xz, yz.
 TENSOR_ROWS = (0, 1, 2, 0, 0, 1)
 TENSOR_COLUMNS = (0, 1, 2, 1, 2, 2)
 
 
-# Points that are worth a thread of their own.
+# Minimum number of points per thread.
 _LEAST = 1024
-# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
+# Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -49,7 +49,7 @@ def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[n
 
     - 0..2: unit normal n = X_a x X_b / ‖.‖,
     - 3..8: rate of deformation in the tangent plane D = P sym(∇V) P (xx, yy, zz, xy, xz, yz), 1/frame; its trace is the
-      relative rate of the area,
+      areal growth rate,
     - 9..11: rotation rate ω = n x dn/dt + s n with the spin s = n . (X^a x V_a + X^b x V_b) / 2, rad/frame,
     - 12..17: curvature tensor Σ (X_ij . n) X^i X^j, 1/mm, in the order of D; negative where the surface bulges along n.
 

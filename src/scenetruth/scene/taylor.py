@@ -1,7 +1,4 @@
-"""Second-order Taylor arithmetic: fields that carry their derivatives in time and along a surface.
-
-Jets (the fields), the layout of their coefficients, and functions with a removable singularity at zero.
-"""
+"""Second-order Taylor arithmetic (forward-mode differentiation) in time and along a surface."""
 
 from __future__ import annotations
 
@@ -41,14 +38,13 @@ _Parts = tuple[Floats, Floats, Floats]
 
 
 class Jet(np.lib.mixins.NDArrayOperatorsMixin):
-    """A field of n values with all derivatives up to second order in k variables.
+    """Field of n values with all derivatives up to second order in k variables.
 
-    NumPy's arithmetic and its smooth elementary functions act on jets (Taylor series cut after second order, exact to
-    rounding): a formula that is written for arrays gives its derivatives if it is given jets. Comparisons look at the
-    values.
+    NumPy arithmetic and smooth elementary functions apply to jets (truncated Taylor series, exact to rounding), so a
+    formula written for arrays also computes derivatives. Comparisons use the values.
 
-    ``coefficients``: The value, the k first derivatives and the k (k + 1) / 2 second derivatives (11, 12, ..., 22,
-      ...), shape (1 + k + k (k + 1) / 2, n); n = 1 stands for any number of equal values.
+    ``coefficients``: Value, k first derivatives and k (k + 1) / 2 second derivatives (11, 12, ..., 22, ...), shape (1 +
+      k + k (k + 1) / 2, n); n = 1 represents a constant field.
     """
 
     __slots__ = ("coefficients", "variables")
@@ -59,7 +55,7 @@ class Jet(np.lib.mixins.NDArrayOperatorsMixin):
 
     @classmethod
     def constant(cls, values: Floats, variables: int) -> Jet:
-        """Return a field that depends on none of k variables."""
+        """Return a field independent of k variables."""
         values = np.atleast_1d(values)
         coefficients = np.zeros((1 + variables + variables * (variables + 1) // 2, len(values)), dtype=values.dtype)
         coefficients[0] = values
@@ -67,24 +63,24 @@ class Jet(np.lib.mixins.NDArrayOperatorsMixin):
 
     @classmethod
     def variable(cls, values: Floats, index: int, variables: int) -> Jet:
-        """Return the field that is itself the variable number ``index`` of k."""
+        """Return the field of variable ``index`` of k."""
         jet = cls.constant(values, variables)
         jet.coefficients[1 + index] = 1
         return jet
 
     @property
     def value(self) -> Floats:
-        """The values, shape (n,)."""
+        """Values, shape (n,)."""
         values: Floats = self.coefficients[0]
         return values
 
     def first(self, i: int) -> Floats:
-        """Return the derivative by variable i, shape (n,)."""
+        """Return the derivative with respect to variable i, shape (n,)."""
         values: Floats = self.coefficients[1 + i]
         return values
 
     def second(self, i: int, j: int) -> Floats:
-        """Return the second derivative by variables i and j, shape (n,)."""
+        """Return the second derivative with respect to variables i and j, shape (n,)."""
         low, high = min(i, j), max(i, j)
         k = self.variables
         values: Floats = self.coefficients[1 + k + low * k - low * (low - 1) // 2 + high - low]
@@ -94,7 +90,7 @@ class Jet(np.lib.mixins.NDArrayOperatorsMixin):
         return int(self.coefficients.shape[1])
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
-        """Apply a ufunc of NumPy."""
+        """Apply a NumPy ufunc."""
         if method != "__call__" or kwargs:
             return NotImplemented
         if ufunc in _COMPARISONS:
@@ -110,29 +106,23 @@ class Jet(np.lib.mixins.NDArrayOperatorsMixin):
 
 
 JetField = NDArray[np.floating[Any]] | Jet
-"""A field of values: an array of shape (n,), or a jet."""
+"""Field of values: an array of shape (n,), or a jet."""
 
 
 def strip_derivatives(field: Any) -> Any:
-    """Return the values of a field without its derivatives."""
+    """Return the values of a field without derivatives."""
     return field.value if isinstance(field, Jet) else field
 
 
 def compose(field: JetField, value: Floats, first: Floats, second: Floats) -> Any:
-    """Apply a function of one variable to a field, given the function's value and derivatives at the field's values.
-
-    ``value``, ``first``, ``second``: f(x), f'(x) and f''(x), shape (n,).
-    """
+    """Apply a function, given by its value and two derivatives at the field values, shape (n,), to a field."""
     if not isinstance(field, Jet):
         return value
     return Jet(_kernels(field).compose(field.coefficients, *np.broadcast_arrays(value, first, second)))
 
 
 def where(condition: NDArray[np.bool_], one: Any, other: Any) -> Any:
-    """Take values and derivatives from one field where a condition holds, and from another elsewhere.
-
-    ``condition``: bool, shape (n,); derivatives do not see it: the fields should join smoothly at its border.
-    """
+    """Select values and derivatives by a condition, shape (n,); the fields should join smoothly at its border."""
     jets = [item for item in (one, other) if isinstance(item, Jet)]
     if not jets:
         return np.where(condition, one, other)
@@ -142,7 +132,7 @@ def where(condition: NDArray[np.bool_], one: Any, other: Any) -> Any:
 
 
 def _kernels(field: Jet) -> Any:
-    """Return compiled kernels for float64, and their plain reading for other precisions."""
+    """Return compiled kernels for float64, or NumPy implementations for other precisions."""
     if field.coefficients.dtype == np.float64:
         from scenetruth.scene import taylor_kernels
 
@@ -151,7 +141,7 @@ def _kernels(field: Jet) -> Any:
 
 
 class _Plain:
-    """The same in plain NumPy, for any precision."""
+    """NumPy implementation for any precision."""
 
     @staticmethod
     def multiply(x: Floats, y: Floats) -> Floats:
@@ -205,7 +195,7 @@ def _divide(one: Any, other: Any) -> Jet:
 
 def _power(base: Any, exponent: Any) -> Jet:
     if isinstance(exponent, Jet):
-        msg = "a jet can be raised to a number only"
+        msg = "the exponent of a jet must be a number"
         raise TypeError(msg)
     x, p = base.value, exponent
     if p == 0:
@@ -218,7 +208,7 @@ def _power(base: Any, exponent: Any) -> Jet:
 
 
 def _arctan2(y: Any, x: Any) -> Any:
-    # The derivatives are those of arctan(y / x) or of -arctan(x / y), whichever is far from its pole.
+    # Derivatives of arctan(y / x) or of -arctan(x / y), whichever is farther from its pole.
     values_y, values_x = np.broadcast_arrays(strip_derivatives(y), strip_derivatives(x))
     flat = np.abs(values_x) > np.abs(values_y)
     numerator, denominator = where(flat, y, -1 * x), where(flat, x, y)
@@ -319,13 +309,13 @@ _COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, 
 
 
 TIME, ALONG, ACROSS = range(3)
-"""Numbers of the variables: t, and the surface coordinates a and b."""
+"""Indices of the variables: t, and the surface coordinates a and b."""
 
 VALUE, T, A, B, TT, TA, TB, AA, AB, BB = range(10)
-"""Rows: the value, the first derivatives by t, a and b, and the second derivatives."""
+"""Rows: value, first derivatives by t, a and b, and second derivatives."""
 
 
-# Below these arguments series, above them formulas. The last terms kept are below half an ulp of 80-bit floats:
+# Limits of the series expansions. The last terms kept are below half an ulp of 80-bit floats:
 # 0.5^18 / 19! = 3e-23 and 1 / 29! = 1e-31; the second derivatives are n^2 = 400 times as large.
 _LARGEST_SERIES_EXP, _EXP_TERMS = 0.5, 20
 _LARGEST_SERIES_SINC, _SINC_TERMS = 1.0, 14
@@ -375,7 +365,7 @@ def _joined(
 
 def _polynomial(coefficients: list[np.longdouble], x: Floats) -> Floats:
     """Evaluate a polynomial by Horner's rule in the precision of x."""
-    # Terms that 53 bits cannot hold are left out: 0.5^14 / 15! = 5e-17, with n^2 = 200 for the second derivative.
+    # Terms below 53-bit precision are omitted: 0.5^14 / 15! = 5e-17, with n^2 = 200 for the second derivative.
     kept = coefficients if x.dtype == np.longdouble else coefficients[:16]
     numbers = [x.dtype.type(c) for c in kept]
     result = np.full_like(x, numbers[-1])

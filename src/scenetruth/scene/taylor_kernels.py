@@ -13,14 +13,14 @@ from scenetruth.threads import in_bands
 
 __all__ = ["compose", "multiply"]
 
-# Values in a block: all rows of both factors and of the product stay in the cache.
+# Block size such that all rows of both factors and of the product fit into the cache.
 _BLOCK = 256
-# Coefficients that are worth a thread of their own.
+# Minimum number of coefficients per thread.
 _LEAST = 65536
 
 
 def multiply(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Multiply two jets' coefficients, shape (rows, n) each; n = 1 stands for any number."""
+    """Multiply the coefficients of two jets, shape (rows, n) each; n = 1 is broadcast."""
     out = np.empty((x.shape[0], max(x.shape[1], y.shape[1])))
     variables = {3: 1, 6: 2, 10: 3}[x.shape[0]]
     _in_bands(_multiply, x, y, variables, out)
@@ -49,7 +49,7 @@ def _multiply(begin: int, end: int, x: Any, y: Any, variables: int, out: Any) ->
 def compose(
     x: NDArray[np.float64], value: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Apply a function, given by its value and derivatives of shape (n,), to a jet's coefficients."""
+    """Apply a function, given by its value and derivatives of shape (n,), to the coefficients of a jet."""
     out = np.empty((x.shape[0], max(x.shape[1], value.shape[0])))
     variables = {3: 1, 6: 2, 10: 3}[x.shape[0]]
     parts = np.asarray(value), np.asarray(first), np.asarray(second)
@@ -77,7 +77,7 @@ def _compose(begin: int, end: int, x: Any, value: Any, first: Any, second: Any, 
 
 def _in_bands(kernel: Callable[..., None], *arguments: Any) -> None:
     rows, count = arguments[-1].shape
-    # Most jets are small: to ask how many threads there are takes longer than the work.
+    # For small jets, the query of the thread count would take longer than the work.
     if count * rows < 2 * _LEAST:
         kernel(0, count, *arguments)
     else:

@@ -1,4 +1,4 @@
-"""Motion of vertices from files: arrays of finite-element solvers, sequences of meshes, and morph targets."""
+"""Vertex animation from files: arrays of finite-element solvers, mesh sequences, and morph targets."""
 
 from __future__ import annotations
 
@@ -39,27 +39,27 @@ Floats = NDArray[np.float64]
 
 
 class States(NamedTuple):
-    """Where the vertices of a mesh are at some times."""
+    """Vertex positions of a mesh at several times."""
 
     times_frames: Floats
     """Increasing times, shape (k,)."""
     positions_mm: Floats
     """Positions at each, in the own frame, shape (k, n, 3)."""
     field: str
-    """Field of the model that they come from, for what is wrong with them,"""
+    """Field of the model that defines the states, for messages."""
     source: Path
-    """and the file."""
+    """Source file."""
 
 
 class VertexModel(OwnFrameModel):
-    """What says where the vertices of a mesh file are, before anything else moves them."""
+    """Base class of vertex animations of mesh files, applied before all other deformations."""
 
     @final
     def start(self, mesh: TriangleMesh, folder: Path, frames: Frames) -> AnimatedConfiguration:
-        """Read where the vertices of a mesh are."""
+        """Read the vertex positions of a mesh."""
         source = mesh.source
         assert isinstance(source, FileMesh)
-        # Arrays and files hold the nodes that no face uses too.
+        # Arrays and files include nodes not used by any face.
         states = self.states(mesh.with_all_nodes, folder / source.file, source.unit_mm, folder, frames)
         if mesh.vertex_nodes is not None:
             states = states._replace(positions_mm=states.positions_mm[:, mesh.vertex_nodes])
@@ -70,17 +70,14 @@ class VertexModel(OwnFrameModel):
 
     @abstractmethod
     def states(self, mesh: TriangleMesh, mesh_file: Path, unit_mm: float, folder: Path, frames: Frames) -> States:
-        """Return positions as they were read.
-
-        ``unit_mm``: Length of that file's unit in mm.
-        """
+        """Return the positions as read from the files; the unit of the mesh file is ``unit_mm``."""
 
 
 class TimedModel(VertexModel):
-    """What has one state for each of some times."""
+    """Base class of vertex animations with one state per time."""
 
     times_frames: tuple[Finite, ...] | None = None
-    """Time of each state in frames, increasing; null: one state per frame, the middle one at t = 0 as of `frames`."""
+    """Time of each state in frames, increasing; null: one state per frame, the middle one at t = 0 as in `frames`."""
 
     @field_validator("times_frames")
     @classmethod
@@ -88,27 +85,27 @@ class TimedModel(VertexModel):
         return value if value is None else check_increasing(value)
 
     def times(self, count: int) -> Floats:
-        """Return the times of so many states."""
+        """Return the times of a number of states."""
         given = self.times_frames
         if given is None:
             return centred_indices(count).astype(np.float64)
         if len(given) != count:
-            raise SceneError([Problem("times_frames", f"needs one time for each of the {count} states", len(given))])
+            raise SceneError([Problem("times_frames", f"requires one time for each of the {count} states", len(given))])
         return np.asarray(given)
 
 
 @dataclass(frozen=True, eq=False)
 class AnimatedConfiguration:
-    """A mesh whose vertices run along cubic splines through given positions, twice continuously differentiable.
+    """Mesh whose vertices follow cubic splines through given positions, twice continuously differentiable.
 
-    Before the first and after the last time the last piece goes on.
+    The first and last polynomial pieces are extrapolated.
 
-    ``times_frames``: Increasing times, shape (k,), k >= 2. Two give straight lines, three parabolas, more the spline
-      without knots at the second and the last but one time.
-    ``states_mm``: Positions at each, in the own frame, shape (k, n, 3).
+    ``times_frames``: Increasing times, shape (k,), k >= 2. Two give linear, three quadratic interpolation, more a
+      not-a-knot spline.
+    ``states_mm``: Positions at each time, in the object frame, shape (k, n, 3).
     ``faces``: Vertex indices, shape (m, 3).
-    ``rest_mm``: Positions by whose neighbourhood derivatives along the surface are fitted, shape (n, 3).
-    ``crease_deg``: Faces that meet there at a larger angle belong to different pieces of the surface; see
+    ``rest_mm``: Positions for the fit of the surface derivatives, shape (n, 3).
+    ``crease_deg``: Angle between faces at rest above which they belong to different pieces of the surface; see
       `TriangleMesh`.
     """
 
@@ -120,16 +117,16 @@ class AnimatedConfiguration:
 
     @cached_property
     def osculation(self) -> QuadricFit:
-        """The derivatives along the surface."""
+        """Derivative operators along the surface."""
         return fit_quadrics(self.rest_mm, self.faces, self.crease_deg)
 
     @property
     def corners(self) -> NDArray[np.int32]:
-        """Vertices on sharp edges are several surface points."""
+        """Vertices on sharp edges have several surface points."""
         return self.osculation.corners
 
     def at(self, t: JetField) -> Points:
-        """Return the vertices with their derivatives in time."""
+        """Return the vertices with time derivatives."""
         orders = self._orders(strip_derivatives(t))
         if isinstance(t, Jet):
             count = self.states_mm.shape[1]
@@ -138,7 +135,7 @@ class AnimatedConfiguration:
         return x, y, z
 
     def surface(self, t: Jet) -> Points:
-        """Return the mesh with the derivatives of fits to the field of positions, and to the field of velocities."""
+        """Return the mesh with surface derivatives from fits to the position and velocity fields."""
         orders = np.moveaxis(self._orders(t.value), 2, 0)
         x, y, z = (make_surface_jet(self.osculation, item) for item in orders)
         return x, y, z
@@ -161,9 +158,9 @@ class AnimatedConfiguration:
 def _check(given: States, faces: NDArray[np.int32], frames: Frames) -> None:
     times, states, path, source = given
     if len(states) < 2:
-        raise SceneError([Problem(path, "needs states at two times at least, for a velocity", len(states))])
+        raise SceneError([Problem(path, "requires states at two or more times", len(states))])
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise SceneError([Problem(path, "has times that are not finite, or not in order", str(source))])
+        raise SceneError([Problem(path, "has times that are not finite or not increasing", str(source))])
     wrong = np.argwhere(~np.isfinite(states).all(axis=2))
     if len(wrong):
         message = f"has {len(wrong)} positions that are not finite, the first at state {wrong[0][0]}, "
@@ -172,7 +169,7 @@ def _check(given: States, faces: NDArray[np.int32], frames: Frames) -> None:
         corners = state[faces]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         if area.min() <= 1e-14 * area.max():
-            raise SceneError([Problem(path, f"lets face {area.argmin()} vanish at state {index}", str(source))])
+            raise SceneError([Problem(path, f"face {area.argmin()} has zero area at state {index}", str(source))])
     first, last = float(frames.t[0]), float(frames.t[-1])
     if times[0] > first + 1e-9 or times[-1] < last - 1e-9:
         message = f"must cover the frames of the recording, t = {first:g} to {last:g}"
@@ -181,26 +178,27 @@ def _check(given: States, faces: NDArray[np.int32], frames: Frames) -> None:
 
 
 _MOST_NUMBERS = 20_000_000
-"""Of an array: as splines in time, each takes forty bytes."""
+"""Maximum size of an array: as splines in time, each number takes forty bytes."""
 
 
 class VertexAnimation(TimedModel):
-    """An array of nodal displacements or positions, as a finite-element solver writes it."""
+    """Array of nodal displacements or positions, as written by finite-element solvers."""
 
     kind: Literal["nodal"]
     """``nodal``."""
     file: InputFile
-    """NumPy file (.npy, .npz) or zarr store with shape (frames, nodes, 3), nodes as in the mesh file; relative paths
-    count from the scene file."""
+    """NumPy file (.npy, .npz) or Zarr store with shape (frames, nodes, 3), nodes as in the mesh file; relative paths
+    refer to the directory of the scene file.
+    """
     key: str | None = None
-    """Name of the array in an .npz file or a zarr group; null if there is only one."""
+    """Name of the array in an .npz file or Zarr group; null for a single array."""
     quantity: Literal["displacements", "positions"] = "displacements"
-    """Quantity in the array: displacements from the mesh file's positions, or positions; in the mesh's own frame."""
+    """Quantity in the array: displacements from the positions of the mesh file, or positions; in the object frame."""
     unit_mm: Positive = 1.0
     """Length of one unit of the array in mm."""
 
     def states(self, mesh: TriangleMesh, mesh_file: Path, unit_mm: float, folder: Path, frames: Frames) -> States:
-        """Read the array; see `VertexModel`."""
+        """Read the array, see `VertexModel`."""
         source = folder / self.file
         states = _read_array(source, self.key)
         order = _node_order(mesh_file, mesh.vertices_mm / unit_mm)
@@ -227,7 +225,7 @@ def _read_array(file: Path, key: str | None) -> NDArray[Any]:
             return _values_of(store if isinstance(store, zarr.Array) else store[_chosen(names, key)], file)
         with file.open("rb") as stream:
             if stream.read(2) != b"PK":
-                # An array in a file of its own is not read before its shape is known.
+                # A .npy array is memory-mapped, so its shape is checked before it is read.
                 return _values_of(np.load(file, allow_pickle=False, mmap_mode="r"), file)
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as archive:
@@ -236,16 +234,16 @@ def _read_array(file: Path, key: str | None) -> NDArray[Any]:
                 return _values_of(archive[name], file)
     except SceneError:
         raise
-    except Exception as error:  # numpy's and zarr's readers raise whatever their formats raise
+    except Exception as error:  # numpy and zarr raise various exceptions
         message = f"cannot be read as an array: {' '.join(str(error).split())[:200] or type(error).__name__}"
         raise SceneError([Problem("file", message, str(file))]) from error
 
 
 def _chosen(names: list[str], key: str | None) -> str:
-    """Return which of several arrays is meant."""
+    """Return the name of the selected array."""
     chosen = key if key is not None or len(names) != 1 else names[0]
     if chosen is None or chosen not in names:
-        message = f"must name one of its arrays: {', '.join(names) or '(it has none)'}"
+        message = f"must be the name of an array in the file: {', '.join(names) or '(none)'}"
         raise SceneError([Problem("key", message, key)])
     return chosen
 
@@ -256,21 +254,18 @@ def _values_of(loaded: Any, file: Path) -> NDArray[Any]:
 
 
 def _numbers_in(archive: Any, name: str) -> int:
-    """Return about how many numbers an array of an archive has, by its size when unpacked."""
+    """Return the approximate number of values of an archived array from its uncompressed size."""
     entry = archive.zip.getinfo(name if name in archive.zip.namelist() else f"{name}.npy")
     return int(entry.file_size) // 8
 
 
 def _refuse_many(count: int, file: Path) -> None:
     if count > _MOST_NUMBERS:
-        raise SceneError([Problem("file", f"has {count:,} numbers; at most {_MOST_NUMBERS:,} are read", str(file))])
+        raise SceneError([Problem("file", f"has {count:,} values; the maximum is {_MOST_NUMBERS:,}", str(file))])
 
 
 def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] | None:
-    """Return which node of an OBJ file each vertex is, and how many nodes there are; None if they are in order.
-
-    An OBJ file may have nodes that no face uses, and its nodes are split where a texture has seams.
-    """
+    """Return the OBJ node of each vertex (seams split nodes, some are unused) and their count; None if in order."""
     if file.suffix.lower() != ".obj":
         return None
     lines = (line.split() for line in file.read_text(encoding="utf-8", errors="replace").splitlines())
@@ -280,7 +275,7 @@ def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] |
             msg = "not three finite numbers each"
             raise ValueError(msg)
     except ValueError as error:
-        message = f"{file.name} has nodes (v) that cannot be read: {error}"
+        message = f"{file.name} has unreadable nodes (v): {error}"
         raise SceneError([Problem("file", message, str(file))]) from error
     if nodes.shape == vertices.shape and np.allclose(nodes, vertices, rtol=1e-9, atol=0):
         return None
@@ -289,38 +284,39 @@ def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] |
     near = 1e-9 * float(np.abs(nodes).max())
     distance, found = cKDTree(nodes).query(vertices, k=2)
     if distance[:, 0].max() > near or distance[:, 1].min() <= near:
-        message = "has several nodes at one place and seams in its texture: which node is which is not clear"
+        message = "has coincident nodes and texture seams: the node order is ambiguous"
         raise SceneError([Problem("file", message, str(file))])
     return found[:, 0], len(nodes)
 
 
 class Morph(VertexModel):
-    """The morph targets of a glTF mesh (.glb, .gltf), moved by its first animation of their weights."""
+    """Morph targets of a glTF mesh (.glb, .gltf), driven by its first weight animation."""
 
     kind: Literal["morph"]
     """``morph``."""
     start_frame: Finite | None = None
-    """Time in frames at the file's 0 s; null: the first frame of the recording."""
+    """Time in frames at 0 s of the file; null: the first frame of the recording."""
 
     def states(self, mesh: TriangleMesh, mesh_file: Path, unit_mm: float, folder: Path, frames: Frames) -> States:
-        """Read the mesh file's morph targets; see `VertexModel`."""
+        """Read the morph targets of the mesh file, see `VertexModel`."""
         seconds, states = read_morph_states(mesh_file, mesh.vertices_mm / unit_mm)
         first = float(frames.t[0]) if self.start_frame is None else self.start_frame
         return States(first + seconds / frames.frame_interval_s, states * unit_mm, "kind", mesh_file)
 
 
 class MeshSeries(TimedModel):
-    """A series of mesh files with the same faces, one for each state; the texture stays where the first mesh has it."""
+    """Sequence of mesh files with identical faces, one per state, with the texture of the first mesh."""
 
     kind: Literal["meshes"]
     """``meshes``."""
     files: Annotated[tuple[InputFile, ...], Field(min_length=2)]
-    """Paths of the files (OBJ, PLY, GLB), first state first; relative paths count from the scene file."""
+    """Paths of the files (OBJ, PLY, GLB), first state first; relative paths refer to the directory of the scene file.
+    """
     unit_mm: Positive = 1.0
     """Length of one unit of the files in mm."""
 
     def states(self, mesh: TriangleMesh, mesh_file: Path, unit_mm: float, folder: Path, frames: Frames) -> States:
-        """Read the files; see `VertexModel`."""
+        """Read the files, see `VertexModel`."""
         states = _series(self, mesh, folder)
         return States(self.times(len(states)), states, "files", Path(self.files[0]))
 

@@ -1,4 +1,4 @@
-"""Reading of YAML files that people write: bounded in size, and every problem with its line."""
+"""Bounded reading of YAML files, with the line of every problem."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from scenetruth.plain_data import MAX_DEPTH, MAX_VALUES, scalar_problem
 __all__ = ["MAX_YAML_BYTES", "read_file", "read_yaml"]
 
 MAX_YAML_BYTES = 4_000_000
-"""Largest file of a scene or a recipe; those of the library have some thousand bytes."""
+"""Maximum size of a scene or recipe file; bundled files have some thousand bytes."""
 
 _LONGEST_WORD = 400
-"""Plain words that are longer are texts: YAML's rules for numbers and dates are not tried on them."""
+"""Length beyond which plain scalars are text, without the YAML rules for numbers and dates."""
 _MAX_PROBLEMS = 50
 _PREFIX = "tag:yaml.org,2002:"
-_READ_AS = {"null": "nothing", "bool": "yes or no", "int": "a whole number", "float": "a number"}
+_READ_AS = {"null": "null", "bool": "a boolean", "int": "an integer", "float": "a number"}
 
 
 def read_file(file: str | Path, what: str, refused: type[SceneError] | type[RecipeError]) -> tuple[Any, Path]:
-    """Return the plain values in a YAML file, and the folder that relative paths in it count from."""
+    """Return the values of a YAML file, and the base directory of its relative paths."""
     try:
         path = Path(file)
     except TypeError as error:
-        raise refused([Problem("", "the file must be given by its path", file)]) from error
+        raise refused([Problem("", "must be a file path", file)]) from error
     try:
         plain, problems = read_yaml(read_text(path, what))
         folder = path.parent.resolve()
@@ -45,18 +45,18 @@ def read_file(file: str | Path, what: str, refused: type[SceneError] | type[Reci
 
 
 def read_text(file: Path, what: str = "a scene file") -> str:
-    """Return the text of a file in YAML."""
+    """Return the text of a YAML file."""
     try:
         size = regular_file_size(file)
     except ValueError as error:
-        msg = f"{error}; give the path of {what}"
+        msg = f"{error}; specify the path of {what}"
         raise ValueError(msg) from error
-    too_large = f"{what} has at most {MAX_YAML_BYTES:,}; is it one?"
+    too_large = f"{what} has at most {MAX_YAML_BYTES:,}; check the path"
     if size > MAX_YAML_BYTES:
         msg = f"has {size:,} bytes; {too_large}"
         raise ValueError(msg)
     with file.open("rb") as stream:
-        # Files of the system have no size that is known before.
+        # The size of special files is not available in advance.
         content = stream.read(MAX_YAML_BYTES + 1)
     if len(content) > MAX_YAML_BYTES:
         msg = f"has more than {MAX_YAML_BYTES:,} bytes; {too_large}"
@@ -73,16 +73,16 @@ def read_text(file: Path, what: str = "a scene file") -> str:
 
 
 def read_yaml(text: str) -> tuple[Any, list[Problem]]:
-    r"""Return the plain values that a YAML text spells, and what is wrong with it.
+    r"""Return the values of a YAML text, and its problems.
 
-    Numbers, words and merged keys mean what they mean to ``yaml.safe_load``. Refused are keys that stand twice in a
-    mapping or are no texts, dates and other tags, numbers of more than 64 bits, aliases that contain themselves, and
-    more values than `MAX_VALUES`, each counted as often as it is used. An alias stands for a copy of its own.
+    Numbers, words and merged keys are interpreted as by ``yaml.safe_load``. Rejected are duplicate and non-text keys,
+    dates and other tags, numbers of more than 64 bits, recursive aliases, and more than `MAX_VALUES` values, counted
+    with each use of an alias. Aliases are copied.
 
     >>> read_yaml("a: &size [1, 2.5]\nb: *size\nc: off")
     ({'a': [1, 2.5], 'b': [1, 2.5], 'c': False}, [])
     >>> print(*read_yaml("camera:\n  width: 3\n  width: 4")[1])
-    camera.width: line 3: the key stands here twice, first in line 2; leave one of them out
+    camera.width: line 3: duplicate key, first defined in line 2; remove one of them
     """
     import yaml
 
@@ -90,8 +90,8 @@ def read_yaml(text: str) -> tuple[Any, list[Problem]]:
     builder = _Builder()
     try:
         if re.search(r"^%TAG", text, re.MULTILINE):
-            # Not needed here, and the library takes quadratic time for many of them.
-            builder.refuse_all("the directive %TAG has no place in a scene")
+            # Not needed, and the parser takes quadratic time for many of them.
+            builder.refuse_all("the directive %TAG is not supported")
         for event in yaml.parse(text, Loader=loader):
             builder.take(event)
     except _EnoughError:
@@ -107,11 +107,11 @@ def _syntax_problem(error: Any, text: str) -> Problem:
     position = getattr(error, "position", None)
     if isinstance(position, int):
         line = text.count("\n", 0, position) + 1
-        return Problem("", f'line {line}: is not valid YAML: holds a control character; spell it as in "\\x1b"')
+        return Problem("", f'line {line}: is not valid YAML: contains a control character; escape it as in "\\x1b"')
     mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     told = " ".join(filter(None, (getattr(error, "context", None), getattr(error, "problem", None)))) or str(error)
     if "maximum nesting depth" in told and mark is not None:
-        # Newer libraries look this far ahead of what they have told of, and no further.
+        # Recent versions of the parser limit the look-ahead depth.
         return Problem("", f"line {mark.line + 1}: is nested more than {MAX_DEPTH} deep")
     where = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
     remedy = "" if mark is None else _remedy(told, text, mark.index, mark.column)
@@ -119,28 +119,28 @@ def _syntax_problem(error: Any, text: str) -> Problem:
 
 
 def _remedy(told: str, text: str, index: int, column: int) -> str:
-    """Return what to do about the mistakes that are made most often, as the end of a message, or nothing."""
+    """Return a hint for common YAML mistakes, as the end of a message, or an empty string."""
     before, at = text[max(index - column, 0) : index], text[index : index + 1]
     if "\t" in (at, *before) and not (before + at).strip():
         return "; indent with spaces, not tabs"
     if "cannot start any token" in told:
-        return f"; put a text that begins with {at} in quotes" if at.isprintable() else ""
+        return f"; quote text that begins with {at}" if at.isprintable() else ""
     if "mapping values are not allowed" in told:
-        quoted = "put a text with a colon in quotes"
-        # A line without a colon before is one key, deeper than what stands above it.
-        return f"; {quoted}" if re.search(r":\s", before) else f"; indent the line as those beside it, or {quoted}"
+        quoted = "quote text that contains a colon"
+        # A line without a preceding colon is a key with too much indentation.
+        return f"; {quoted}" if re.search(r":\s", before) else f"; align the line with its neighbours, or {quoted}"
     if "did not find expected" in told and not before.strip():
-        return "; indent what belongs together alike, and look for a quote or bracket that is open in the line above"
+        return "; align lines of one block, and check for an unclosed quote or bracket in the line above"
     return ""
 
 
 class _EnoughError(Exception):
-    """No more of the text is looked at."""
+    """Stop of the parsing."""
 
 
 @dataclass
 class _Anchored:
-    """What an anchor names: the value, how many values it makes, and how deep it is."""
+    """Anchored value, with its number of values and depth."""
 
     value: Any
     count: int
@@ -149,7 +149,7 @@ class _Anchored:
 
 @dataclass
 class _Open:
-    """A mapping or list that is being read."""
+    """Mapping or list under construction."""
 
     value: Any
     line: int
@@ -157,17 +157,17 @@ class _Open:
     count: int = 1
     height: int = 1
     key: str | None = None
-    """Of a mapping, the key whose value comes next; None if a key comes next."""
+    """Key of the next value of a mapping; None if a key is expected."""
     merging: bool = False
-    """Whether the value that comes next is merged into the mapping."""
+    """Whether the next value is merged into the mapping."""
     lines: dict[str, int] = field(default_factory=dict)
     merged: dict[str, Any] = field(default_factory=dict)
     skipped: bool = False
-    """Whether the value that comes next belongs to a key that was refused."""
+    """Whether the next value belongs to a rejected key."""
 
 
 class _Builder:
-    """Makes plain values of the events of a parser, without recursion."""
+    """Non-recursive builder of values from parser events."""
 
     def __init__(self) -> None:
         import yaml
@@ -193,7 +193,7 @@ class _Builder:
         }
 
     def take(self, event: Any) -> None:
-        """Go on by one event."""
+        """Process one event."""
         handler = self._handlers.get(type(event))
         if handler is not None:
             handler(event, event.start_mark.line + 1)
@@ -201,10 +201,10 @@ class _Builder:
     def _document(self, event: Any, line: int) -> None:
         self._documents += 1
         if self._documents > 1:
-            self.refuse_all(f"line {line}: a second document begins (---); a scene is one")
+            self.refuse_all(f"line {line}: a second document starts (---); only one is supported")
 
     def refuse(self, message: str, line: int, value: Any = None, *, key: str | None = None) -> None:
-        """Note a problem at the present place, or at a key of the mapping that is open."""
+        """Append a problem at the current position, or at a key of the open mapping."""
         path = [part for part in (self._key_of(item) for item in self._open) if part is not None]
         if key is not None:
             path = [part for part in (self._key_of(item) for item in self._open[:-1]) if part is not None] + [key]
@@ -213,7 +213,7 @@ class _Builder:
             raise _EnoughError
 
     def refuse_all(self, message: str) -> None:
-        """Note a problem of the whole text, and stop."""
+        """Append a problem of the whole text, and stop."""
         self.problems.append(Problem("", message))
         raise _EnoughError
 
@@ -224,7 +224,7 @@ class _Builder:
     def _begin(self, value: Any, event: Any, line: int) -> None:
         ordinary = _PREFIX + ("map" if isinstance(value, dict) else "seq")
         if event.tag not in (None, "!", ordinary):
-            self.refuse(f"the tag {_tag_of(event.tag)} has no place in a scene; leave it out", line)
+            self.refuse(f"the tag {_tag_of(event.tag)} is not supported; remove it", line)
         if self._expects_key():
             self.refuse("a mapping or list cannot be a key", line)
             raise _EnoughError
@@ -237,23 +237,23 @@ class _Builder:
     def _end(self, event: Any, line: int) -> None:
         done = self._open.pop()
         if isinstance(done.value, dict):
-            # What is written out comes before what is merged.
+            # Explicit keys take precedence over merged keys.
             done.value.update({key: value for key, value in done.merged.items() if key not in done.value})
         self._give(done.value, done.line, done.count, done.height, done.anchor)
 
     def _alias(self, event: Any, line: int) -> None:
         anchor = event.anchor
         if anchor in self._unfinished:
-            self.refuse_all(f"line {line}: the alias *{anchor} stands inside of what it names; it would never end")
+            self.refuse_all(f"line {line}: the alias *{anchor} is recursive")
         found = self._anchors.get(anchor)
         if found is None:
-            self.refuse_all(f"line {line}: the alias *{anchor} names nothing that stands before it")
+            self.refuse_all(f"line {line}: the alias *{anchor} has no preceding anchor")
             return
         if self._expects_key():
             if isinstance(found.value, str):
                 self._take_key(found.value, line, merges=False)
                 return
-            self.refuse(f"the alias *{anchor} stands for no text, and cannot be a key", line)
+            self.refuse(f"the alias *{anchor} is not text and cannot be a key", line)
             raise _EnoughError
         if len(self._open) + found.height > MAX_DEPTH:
             self.refuse_all(f"line {line}: is nested more than {MAX_DEPTH} deep")
@@ -269,7 +269,7 @@ class _Builder:
                     self._anchors[event.anchor] = _Anchored(event.value, 1, 0)
                 return
             means = _READ_AS.get(tag, f"a {tag}")
-            self.refuse(f"a key must be text, but YAML reads it as {means}: put it in quotes", line, event.value)
+            self.refuse(f"a key must be text, but YAML reads it as {means}: quote it", line, event.value)
             self._open[-1].key, self._open[-1].skipped = event.value, True
             return
         value, message = self._value(event.value, tag)
@@ -278,7 +278,7 @@ class _Builder:
         self._give(value, line, 1, 0, event.anchor)
 
     def _tag(self, event: Any) -> tuple[str, bool]:
-        """Return what a scalar is: the end of its tag; and whether nothing but its own form says so."""
+        """Return the type of a scalar (end of its tag), and whether it is implied by its form only."""
         if event.tag in (None, "!"):
             if event.tag is None and event.implicit[0] and len(event.value) <= _LONGEST_WORD:
                 tag = self._resolver.resolve(self._node, event.value, (True, False))
@@ -287,14 +287,14 @@ class _Builder:
         return event.tag.removeprefix(_PREFIX), False
 
     def _value(self, text: str, tag: str) -> tuple[Any, str]:
-        """Return the value of a scalar, and what is wrong with it."""
+        """Return the value of a scalar, and its problem."""
         if tag in ("str", "value", "merge"):
             return text, scalar_problem(text)
         if tag == "timestamp":
-            return None, "YAML reads this as a date, which no field takes: put it in quotes if it is text"
+            return None, "YAML reads this as a date, which no field accepts: quote it if it is text"
         make = getattr(self._constructor, f"construct_yaml_{tag}", None) if tag in _READ_AS else None
         if make is None:
-            return None, f"the tag {_tag_of(tag)} has no place in a scene; leave it out"
+            return None, f"the tag {_tag_of(tag)} is not supported; remove it"
         try:
             value = make(self._node(_PREFIX + tag, text[: _LONGEST_WORD + 1]))
         except (ValueError, LookupError, ArithmeticError):
@@ -316,19 +316,19 @@ class _Builder:
             here.key = key
         elif key in here.lines:
             first = here.lines[key]
-            self.refuse(f"the key stands here twice, first in line {first}; leave one of them out", line, key=key)
+            self.refuse(f"duplicate key, first defined in line {first}; remove one of them", line, key=key)
         here.lines.setdefault(key, line)
 
     def _count(self, more: int, line: int) -> None:
         self._total += more
         if self._total > MAX_VALUES:
-            message = f"line {line}: makes more than {MAX_VALUES:,} values, aliases counted as often as they are used"
+            message = f"line {line}: has more than {MAX_VALUES:,} values, with each use of an alias counted"
             self.refuse_all(message)
 
     def _give(
         self, value: Any, line: int, count: int, height: int, anchor: str | None, *, counted: bool = False
     ) -> None:
-        """Put a finished value where it belongs."""
+        """Store a finished value."""
         if not counted:
             self._count(1, line)
         if anchor is not None:
@@ -356,7 +356,7 @@ class _Builder:
         here = self._open[-1]
         given = value if isinstance(value, list) else [value]
         if not all(isinstance(item, dict) for item in given):
-            self.refuse("<< merges mappings, and this is none", line, value)
+            self.refuse("<< merges mappings, but this is not a mapping", line, value)
             return
         for item in given:
             for key, entry in item.items():
@@ -364,6 +364,6 @@ class _Builder:
 
 
 def _tag_of(tag: str) -> str:
-    """Return a tag as it is written in a file."""
+    """Return a tag in file notation."""
     short = tag.removeprefix(_PREFIX)
     return short if short.startswith(("!", "tag:")) else f"!!{short}"

@@ -27,13 +27,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """Intrinsics and sampling intervals of a data set.
-
-    ``focal_length_px``: f, in pixels.
-    ``principal_point_px``: (c_x, c_y), in pixel indices.
-    ``baseline_mm``: V_X, the camera displacement per step of s.
-    ``frame_interval_s``: Time between consecutive frames.
-    """
+    """Intrinsics in pixels, baseline V_X in mm per step of s, and frame interval in s."""
 
     focal_length_px: float
     principal_point_px: tuple[float, float]
@@ -91,10 +85,7 @@ def digest(value: Any) -> str:
 
 
 def estimate_hash(estimate: xr.Dataset) -> str:
-    """Return a hash of the recording, method and settings of an estimate.
-
-    The hash of an estimate without settings (external method) covers the values of its maps instead.
-    """
+    """Return a hash of recording, method and settings of an estimate (without settings: of its values)."""
     attrs = estimate.attrs
     if "settings" in attrs:
         return digest([attrs.get("recording_hash"), attrs.get("method"), json.loads(attrs["settings"])])
@@ -107,8 +98,8 @@ def estimate_hash(estimate: xr.Dataset) -> str:
 def read_lineage(dataset: xr.Dataset) -> dict[str, str]:
     """Return the hashes of a data set: ``recording_hash``, ``scene_hash`` and, for estimates, ``estimate_hash``.
 
-    ``scene_hash`` covers all scene fields that affect images and ground truth; ``recording_hash`` also covers the
-      rendering backend. Data that were not simulated have no hashes.
+    The scene hash covers all scene fields that affect images and ground truth; the recording hash also covers the
+    rendering backend. Data that were not simulated have no hashes.
     """
     return {name: str(dataset.attrs[name]) for name in (*_HASHES, "estimate_hash") if name in dataset.attrs}
 

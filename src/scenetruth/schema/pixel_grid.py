@@ -19,11 +19,7 @@ _TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Mapping from array columns and rows to camera pixels.
-
-    ``first_x``, ``first_y``: Pixel index of the first column and row.
-    ``step_px``: Distance between neighbouring columns and rows, in px.
-    """
+    """Camera pixel index of the first array column and row, and distance between neighbouring columns (rows) in px."""
 
     first_x: float = 0.0
     first_y: float = 0.0

@@ -162,10 +162,7 @@ def _largest(values: NDArray[Any]) -> float:
 
 
 def image_to_grey(recording: xr.Dataset) -> NDArray[np.float32]:
-    """Return the images as grey values (paper): [0, full scale] maps to [-1, 1].
-
-    Returns: float32, shape (s, t, y, x[, channel]).
-    """
+    """Return the images as grey values (paper), float32: [0, full scale] maps to [-1, 1]."""
     scale = np.float32(2.0 / float(recording.attrs["full_scale"]))
     grey: NDArray[np.float32] = recording["image"].values.astype(np.float32)
     grey *= scale

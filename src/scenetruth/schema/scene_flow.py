@@ -38,11 +38,7 @@ def velocity_from_flow(flow: Map, depth: Map, depth_rate: Map, grid: Sequence[Ma
 
 
 def flow_from_velocity(velocity: Map, depth: Map, grid: Sequence[Map], intrinsics: Intrinsics) -> Map:
-    """Return the flow of surface points, dx/dt = (f U_X - x U_Z) / Z and likewise dy/dt.
-
-    ``velocity``: (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
-    Returns: (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
-    """
+    """Return the flow in px per frame, dx/dt = (f U_X - x U_Z) / Z and likewise dy/dt, shape (2, t, y, x)."""
     parts = [
         (intrinsics.focal_length_px * part - (at - centre) * velocity[2]) / depth
         for part, at, centre in zip(velocity[:2], grid, intrinsics.principal_point_px, strict=True)

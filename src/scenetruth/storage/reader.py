@@ -184,11 +184,7 @@ def _variable(path: Path, name: str, array: Any) -> xr.Variable:
 
 
 class StoredArray(BackendArray):
-    """One variable of a store, read on access.
-
-    ``path``: Path of the store, for messages.
-    ``array``: zarr array of the variable.
-    """
+    """One variable of a store, read on access."""
 
     def __init__(self, path: Path, name: str, array: Any) -> None:
         self._path, self._name, self._array = path, name, array

@@ -207,10 +207,9 @@ _BLANK = "0" * 64
 
 
 def write_checksums(path: Path) -> None:
-    """Write the checksums of a store: file count, bytes of all chunks, and SHA-256 digest.
+    """Write the checksums of a store: file count, bytes of all chunks, and SHA-256 of metadata, file names and sizes.
 
-    The digest covers all metadata and the name and size of every chunk file (chunks have their own checksums). The
-    digest field itself counts as zeros.
+    Chunks have their own checksums. The digest field itself counts as zeros.
     """
     files = open_store_files(path)
     sizes = files.sizes()

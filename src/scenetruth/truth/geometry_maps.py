@@ -20,12 +20,7 @@ TruthMaps = Literal["standard", "complete"]
 
 
 class GeometryPass:
-    """Geometry of the scene at one time, for maps of any camera.
-
-    ``world``: Built scene.
-    ``topology``: Faces and edges, computed once by `Topology.of`.
-    ``t``: Time in frames.
-    """
+    """Geometry of a scene at time t in frames, for maps of any camera."""
 
     def __init__(self, world: BuiltScene, topology: Topology, t: float) -> None:
         self.world = world
@@ -39,11 +34,7 @@ class GeometryPass:
 
 
 class Geometries:
-    """Geometry of the scene at any time, with a cache of recent times.
-
-    ``world``, ``topology``: See `GeometryPass`.
-    ``kept``: Number of cached times.
-    """
+    """Geometry of a scene at any time, with a cache of the most recent ``kept`` times."""
 
     def __init__(self, world: BuiltScene, topology: Topology, kept: int) -> None:
         self.world, self.topology = world, topology
@@ -152,10 +143,7 @@ def truth_maps(
 
 
 def boundary_distance(mixed: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the distance in px of every pixel centre to the nearest mixed pixel, infinite if there is none.
-
-    ``mixed``: Mixed pixels of one image, shape (height, width).
-    """
+    """Return the distance in px to the nearest mixed pixel, shape (height, width), infinite if there is none."""
     if not mixed.any():
         return np.full(mixed.shape, np.inf)
     from scenetruth.truth.map_kernels import distances
@@ -173,11 +161,7 @@ def truth_by_rows(
     baseline_mm: float,
     maps: TruthMaps = "complete",
 ) -> dict[str, NDArray[Any]]:
-    """Compute the ground truth of every row at its own time and viewpoint.
-
-    ``times``: Time of every row in frames, shape (height,).
-    ``baseline_mm``: V_X in mm per step of s.
-    """
+    """Compute the ground truth of every row at its own time (frames) and viewpoint."""
     found: dict[str, NDArray[Any]] = {}
     for row, (time, viewpoint) in enumerate(zip(times.tolist(), viewpoints, strict=True)):
         # Include one row above and one below, because exact hits at the border need neighbouring rays.

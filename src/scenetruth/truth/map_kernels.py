@@ -265,12 +265,7 @@ _LEAST_COLUMNS, _LEAST_ROWS = 64, 16
 
 
 def distances(marked: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the distance in px of every pixel centre to the nearest marked pixel (Meijster et al., 2000).
-
-    Squared distances are exact integers; only the root is rounded.
-
-    ``marked``: Marked pixels, at least one, shape (height, width).
-    """
+    """Return the exact distance in px of every pixel centre to the nearest marked pixel (Meijster et al., 2000)."""
     height, width = marked.shape
     along = np.empty((height, width), dtype=np.int64)
     in_bands(_along_columns, width, marked, along, least=_LEAST_COLUMNS)

@@ -90,12 +90,7 @@ TimedViewpoint = tuple[float, Viewpoint]
 
 
 class PixelPoints:
-    """Surface points visible at the pixels of one image.
-
-    ``maps``: Ground truth of the image (`truth_maps`).
-    ``geometry``: Geometry at the time of the image.
-    ``viewpoint``: Camera pose.
-    """
+    """Surface points visible at the pixels of one image, from its ground truth, geometry and viewpoint."""
 
     def __init__(self, maps: Mapping[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint) -> None:
         world = geometry.world
@@ -110,9 +105,7 @@ class PixelPoints:
 class PointTracker:
     """Tracks the surface points of pixels to other cameras and to neighbouring frames.
 
-    ``geometries``: Geometry at any time.
     ``places``: Time and pose of every image, [camera][frame].
-    ``maps``: ``"complete"`` to include displacement and finite flow.
     """
 
     def __init__(

@@ -92,11 +92,7 @@ _MANY_EDGES = 0.25
 def interior_warnings(
     world: BuiltScene, object_id: NDArray[np.integer[Any]], boundary_distance: NDArray[np.float64], margin_px: float
 ) -> list[str]:
-    """Return a warning about visible objects without interior pixels, if any.
-
-    ``object_id``: Object index of every pixel of one image, shape (height, width); -1 for none.
-    ``boundary_distance``: Distance to the nearest mixed pixel in px, same shape; 0 for mixed pixels.
-    """
+    """Return a warning about visible objects without interior pixels, from the maps of one image, if any."""
     without, faceted = [], []
     for index, body in enumerate(world.bodies):
         distances = boundary_distance[object_id == index]
@@ -231,10 +227,7 @@ class TruthOptions:
 
 
 def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) -> xr.Dataset:
-    """Return the ground truth of a scene with blank maps that occupy no memory.
-
-    Poses and times of the images, coordinates and attributes are complete.
-    """
+    """Return the ground truth of a scene with blank maps, but complete poses, times, coordinates and attributes."""
     stage, frames, camera = scene.stage, scene.frames, scene.camera
     images = (*((stage.rows,) if stage.rows > 1 else ()), stage.positions, frames.count)
     size, all_views = (camera.height, camera.width), choice.views == "all"

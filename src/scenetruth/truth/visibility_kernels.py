@@ -143,11 +143,7 @@ def _look_at_points(
 
 @numba.njit(cache=True, nogil=True)
 def sort_into_cells(points: NDArray[np.float64], chosen: NDArray[np.bool_], pixel: float) -> Any:
-    """Sort points into cells.
-
-    ``points``: Points in the camera frame in mm, shape (n, 3).
-    ``chosen``: Points to sort, all in front of the camera, shape (n,).
-    """
+    """Sort chosen points in front of the camera (camera frame, mm) into cells."""
     count = 0
     low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
     for n in range(points.shape[0]):

@@ -231,7 +231,7 @@ def test_a_wall_shows_one_pattern_and_fresh_noise(preset: str) -> None:
         ({"quantum_efficiency": 1.2}, "sensor.quantum_efficiency", "less than or equal to 1"),
         ({"bit_depth": 20}, "sensor.bit_depth", "less than or equal to 16"),
         ({"prnu": float("nan")}, "sensor.prnu", ""),
-        ({"kind": "other"}, "sensor", "kind gaussian"),
+        ({"kind": "other"}, "sensor", "`kind` gaussian"),
         ({"quantum_efficiency": 0}, "sensor.quantum_efficiency", "greater than 0"),
         ({"exposure_time_s": 0}, "sensor.exposure_time_s", "greater than 0"),
         ({"gain_dn_per_e": -1.0}, "sensor.gain_dn_per_e", "greater than 0"),

@@ -269,7 +269,7 @@ def test_what_cannot_be_made_is_told_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(EstimateError, match="use another label"):
         sweep(scene(), {BASELINE: [1, 2]}, methods=MethodSpec("structure_tensor", label="bound"))
     (tmp_path / "notes").write_text("mine")
-    with pytest.raises(OutputExistsError, match="no folder of a sweep"):
+    with pytest.raises(OutputExistsError, match="not a directory of a sweep"):
         sweep(scene(), {BASELINE: [1, 2]}, methods=nearest, output=tmp_path)
 
 

@@ -175,7 +175,7 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
         budget(scene, method="no_such")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes").write_text("mine")
-    with pytest.raises(OutputExistsError, match="no folder of a budget"):
+    with pytest.raises(OutputExistsError, match="not a directory of a budget"):
         budget(scene, output=tmp_path / "mine")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import re
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import scenetruth as st
 from scenetruth.design.uncertainty import Budget
 from scenetruth.design.uncertainty.budget_report import compute_bars, make_waterfalls, write_page, write_waterfall
 from scenetruth.design.uncertainty.uncertainty_budget import number
@@ -36,6 +38,14 @@ def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budg
     left = math.sqrt(0.035**2 + 0.16**2 + 0.05**2 + 5e-6) * 1.5 / found.totals[0].root_sum_square
     assert f"An air bearing reduces it to {number(left)} mm; then slanted surfaces dominate (0.16)." in line
     assert "With stage yaw, 50 % of the pixels remain valid." in line
+
+
+def test_words_say_how_a_predicted_part_is_simulated(found: Budget) -> None:
+    parts = [replace(one, simulated=math.nan) for one in found.parts]
+    totals = [replace(found.totals[0], simulated=10.0)]
+    (line,) = replace(found, parts=parts, totals=totals).summary().splitlines()
+    assert "simulated_share=1 (--simulated-share 1) simulates it too" in line
+    assert "simulated_share" in inspect.signature(st.budget).parameters
 
 
 def test_bars_add_up_by_their_squares(found: Budget) -> None:

@@ -77,9 +77,7 @@ def test_an_acceleration_is_found_and_is_no_depth() -> None:
 
 def test_two_frames_do_not_tell_an_acceleration() -> None:
     plane = MovingPlane()
-    with pytest.raises(
-        st.EstimateError, match=r"acceleration: requires a window of at least 3 frames"
-    ):
+    with pytest.raises(st.EstimateError, match=r"acceleration: requires a window of at least 3 frames"):
         estimated(plane, plane.recording(cameras=2, frames=2), acceleration=True)
 
 

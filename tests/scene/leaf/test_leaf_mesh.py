@@ -180,7 +180,7 @@ def test_deeper_cuts_leave_less_of_the_leaf() -> None:
 
 
 def test_width_along_the_midrib_is_refused_for_lobes() -> None:
-    with pytest.raises(ValueError, match="no function of the place"):
+    with pytest.raises(ValueError, match="not a function of the position"):
         compute_half_width_mm(leaf_entry(outline="palmate"), np.array([1.0]))
 
 
@@ -286,20 +286,20 @@ def test_inside_is_the_even_odd_rule() -> None:
     ("changes", "path", "message"),
     [
         ({"width_mm": 0}, "width_mm", "greater than 0"),
-        ({"width_mm": 500}, "width_mm", "must lie between 1/50 and 2"),
+        ({"width_mm": 500}, "width_mm", "must be between 1/50 and 2"),
         ({"outline": "ovate", "lobe_depth": 0.2}, "lobe_depth", "only a cordate outline has lobes"),
         ({"serration": {"depth_mm": 20}}, "serration", "depth_mm must not exceed"),
         ({"serration": {"count_per_side": 60, "depth_mm": 0.1}}, "resolution_mm", "teeth and petiole to be resolved"),
         ({"petiole": {"length_mm": 20, "diameter_mm": 30}}, "petiole", "diameter_mm must not exceed"),
-        ({"outline": "ovate", "lobes": 7}, "lobes", "only a palmate outline has it, not ovate"),
-        ({"lobe_cut": 0.4}, "lobe_cut", "only a palmate outline has it, not ovate"),
+        ({"outline": "ovate", "lobes": 7}, "lobes", "requires a palmate outline, not ovate"),
+        ({"lobe_cut": 0.4}, "lobe_cut", "requires a palmate outline, not ovate"),
         ({"outline": "palmate", "lobes": 6}, "lobes", "must be odd"),
         ({"outline": "palmate", "lobes": 13}, "lobes", "less than or equal to 11"),
         ({"outline": "palmate", "lobe_cut": 0.8}, "lobe_cut", "less than or equal to 0.7"),
         (
             {"outline": "palmate", "lobes": 11, "lobe_cut": 0.7, "resolution_mm": 2},
             "resolution_mm",
-            "the deeper cut, the narrower",
+            "narrower for a deeper cut",
         ),
         ({"outline": "palmate", "tip": "round"}, "tip", "acuminate or acute"),
         ({"outline": "palmate", "width_mm": 30}, "width_mm", "must be at least 48"),
@@ -309,7 +309,7 @@ def test_inside_is_the_even_odd_rule() -> None:
         ({"bend_along_deg": -300, "petiole": STALK}, "bend_along_deg", "blade and petiole together by 400"),
         ({"bend_across_deg": -360}, "bend_across_deg", "greater than -360"),
         ({"resolution_mm": 30}, "resolution_mm", "must not exceed"),
-        ({"resolution_mm": 0.001}, "resolution_mm", "triangles; at most 5e6"),
+        ({"resolution_mm": 0.001}, "resolution_mm", "triangles, more than 5e6"),
     ],
 )
 def test_impossible_leaves_are_refused_with_their_path(changes: dict[str, Any], path: str, message: str) -> None:

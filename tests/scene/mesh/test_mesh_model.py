@@ -223,7 +223,7 @@ def test_normals_and_curvature_of_sheets(mesh: dict[str, Any]) -> None:
         ),
         ({"kind": "plane", "size_mm": [9, 2], "resolution_mm": 3}, "resolution_mm", "the shorter of size_mm, 2 mm"),
         ({"kind": "stairs", "tread_mm": [9, 9], "steps_mm": []}, "steps_mm", "at least 1"),
-        ({"kind": "stairs", "tread_mm": [9, 9], "steps_mm": [1, 0]}, "steps_mm", "must not be 0 .got one at index 1"),
+        ({"kind": "stairs", "tread_mm": [9, 9], "steps_mm": [1, 0]}, "steps_mm", "must not be 0 .got 0 at index 1"),
     ],
 )
 def test_impossible_surfaces(mesh: dict[str, Any], path: str, message: str) -> None:

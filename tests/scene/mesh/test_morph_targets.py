@@ -190,13 +190,13 @@ def broken(name: str) -> Glb:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("step", r"its weights jump \(STEP\)"),
+        ("step", r"its weights are discontinuous \(STEP\)"),
         ("no targets", "the mesh has no morph targets"),
-        ("short target", "morph target 1 moves 7 of 20 vertices"),
-        ("no animation", "no animation moves the weights"),
-        ("rotation", "animates rotation too"),
+        ("short target", "morph target 1 has 7 displacements for 20 vertices"),
+        ("no animation", "no animation of morph-target weights"),
+        ("rotation", "also animates rotation"),
         ("few weights", "has 7 weights for 4 keyframes of 2 targets"),
-        ("times", "its keyframes are not in order"),
+        ("times", "its keyframes are not increasing"),
         ("two meshes", "exactly one mesh; it has 2"),
     ],
 )
@@ -209,5 +209,5 @@ def test_files_that_cannot_be_morphed(tmp_path: Path, name: str, message: str) -
 
 def test_other_mesh_files_have_no_morph_targets(tmp_path: Path) -> None:
     (tmp_path / "mesh.obj").write_text("v 0 0 0\nv 0 9 0\nv 9 0 0\nf 1 2 3\n")
-    with pytest.raises(st.SceneError, match=r"needs a mesh file that holds morph targets: \.glb or \.gltf"):
+    with pytest.raises(st.SceneError, match=r"requires a mesh file with morph targets: \.glb or \.gltf"):
         build_scene(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, {"kind": "morph"}, frames=3))

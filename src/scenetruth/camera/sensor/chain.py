@@ -55,10 +55,7 @@ class SensorChain(FrozenModel):
 
     @cached_property
     def full_scale(self) -> float:
-        """Full scale of the images: the largest digital number, or the mean response to `saturation_radiance`.
-
-        1 if the images are radiance or fractions of full scale.
-        """
+        """Largest digital number, or mean response to `saturation_radiance`; 1 for radiance or relative values."""
         scale = _largest_number(self.effects)
         if self.unit == "digital numbers":
             return scale

@@ -40,11 +40,7 @@ Unit = Literal[
 
 @dataclass(frozen=True, eq=False)
 class LinearImage:
-    """Linear image with its indices in the recording.
-
-    ``radiance``: Sensor input, shape (y, x).
-    ``s_y``, ``s``, ``t``: Row, camera position and frame, 0 at the reference.
-    """
+    """Sensor input, shape (y, x), with row, camera position and frame, 0 at the reference."""
 
     radiance: NDArray[np.float32]
     s_y: int = 0
@@ -100,18 +96,11 @@ class Effect(FrozenModel):
         return (self.key, s_y, s, t)
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64] | None:
-        """Return the fixed pattern, constant over all images of a recording.
-
-        Returns: One value per pixel, shape (y, x), in the unit of the effect; None for identical pixels.
-        """
+        """Return the fixed pattern of a recording, shape (y, x), in the unit of the effect; None for none."""
         return None
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Return the output signal.
-
-        ``signal``: Input signal, shape (y, x); must not be modified.
-        Returns: Output signal, shape (y, x), float64.
-        """
+        """Return the output signal for an input signal, shape (y, x), float64, which must not be modified."""
         raise NotImplementedError
 
     def mean_response(self, signal: float, full_scale: float) -> float:

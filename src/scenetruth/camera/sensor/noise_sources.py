@@ -32,10 +32,7 @@ def checked_hot_pixel_current(value: float, info: ValidationInfo) -> float:
 
 
 class DarkCurrent(Effect):
-    """Dark current: thermal electrons added to the signal, more in hot pixels.
-
-    It precedes shot noise in the chain, because dark electrons are Poisson distributed too.
-    """
+    """Dark current: thermal electrons with shot noise, therefore before it in the chain; more in hot pixels."""
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "electrons"
@@ -154,10 +151,7 @@ class ReadoutNoise(Effect):
 
 
 class ShotNoise(Effect):
-    """Poisson noise of the electrons.
-
-    Photon arrival and photoelectric conversion are both Poisson processes, so drawing the electrons suffices.
-    """
+    """Poisson noise of the electrons, which includes that of the photons."""
 
     takes: ClassVar[Unit] = "electrons"
     gives: ClassVar[Unit] = "electrons"

@@ -1,7 +1,7 @@
 #version 330 core
 #extension GL_ARB_texture_gather : require
-// Evaluates a texture in 32-bit floats. Texture units may weigh texels with 8 bits only: they are asked to fetch, never
-// to interpolate. The raster has a margin: one texel before the first column and row, two behind the last.
+// Evaluates a texture in 32-bit floats. Texture units may interpolate with 8-bit weights, so texels are only fetched.
+// The raster has a margin: one texel before the first column and row, two after the last.
 
 struct Material {
     sampler2D base_color_texture;
@@ -24,7 +24,7 @@ flat in vec2 origin;
 
 out vec4 frag_color;
 
-// Four texels: lower left, lower right, upper right, upper left of those at `at` and one on, where up is towards row 0.
+// Four texels at `at` and `at` + 1: lower left, lower right, upper right, upper left, with row 0 at the top.
 vec4 four(vec2 at, vec2 texels)
 {
     return textureGather(material.base_color_texture, (at + 1.0) / texels);

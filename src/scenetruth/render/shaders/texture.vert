@@ -1,11 +1,11 @@
 #version 330 core
-// Carries vertices into the image, and positions on the texture's raster along.
+// Projects vertices into the image and passes positions on the texture raster.
 
 layout(location = 0) in vec3 position;
 #ifdef TWO_SIDED
-layout(location = 1) in vec4 tangent;     // the same two for the back of the face
-layout(location = 2) in vec2 texcoord_0;  // texels, from texel `origin` on
-layout(location = 3) in vec2 texcoord_1;  // whole texels; the same for all corners of a face
+layout(location = 1) in vec4 tangent;     // texcoord_0 and texcoord_1 for the back of the face
+layout(location = 2) in vec2 texcoord_0;  // texels, relative to texel `origin`
+layout(location = 3) in vec2 texcoord_1;  // integer texel, common to all corners of a face
 layout(location = 4) in mat4 inst_m;
 #else
 layout(location = 1) in vec2 texcoord_0;

@@ -1,4 +1,4 @@
-"""Leaves: their outline, mesh, veins and texture."""
+"""Leaves: outline, mesh, veins and texture."""
 
 from scenetruth.scene.leaf.leaf_model import LeafForm
 

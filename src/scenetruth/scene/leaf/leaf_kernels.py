@@ -1,4 +1,4 @@
-"""Kernels for leaves: points in polygons, veins, hairs, and nets of the finest veins."""
+"""Kernels for leaves: point-in-polygon test, veins, hairs, and the network of the finest veins."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from scenetruth.threads import in_bands
 
 __all__ = ["draw_dots", "draw_veins", "inside", "net"]
 
-# Rows of a net that are worth a thread of their own.
+# Minimum number of rows of a network per thread.
 _LEAST_ROWS = 2
 
 
 @numba.njit(cache=True, nogil=True)
 def inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> Any:
-    """Tell which points lie inside a closed polygon (even-odd rule), shape (n,) bool."""
+    """Return which points lie inside a closed polygon (even-odd rule), shape (n,), bool."""
     corners = polygon.shape[0]
-    # In the order of y, an edge meets the rows of a run of points only.
+    # Sorted by y, an edge overlaps a contiguous range of points.
     order = np.argsort(points[:, 1])
     x, y = points[order, 0], points[order, 1]
     odd = np.zeros(len(order), dtype=np.bool_)
@@ -43,10 +43,10 @@ def draw_veins(
     sigmas: NDArray[np.float64],
     strengths: NDArray[np.float64],
 ) -> None:
-    """Draw a polyline with a Gaussian profile into a raster, where it is larger than what is there.
+    """Draw a polyline with a Gaussian profile into a raster, as the maximum of both.
 
-    ``points``, shape (n, 2), are columns and rows; ``sigmas`` and ``strengths``, shape (n,), are those of the profile
-    at the points, in texels and 1, linear in between.
+    Points, shape (n, 2), are columns and rows; ``sigmas`` (texels) and ``strengths``, shape (n,), are linear in
+    between.
     """
     rows, columns = raster.shape
     for k in range(points.shape[0] - 1):
@@ -75,7 +75,7 @@ def draw_veins(
 def draw_dots(
     raster: NDArray[np.float32], points: NDArray[np.float64], sigma: float, strengths: NDArray[np.float64]
 ) -> None:
-    """Lay Gaussian dots on a raster so that it stays below 1: v becomes 1 - (1 - v) (1 - dot)."""
+    """Draw Gaussian dots such that the raster stays below 1: v becomes 1 - (1 - v) (1 - dot)."""
     rows, columns = raster.shape
     reach = 4.5 * sigma
     for n in range(points.shape[0]):
@@ -94,11 +94,11 @@ def net(
     cell: tuple[float, float],
     sigma: float,
 ) -> NDArray[np.float32]:
-    """Return lines with a Gaussian profile along the borders of Voronoi cells, shape (h, w) float32.
+    """Return lines with a Gaussian profile along the borders of Voronoi cells, shape (h, w), float32.
 
-    ``x``, ``y``: Where every texel is, shape (h, w); any real number, the net repeats.
-    ``seeds``: Place (x, y) of the one seed in every cell of a grid, in cells, 0 to 1, shape (n, m, 2).
-    ``strengths``: One number for every seed, shape (n, m); a border is as strong as the mean of its two.
+    ``x``, ``y``: Position of every texel, shape (h, w); the network is periodic.
+    ``seeds``: Position (x, y) of the seed in every grid cell, in cells, 0 to 1, shape (n, m, 2).
+    ``strengths``: Strength of every seed, shape (n, m); a border has the mean of its two seeds.
     """
     out = np.empty(x.shape, dtype=np.float32)
     in_bands(_net, x.shape[0], x, y, seeds, strengths, cell, sigma, out, least=_LEAST_ROWS)
@@ -113,7 +113,7 @@ def _net(
     columns = x.shape[1]
     down, wide = strengths.shape
     width, height = cell
-    # Seeds and strengths of the cells around, as far as their borders can come near.
+    # Seeds and strengths of the neighbouring cells whose borders may be close.
     around = 7 * 5
     seed_x, seed_y, power = np.empty(around), np.empty(around), np.empty(around)
     dx, dy, squares, sizes = np.empty(around), np.empty(around), np.empty(around), np.empty(around)
@@ -122,7 +122,7 @@ def _net(
         for j in range(columns):
             px, py = np.float64(x[i, j]), np.float64(y[i, j])
             column, row = int(np.floor(px / width)), int(np.floor(py / height))
-            # Neighbouring texels mostly lie in the same cell.
+            # Neighbouring texels usually lie in the same cell.
             if not (known and column == last_column and row == last_row):
                 last_column, last_row, known, k = column, row, True, 0
                 for r in range(row - 2, row + 3):
@@ -131,7 +131,7 @@ def _net(
                         seed_y[k] = (r + seeds[r % down, c % wide, 1]) * height
                         power[k] = strengths[r % down, c % wide]
                         k += 1
-            # Loops without branches run in vector registers.
+            # Branchless loops are vectorised.
             for k in range(around):
                 dx[k], dy[k] = seed_x[k] - px, seed_y[k] - py
                 squares[k] = dx[k] * dx[k] + dy[k] * dy[k]
@@ -143,11 +143,11 @@ def _net(
             bx, by, bp = dx[nearest], dy[nearest], power[nearest]
             for k in range(around):
                 ex, ey = dx[k] - bx, dy[k] - by
-                # Distance to the line half-way between both seeds.
+                # Distance to the perpendicular bisector of both seeds.
                 across = 0.5 * ((dx[k] + bx) * ex + (dy[k] + by) * ey)
                 squares[k], sizes[k] = across * across, (ex * ex + ey * ey) * sigma * sigma
             for k in range(around):
-                # The division only where the line is near; a little farther than it counts, for rounding.
+                # Divide only near the line, with a margin for rounding.
                 if squares[k] <= 16.1 * sizes[k] and k != nearest:
                     square = squares[k] / sizes[k]
                     if square < 16.0:

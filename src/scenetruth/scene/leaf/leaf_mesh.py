@@ -1,4 +1,4 @@
-"""Leaves as meshes: triangulation of the flat blade, and the map that bends it."""
+"""Leaf meshes: triangulation of the flat blade, and the map that shapes it."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Points = tuple[Any, Any, Any]
 
 @dataclass(frozen=True)
 class LeafShape:
-    """Undulation, fold, bending across and bending along, in this order; all smooth.
+    """Undulation, fold, transverse and longitudinal bending, in this order; all smooth.
 
-    Points are fields (x, y, z): arrays of any floating type, or anything else that obeys NumPy's arithmetic.
+    Points are fields (x, y, z): arrays of any floating type, or objects that support NumPy arithmetic.
 
-    ``wave_per_mm``: Height of the waves over the square of the distance from the midrib, 1/mm.
+    ``wave_per_mm``: Wave height over the squared distance from the midrib, 1/mm.
     ``wave_number_per_mm``: Angular wave number along the midrib, rad/mm.
-    ``fold_rad``: Angle between each half and the flat; positive towards the upper side (-Z).
-    ``fold_width_mm``: Width of the rounding.
+    ``fold_rad``: Angle between each half and the plane; positive towards the upper side (-Z).
+    ``fold_width_mm``: Width of the rounded fold.
     ``across_per_mm``, ``along_per_mm``: Curvatures; positive towards the upper side.
     """
 
@@ -41,7 +41,7 @@ class LeafShape:
     along_per_mm: float = 0.0
 
     def __call__(self, points: Points, t: Any) -> Points:
-        """Return where points of the sheet are; the time does not count."""
+        """Map points of the sheet; independent of time."""
         x, y, z = points
         height = -z
         if self.wave_per_mm != 0:
@@ -56,22 +56,22 @@ class LeafShape:
 
 
 def _rolled(along: Any, height: Any, curvature: float) -> tuple[Any, Any]:
-    """Bend a sheet on a circular arc; what stands off the sheet stays normal to it."""
+    """Bend a sheet over a circular arc; offsets from the sheet stay normal to it."""
     turn = curvature * along
     half = np.sin(turn / 2)
     return np.sin(turn) / curvature - height * np.sin(turn), 2 * half * half / curvature + height * np.cos(turn)
 
 
 def _folded(along: Any, height: Any, angle: float, width: float) -> tuple[Any, Any]:
-    """Fold a sheet into a hyperbola whose asymptotes rise by an angle; far from the fold lengths are kept."""
+    """Fold a sheet into a hyperbola with inclined asymptotes; isometric far from the fold."""
     rounding = width / 2
-    # Less the rounding itself: the fold's own line stays where it is.
+    # Minus the rounding, so that the fold line stays in place.
     rise = np.sqrt(along * along + rounding * rounding) - rounding
     return along * np.cos(angle), height + np.sin(angle) * rise
 
 
 def make_leaf_shape(leaf: LeafForm) -> LeafShape:
-    """Return the form that a scene asks for."""
+    """Return the shape map of a leaf."""
     half = leaf.full_width_mm / 2
     waves = leaf.undulation
     fold_width = leaf.full_width_mm / 10 if leaf.fold_width_mm is None else leaf.fold_width_mm
@@ -89,20 +89,19 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _ROW = float(np.sqrt(3) / 2)
-_CLEAR = 0.62  # lattice points nearer to the margin are left out; all lengths in edges of the lattice
-_FREE = 2.0  # nearer ones move to even triangles out
-_DEEP = 3.0  # from here on triangles are the lattice's own
-_BAND = 5.0  # up to here points are triangulated anew
+_CLEAR = 0.62  # lattice points closer to the margin are omitted; all lengths in lattice edges
+_FREE = 2.0  # closer points move to equalise triangles
+_DEEP = 3.0  # beyond, triangles are those of the lattice
+_BAND = 5.0  # up to here points are retriangulated
 _ROUNDS = 8
 _ATTEMPTS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class _Half:
-    """What the half of a leaf with b >= 0 is made from; its points are those of rim, axis and lattice, in this order.
+    """The half of a leaf with b >= 0: points of rim (rear end of the axis to tip), axis and lattice, in this order.
 
-    ``rim`` goes from the rear end of the axis to the tip; ``axis`` are the points between them. ``depth`` is the
-    distance of axis and lattice points from the rim, at most `_BAND`, in edges.
+    The depth is the distance of axis and lattice points from the rim, at most `_BAND`, in edges.
     """
 
     edge: float
@@ -118,10 +117,9 @@ class _Half:
 
 
 def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
-    """Triangulate a leaf in the flat.
+    """Triangulate a flat leaf: vertices (a, b) in mm, shape (n, 2), and faces, shape (m, 3), upper side to -Z.
 
-    Returns: Coordinates (a, b) of the vertices in mm, shape (n, 2), and faces, shape (m, 3), that wind so that their
-    upper side looks to -Z. The mesh is its own mirror image in the midrib, which is a line of edges.
+    The mesh is symmetric about the midrib, a line of edges.
     """
     edge = leaf.length_mm / max(round(leaf.length_mm / leaf.resolution_mm), 2)
     margin = compute_margin(leaf)
@@ -135,7 +133,7 @@ def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
         rim = np.insert(rim, missing + 1, (rim[missing] + rim[missing + 1]) / 2, axis=0)
     outline = np.concatenate([rim, half.axis[::-1]])
     if len(missing) or abs(_areas(points, faces).sum() - _polygon_area(outline)) > 1e-9 * _polygon_area(outline):
-        remedy = "the margin meets itself; make the teeth shallower or fewer, the lobes shorter, or the petiole thinner"
+        remedy = "the margin intersects itself; use shallower or fewer teeth, shorter lobes, or a thinner petiole"
         raise SceneError([Problem("outline", remedy, leaf.outline)])
     on_axis = np.zeros(len(points), dtype=bool)
     on_axis[[0, len(rim) - 1]] = True
@@ -143,13 +141,13 @@ def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
     twin = np.arange(len(points))
     twin[~on_axis] = len(points) + np.arange(np.count_nonzero(~on_axis))
     points = np.concatenate([points, points[~on_axis] * (1, -1)])
-    # Positive areas turn from a to b, that is away from the camera.
+    # Positive areas are oriented from a to b, away from the camera.
     faces = np.concatenate([faces[:, ::-1], twin[faces]])
     return points, faces.astype(np.int32)
 
 
 def _resampled(margin: Margin, edge: float) -> Floats:
-    """Return the margin with equal steps of about an edge between its corners."""
+    """Return the margin with equal steps of about an edge length between its corners."""
     points = margin.points_mm
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     places = []
@@ -172,7 +170,7 @@ def _half(leaf: LeafForm, rim: Floats, edge: float) -> _Half:
     columns = np.arange(int(np.floor(rim[:, 0].min() / edge)) - 1, steps + 2)
     place = np.stack(np.broadcast_arrays(columns + 0.5 * (rows % 2)[:, None], _ROW * rows[:, None]), axis=-1) * edge
     lattice: Floats = place.reshape(-1, 2)
-    # Distances from the rim, by points that follow each other closely.
+    # Distances from the rim, approximated by dense points.
     share = np.linspace(0, 1, 8, endpoint=False)[None, :, None]
     dense = (rim[:-1, None] * (1 - share) + rim[1:, None] * share).reshape(-1, 2)
     tree = cKDTree(np.concatenate([dense, rim[-1:]]))
@@ -196,18 +194,18 @@ def _half(leaf: LeafForm, rim: Floats, edge: float) -> _Half:
 
 
 def _lattice_faces(number: Indices) -> Indices:
-    """Return the triangles of a lattice whose odd rows are shifted by half an edge; -1 stands for no point."""
+    """Return the triangles of a lattice with odd rows shifted by half an edge; -1 is a missing point."""
     lower, upper = number[:-1], number[1:]
     odd = (np.arange(len(lower)) % 2 == 1)[:, None]
     a, b, c, d = lower[:, :-1], lower[:, 1:], upper[:, :-1], upper[:, 1:]
-    # Above an even row stands a shifted one: (a, b, c) and (b, d, c); above an odd row (a, b, d) and (a, d, c).
+    # Above an even row: (a, b, c) and (b, d, c); above an odd row: (a, b, d) and (a, d, c).
     one = np.stack([a, b, np.where(odd, d, c)], axis=-1)
     two = np.stack([np.where(odd, a, b), d, c], axis=-1)
     return np.concatenate([one.reshape(-1, 3), two.reshape(-1, 3)])
 
 
 def _triangulated(half: _Half) -> tuple[Floats, Indices]:
-    """Return points and faces of a half, faces with positive area."""
+    """Return points and faces of a half, with positive face areas."""
     points = half.points
     rim, fixed = len(half.rim), len(half.rim) + len(half.axis)
     depth = np.concatenate([np.zeros(rim), half.depth])
@@ -235,7 +233,7 @@ def _band_faces(points: Floats, band: Indices, depth: Floats, outline: Floats, e
 
 
 def _evened(points: Floats, faces: Indices, free: Indices) -> Floats:
-    """Move each free point to the middle of its neighbours."""
+    """Move each free point to the mean of its neighbours."""
     ends, others = faces[:, [0, 1, 2, 1, 2, 0]].ravel(), faces[:, [1, 2, 0, 0, 1, 2]].ravel()
     count = np.bincount(ends, minlength=len(points))
     middle = np.column_stack([np.bincount(ends, points[others, k], len(points)) for k in (0, 1)])
@@ -245,7 +243,7 @@ def _evened(points: Floats, faces: Indices, free: Indices) -> Floats:
 
 
 def _missing_edges(faces: Indices, rim: int) -> Indices:
-    """Return the indices of the rim's edges that no face has."""
+    """Return the indices of rim edges without a face."""
     pairs = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     present = pairs[(pairs[:, 1] - pairs[:, 0] == 1) & (pairs[:, 1] < rim), 0]
     return np.setdiff1d(np.arange(rim - 1), present)
@@ -262,23 +260,19 @@ def _polygon_area(polygon: Floats) -> float:
     return abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))) / 2
 
 
-# The teeth and the triangles along the margin leave about so much of the area to equal triangles (measured).
+# Measured fraction of the area covered by lattice triangles, without teeth and margin triangles.
 _MORE_FACES = 0.98
 _MARGIN_POINTS, _SKETCHED_POINTS = 400, 48
 
 
 class LeafMesh(LeafForm):
-    """A leaf: X along the midrib from the base (the origin) to the tip, Y across, upper side towards -Z.
-
-    In the flat it is a sheet with coordinates (a, b) in mm; undulation, fold, bending across and bending along give
-    it its form, in this order.
-    """
+    """Leaf mesh: X along the midrib from the base (origin) to the tip, Y across, upper side towards -Z."""
 
     kind: Literal["leaf"]
     """``leaf``."""
 
     def size(self, folder: Path) -> MeshSize:
-        """Return about how large the mesh will be, by the area of the leaf; see `MeshModel`."""
+        """Return the approximate mesh size from the area of the leaf, see `MeshModel`."""
         a, b = compute_entire_margin(self, _MARGIN_POINTS).T
         area = 2 * abs(float(np.trapezoid(b, a)))
         if self.petiole is not None:
@@ -287,7 +281,7 @@ class LeafMesh(LeafForm):
         return MeshSize(faces // 2 + 2 * int(self.length_mm / self.resolution_mm) + 2, faces)
 
     def sketch(self, folder: Path, most_faces: int) -> TriangleMesh:
-        """Return strips between midrib and margin, without teeth; see `MeshModel`."""
+        """Return strips between midrib and margin, without teeth, see `MeshModel`."""
         rim = compute_entire_margin(self, _MARGIN_POINTS)
         rim = rim[np.unique(np.linspace(0, len(rim) - 1, _SKETCHED_POINTS).astype(np.int64))]
         if self.petiole is not None:
@@ -299,7 +293,7 @@ class LeafMesh(LeafForm):
         here = np.arange(count - 1)
         halves = []
         for side, turned in ((count, False), (2 * count, True)):
-            # Positive areas turn from a to b, as of the mesh itself.
+            # Positive areas are oriented from a to b, as in the full mesh.
             one = np.column_stack([here, here + 1, side + here + 1])
             two = np.column_stack([here, side + here + 1, side + here])
             faces = np.concatenate([one, two])
@@ -307,7 +301,7 @@ class LeafMesh(LeafForm):
         return self._mesh(material, np.concatenate(halves).astype(np.int32))
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the leaf; its chart is the flat sheet itself, petiole included, and an image covers the blade."""
+        """Return the leaf, with the flat sheet including the petiole as chart; an image covers the blade."""
         return self._mesh(*triangulate_leaf(self))
 
     def _mesh(self, material: NDArray[np.float64], faces: NDArray[np.int32]) -> TriangleMesh:

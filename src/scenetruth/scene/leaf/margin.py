@@ -1,4 +1,4 @@
-"""The margin of a flat leaf: a closed formula from base to tip, with lobes, teeth and petiole."""
+"""Margin of a flat leaf: closed formula from base to tip, with lobes, teeth and petiole."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ __all__ = ["Margin", "compute_entire_margin", "compute_half_width_mm", "compute_
 
 Floats = NDArray[np.float64]
 
-# The width is xi^base (1 - xi^m)^tip, with m such that it is largest at a stated place, less what is drawn out.
+# The width is xi^base (1 - xi^m)^tip, with m from the position of the maximum, minus the reduction at the tip.
 _BASE = {"ovate": 0.55, "lanceolate": 0.6, "cordate": 0.5, "elliptic": 0.5}
 _WIDEST = {"ovate": 0.36, "lanceolate": 0.38, "cordate": 0.36, "elliptic": 0.5}
 _TIP = {"acuminate": 1.0, "acute": 0.9, "round": 0.5}
-_DRAWN_OUT = 0.7  # part of the width that is missing at the very end of an acuminate tip,
-_DRAWN_LENGTH = 0.13  # and less by a factor e in this part of the length
+_DRAWN_OUT = 0.7  # relative reduction of the width at the end of an acuminate tip,
+_DRAWN_LENGTH = 0.13  # and its 1/e length relative to the leaf length
 
-_GAP = 1.5  # edges between a petiole and the lobes beside it, where they part
-_FINE = 4000  # points of the formula that lengths are measured on
-_WEDGE_DEG = 26.0  # half the angle at the very end of a pointed tip, which keeps triangles there even,
-_WEDGE = 15  # and how quickly it fades: with this power of the place along the midrib
+_GAP = 1.5  # gap in edges between the petiole and adjacent lobes at their separation
+_FINE = 4000  # number of points for arc lengths
+_WEDGE_DEG = 26.0  # half the angle at the end of a pointed tip, which keeps triangles regular,
+_WEDGE = 15  # and its exponent in the position along the midrib
 
 
 @dataclass(frozen=True, eq=False)
 class Margin:
-    """One side of the outline, as a polygon from its end on the axis behind to the tip.
+    """One side of the outline, as a polygon from its rear end on the axis to the tip.
 
-    ``points_mm``: Points (a, b) with b >= 0, shape (n, 2); the first and the last lie on the axis b = 0.
-    ``corners``: Indices of points that a coarser polygon must keep: ends, corners, and tips and notches of teeth.
+    ``points_mm``: Points (a, b) with b >= 0, shape (n, 2); the first and last are on the axis b = 0.
+    ``corners``: Indices of points to keep in a coarser polygon: ends, corners, and tips and notches of teeth.
     """
 
     points_mm: Floats
@@ -44,7 +44,7 @@ def _tip_of(leaf: LeafForm) -> str:
     return leaf.tip or ("round" if leaf.outline == "elliptic" else "acuminate")
 
 
-# Exponents of `_found_shift` for most outlines and tips: to import `brentq` for them takes a tenth of a second.
+# Precomputed results of `_solve_shift`, because the import of `brentq` takes 0.1 s.
 _SHIFTS = {
     (0.55, 0.36, 1.0): 1.0375875136128374,
     (0.55, 0.36, 0.9): 0.8596324995319141,
@@ -65,7 +65,7 @@ def _shift(base: float, widest: float, tip: float) -> float:
 
 @functools.cache
 def _solve_shift(base: float, widest: float, tip: float) -> float:
-    """Return the exponent m for which xi^base (1 - xi^m)^tip is largest at a given place."""
+    """Return the exponent m that places the maximum of xi^base (1 - xi^m)^tip at a given position."""
     from scipy.optimize import brentq
 
     # The derivative vanishes where xi^m = base / (base + tip m).
@@ -74,7 +74,7 @@ def _solve_shift(base: float, widest: float, tip: float) -> float:
 
 def _relative_width(leaf: LeafForm, xi: Any) -> Any:
     tip, widest = _TIP[_tip_of(leaf)], _WIDEST[leaf.outline]
-    # Only a blunt base lets a round leaf be widest far from its middle.
+    # A round leaf that is widest far from its middle requires a blunt base.
     base = min(_BASE[leaf.outline], -0.8 * tip / np.log(widest))
     plain = xi**base * (1 - xi ** _shift(base, widest, tip)) ** tip
     if _tip_of(leaf) == "acuminate":
@@ -88,25 +88,22 @@ def _largest(leaf: LeafForm) -> float:
 
 
 def compute_half_width_mm(leaf: LeafForm, a_mm: Floats) -> Floats:
-    """Return the distance of the entire margin (no teeth, lobes or petiole) from the midrib."""
+    """Return the distance of the margin (without teeth, lobes or petiole) from the midrib."""
     if leaf.outline == "palmate":
-        msg = "the margin of a palmate leaf is no function of the place along the midrib"
+        msg = "the margin of a palmate leaf is not a function of the position along the midrib"
         raise ValueError(msg)
     xi = np.clip(np.asarray(a_mm, dtype=np.float64) / leaf.length_mm, 0, 1)
     width: Floats = leaf.full_width_mm / 2 * _relative_width(leaf, xi) / _largest(leaf)
     if _tip_of(leaf) == "round":
         return width
-    # A slender end would be too sharp for even triangles; elsewhere the wedge adds nothing that could be seen.
+    # The wedge avoids degenerate triangles at a slender end and is negligible elsewhere.
     wedge = np.tan(np.radians(_WEDGE_DEG)) * leaf.length_mm * (1 - xi) * xi**_WEDGE
     pointed: Floats = np.hypot(width, wedge)
     return pointed
 
 
 def compute_entire_margin(leaf: LeafForm, count: int = _FINE) -> Floats:
-    """Return the margin without teeth and petiole from base to tip, shape (count, 2).
-
-    The lobes of a cordate leaf shear the formula along the midrib; those of a palmate one are curves of their own.
-    """
+    """Return the margin without teeth and petiole from base to tip, shape (count, 2)."""
     if leaf.lobe_sides:
         points = _palmate(leaf, toothed=False)[0]
         place = np.linspace(0, len(points) - 1, count)
@@ -120,14 +117,14 @@ def compute_entire_margin(leaf: LeafForm, count: int = _FINE) -> Floats:
 
 
 def _lobe(angle: Floats) -> Floats:
-    """Return how far the margin is drawn back: not at all at base and tip, most near the base."""
+    """Return the relative backward shift of the margin: zero at base and tip, largest near the base."""
     drawn: Floats = np.sin(angle) * np.cos(angle / 2) ** 9
     return drawn
 
 
 @functools.lru_cache(maxsize=64)
 def _shear_mm(leaf: LeafForm) -> float:
-    """Return by how much to shear so that the lobes reach as far back as they should."""
+    """Return the shear for a given backward extent of the lobes."""
     if leaf.lobe_mm == 0:
         return 0.0
     from scipy.optimize import brentq
@@ -141,11 +138,11 @@ def _shear_mm(leaf: LeafForm) -> float:
 
 
 def compute_margin(leaf: LeafForm) -> Margin:
-    """Return the margin with its teeth, and with the petiole if there is one."""
+    """Return the margin with teeth and, if present, the petiole."""
     if leaf.lobe_sides:
         points, corners = _palmate(leaf)
         if leaf.petiole is not None:
-            # The hindmost lobes leave the petiole backwards: triangles need a gap between them.
+            # The rearmost lobes point backwards along the petiole, and triangles need a gap in between.
             radius = leaf.petiole.diameter_mm / 2
             leaves = max(1.6 * radius, radius + _GAP * leaf.resolution_mm)
             points, corners = _stalked(points, corners, leaf.petiole.length_mm, radius, leaves)
@@ -169,7 +166,7 @@ def _palmate(leaf: LeafForm, toothed: bool = True) -> tuple[Floats, NDArray[np.i
     for side in sides:
         points, kept = side.points_mm, np.array([0, len(side.points_mm) - 1])
         if teeth is not None:
-            # The same distance of the teeth on all lobes, as nearly as a whole number of them allows.
+            # Equal tooth spacing on all lobes, up to integer rounding.
             share = side.margin_mm / sides[-1].margin_mm
             count = max(round(teeth.count_per_side * share), 1)
             fine = np.linspace(0, len(points) - 1, max(len(points), 120 * count))
@@ -178,7 +175,7 @@ def _palmate(leaf: LeafForm, toothed: bool = True) -> tuple[Floats, NDArray[np.i
         points = side.in_leaf(points)
         if side.hand < 0:
             points, kept = points[::-1], len(points) - 1 - kept[::-1]
-        # Each piece ends where the next one begins.
+        # The end of each piece is the start of the next.
         pieces.append(points[:-1])
         corners.append(used + kept[:-1])
         used += len(points) - 1
@@ -198,12 +195,12 @@ def _serrated(points: Floats, count: int, depth: float) -> tuple[Floats, NDArray
     tangent = np.gradient(points, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     outward = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    # Teeth stand between 6 % and 96 % of the margin, and begin and end gently.
+    # Teeth between 6 % and 96 % of the margin, with smooth onset and end.
     span = np.clip((arc - 0.06) / 0.90, 0, 1)
     gentle = np.sin(np.pi * span) ** 0.5 * np.clip(np.sin(np.pi * span) * 4, 0, 1) ** 1.5
     phase = 2 * np.pi * count * span
     skew = 0.7
-    # A smooth sawtooth, -1 to 1: it rises slowly and falls quickly behind the tip of the tooth.
+    # Smooth sawtooth, -1 to 1, with slow rise and fast fall behind the tip of the tooth.
     tooth = np.arctan2(skew * np.sin(phase), 1 + skew * np.cos(phase)) / np.arcsin(skew)
     cut = depth * gentle * (1 - tooth) / 2
     cut[(span <= 0) | (span >= 1)] = 0
@@ -217,9 +214,9 @@ def _serrated(points: Floats, count: int, depth: float) -> tuple[Floats, NDArray
 def _stalked(
     points: Floats, corners: NDArray[np.intp], length: float, radius: float, leaves: float
 ) -> tuple[Floats, NDArray[np.intp]]:
-    """Put a petiole before a margin; a quarter of a wave blends its edge into the margin."""
+    """Prepend a petiole to a margin, blended by a quarter wave."""
     step = np.hypot(*np.diff(points[:2], axis=0)[0])
-    # The margin leaves the petiole where it is farther than this from the axis for the first time.
+    # The margin separates from the petiole where it first exceeds this distance from the axis.
     join = int(np.argmax(points[:, 1] > leaves))
     start = points[join]
     reach = min(3 * radius, 0.8 * length, 0.5 * max(length + min(start[0], 0.0), 0.0))

@@ -26,27 +26,23 @@ Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 _FWHM = 2 * float(np.sqrt(2 * np.log(2)))
-_SHARPEST = 1.2  # texels: standard deviation of the thinnest lines before,
-_BLUR = 1.0  # and of the Gaussian that all veins are smoothed with after they are drawn
+_SHARPEST = 1.2  # texels: standard deviation of the thinnest lines,
+_BLUR = 1.0  # and of the Gaussian smoothing of all drawn veins
 _DOT = 1.5  # texels: standard deviation of the smallest dots
 _MOST_TEXELS = 64_000_000
 _MOST_BY_DEFAULT = 4_000_000
 _MOST_DOTS = 5_000_000
 _MOST_LAYERS = 10
 _EDGE_TEXELS = 8
-_PEAK = 4.0  # standard deviations that the mottling may reach
-_LADDER = (0.58, 0.0034)  # strength and width, as a part of the length, of the veins that join side veins,
-_AREOLES = (0.32, 0.0019)  # and of the finest net
-_HALO = (0.10, 0.014)  # the same of the light around the large veins
+_PEAK = 4.0  # maximum of the mottling in standard deviations
+_LADDER = (0.58, 0.0034)  # strength and width relative to the leaf length, of the tertiary veins,
+_AREOLES = (0.32, 0.0019)  # and of the finest network
+_HALO = (0.10, 0.014)  # strength and width of the halo around large veins
 
 
 @dataclass(frozen=True, eq=False)
 class LeafPainting:
-    """Both sides of a leaf as one periodic spline: the upper side left, the underside, turned over, right of it.
-
-    ``coefficients``: Coefficients of the periodic cubic B-spline, shape (h, w), float32.
-    ``tiled``, ``cubic``: As a texture has them.
-    """
+    """Both sides of a leaf as one periodic cubic B-spline, shape (h, w): upper side left, mirrored underside right."""
 
     coefficients: Image
     tiled: bool = True
@@ -60,7 +56,7 @@ class LeafPainting:
         return values
 
     def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> Image:
-        """Return weighted means over footprints, as every texture does."""
+        """Return weighted means over footprints, see `SurfaceTexture`."""
         from scenetruth.scene.texture.texture_kernels import spline_means
 
         means: Image = spline_means(self.coefficients, forms, offsets, weights)
@@ -73,7 +69,7 @@ class LeafPainting:
 
 @dataclass(frozen=True, eq=False)
 class _Canvas:
-    """The raster of one side: texel (i, j) stands at low + (j + 1/2, i + 1/2) / texels_per_mm."""
+    """Raster of one side: texel (i, j) is at low + (j + 1/2, i + 1/2) / texels_per_mm."""
 
     low_mm: tuple[float, float]
     shape: tuple[int, int]
@@ -97,11 +93,7 @@ class _Canvas:
 def paint_leaf(
     entry: LeafAppearance, mesh: TriangleMesh, generator: np.random.Generator
 ) -> tuple[LeafPainting, Floats, Floats]:
-    """Paint a leaf.
-
-    Returns: The texture, and the texture coordinates of the upper side and of the underside at every corner of every
-    face, each of shape (m, 3, 2).
-    """
+    """Return the texture of a leaf, and the texture coordinates of upper side and underside, shape (m, 3, 2) each."""
     leaf = _leaf_of(entry, mesh)
     canvas = _canvas(entry, leaf)
     key = compute_painting_key(entry, mesh, generator)
@@ -112,13 +104,13 @@ def paint_leaf(
 
 
 def compute_painting_shape(entry: LeafAppearance, mesh: TriangleMesh) -> tuple[int, int]:
-    """Return the rows and columns of the raster of both sides of a leaf."""
+    """Return the rows and columns of the raster of both sides."""
     rows, columns = _canvas(entry, _leaf_of(entry, mesh)).shape
     return rows, 2 * columns
 
 
 def compute_painting_key(entry: LeafAppearance, mesh: TriangleMesh, generator: np.random.Generator) -> str:
-    """Return the key under which the raster is kept between runs."""
+    """Return the cache key of the raster."""
     leaf, state = _leaf_of(entry, mesh), generator.bit_generator.state
     sources = source_hash(Path(__file__).parent, Path(band_limited.__file__).parent)
     return entry_key("leaf", sources, entry.model_dump(mode="json"), leaf.model_dump(mode="json"), state)
@@ -127,13 +119,13 @@ def compute_painting_key(entry: LeafAppearance, mesh: TriangleMesh, generator: n
 def _leaf_of(entry: LeafAppearance, mesh: TriangleMesh) -> LeafForm:
     leaf = mesh.source
     if not isinstance(leaf, LeafForm):
-        message = "only a mesh of kind leaf can wear it; use a noise, image, plaid or uniform texture"
+        message = "requires a mesh with `kind` leaf; use a noise, image, plaid or uniform texture"
         raise SceneError([Problem("kind", message, entry.kind)])
     return leaf
 
 
 def _painted(entry: LeafAppearance, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator) -> Image:
-    """Return the coefficients of the spline of both sides."""
+    """Return the spline coefficients of both sides."""
     values = entry.settings
     veins = _veins(entry, leaf, canvas, generator)
     sides = []
@@ -159,11 +151,11 @@ def _canvas(entry: LeafAppearance, leaf: LeafForm) -> _Canvas:
         wanted = max(8 / finest, _DOT * _FWHM / entry.speckle_size_mm)
         density = max(4 / finest, min(wanted, float(np.sqrt(_MOST_BY_DEFAULT / (2 * length * width)))))
     if density < 4 / finest:
-        message = f"must be at least {4 / finest:.4g}, four for the shortest wavelength of the mottling"
+        message = f"must be at least {4 / finest:.4g}, four per shortest wavelength of the mottling"
         raise SceneError([Problem("texels_per_mm", message, density)])
     if 2 * length * width * density**2 > _MOST_TEXELS:
         most = float(np.sqrt(_MOST_TEXELS / (2 * length * width)))
-        message = f"would make more than 64 million texels; at most {most:.3g} fit this leaf, and the mottling's "
+        message = f"gives more than 64 million texels; the maximum for this leaf is {most:.3g}, and the mottling's "
         message += f"shortest wavelength must be at least {4 / most:.3g} mm"
         raise SceneError([Problem("texels_per_mm", message, density)])
     _refuse_fine_details(entry, leaf, length * width, density)
@@ -173,22 +165,22 @@ def _canvas(entry: LeafAppearance, leaf: LeafForm) -> _Canvas:
 
 
 def _refuse_fine_details(entry: LeafAppearance, leaf: LeafForm, area_mm2: float, density: float) -> None:
-    """Refuse dots that are too many or cover the leaf again and again, and a net that is finer than the raster."""
+    """Raise a SceneError for too many or overlapping dots, or for a network finer than the raster."""
     dots, spread = entry.speckle_density_per_mm2 * area_mm2, entry.speckle_density_per_mm2 * entry.speckle_size_mm**2
     if dots > _MOST_DOTS:
-        message = f"would make {dots:.2g} dots, more than {_MOST_DOTS:.0e}; make it smaller"
+        message = f"gives {dots:.2g} dots, more than {_MOST_DOTS:.0e}; reduce it"
         raise SceneError([Problem("speckle_density_per_mm2", message, entry.speckle_density_per_mm2)])
     if spread > _MOST_LAYERS:
-        message = f"lays {spread:.3g} dots over each other everywhere; make dots smaller or fewer"
+        message = f"gives {spread:.3g} overlapping dots everywhere; use smaller or fewer dots"
         raise SceneError([Problem("speckle_size_mm", message, entry.speckle_size_mm)])
     spacing = entry.tertiary_spacing_mm
     if spacing is not None and spacing * density < 1:
-        message = f"is less than a texel of the raster, {1 / density:.3g} mm; make it wider"
+        message = f"is less than a texel of the raster, {1 / density:.3g} mm; increase it"
         raise SceneError([Problem("tertiary_spacing_mm", message, spacing)])
 
 
 def _veins(entry: LeafAppearance, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator) -> Image:
-    """Return all veins in units of the midrib's contrast, 0 to 1."""
+    """Return all veins relative to the contrast of the midrib, 0 to 1."""
     from scipy.ndimage import gaussian_filter
 
     side_veins = make_side_veins(leaf, entry, generator)
@@ -199,7 +191,7 @@ def _veins(entry: LeafAppearance, leaf: LeafForm, canvas: _Canvas, generator: np
         _draw(large, vein, canvas)
     ladder, areoles = _nets(entry, leaf, canvas, generator)
     fine = np.maximum(ladder, areoles)
-    # Nothing is drawn in the petiole, and the large veins lie over the small ones.
+    # Nothing is drawn in the petiole, and large veins cover small veins.
     fine *= (1 - large) * (1 - midrib) ** 2
     drawn = gaussian_filter(np.maximum(np.maximum(midrib, large), fine), _BLUR, mode="nearest")
     spread = _HALO[1] * leaf.length_mm * canvas.texels_per_mm
@@ -218,13 +210,13 @@ def _draw(raster: Image, vein: Vein, canvas: _Canvas) -> None:
 def _nets(
     entry: LeafAppearance, leaf: LeafForm, canvas: _Canvas, generator: np.random.Generator
 ) -> tuple[Image, Image]:
-    """Return the veins that join side veins, as rungs of ladders, and the finest net between them."""
+    """Return the tertiary veins (rungs between secondary veins) and the finest network."""
     from scenetruth.scene.leaf.leaf_kernels import net
 
     spacing = entry.tertiary_spacing_mm or 0.035 * leaf.length_mm
     a, b = canvas.places()
     across, along = (_warp(spacing, canvas, generator) for _ in range(2))
-    # Places along and across the side veins: they leave the midrib at an angle and bend towards the tip.
+    # Positions along and across the secondary veins, which leave the midrib at an angle and bend towards the tip.
     angle = np.radians(entry.secondary_angle_deg)
     ahead, out, number = _beside_veins(leaf, a, b, across)
     rung = (ahead - out / np.float32(np.tan(angle)) - np.float32(0.55 / leaf.full_width_mm) * out**2) * np.sin(angle)
@@ -244,10 +236,7 @@ def _nets(
 
 
 def _beside_veins(leaf: LeafForm, a: Image, b: Image, wander: Image) -> tuple[Image, Image, Image]:
-    """Return places along the nearest main vein and off it, and a number that differs between the sides of veins.
-
-    In a palmate leaf the border between lobes wanders about the line through the sinus.
-    """
+    """Return positions along and across the nearest main vein, and a number identifying the side of the vein."""
     below = np.where(b < 0, np.float32(1), np.float32(0))
     if not leaf.lobe_sides:
         return a, np.abs(b), below
@@ -261,7 +250,7 @@ def _beside_veins(leaf: LeafForm, a: Image, b: Image, wander: Image) -> tuple[Im
 
 
 def _warp(spacing: float, canvas: _Canvas, generator: np.random.Generator) -> Image:
-    """Return smooth noise of the order of a spacing, which makes a net irregular."""
+    """Return smooth noise of the order of a spacing, for an irregular network."""
     noise = make_band_limited_noise((4 * spacing, 14 * spacing), canvas.size_mm, generator, peak=3.0)
     return np.float32(spacing) * _interpolated(noise.coefficients, noise.period, canvas)
 
@@ -281,7 +270,7 @@ def _interpolated(coefficients: Image, period: tuple[float, float], canvas: _Can
 
 
 def _speckle(entry: LeafAppearance, canvas: _Canvas, generator: np.random.Generator) -> Image:
-    """Return dots at the places of a Poisson process."""
+    """Return dots at the points of a Poisson process."""
     from scenetruth.scene.leaf.leaf_kernels import draw_dots
 
     width, height = canvas.size_mm
@@ -294,7 +283,7 @@ def _speckle(entry: LeafAppearance, canvas: _Canvas, generator: np.random.Genera
 
 
 def _spline(values: Image) -> Image:
-    """Return the coefficients of the periodic cubic B-spline through values."""
+    """Return the coefficients of the interpolating periodic cubic B-spline."""
     from scipy.ndimage import spline_filter
 
     coefficients: Image = spline_filter(values, 3, output=np.float32, mode="grid-wrap")
@@ -302,21 +291,21 @@ def _spline(values: Image) -> Image:
 
 
 class LeafTexture(LeafAppearance):
-    """What is seen on a leaf: veins of four orders, mottling between them, and hairs; two-sided."""
+    """Two-sided leaf texture: four orders of veins, mottling, and hairs."""
 
     kind: Literal["leaf"]
     """``leaf``."""
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture; see `TextureModel`."""
+        """Create the texture, see `TextureModel`."""
         return Painted(*paint_leaf(self, mesh, generator))
 
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return how large the raster will be; see `TextureModel`."""
+        """Return the raster size, see `TextureModel`."""
         return compute_painting_shape(self, mesh)
 
     def cache_key(self, mesh: TriangleMesh, generator: np.random.Generator) -> str:
-        """Return the key of its raster; see `TextureModel`."""
+        """Return the cache key of the raster, see `TextureModel`."""
         return compute_painting_key(self, mesh, generator)
 
     @property

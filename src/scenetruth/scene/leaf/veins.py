@@ -1,4 +1,4 @@
-"""Courses and widths of the veins of a leaf."""
+"""Paths and widths of the veins of a leaf."""
 
 from __future__ import annotations
 
@@ -15,24 +15,19 @@ __all__ = ["Vein", "make_main_veins", "make_side_veins"]
 
 Floats = NDArray[np.float64]
 
-# Widths at half height of midrib and side veins at their beginnings and ends, as parts of the leaf's length.
+# Full widths at half maximum of midrib and secondary veins at start and end, relative to the leaf length.
 _MIDRIB = (0.017, 0.004)
 _SIDE = (0.0090, 0.0028)
-_STEPS = 400  # steps of a side vein, each this part of the length:
+_STEPS = 400  # number of steps of a secondary vein, and step length relative to the leaf length:
 _STEP = 0.0025
-_NEAR = 0.22  # part of the way from margin to midrib on which they turn along the margin,
-_END = 0.05  # and on which they end
-_GRID = 240  # points of the grid of distances along the leaf
+_NEAR = 0.22  # relative distance from margin to midrib at which they turn along the margin,
+_END = 0.05  # and at which they end
+_GRID = 240  # grid points of the distance map along the leaf
 
 
 @dataclass(frozen=True, eq=False)
 class Vein:
-    """One vein as a polyline.
-
-    ``points_mm``: Points (a, b) of the flat sheet, shape (n, 2).
-    ``width_mm``: Full width at half height there, shape (n,).
-    ``strength``: Contrast there relative to that of the midrib at the base, shape (n,).
-    """
+    """Vein as a polyline in the flat sheet, with full width at half maximum and contrast relative to the midrib."""
 
     points_mm: Floats
     width_mm: Floats
@@ -40,7 +35,7 @@ class Vein:
 
 
 def make_midrib(leaf: LeafForm) -> Vein:
-    """Return the midrib, with the petiole before it."""
+    """Return the midrib, including the petiole."""
     length = leaf.length_mm
     a = np.linspace(0, length, 200)
     width = length * (_MIDRIB[1] + (_MIDRIB[0] - _MIDRIB[1]) * (1 - a / length) ** 1.2)
@@ -54,7 +49,7 @@ def make_midrib(leaf: LeafForm) -> Vein:
 
 
 def make_main_veins(leaf: LeafForm) -> list[Vein]:
-    """Return the midrib, and the veins that lead to the tips of the other lobes of a palmate leaf."""
+    """Return the midrib and, for palmate leaves, the veins to the tips of the other lobes."""
     veins = [make_midrib(leaf)]
     for side in leaf.lobe_sides:
         if side.hand > 0 and side.azimuth_rad > 0:
@@ -66,7 +61,7 @@ def make_main_veins(leaf: LeafForm) -> list[Vein]:
 
 
 def make_side_veins(leaf: LeafForm, texture: LeafAppearance, generator: np.random.Generator) -> list[Vein]:
-    """Return the side veins of both sides, each a little different."""
+    """Return the secondary veins of both sides, with individual random variation."""
     if leaf.lobe_sides:
         return _veins_of_lobes(leaf.lobe_sides, texture, generator)
     blade = _Blade(leaf.length_mm, leaf.full_width_mm, compute_entire_margin(leaf, 800))
@@ -75,7 +70,7 @@ def make_side_veins(leaf: LeafForm, texture: LeafAppearance, generator: np.rando
 
 @dataclass(frozen=True, eq=False)
 class _Blade:
-    """What side veins run in: a midrib and the margin on the side b >= 0 of it, from base to tip, shape (n, 2)."""
+    """Domain of secondary veins: midrib, and margin on the side b >= 0 from base to tip, shape (n, 2)."""
 
     length_mm: float
     width_mm: float
@@ -83,10 +78,7 @@ class _Blade:
 
 
 def _veins_of_lobes(sides: tuple[LobeSide, ...], texture: LeafAppearance, generator: np.random.Generator) -> list[Vein]:
-    """Return the side veins of a palmate leaf: each side of a lobe is a blade from the insertion to the tip.
-
-    Towards the neighbouring lobe the line through the sinus is its margin.
-    """
+    """Return the secondary veins of a palmate leaf, whose lobe sides are limited by the line through the sinus."""
     longest = sides[-1].length_mm
     veins = []
     for side in sides:
@@ -95,7 +87,7 @@ def _veins_of_lobes(sides: tuple[LobeSide, ...], texture: LeafAppearance, genera
         blade = _Blade(side.length_mm, 2 * float(margin[:, 1].max()), margin)
         count = max(round(texture.secondary_veins * side.length_mm / longest), 1)
         for vein in _veins_of_blade(blade, count, texture, generator, False):
-            # Those with b < 0 belong to the other half of the leaf.
+            # Veins with b < 0 belong to the other half of the leaf.
             points, sign = vein.points_mm, np.sign(vein.points_mm[-1, 1])
             points = side.in_leaf(points * (1, sign)) * (1, sign)
             veins.append(Vein(points, vein.width_mm, vein.strength))
@@ -111,7 +103,7 @@ def _veins_of_blade(
     for sign in (-1, 1):
         place = (np.arange(count) + (0.35 if sign > 0 else 0.0) + 0.15 * generator.uniform(-1, 1, count)) / count
         place = 0.015 + 0.86 * np.clip(place, 0, 1) ** 0.95
-        # Side veins near the base leave the midrib at larger angles than those near the tip.
+        # Secondary veins near the base leave the midrib at larger angles than near the tip.
         turn = texture.secondary_angle_deg * (1.12 - 0.30 * place) + generator.normal(0, 2.0, count)
         if lobed_base:
             place = np.concatenate([[0.004, 0.008, 0.012], place])
@@ -130,12 +122,12 @@ def _veins_of_blade(
         distance, outward = depth.at(here)
         # Along the margin, towards the tip.
         along = np.column_stack([outward[:, 1], -outward[:, 0]])
-        # Where they are between midrib, 1, and margin, 0.
+        # Relative position between midrib, 1, and margin, 0.
         share = np.clip(distance / np.maximum(distance + here[:, 1], 1e-9), 0, 1)
-        # Near the midrib the margin of base and tip does not draw them yet.
+        # Near the midrib the margin of base and tip has no effect.
         pull = np.exp(-((share / _NEAR) ** 2)) * (1 - np.exp(-((here[:, 1] / young) ** 2)))
         direction = direction + (0.16 * pull)[:, None] * (along - direction)
-        # Everywhere they bend a little towards the tip.
+        # General slight bend towards the tip.
         direction = direction + 0.0035 * np.array([1.0, 0.0])
         direction /= np.linalg.norm(direction, axis=1)[:, None]
         turn = wobble[k] * 0.25
@@ -153,7 +145,7 @@ def _veins_of_blade(
     veins = []
     spacing = 0.9 * length / count
     for index, sign in enumerate(np.concatenate(side)):
-        # They end where they have run along the margin to about the next one, are too near to it, or turn inwards.
+        # End near the next vein along the margin, too close to the margin, or on turning inwards.
         off = tracks[:, index, 1]
         over = (travelled[:, index] > 1.1 * spacing) | (depths[:, index] < _END)
         over |= off < 0.75 * np.maximum.accumulate(off)
@@ -169,7 +161,7 @@ def _veins_of_blade(
 
 
 class _Depth:
-    """Distance from the entire margin inside the blade, on the side b >= 0, and the way out."""
+    """Distance from the margin inside the blade, on the side b >= 0, and the direction towards it."""
 
     def __init__(self, blade: _Blade) -> None:
         from scipy.ndimage import distance_transform_edt, gaussian_filter

@@ -1,4 +1,4 @@
-"""Triangle meshes: generated, or read from files."""
+"""Triangle meshes, generated or read from files."""
 
 from scenetruth.scene.mesh.mesh_file import load_mesh_file
 from scenetruth.scene.mesh.mesh_model import MeshModel, MeshSize, TriangleMesh

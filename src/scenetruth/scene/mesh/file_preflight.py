@@ -1,4 +1,4 @@
-"""Checks of a mesh file before a library reads it: size, format, and the counts in its header."""
+"""Checks of a mesh file before parsing: size, format, and counts in the header."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ __all__ = [
 ]
 
 FORMATS = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
-"""Suffixes of the formats that are read; others, archives among them, are not tried."""
+"""Suffixes of supported formats; other formats, including archives, are rejected."""
 MAX_FILE_BYTES = 500_000_000
-"""Largest file of a mesh, a picture or an array."""
+"""Maximum size of a mesh, image or array file."""
 MAX_ELEMENTS = 20_000_000
-"""Vertices or faces of a file, as of the meshes that are made here."""
+"""Maximum number of vertices or faces of a file, as for generated meshes."""
 MAX_TEXELS = 64_000_000
-"""Texels of an image: 8000 x 8000. Decoded, with the radiances that are made of it, it takes some hundred megabytes."""
+"""Maximum number of texels of an image (8000 x 8000), some hundred megabytes after decoding."""
 
 _HEADER = 65_536
 _PIECE = 1 << 22
 
 
 def refuse_mesh_file(file: Path) -> None:
-    """Refuse what is no mesh file, is too large, or claims more vertices and faces than it can hold."""
+    """Raise a SceneError for files of other formats, too large files, or implausible element counts."""
     size = check_file_size(file, MAX_FILE_BYTES, "no such mesh file")
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
-        message = f"is no format that is read: give a file that ends in {', '.join(FORMATS)}"
+        message = f"unsupported format: use one of {', '.join(FORMATS)}"
         raise SceneError([Problem("file", message, str(file))])
     if size == 0:
         raise SceneError([Problem("file", "is empty", str(file))])
@@ -51,15 +51,15 @@ def refuse_mesh_file(file: Path) -> None:
         counts = _counts_of_gltf(file)
     else:
         return
-    # Every element takes a byte at least, but for glTF's, which may stand for zeros.
+    # Every element takes at least one byte, except in glTF, where it may be implicitly zero.
     most = MAX_ELEMENTS if suffix in (".glb", ".gltf") else min(MAX_ELEMENTS, size)
     if any(count > most for count in counts):
-        message = f"claims {max(counts):,} elements; it can have at most {most:,}"
+        message = f"declares {max(counts):,} elements; the maximum is {most:,}"
         raise SceneError([Problem("file", message, str(file))])
 
 
 def count_elements(file: Path) -> tuple[int, int]:
-    """Return about how many vertices and triangles a mesh file holds; of a text its lines are counted."""
+    """Return the approximate numbers of vertices and triangles of a mesh file; text files are counted by lines."""
     suffix = file.suffix.lower()
     if suffix == ".ply":
         with file.open("rb") as stream:
@@ -68,7 +68,7 @@ def count_elements(file: Path) -> tuple[int, int]:
         return counts.get(b"vertex", 0), counts.get(b"face", 0)
     if suffix in (".glb", ".gltf"):
         largest = max(_counts_of_gltf(file), default=0)
-        # Three indices of one accessor make a triangle.
+        # Three indices of an accessor form a triangle.
         return largest // 3 + 2, largest // 3
     if suffix == ".off":
         with file.open("rb") as stream:
@@ -88,13 +88,13 @@ def count_elements(file: Path) -> tuple[int, int]:
 
 
 def _lines_with(file: Path, words: tuple[bytes, ...]) -> list[int]:
-    """Return how often words stand in a file, which is read in pieces."""
+    """Return the number of occurrences of words in a file, read in blocks."""
     found, last = [0] * len(words), b"\n"
     longest = max(map(len, words))
     with file.open("rb") as stream:
         while piece := stream.read(_PIECE):
             text = last + piece
-            # What ends in the overlap was counted before.
+            # Matches that end in the overlap have already been counted.
             old = [last.count(word) for word in words]
             found = [count + text.count(word) - before for count, word, before in zip(found, words, old, strict=True)]
             last = text[1 - longest :]
@@ -102,7 +102,7 @@ def _lines_with(file: Path, words: tuple[bytes, ...]) -> list[int]:
 
 
 def check_file_size(file: Path, most: int, missing: str) -> int:
-    """Return the size of a file in bytes."""
+    """Return the size of a file in bytes, or raise a SceneError above the maximum."""
     try:
         size = regular_file_size(file)
     except ValueError as error:
@@ -111,12 +111,12 @@ def check_file_size(file: Path, most: int, missing: str) -> int:
         told = missing if isinstance(error, FileNotFoundError | NotADirectoryError) else f"{missing}: {error.strerror}"
         raise SceneError([Problem("file", told, str(file))]) from error
     if size > most:
-        raise SceneError([Problem("file", f"has {size:,} bytes; at most {most:,} are read", str(file))])
+        raise SceneError([Problem("file", f"has {size:,} bytes; the maximum is {most:,}", str(file))])
     return size
 
 
 def read_checked_bytes(file: Path) -> bytes:
-    """Return the content of a file that another file refers to."""
+    """Return the content of a referenced file after a size check."""
     if regular_file_size(file) > MAX_FILE_BYTES:
         msg = f"{file.name} has more than {MAX_FILE_BYTES:,} bytes"
         raise ValueError(msg)
@@ -124,7 +124,7 @@ def read_checked_bytes(file: Path) -> bytes:
 
 
 def make_checked_resolver(file: Path) -> Any:
-    """Return what gives trimesh the files that a mesh file refers to: regular ones of reasonable size only."""
+    """Return a trimesh resolver restricted to regular files of limited size."""
     import trimesh.resolvers
 
     class Resolver(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
@@ -135,7 +135,7 @@ def make_checked_resolver(file: Path) -> Any:
 
 
 def _counts_of_gltf(file: Path) -> list[int]:
-    """Return the counts of all accessors of a glTF file; nothing of one that cannot be read, which its reader tells."""
+    """Return the counts of all accessors of a glTF file; empty for unreadable files, which the parser reports."""
     with file.open("rb") as stream:
         head = stream.read(20)
         if head[:4] == b"glTF":

@@ -1,4 +1,4 @@
-"""Meshes from files, with the normals and creases that the files define."""
+"""Mesh files, with the normals and creases that they define."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ from scenetruth.validated_model import Positive
 __all__ = ["FileMesh", "load_mesh_file"]
 
 
-# Normals that differ by less are the same one, written down with few digits.
+# Angle below which normals count as equal, allowing for rounding in the file.
 _SAME_DEG = 1.0
 
 
 def compute_crease_angles(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], corner_normals: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the crease angle of every side of every triangle; see `TriangleMesh.crease_deg`.
+    """Return the crease angle of every side of every triangle, see `TriangleMesh.crease_deg`.
 
-    Where two triangles meet with the same normals at both ends of their edge, the surface is smooth there, unless they
-    differ by more than any facets of a smooth surface; with others, the edge is sharp. Where a normal is missing, the
-    angle between the triangles decides.
+    An edge whose two triangles have equal normals at both ends is smooth, unless the triangles differ by more than
+    facets of a smooth surface; with different normals it is sharp. Without normals, the angle between the triangles
+    decides.
 
     ``vertices``: Positions, shape (n, 3).
     ``faces``: Vertex indices, shape (m, 3).
-    ``corner_normals``: Unit normals at the corners, of either sense, shape (m, 3, 3); NaN where there is none.
+    ``corner_normals``: Unit normals at the corners, sign arbitrary, shape (m, 3, 3); NaN for none.
     Returns: Angles in degrees, shape (m, 3): `CREASE_DEG`, or 0 for sharp edges.
     """
     one, two, flipped = find_shared_sides(index_positions(vertices)[faces])
@@ -55,89 +55,87 @@ def compute_crease_angles(
     sharp = np.zeros(len(one), dtype=np.bool_)
     for first, second in ((one, np.where(flipped, two, next_two)), (next_one, np.where(flipped, next_two, two))):
         cosine = np.abs(np.einsum("ij,ij->i", normals[first], normals[second]))
-        # A comparison with NaN is false.
+        # Comparisons with NaN are false.
         sharp |= cosine < np.cos(np.deg2rad(_SAME_DEG))
     creases = np.full(faces.size, CREASE_DEG)
     creases[one[sharp]] = creases[two[sharp]] = 0.0
     return creases.reshape(-1, 3)
 
 
-# Bytes of a file that is read within some tenths of a second.
+# Maximum file size in bytes for reading within some tenths of a second.
 _QUICKLY_READ = 2_000_000
 
 
 class FileMesh(MeshModel):
-    """A triangle mesh from a file (OBJ, PLY, GLB, STL); its coordinates X right, Y down, Z forward."""
+    """Triangle mesh from a file (OBJ, PLY, GLB, STL); coordinates X right, Y down, Z forward."""
 
     kind: Literal["file"]
     """``file``."""
     file: InputFile
-    """Path of the file; relative paths count from the scene file."""
+    """Path of the file; relative paths refer to the directory of the scene file."""
     unit_mm: Positive = 1.0
-    """Length of one unit of the file in mm."""
+    """Length of the unit of the file in mm."""
     crease_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    """Edges between faces that differ by more, in degrees, are edges of the object; the surface between them is smooth.
-    null: as the file's own normals say (OBJ ``vn``, PLY ``nx ny nz``, glTF ``NORMAL``): where these jump, or faces
-    differ by more than 60; 60 for files without normals. With a number, the file's normals are not used."""
+    """Crease angle in degrees: edges between faces that differ by more are sharp, all others smooth. null: derived from
+    the normals of the file (OBJ ``vn``, PLY ``nx ny nz``, glTF ``NORMAL``): sharp where they are discontinuous or faces
+    differ by more than 60; 60 for files without normals. If specified, the normals of the file are ignored.
+    """
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how large the mesh is as far as the file tells without being read as one; see `MeshModel`."""
+        """Return the approximate size without parsing the file, see `MeshModel`."""
         refuse_mesh_file(folder / self.file)
         return MeshSize(*count_elements(folder / self.file))
 
     def sketch(self, folder: Path, most_faces: int) -> TriangleMesh | None:
-        """Return the mesh itself, or None of a file that takes long to read; see `MeshModel`."""
+        """Return the mesh itself, or None for large files, see `MeshModel`."""
         refuse_mesh_file(folder / self.file)
         return self.make(folder) if (folder / self.file).stat().st_size <= _QUICKLY_READ else None
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         return load_mesh_file(folder / self.file, self.unit_mm, self.crease_deg)
 
 
 def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
-    """Load a mesh file with trimesh.
-
-    ``unit_mm``: Length of the file's unit in mm.
-    """
+    """Load a mesh file with trimesh; the unit of the file is ``unit_mm``."""
     import trimesh
 
     refuse_mesh_file(file)
     try:
         parts = trimesh.load_scene(file, process=False, resolver=make_checked_resolver(file))
-        # First of all: putting the parts together loses them.
+        # Before the parts are merged, which discards normals.
         normals = None if crease_deg is not None else _vertex_normals(parts)
         loaded = parts.to_mesh()
-    except Exception as error:  # trimesh's loaders raise whatever their formats raise
+    except Exception as error:  # trimesh raises various exceptions
         message = f"cannot be read as a mesh: {' '.join(str(error).split())[:200] or type(error).__name__}"
         raise SceneError([Problem("file", message, str(file))]) from error
     faces = np.asarray(getattr(loaded, "faces", ()), dtype=np.int64)
     if faces.ndim != 2 or len(faces) == 0:
         raise SceneError([Problem("file", "has no faces", str(file))])
     if max(len(faces), len(loaded.vertices)) > MAX_ELEMENTS:
-        message = f"has {len(loaded.vertices):,} vertices and {len(faces):,} faces; at most {MAX_ELEMENTS:,} are read"
+        message = f"has {len(loaded.vertices):,} vertices and {len(faces):,} faces; the maximum is {MAX_ELEMENTS:,}"
         raise SceneError([Problem("file", message, str(file))])
     vertices = np.asarray(loaded.vertices, dtype=np.float64) * unit_mm
     if not np.all(np.isfinite(vertices)):
         count = int(np.sum(~np.isfinite(vertices).all(axis=1)))
         raise SceneError([Problem("file", f"has {count} vertices that are not finite", str(file))])
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise SceneError([Problem("file", "has faces that refer to vertices which do not exist", str(file))])
+        raise SceneError([Problem("file", "has faces with invalid vertex indices", str(file))])
     used = np.unique(faces)
     areas = np.linalg.norm(_face_normals(vertices, faces), axis=1)
-    # A sliver without area has no normal and no surface; it can be dropped without changing the shape.
+    # Degenerate faces of zero area are dropped, which does not change the shape.
     faces = faces[areas > 1e-14 * max(float(areas.max()), 1e-300)].astype(np.int32)
     if len(faces) == 0:
-        raise SceneError([Problem("file", "has only faces without area", str(file))])
+        raise SceneError([Problem("file", "has only faces of zero area", str(file))])
     try:
         uv, image, colours = _appearance(loaded, faces)
-    except Exception as error:  # pictures may be damaged in any way
-        message = f"has a texture image, or colours, that cannot be read: {' '.join(str(error).split())[:200]}"
+    except Exception as error:  # damaged images raise various exceptions
+        message = f"has an unreadable texture image or vertex colours: {' '.join(str(error).split())[:200]}"
         raise SceneError([Problem("file", message, str(file))]) from error
     corner_normals = None if normals is None else normals[faces]
     nodes = None
     if len(used) < len(vertices):
-        # Nobody sees what no face uses; only arrays of nodes count it.
+        # Unused vertices are invisible and matter only for arrays of nodes.
         nodes, vertices, faces = vertices, vertices[used], np.searchsorted(used, faces).astype(np.int32)
         colours = None if colours is None else colours[used]
     if corner_normals is not None:
@@ -161,10 +159,7 @@ def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = 
 
 
 def _vertex_normals(parts: Any) -> NDArray[np.float64] | None:
-    """Return the unit normals that a file brings for its vertices, shape (n, 3), NaN where it has none; None if none.
-
-    Normals of no length, or that are not finite, count as none.
-    """
+    """Return the unit vertex normals of a file, shape (n, 3), NaN where missing or invalid; None if there are none."""
     import trimesh
 
     found, brought = [], False
@@ -173,12 +168,12 @@ def _vertex_normals(parts: Any) -> NDArray[np.float64] | None:
         part = parts.geometry[name]
         if not isinstance(part, trimesh.Trimesh):
             continue
-        # What the loader has put there; asked for by its name, it would be computed if the file has none.
+        # Value set by the loader; the public property would compute missing normals.
         own = part._cache.cache.get("vertex_normals")
         brought |= own is not None
         normals = np.full((len(part.vertices), 3), np.nan) if own is None else np.asarray(own, dtype=np.float64)
         linear = np.asarray(to_world, dtype=np.float64)[:3, :3]
-        # Normals turn by the cofactors of what moves the points.
+        # Normals transform by the cofactor matrix of the point transform.
         normals = normals @ np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]]).T
         with np.errstate(divide="ignore", invalid="ignore"):
             normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
@@ -194,7 +189,7 @@ def _face_normals(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray
 
 
 def _box_projection(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Project each face along the axis nearest to its normal; each of the six directions has a place of its own."""
+    """Project each face along the axis closest to its normal; each of the six directions has its own chart region."""
     normals = _face_normals(vertices, faces)
     axis = np.argmax(np.abs(normals), axis=1)
     sign = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0
@@ -215,7 +210,7 @@ def _appearance(
 ) -> tuple[NDArray[np.float64] | None, NDArray[Any] | None, NDArray[np.uint8] | None]:
     visual = loaded.visual
     if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
-        # Mesh files count v upwards from the image's lower edge, an image counts its rows downwards.
+        # v increases upwards in mesh files, image rows increase downwards.
         uv = np.asarray(visual.uv, dtype=np.float64) * (1, -1) + (0, 1)
         material = visual.material
         picture = getattr(material, "baseColorTexture", None)

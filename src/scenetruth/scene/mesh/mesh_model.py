@@ -1,4 +1,4 @@
-"""Triangle meshes: the model that all share, and the grids, limits of resolution and coincident sides of triangles."""
+"""Triangle meshes: base model, grids, resolution limits and shared sides of triangles."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ __all__ = [
 ]
 
 
-# Rounds of coarsening, and by how much each makes triangles longer at least.
+# Maximum number of coarsening steps, and minimum edge-length factor per step.
 _ROUNDS, _COARSER = 20, 1.1
 
 
 class MeshSize(NamedTuple):
-    """How large a mesh is."""
+    """Size of a mesh."""
 
     vertices: int
     """Number of vertices."""
@@ -45,34 +45,31 @@ class MeshSize(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """A triangle mesh.
+    """Triangle mesh.
 
-    ``vertices_mm``: Positions in the object's own frame (X right, Y down, Z forward), shape (n, 3), float64.
+    ``vertices_mm``: Positions in the object frame (X right, Y down, Z forward), shape (n, 3), float64.
     ``faces``: Vertex indices, shape (m, 3), int32.
-    ``chart_mm``: Coordinates on the surface in mm at every corner of every face, shape (m, 3, 2). Faces that must not
-      show the same piece of a pattern lie in different places of the chart.
-    ``uv``: Coordinates in a texture image, shape (m, 3, 2): (0, 0) is its upper left, (1, 1) its lower right corner.
-      None if the mesh has none.
-    ``tiled``: Whether ``uv`` outside [0, 1] repeats the image (files) or keeps its border (generated meshes).
-    ``image``: Texture image that came with the mesh, uint8 or float, shape (h, w) or (h, w, c), or None.
-    ``vertex_colours``: Colours that came with the mesh, uint8, shape (n, 3), or None.
-    ``crease_deg``: Edges between faces that differ by more are edges of the object; others are parts of a smooth
-      surface. One angle for all, or one for each side of every face, shape (m, 3), where side k runs from corner k to
-      the next and the smaller angle of the two faces counts. 0: an edge whatever the angle.
-    ``material_mm``: Coordinates (a, b) of the vertices on the flat sheet that the mesh is made from, shape (n, 2), or
-      None.
-    ``shape``: The map of that sheet, at (a, b, 0), to ``vertices_mm``; None if it is flat, or no sheet.
-    ``source``: The model that it was made from, or None.
-    ``uv_back``: As ``uv``, for whoever sees a face from behind, so that its corners run the other way round; None if
-      both sides show the same.
-    ``along``: Derivatives (a, b, aa, ab, bb) of the vertices' positions by two coordinates along the smooth surface
-      that the mesh stands for, shape (5, n, 3), with a x b to the outside; None if it has no formula, or is a sheet.
-    ``smooth``: Whether light falls on the smooth surface that the mesh stands for between its edges, not on flat
-      triangles.
-    ``corner_normals``: Unit normals that came with the mesh, at every corner of every face, of either sense, shape (m,
-      3, 3), NaN where there is none; None if it brought none.
-    ``nodes_mm``, ``vertex_nodes``: Positions of all vertices of a file some of which no face uses, shape (k, 3), and
-      which of them ``vertices_mm`` are, shape (n,); None where faces use all.
+    ``chart_mm``: Surface coordinates in mm at every face corner, shape (m, 3, 2). Faces that must not show the same
+      part of a pattern have separate regions.
+    ``uv``: Image-texture coordinates, shape (m, 3, 2): (0, 0) is the upper left, (1, 1) the lower right image corner.
+      None if not available.
+    ``tiled``: Whether ``uv`` outside [0, 1] repeats the image (files) or extends its border (generated meshes).
+    ``image``: Embedded texture image, uint8 or float, shape (h, w) or (h, w, c), or None.
+    ``vertex_colours``: Embedded vertex colours, uint8, shape (n, 3), or None.
+    ``crease_deg``: Angle between faces above which their edge is sharp; other edges are smooth. One angle for all, or
+      one for each face side, shape (m, 3), where side k runs from corner k to corner k + 1 and the smaller angle of the
+      two faces counts. 0: always sharp.
+    ``material_mm``: Coordinates (a, b) of the vertices on the flat sheet, shape (n, 2), or None.
+    ``shape``: Map from the sheet at (a, b, 0) to ``vertices_mm``; None if flat or not a sheet.
+    ``source``: Model of the mesh, or None.
+    ``uv_back``: As ``uv``, for the back of faces; None if both sides are the same.
+    ``along``: Derivatives (a, b, aa, ab, bb) of the vertex positions along the smooth surface, shape (5, n, 3), with a
+      x b outwards; None without formula, or for a sheet.
+    ``smooth``: Whether the smooth surface is shaded instead of flat triangles.
+    ``corner_normals``: Unit normals supplied with the mesh at every face corner, sign arbitrary, shape (m, 3, 3), NaN
+      where missing; None for none.
+    ``nodes_mm``, ``vertex_nodes``: Positions of all vertices of a file including unused vertices, shape (k, 3), and
+      their indices for ``vertices_mm``, shape (n,); None without unused vertices.
     """
 
     vertices_mm: NDArray[np.float64]
@@ -95,7 +92,7 @@ class TriangleMesh:
 
     @property
     def with_all_nodes(self) -> TriangleMesh:
-        """The mesh with the vertices of its file that no face uses: its colours are left out."""
+        """Mesh including the unused vertices of its file, without colours."""
         if self.nodes_mm is None or self.vertex_nodes is None:
             return self
         faces = self.vertex_nodes[self.faces].astype(np.int32)
@@ -105,23 +102,23 @@ class TriangleMesh:
 
 
 class MeshModel(FrozenModel):
-    """What all meshes share."""
+    """Base class of meshes."""
 
     kind: str
-    """Name of the shape."""
+    """Type of the mesh."""
 
     @final
     def make(self, folder: Path = Path()) -> TriangleMesh:
-        """Make the mesh."""
+        """Create the mesh."""
         return replace(self.triangles(folder), source=self)
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how many vertices and faces the mesh will have; what may be large counts without being made."""
+        """Return the approximate number of vertices and faces, without creating large meshes."""
         made = self.triangles(folder)
         return MeshSize(len(made.vertices_mm), len(made.faces))
 
     def sketch(self, folder: Path, most_faces: int) -> TriangleMesh | None:
-        """Return a coarse mesh of about the same form, cheap to make."""
+        """Return a coarse approximation of the mesh at low cost, or None."""
         model, faces = self, self.size(folder).faces
         for _ in range(_ROUNDS):
             resolution_mm = getattr(model, "resolution_mm", None)
@@ -134,16 +131,16 @@ class MeshModel(FrozenModel):
 
     @abstractmethod
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return vertices, faces and coordinates; see `make`."""
+        """Return vertices, faces and coordinates, see `make`."""
 
 
 CREASE_DEG = 60.0
-"""Facets of a smooth surface meet at less, sides of a body at more."""
+"""Default crease angle, between facet angles of smooth surfaces and edges of bodies."""
 
 
 def count_pieces(length: float, longest: float) -> int:
-    """Return into how many equal pieces a length is cut, none longer than stated."""
-    # A length that is a multiple, but for rounding, is not cut once more.
+    """Return the number of equal pieces of a length for a maximum piece length."""
+    # Tolerate rounding for exact multiples.
     return max(ceil(length / longest - 1e-9), 1)
 
 
@@ -157,7 +154,7 @@ def make_grid_faces(columns: int, rows: int) -> NDArray[np.int32]:
 
 
 def make_disc_faces(rings: int) -> NDArray[np.int32]:
-    """Return the triangles of rings of 6, 12, 18, ... vertices around a middle; down x right points to the viewer."""
+    """Return the triangles of rings of 6, 12, 18, ... vertices around a centre; down x right points to the viewer."""
     faces = []
     for ring in range(1, rings + 1):
         outer_start = 3 * ring * (ring - 1) + 1
@@ -178,7 +175,7 @@ _MOST_TRIANGLES = 20_000_000
 
 
 def check_sheet_resolution(value: float, info: ValidationInfo) -> float:
-    """Refuse triangles that are longer than a sheet's shorter side, or too many."""
+    """Validate that triangles are not longer than the shorter side of a sheet, nor too many."""
     size = info.data.get("size_mm")
     return (
         value if size is None else check_resolution(value, min(size), "the shorter of size_mm", 2 * size[0] * size[1])
@@ -186,13 +183,13 @@ def check_sheet_resolution(value: float, info: ValidationInfo) -> float:
 
 
 def check_resolution(value: float, longest_mm: float, name: str, twice_area: float) -> float:
-    """Refuse meshes that are too coarse to show a form, or too fine for any memory."""
+    """Validate that a mesh is neither too coarse for its shape nor too large."""
     if value > longest_mm:
         msg = f"must be at most {name}, {longest_mm:g} mm"
         raise ValueError(msg)
     triangles = twice_area / value**2
     if triangles > _MOST_TRIANGLES:
-        msg = f"would make about {triangles:.2g} triangles, more than {_MOST_TRIANGLES:.0e}; make it coarser"
+        msg = f"gives about {triangles:.2g} triangles, more than {_MOST_TRIANGLES:.0e}; increase it"
         raise ValueError(msg)
     return value
 
@@ -201,23 +198,21 @@ Indices = NDArray[np.int64]
 
 
 def index_positions(vertices: NDArray[np.float64]) -> Indices:
-    """Return the number of every vertex's place, shape (n,); vertices at the same place count as one."""
+    """Return the index of the distinct position of every vertex, shape (n,)."""
     _, places = np.unique(vertices, axis=0, return_inverse=True)
     return np.asarray(places.reshape(-1), dtype=np.int64)
 
 
 def find_shared_sides(corners: NDArray[np.integer]) -> tuple[Indices, Indices, NDArray[np.bool_]]:
-    """Find the edges at which exactly two triangles meet.
+    """Find the edges shared by exactly two triangles, from position indices (`index_positions`), shape (m, 3).
 
-    ``corners``: Places of the corners of every triangle (`index_positions`), shape (m, 3).
-    Returns: The two sides at every such edge, shape (k,) each: side 3 i + c runs from corner c of triangle i to the
-    next; and whether both run the same way, so that one of the triangles is turned inside out.
+    Returns: Both sides of each edge (3 i + c: from corner c of triangle i), and whether their directions are equal.
     """
     half = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
     turned = half[:, 0] > half[:, 1]
     order = np.lexsort((half.min(axis=1), half.max(axis=1)))
     same = (np.sort(half, axis=1)[order][1:] == np.sort(half, axis=1)[order][:-1]).all(axis=1)
-    # Edges of exactly two faces: a run of two.
+    # Edges of exactly two faces form a run of two.
     run = np.concatenate([[False], same, [False]])
     pairs = np.flatnonzero(run[1:-1] & ~run[:-2] & ~run[2:])
     one, two = order[pairs], order[pairs + 1]

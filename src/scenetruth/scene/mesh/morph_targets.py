@@ -1,4 +1,4 @@
-"""Morph targets of glTF files and the keyframes of their weights."""
+"""Morph targets of glTF files and keyframes of their weights."""
 
 from __future__ import annotations
 
@@ -24,21 +24,20 @@ _GLB_JSON, _GLB_BINARY = 0x4E4F534A, 0x004E4942
 
 
 def read_morph_states(file: Path, vertices: Floats) -> tuple[Floats, Floats]:
-    """Read where a glTF file's morph targets move its vertices.
+    """Read the vertex positions of a glTF file's morph-target animation.
 
-    The weights are taken at the keyframes (tangents of CUBICSPLINE are left out).
+    Weights are read at the keyframes (tangents of CUBICSPLINE are ignored).
 
-    ``vertices``: The vertices as `scenetruth.scene.mesh.mesh_file.load_mesh_file` read them, in the file's unit, shape
-      (n, 3).
-    Returns: Times of the keyframes in s, shape (k,), and the positions at each, in the file's unit, shape (k, n, 3).
+    ``vertices``: Vertices from `scenetruth.scene.mesh.mesh_file.load_mesh_file`, in the unit of the file, shape (n, 3).
+    Returns: Times of the keyframes in s, shape (k,), and positions, in the unit of the file, shape (k, n, 3).
     """
     if file.suffix.lower() not in (".glb", ".gltf"):
-        raise _problem("needs a mesh file that holds morph targets: .glb or .gltf", file)
+        raise _problem("requires a mesh file with morph targets: .glb or .gltf", file)
     try:
         return _Gltf(file).states(vertices)
     except SceneError:
         raise
-    except Exception as error:  # a tree of JSON may be anything
+    except Exception as error:  # arbitrary JSON raises various exceptions
         told = " ".join(str(error).split())[:200]
         raise _problem(f"cannot be read as glTF with morph targets: {type(error).__name__} {told}", file) from error
 
@@ -48,7 +47,7 @@ def _problem(message: str, file: Path) -> SceneError:
 
 
 class _Gltf:
-    """A glTF 2.0 file: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html."""
+    """glTF 2.0 file: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html."""
 
     def __init__(self, file: Path) -> None:
         self.file, self.binary = file, b""
@@ -67,7 +66,7 @@ class _Gltf:
         self.tree: dict[str, Any] = json.loads(content)
 
     def buffer(self, index: int) -> bytes:
-        """Return the bytes of a buffer: of the file itself, of a data URI, or of a file beside it."""
+        """Return the bytes of a buffer: embedded, in a data URI, or in a separate file."""
         uri = self.tree["buffers"][index].get("uri")
         if uri is None:
             return self.binary
@@ -80,16 +79,16 @@ class _Gltf:
         view = self.tree["bufferViews"][entry["bufferView"]]
         stride = view.get("byteStride", dtype.itemsize * size)
         start = view.get("byteOffset", 0) + entry.get("byteOffset", 0)
-        # Other strides would reach out of the buffer, or go through it again and again.
+        # Other strides would exceed the buffer or read it repeatedly.
         if not 1 <= count <= MAX_ELEMENTS or stride < dtype.itemsize * size or start < 0:
-            msg = f"a view of {count} x {size} numbers from {start} on in steps of {stride} bytes"
+            msg = f"a view of {count} x {size} numbers from {start} with a stride of {stride} bytes"
             raise ValueError(msg)
         raw = np.frombuffer(self.buffer(view["buffer"]), np.uint8, (count - 1) * stride + dtype.itemsize * size, start)
         rows = np.lib.stride_tricks.as_strided(raw, (count, dtype.itemsize * size), (stride, 1))
         return np.ascontiguousarray(rows).view(dtype)
 
     def accessor(self, index: int) -> Floats:
-        """Return the numbers of an accessor, shape (count, size)."""
+        """Return the values of an accessor, shape (count, size)."""
         entry = self.tree["accessors"][index]
         dtype, size, count = np.dtype(_TYPES[entry["componentType"]]), _SIZES[entry["type"]], entry["count"]
         if not 1 <= count <= MAX_ELEMENTS:
@@ -109,20 +108,22 @@ class _Gltf:
         nodes = self.tree["nodes"]
         carriers = [index for index, node in enumerate(nodes) if "mesh" in node]
         if len(carriers) != 1:
-            raise _problem(f"needs a file with exactly one mesh; it has {len(carriers)}", self.file)
+            raise _problem(f"requires a file with exactly one mesh; it has {len(carriers)}", self.file)
         primitives = self.tree["meshes"][nodes[carriers[0]]["mesh"]]["primitives"]
         base = np.concatenate([self.accessor(item["attributes"]["POSITION"]) for item in primitives])
         count = len(primitives[0].get("targets", ()))
         if count == 0 or any(len(item.get("targets", ())) != count for item in primitives):
-            raise _problem("the mesh has no morph targets, or not as many for each of its parts", self.file)
+            raise _problem("the mesh has no morph targets, or different numbers for its parts", self.file)
         if count * len(base) > MAX_ELEMENTS:
-            raise _problem(f"moves {len(base):,} vertices by {count:,} morph targets; that is too many", self.file)
+            raise _problem(f"has too many values: {len(base):,} vertices and {count:,} morph targets", self.file)
         moves = np.stack([np.concatenate([self.target(item, k) for item in primitives]) for k in range(count)])
         times, weights = self.weights(carriers[0], count)
         matrix = self.matrix(carriers[0])
         rest = base @ matrix[:3, :3].T + matrix[:3, 3]
         if rest.shape != vertices.shape or not np.allclose(rest, vertices, rtol=0, atol=1e-5 * np.ptp(vertices)):
-            message = f"its {len(rest)} vertices are not the {len(vertices)} of the mesh, or not in the same order"
+            message = (
+                f"its {len(rest)} vertices differ from the {len(vertices)} of the mesh, or are in a different order"
+            )
             raise _problem(message, self.file)
         return times, vertices + np.tensordot(weights, moves @ matrix[:3, :3].T, axes=1)
 
@@ -132,35 +133,35 @@ class _Gltf:
         accessor = primitive["targets"][index].get("POSITION")
         moves = np.zeros((count, 3)) if accessor is None else self.accessor(accessor)
         if len(moves) != count:
-            raise _problem(f"morph target {index} moves {len(moves)} of {count} vertices", self.file)
+            raise _problem(f"morph target {index} has {len(moves)} displacements for {count} vertices", self.file)
         return moves
 
     def weights(self, node: int, count: int) -> tuple[Floats, Floats]:
-        """Return times in s and weights of the first animation that moves them, shapes (k,) and (k, count)."""
+        """Return times in s and weights of the first weight animation, shapes (k,) and (k, count)."""
         for animation in self.tree.get("animations", ()):
             kinds = {channel["target"]["path"] for channel in animation["channels"]}
             if "weights" not in kinds:
                 continue
             if kinds != {"weights"}:
                 others = ", ".join(sorted(kinds - {"weights"}))
-                raise _problem(f"animates {others} too; only weights of morph targets are read", self.file)
+                raise _problem(f"also animates {others}; only weights of morph targets are supported", self.file)
             channel = next(item for item in animation["channels"] if item["target"].get("node") == node)
             sampler = animation["samplers"][channel["sampler"]]
             times, values = self.accessor(sampler["input"])[:, 0], self.accessor(sampler["output"])[:, 0]
             kind = sampler.get("interpolation", "LINEAR")
             if kind == "STEP":
-                raise _problem("its weights jump (STEP): there is no velocity", self.file)
+                raise _problem("its weights are discontinuous (STEP): velocity is undefined", self.file)
             per_key = 3 * count if kind == "CUBICSPLINE" else count
             if len(values) != len(times) * per_key:
                 raise _problem(f"has {len(values)} weights for {len(times)} keyframes of {count} targets", self.file)
             if (np.diff(times) <= 0).any():
-                raise _problem("its keyframes are not in order", self.file)
+                raise _problem("its keyframes are not increasing", self.file)
             rows = values.reshape(len(times), -1, count)
             return times, rows[:, rows.shape[1] // 2]
-        raise _problem("no animation moves the weights of its morph targets", self.file)
+        raise _problem("no animation of morph-target weights", self.file)
 
     def matrix(self, node: int) -> Floats:
-        """Return the transform from a node to the file's own frame, shape (4, 4)."""
+        """Return the transform from a node to the file frame, shape (4, 4)."""
         nodes = self.tree["nodes"]
         total = np.eye(4)
         here: int | None = node

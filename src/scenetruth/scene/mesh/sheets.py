@@ -1,4 +1,4 @@
-"""Rectangular sheets as meshes: planes, sinusoidal reliefs and saddles."""
+"""Rectangular sheets: planes, sinusoidal reliefs and saddles."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ __all__ = ["PlaneMesh", "ReliefMesh", "SaddleMesh", "make_plane", "make_relief",
 
 
 def compute_sheet_size(size_mm: tuple[float, float], resolution_mm: float) -> MeshSize:
-    """Return how large a sheet is; see `sheet`."""
+    """Return the mesh size of a sheet, see `make_sheet`."""
     columns, rows = (count_pieces(length, resolution_mm) for length in size_mm)
     return MeshSize((columns + 1) * (rows + 1), 2 * columns * rows)
 
 
 def make_sheet(size_mm: tuple[float, float], resolution_mm: float, shape: PointMap | None = None) -> TriangleMesh:
-    """Return a rectangular sheet in the XY plane, its upper side towards -Z, shaped by a map.
+    """Return a rectangular sheet in the XY plane, upper side towards -Z, shaped by a map.
 
-    Texture coordinates are those of the flat sheet: a shape that stretches it stretches its texture.
+    Texture coordinates are those of the flat sheet, so a non-isometric shape stretches the texture.
 
     ``size_mm``: Edge lengths along X and Y, mm.
-    ``resolution_mm``: Longest edge of the triangles along X and Y in the flat, mm.
+    ``resolution_mm``: Longest triangle edge along X and Y of the flat sheet, mm.
     """
     columns, rows = (count_pieces(length, resolution_mm) for length in size_mm)
     across, down = (np.linspace(-0.5, 0.5, count + 1) for count in (columns, rows))
@@ -59,14 +59,14 @@ def make_sheet(size_mm: tuple[float, float], resolution_mm: float, shape: PointM
 
 
 class PlaneMesh(MeshModel):
-    """A rectangle in the XY plane that faces the camera (normal -Z), centred on its origin."""
+    """Rectangle in the XY plane facing the camera (normal -Z), centred on the origin."""
 
     kind: Literal["plane"]
     """``plane``."""
     size_mm: tuple[Positive, Positive]
     """Edge lengths along X and Y in mm."""
     resolution_mm: Positive | None = None
-    """Longest edge of the triangles along X and Y in mm, for deformations within the plane; null for two triangles."""
+    """Longest triangle edge along X and Y in mm, for in-plane deformation; null for two triangles."""
 
     @field_validator("resolution_mm")
     @classmethod
@@ -74,11 +74,11 @@ class PlaneMesh(MeshModel):
         return value if value is None else check_sheet_resolution(value, info)
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how large the mesh will be; see `MeshModel`."""
+        """Return the mesh size, see `MeshModel`."""
         return MeshSize(4, 2) if self.resolution_mm is None else compute_sheet_size(self.size_mm, self.resolution_mm)
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         return make_plane(self.size_mm) if self.resolution_mm is None else make_sheet(self.size_mm, self.resolution_mm)
 
 
@@ -92,25 +92,25 @@ def make_plane(size_mm: tuple[float, float]) -> TriangleMesh:
     return TriangleMesh(vertices, faces, chart_mm=flat[faces], uv=((corners + 1) / 2)[faces])
 
 
-# A wave of which less is sampled is no wave any more.
+# Minimum number of triangles per wavelength.
 _PIECES_PER_WAVE = 4
 
 
 class ReliefMesh(MeshModel):
-    """Waves Z = -amplitude cos(2 π X / λ_X + φ_X) cos(2 π Y / λ_Y + φ_Y) over a rectangle: a sheet, upper side -Z."""
+    """Relief Z = -amplitude cos(2 π X / λ_X + φ_X) cos(2 π Y / λ_Y + φ_Y) over a rectangle: a sheet, upper side -Z."""
 
     kind: Literal["relief"]
     """``relief``."""
     size_mm: tuple[Positive, Positive]
     """Lengths of the rectangle along X and Y in mm."""
     amplitude_mm: Finite
-    """Height of the crests above the middle plane in mm, towards the camera."""
+    """Height of the crests above the mean plane in mm, towards the camera."""
     wavelength_mm: tuple[Positive | None, Positive | None]
-    """Wavelengths λ_X and λ_Y in mm; null for a relief that does not change in this direction."""
+    """Wavelengths λ_X and λ_Y in mm; null for constant height along an axis."""
     phase_deg: tuple[Finite, Finite] = (0.0, 0.0)
     """Phases φ_X and φ_Y at the origin in degrees."""
     resolution_mm: Positive = 0.5
-    """Longest edge of the flat sheet's triangles along X and Y in mm; at most a quarter of a wavelength."""
+    """Longest triangle edge of the flat sheet along X and Y in mm; at most a quarter of a wavelength."""
 
     @field_validator("resolution_mm")
     @classmethod
@@ -122,11 +122,11 @@ class ReliefMesh(MeshModel):
         return check_sheet_resolution(value, info)
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how large the mesh will be; see `MeshModel`."""
+        """Return the mesh size, see `MeshModel`."""
         return compute_sheet_size(self.size_mm, self.resolution_mm)
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         return make_relief(self.size_mm, self.amplitude_mm, self.wavelength_mm, self.phase_deg, self.resolution_mm)
 
 
@@ -137,7 +137,7 @@ def make_relief(
     phase_deg: tuple[float, float],
     resolution_mm: float,
 ) -> TriangleMesh:
-    """Return the waves Z = -amplitude cos(2 π X / λ_X + φ_X) cos(2 π Y / λ_Y + φ_Y); λ of None means a constant."""
+    """Return the relief Z = -amplitude cos(2 π X / λ_X + φ_X) cos(2 π Y / λ_Y + φ_Y); constant for λ = None."""
     rates = [0.0 if length is None else 2 * np.pi / length for length in wavelength_mm]
     phases = np.deg2rad(phase_deg)
 
@@ -149,16 +149,16 @@ def make_relief(
 
 
 class SaddleMesh(MeshModel):
-    """The saddle Z = curvature (X² - Y²) / 2 over a rectangle: a sheet with its upper side towards -Z."""
+    """Saddle Z = curvature (X² - Y²) / 2 over a rectangle: a sheet with its upper side towards -Z."""
 
     kind: Literal["saddle"]
     """``saddle``."""
     size_mm: tuple[Positive, Positive]
     """Lengths of the rectangle along X and Y in mm."""
     curvature_per_mm: Finite
-    """Curvature at the middle in 1/mm; positive: its left and right ends are farther from the camera."""
+    """Curvature at the centre in 1/mm; positive: the left and right ends are farther from the camera."""
     resolution_mm: Positive = 0.5
-    """Longest edge of the flat sheet's triangles along X and Y in mm."""
+    """Longest triangle edge of the flat sheet along X and Y in mm."""
 
     @field_validator("resolution_mm")
     @classmethod
@@ -166,11 +166,11 @@ class SaddleMesh(MeshModel):
         return check_sheet_resolution(value, info)
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how large the mesh will be; see `MeshModel`."""
+        """Return the mesh size, see `MeshModel`."""
         return compute_sheet_size(self.size_mm, self.resolution_mm)
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         return make_saddle(self.size_mm, self.curvature_per_mm, self.resolution_mm)
 
 

@@ -1,4 +1,4 @@
-"""Geometric bodies as meshes: boxes, cylinders, spheres and spherical caps, stairs and tori."""
+"""Geometric bodies: boxes, cylinders, spheres and spherical caps, stairs and tori."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
 
 
 class BoxMesh(MeshModel):
-    """A box, centred on its origin."""
+    """Box centred on the origin."""
 
     kind: Literal["box"]
     """``box``."""
@@ -47,22 +47,19 @@ class BoxMesh(MeshModel):
     """Edge lengths along X, Y, Z in mm."""
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how large the mesh will be; see `MeshModel`."""
+        """Return the mesh size, see `MeshModel`."""
         return MeshSize(8, 12)
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         return make_box(self.size_mm)
 
 
 def make_box(size_mm: tuple[float, float, float]) -> TriangleMesh:
-    """Return a box centred on the origin, each side with a place of its own in the chart.
-
-    Seen from outside, each side shows an image texture whole and upright as far as it can be.
-    """
+    """Return a box centred on the origin; each side has a separate chart region and shows a complete image."""
     signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
     vertices = signs * (np.asarray(size_mm) / 2)
-    # The corners of each side, clockwise on screen from its upper left when seen from outside.
+    # Corners of each side, clockwise from the upper left as seen from outside.
     sides = ((0, 1, 3, 2), (1, 5, 7, 3), (5, 4, 6, 7), (4, 0, 2, 6), (4, 5, 1, 0), (2, 3, 7, 6))
     width, height = (max(size_mm[0], size_mm[2]), max(size_mm[1], size_mm[2]))
     unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
@@ -82,18 +79,18 @@ Floats = NDArray[np.float64]
 
 
 class CylinderMesh(MeshModel):
-    """A round cylinder about the Y axis, centred on its origin."""
+    """Circular cylinder about the Y axis, centred on the origin."""
 
     kind: Literal["cylinder"]
     """``cylinder``."""
     radius_mm: Positive
-    """Its radius in mm."""
+    """Radius in mm."""
     length_mm: Positive
-    """Its length along Y in mm."""
+    """Length along Y in mm."""
     caps: bool = False
-    """Whether discs close its two ends."""
+    """Whether discs close both ends."""
     resolution_mm: Positive = 0.5
-    """Longest edge of the triangles around and along it in mm; at most the radius."""
+    """Longest triangle edge around and along the cylinder in mm; at most the radius."""
 
     @field_validator("resolution_mm")
     @classmethod
@@ -101,36 +98,36 @@ class CylinderMesh(MeshModel):
         radius, length = info.data.get("radius_mm"), info.data.get("length_mm")
         if radius is None or length is None:
             return value
-        # Along it there is one row of triangles at least.
+        # At least one row of triangles along the axis.
         return check_resolution(value, radius, "radius_mm", 2 * 6.3 * radius * max(length, value))
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how large the mesh will be; see `MeshModel`."""
+        """Return the mesh size, see `MeshModel`."""
         around, rows = _count_cylinder_pieces(self.radius_mm, self.length_mm, self.resolution_mm)
         caps = 2 if self.caps else 0
         return MeshSize(around * (rows + 1) + caps * (around + 1), 2 * around * rows + caps * around)
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         return make_cylinder(self.radius_mm, self.length_mm, self.resolution_mm, self.caps)
 
 
 def _count_cylinder_pieces(radius_mm: float, length_mm: float, resolution_mm: float) -> tuple[int, int]:
-    """Return into how many pieces a cylinder is cut around and along."""
+    """Return the number of pieces around and along a cylinder."""
     return max(count_pieces(2 * np.pi * radius_mm, resolution_mm), 6), count_pieces(length_mm, resolution_mm)
 
 
 def make_cylinder(radius_mm: float, length_mm: float, resolution_mm: float, caps: bool = False) -> TriangleMesh:
-    """Return a round cylinder about the Y axis, its outside outwards.
+    """Return a circular cylinder about the Y axis, facing outwards.
 
-    The chart unrolls it exactly. An image goes around it once: its middle faces -Z, its sides meet at +Z; on each cap
-    it covers the square around the disc.
+    The chart is its exact development. An image covers the circumference once: its centre faces -Z, its sides meet at
+    +Z; on each cap it covers the bounding square of the disc.
     """
     around, rows = _count_cylinder_pieces(radius_mm, length_mm, resolution_mm)
     turn = np.linspace(-np.pi, np.pi, around + 1)
     angle, height = (part.ravel() for part in np.meshgrid(turn, np.linspace(-0.5, 0.5, rows + 1) * length_mm))
     grid = make_grid_faces(around, rows)
-    # The last column is the first one again, but for its texture coordinates.
+    # The last column duplicates the first, except for its texture coordinates.
     index = np.arange(len(angle)).reshape(rows + 1, around + 1)
     index[:, -1] = index[:, 0]
     kept, faces = np.unique(index.ravel()[grid], return_inverse=True)
@@ -138,7 +135,7 @@ def make_cylinder(radius_mm: float, length_mm: float, resolution_mm: float, caps
     vertices = normals * radius_mm + np.column_stack([np.zeros(len(kept)), height[kept], np.zeros(len(kept))])
     zero = np.zeros_like(normals)
     tangents = np.column_stack([-normals[:, 2], zero[:, 0], normals[:, 0]])
-    # Down x around points outwards, as the faces do.
+    # Down x around points outwards, as do the faces.
     along = np.stack([np.broadcast_to([0.0, 1.0, 0.0], normals.shape), tangents, zero, zero, -normals / radius_mm])
     chart = np.column_stack([radius_mm * angle, height])[grid]
     uv = np.column_stack([angle / (2 * np.pi) + 0.5, height / length_mm + 0.5])[grid]
@@ -164,7 +161,7 @@ def _disc(
     count = len(rim)
     vertices = np.concatenate([rim, [[0.0, rim[0, 1], 0.0]]])
     around, following = np.arange(count), (np.arange(count) + 1) % count
-    # The rim runs around from +Z by -X and -Z to +X.
+    # The rim runs from +Z via -X and -Z to +X.
     order = (around, following) if sign < 0 else (following, around)
     faces = np.column_stack([*order, np.full(count, count)])
     flat = vertices[:, [0, 2]] * (1, sign)
@@ -185,16 +182,16 @@ _CUBE_SIDES = (
 
 
 class SphereMesh(MeshModel):
-    """A sphere about its origin, or the cap of it that faces the camera (about -Z)."""
+    """Sphere about the origin, or its cap that faces the camera (about -Z)."""
 
     kind: Literal["sphere"]
     """``sphere``."""
     radius_mm: Positive
-    """Its radius in mm."""
+    """Radius in mm."""
     cap_deg: Annotated[float, Field(gt=0, le=90)] | None = None
-    """Angle from its middle to its rim as seen from the centre, at most 90; null for the full sphere."""
+    """Half the opening angle of the cap as seen from the centre, at most 90; null for the full sphere."""
     resolution_mm: Positive = 0.5
-    """Length of the triangles' edges in mm, about; at most the radius."""
+    """Approximate edge length of the triangles in mm; at most the radius."""
 
     @field_validator("resolution_mm")
     @classmethod
@@ -203,7 +200,7 @@ class SphereMesh(MeshModel):
         return value if radius is None else check_resolution(value, radius, "radius_mm", 8 * 3.2 * radius**2)
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how large the mesh will be; see `MeshModel`."""
+        """Return the mesh size, see `MeshModel`."""
         if self.cap_deg is not None:
             rings = _rings(self.radius_mm, self.cap_deg, self.resolution_mm)
             return MeshSize(3 * rings * (rings + 1) + 1, 6 * rings**2)
@@ -211,38 +208,38 @@ class SphereMesh(MeshModel):
         return MeshSize(6 * count**2 + 2, 12 * count**2)
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         if self.cap_deg is not None:
             return make_spherical_cap(self.radius_mm, self.cap_deg, self.resolution_mm)
         return make_sphere(self.radius_mm, self.resolution_mm)
 
 
 def _pieces_of_a_side(radius_mm: float, resolution_mm: float) -> int:
-    """Return into how many pieces the sides of the cube are cut that a sphere is made from."""
-    # An even number: the poles, and the meridian where the image's sides meet, run along edges of triangles.
+    """Return the number of pieces per side of the cube that defines the sphere mesh."""
+    # An even number, so that the poles and the image seam coincide with triangle edges.
     return 2 * ceil(np.pi * radius_mm / 4 / resolution_mm - 1e-9)
 
 
 def _rings(radius_mm: float, cap_deg: float, resolution_mm: float) -> int:
-    """Return how many rings of triangles a cap has."""
+    """Return the number of triangle rings of a cap."""
     return count_pieces(radius_mm * float(np.deg2rad(cap_deg)), resolution_mm)
 
 
 def make_sphere(radius_mm: float, resolution_mm: float) -> TriangleMesh:
-    """Return a sphere, made from the six sides of a cube by equal angles.
+    """Return a sphere, subdivided from the six sides of a cube by equal angles.
 
-    Each side has a place of its own in the chart, by Lambert's projection about its middle: areas are kept, lengths to
-    13 % at its corners and to 8 % at the middles of its edges, where the patterns of neighbouring sides meet. An image
-    is laid on by longitude and latitude: its middle faces -Z, its upper edge is the pole at -Y, its sides meet at +Z.
+    Each side has a separate chart region, by Lambert's equal-area projection about its centre: lengths are accurate to
+    13 % at the corners and to 8 % at the edge midpoints, where the patterns of neighbouring sides meet. An image is
+    mapped by longitude and latitude: its centre faces -Z, its upper edge is the pole at -Y, its sides meet at +Z.
     """
     count = _pieces_of_a_side(radius_mm, resolution_mm)
     angle = np.tan(np.linspace(-np.pi / 4, np.pi / 4, count + 1))
-    # Exactly the diagonals of the cube's sides.
+    # Exact values at the diagonals of the cube sides.
     angle[0], angle[count // 2], angle[-1] = -1, 0, 1
     right_part, down_part = (part.ravel() for part in np.meshgrid(angle, angle))
     grid = make_grid_faces(count, count)
     directions, faces, chart = [], [], []
-    # A side reaches 2 sin(22.5°) = 0.77 radii to the middles of its edges.
+    # A side extends 2 sin(22.5°) = 0.77 radii to its edge midpoints.
     cell = 1.6 * radius_mm
     for number, (right, down) in enumerate(np.asarray(_CUBE_SIDES, dtype=np.float64)):
         normal = np.cross(down, right)
@@ -268,10 +265,10 @@ def make_sphere(radius_mm: float, resolution_mm: float) -> TriangleMesh:
 
 
 def make_spherical_cap(radius_mm: float, cap_deg: float, resolution_mm: float) -> TriangleMesh:
-    """Return the part of a sphere about its origin that is at most ``cap_deg`` away from -Z.
+    """Return the part of a sphere about the origin within ``cap_deg`` of -Z.
 
-    Texture coordinates are Lambert's projection about its middle: areas are kept, lengths to a factor of
-    cos(cap_deg / 2) at its rim. An image covers the square around it.
+    Texture coordinates are Lambert's equal-area projection about its centre: lengths are accurate to a factor of
+    cos(cap_deg / 2) at the rim. An image covers the bounding square.
     """
     reach = np.deg2rad(cap_deg)
     rings = _rings(radius_mm, cap_deg, resolution_mm)
@@ -292,7 +289,7 @@ def make_spherical_cap(radius_mm: float, cap_deg: float, resolution_mm: float) -
 
 
 def _lambert(right: Floats, down: Floats, up: Floats, radius_mm: float) -> Floats:
-    """Project directions of a sphere by Lambert's equal-area projection about the direction ``up``."""
+    """Project directions by Lambert's equal-area projection about the direction ``up``."""
     scale = radius_mm * np.sqrt(2 / (1 + up))
     return np.column_stack([right * scale, down * scale])
 
@@ -313,7 +310,7 @@ def _longitude_latitude(normals: Floats, faces: NDArray[np.int32]) -> Floats:
     middle = corners.mean(axis=1)
     about = np.arctan2(middle[:, 0], -middle[:, 2])[:, None]
     longitude += 2 * np.pi * np.rint((about - longitude) / (2 * np.pi))
-    # A pole has every longitude.
+    # Longitude is undefined at a pole.
     pole = np.hypot(corners[..., 0], corners[..., 2]) < 1e-9
     others = np.where(pole, 0, longitude).sum(axis=1, keepdims=True) / 2
     longitude = np.where(pole, others, longitude)
@@ -322,9 +319,9 @@ def _longitude_latitude(normals: Floats, faces: NDArray[np.int32]) -> Floats:
 
 
 class StairsMesh(MeshModel):
-    """Stairs of depth: treads side by side along X that face the camera (normal -Z), one behind the other.
+    """Stairs in depth: treads side by side along X, facing the camera (normal -Z).
 
-    The origin is in the middle of their width and height, and halfway between the nearest and the farthest tread.
+    The origin is at the centre of width and height, halfway between the nearest and farthest tread.
     """
 
     kind: Literal["stairs"]
@@ -332,34 +329,31 @@ class StairsMesh(MeshModel):
     tread_mm: tuple[Positive, Positive]
     """Size of each tread along X and Y in mm."""
     steps_mm: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=10_000)]
-    """How much farther than its left neighbour each tread stands, in mm; one number fewer than there are treads."""
+    """Depth of each tread relative to its left neighbour, in mm; one value fewer than treads."""
     risers: bool = True
-    """Whether upright faces join the treads; otherwise these hover side by side."""
+    """Whether risers connect the treads."""
 
     @field_validator("steps_mm")
     @classmethod
     def _real_steps(cls, value: tuple[float, ...]) -> tuple[float, ...]:
         flat = [str(index) for index, step in enumerate(value) if step == 0]
         if flat:
-            msg = f"steps must not be 0 (got one at index {', '.join(flat)}): join the treads instead"
+            msg = f"steps must not be 0 (got 0 at index {', '.join(flat)}): merge the treads"
             raise ValueError(msg)
         return value
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         return make_stairs(self.tread_mm, self.steps_mm, self.risers)
 
 
 def make_stairs(tread_mm: tuple[float, float], steps_mm: Sequence[float], risers: bool = True) -> TriangleMesh:
-    """Return treads side by side along X that face -Z, each farther than its left neighbour by one of ``steps_mm``.
-
-    The chart unrolls them, risers included, from left to right; an image covers all of it.
-    """
+    """Return treads along X facing -Z with depth increments ``steps_mm``; the chart develops them in order."""
     width, height = tread_mm
     depth = np.concatenate([[0.0], np.cumsum(steps_mm)])
     depth -= (depth.min() + depth.max()) / 2
     left = (np.arange(len(depth)) - len(depth) / 2) * width
-    # The profile: both ends of every tread.
+    # Profile: both ends of every tread.
     ends = np.column_stack([left, depth, left + width, depth]).reshape(-1, 2)
     run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ends, axis=0), axis=1))])
     if not risers:
@@ -375,28 +369,27 @@ def make_stairs(tread_mm: tuple[float, float], steps_mm: Sequence[float], risers
     return TriangleMesh(np.column_stack([x, y, z]), faces, chart_mm=chart[faces], uv=uv[faces])
 
 
-_FEWEST = 6  # pieces of a circle
+_FEWEST = 6  # minimum number of pieces of a circle
 
 
 class TorusMesh(MeshModel):
-    """A torus about the Z axis: a ring that faces the camera, centred on its origin."""
+    """Torus about the Z axis: a ring facing the camera, centred on the origin."""
 
     kind: Literal["torus"]
     """``torus``."""
     ring_radius_mm: Positive
-    """Radius of the circle in the middle of the tube in mm."""
+    """Radius of the tube's centre circle in mm."""
     tube_radius_mm: Positive
-    """Radius of the tube in mm, less than that of the ring."""
+    """Radius of the tube in mm, smaller than that of the ring."""
     resolution_mm: Positive = 0.5
-    """Longest edge of the triangles around the tube and, on its outside, around the ring in mm; at most
-    tube_radius_mm."""
+    """Longest triangle edge around the tube and along the outer circumference in mm; at most tube_radius_mm."""
 
     @field_validator("tube_radius_mm")
     @classmethod
     def _leaves_a_hole(cls, value: float, info: ValidationInfo) -> float:
         ring = info.data.get("ring_radius_mm")
         if ring is not None and value >= ring:
-            msg = f"must be less than ring_radius_mm, {ring:g} mm: the tube would meet itself"
+            msg = f"must be less than ring_radius_mm, {ring:g} mm: the tube would intersect itself"
             raise ValueError(msg)
         return value
 
@@ -409,29 +402,29 @@ class TorusMesh(MeshModel):
         return check_resolution(value, tube, "tube_radius_mm", 2 * (2 * np.pi) ** 2 * (ring + tube) * tube)
 
     def size(self, folder: Path) -> MeshSize:
-        """Return how large the mesh will be; see `MeshModel`."""
+        """Return the mesh size, see `MeshModel`."""
         around, rows = _count_torus_pieces(self.ring_radius_mm, self.tube_radius_mm, self.resolution_mm)
         return MeshSize(around * rows, 2 * around * rows)
 
     def triangles(self, folder: Path) -> TriangleMesh:
-        """Return the mesh; see `MeshModel`."""
+        """Return the mesh, see `MeshModel`."""
         return make_torus(self.ring_radius_mm, self.tube_radius_mm, self.resolution_mm)
 
 
 def _count_torus_pieces(ring_radius_mm: float, tube_radius_mm: float, resolution_mm: float) -> tuple[int, int]:
-    """Return into how many pieces a torus is cut around the ring and around the tube."""
+    """Return the number of pieces around the ring and around the tube."""
     lengths = (2 * np.pi * (ring_radius_mm + tube_radius_mm), 2 * np.pi * tube_radius_mm)
     around, rows = (max(count_pieces(length, resolution_mm), _FEWEST) for length in lengths)
     return around, rows
 
 
 def make_torus(ring_radius_mm: float, tube_radius_mm: float, resolution_mm: float) -> TriangleMesh:
-    """Return a torus about the Z axis, its outside outwards.
+    """Return a torus about the Z axis, facing outwards.
 
-    At the angle φ around the ring, from X towards Y, and θ around the tube, from the outside towards -Z, a point is
-    ((R + r cos θ) cos φ, (R + r cos θ) sin φ, -r sin θ). The chart is (R φ, r θ): exact around the tube, and around the
-    ring true to r / R. An image goes around both once: the middle of its height faces -Z, its sides meet at -X, its
-    upper and lower edges at +Z.
+    At the angle φ around the ring, from X towards Y, and θ around the tube, from the outside towards -Z, a point is ((R
+    + r cos θ) cos φ, (R + r cos θ) sin φ, -r sin θ). The chart is (R φ, r θ): exact around the tube, and accurate to r
+    / R around the ring. An image covers both circumferences once: its horizontal centre line faces -Z, its sides meet
+    at -X, its upper and lower edges at +Z.
     """
     around, rows = _count_torus_pieces(ring_radius_mm, tube_radius_mm, resolution_mm)
     phi, theta = (
@@ -441,7 +434,7 @@ def make_torus(ring_radius_mm: float, tube_radius_mm: float, resolution_mm: floa
         )
     )
     grid = make_grid_faces(around, rows)
-    # The last column and the last row are the first ones again, but for their texture coordinates.
+    # The last column and row duplicate the first, except for their texture coordinates.
     index = np.arange(len(phi)).reshape(rows + 1, around + 1)
     index[:, -1], index[-1] = index[:, 0], index[0]
     index[-1, -1] = 0
@@ -453,7 +446,7 @@ def make_torus(ring_radius_mm: float, tube_radius_mm: float, resolution_mm: floa
     axis = np.column_stack([zero, zero, one])
     sine, cosine = np.sin(theta[kept])[:, None], np.cos(theta[kept])[:, None]
     share = 1 + tube_radius_mm / ring_radius_mm * cosine
-    # By r θ and R φ: these directions, one x the other, point outwards, as the faces do.
+    # Derivatives by r θ and R φ; their cross product points outwards, as do the faces.
     along = np.stack(
         [
             -sine * outward - cosine * axis,

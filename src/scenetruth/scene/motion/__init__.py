@@ -1,4 +1,4 @@
-"""Motions in the world: each type is a model and the map of points that it defines."""
+"""Motions in the world: models and the point maps that they define."""
 
 from scenetruth.scene.motion.motion_presets import MOTION_PRESETS
 from scenetruth.scene.motion.point_maps import (

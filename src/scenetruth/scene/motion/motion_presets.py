@@ -1,4 +1,4 @@
-"""Typical rates of leaf motion and growth by name, each with its source: data only."""
+"""Presets: typical rates of leaf motion and growth, each with its source."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ GrowthPreset = Literal["leaf_growth_1_percent", "leaf_growth_3_percent"]
 ShiftPreset = Literal["leaf_movement"]
 TurnPreset = Literal["leaf_tilt"]
 
-TYPICAL = "typical value, no source found"
-"""Said of a figure that no source was found for."""
+TYPICAL = "typical value, no source available"
+"""Source of a preset value without reference."""
 
 FRAME_INTERVAL_S = 60.0
-"""One frame a minute, the interval that presets with rates per frame are made for."""
+"""Frame interval of presets with rates per frame: one frame per minute."""
 
 _SCHMUNDT = (
     "Schmundt et al. (1998), Quantitative analysis of the local rates of growth of dicot leaves at a high temporal and "
@@ -42,7 +42,7 @@ _LIDAR = (
     "Leaf movements of indoor plants monitored by terrestrial LiDAR (2018), Front. Plant Sci. 9, 189, abstract "
     "(Calathea roseopicta)"
 )
-_MINUTE = "at one frame a minute"
+_MINUTE = "at one frame per minute"
 
 
 _PATTERN: Mapping[str, tuple[Any, str]] = MappingProxyType(
@@ -90,7 +90,7 @@ MOTION_PRESETS: Mapping[str, Preset] = MappingProxyType(
 
 
 def fill_in_preset(given: Any) -> Any:
-    """Return a motion's fields as given, and those of its preset where none is given."""
+    """Return the fields of a motion, completed from its preset."""
     name = given.get("preset") if isinstance(given, dict) else None
     if not isinstance(name, str) or name not in MOTION_PRESETS:
         return given
@@ -98,7 +98,7 @@ def fill_in_preset(given: Any) -> Any:
 
 
 def preset_or_fields(*needed: str) -> Callable[[dict[str, Any]], None]:
-    """Return what says in the JSON Schema that a preset stands for all required fields but some."""
+    """Return a JSON Schema modifier by which a preset replaces the required fields except ``needed``."""
 
     def change(schema: dict[str, Any]) -> None:
         required = schema.pop("required")

@@ -1,4 +1,4 @@
-"""Maps of points that depend on time: what all motions share, chains of maps with derivatives, rotations and poses."""
+"""Time-dependent point maps: base model of motions, chains with derivatives, rotations and poses."""
 
 from __future__ import annotations
 
@@ -32,25 +32,16 @@ Points = tuple[Any, Any, Any]
 
 
 class PointMap(Protocol):
-    """A map of points that depends on time, written in plain NumPy."""
+    """Time-dependent map of points, written in plain NumPy."""
 
     def __call__(self, points: Points, t: JetField) -> Points:
-        """Move points.
-
-        ``points``: Coordinates before the motion, mm: arrays of any precision, or jets if derivatives are wanted.
-        ``t``: Time in frames, of the same kind, shape (1,).
-        """
+        """Map coordinates in mm at time t in frames, shape (1,): arrays of any precision, or jets for derivatives."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class MovedPoints:
-    """Points at one time.
-
-    ``positions_mm``: Positions, shape (n, 3), mm.
-    ``velocities``: Velocities, shape (n, 3), mm per frame.
-    ``accelerations``: Accelerations, shape (n, 3), mm per frame squared.
-    """
+    """Positions in mm, velocities in mm/frame and accelerations in mm/frame² of points at one time, shape (n, 3)."""
 
     positions_mm: NDArray[np.float64]
     velocities: NDArray[np.float64]
@@ -58,35 +49,29 @@ class MovedPoints:
 
 
 class MotionModel(FrozenModel):
-    """What all motions share. A motion is written as one formula for positions; derivatives follow from it."""
+    """Base class of motions, defined by a formula for positions; derivatives are computed automatically."""
 
     kind: str
-    """Name of the motion."""
+    """Type of the motion."""
 
     @abstractmethod
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map of the motion in the world.
-
-        ``position_mm``: Position of what moves at t = 0, mm: the point that stays in place if a rotation names none.
-        """
+        """Return the map of the motion; ``position_mm`` is the default centre of rotations."""
 
 
-# Points mapped at once: what a map keeps in between, some jets of ten numbers a point, fits into the cache.
+# Block size of the maps, such that intermediate jets fit into the cache.
 _BLOCK = 4096
 
 
 def compose(maps: Sequence[PointMap], points_mm: NDArray[np.float64], t: float) -> MovedPoints:
-    """Apply maps one after the other to points that rest.
-
-    ``points_mm``: Positions before all of them, shape (n, 3), mm.
-    """
+    """Apply maps in order to points at rest, shape (n, 3), mm."""
     points: Points = tuple(Jet.constant(column, 1) for column in np.ascontiguousarray(points_mm.T))  # type: ignore[assignment]
     time = Jet.variable(np.array([float(t)]), 0, 1)
     return to_moved_points(apply(maps, points, time), len(points_mm))
 
 
 def apply(maps: Sequence[PointMap], points: Points, t: JetField) -> Points:
-    """Apply maps one after the other to jets of n points, in blocks that stay in the processor's cache."""
+    """Apply maps in order to jets of n points, in blocks that fit into the processor cache."""
     count = max(len(field) for field in points)
     if not maps or count <= _BLOCK:
         for item in maps:
@@ -113,7 +98,7 @@ def to_moved_points(points: Points, count: int) -> MovedPoints:
 def pose_map(
     position_mm: tuple[float, float, float], rotations: Sequence[tuple[tuple[float, float, float], float]]
 ) -> PointMap:
-    """Return the map from an object's own frame to the world: rotations (axis, angle in degrees), then a shift."""
+    """Return the map from the object frame to the world: rotations (axis, angle in degrees), then translation."""
 
     def place(points: Points, t: JetField) -> Points:
         for axis, angle_deg in rotations:
@@ -127,12 +112,7 @@ def pose_map(
 def rotate_points(
     points: Points, axis: tuple[float, float, float], angle: Any, centre: tuple[float, float, float]
 ) -> Points:
-    """Turn points about an axis through a centre (right-hand rule, Rodrigues' formula).
-
-    ``points``: Coordinates, mm.
-    ``angle``: Angle in rad: a number or a field.
-    ``centre``: Point on the axis, mm.
-    """
+    """Rotate points (mm) about an axis through a centre by an angle in rad (right-hand rule, Rodrigues' formula)."""
     nx, ny, nz = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
     x, y, z = (field - at for field, at in zip(points, centre, strict=True))
     sine, cosine = np.sin(angle), np.cos(angle)
@@ -145,12 +125,7 @@ def rotate_points(
 
 
 def rotate_points_by_vector(points: Points, vector_rad: Points, centre: tuple[float, float, float]) -> Points:
-    """Turn points by a rotation vector, which may vanish, about a centre.
-
-    ``points``: Coordinates, mm.
-    ``vector_rad``: The axis, its length the angle in rad (right-hand rule): three fields.
-    ``centre``: Point that stays in place, mm.
-    """
+    """Rotate points (mm) about a centre by a rotation vector in rad, which may vanish (right-hand rule)."""
     x, y, z = (field - at for field, at in zip(points, centre, strict=True))
     u, v, w = vector_rad
     square = u * u + v * v + w * w

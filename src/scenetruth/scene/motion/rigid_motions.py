@@ -1,4 +1,4 @@
-"""Rigid motions in the world, and the union of all types of motion."""
+"""Rigid motions in the world, and the union of all motion types."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 
 
 class ConstantAcceleration(MotionModel):
-    """Translation by a velocity that changes steadily: v t + a t² / 2."""
+    """Translation with constant acceleration: v t + a t² / 2."""
 
     kind: Literal["acceleration"]
     """``acceleration``."""
@@ -40,7 +40,7 @@ class ConstantAcceleration(MotionModel):
     """Acceleration a in mm per frame squared."""
 
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map; see `MotionModel`."""
+        """Return the point map, see `MotionModel`."""
         velocity, acceleration = self.velocity_mm_per_frame, self.acceleration_mm_per_frame2
 
         def move(points: Points, t: JetField) -> Points:
@@ -53,25 +53,25 @@ class ConstantAcceleration(MotionModel):
 
 def _not_zero(value: float) -> float:
     if value == 0:
-        msg = "must not be zero: positive lets the distance grow, negative lets it relax"
+        msg = "must not be zero: positive for growth, negative for relaxation"
         raise ValueError(msg)
     return value
 
 
 class Exponential(MotionModel):
-    """Translation that grows or relaxes exponentially, as elongation does: amplitude (exp(t / time_constant) - 1)."""
+    """Translation with exponential growth or relaxation, as in elongation: amplitude (exp(t / time_constant) - 1)."""
 
     kind: Literal["exponential"]
     """``exponential``."""
     direction: Direction
     """Direction in the world frame, of any length."""
     amplitude_mm: Finite
-    """Amplitude in mm: the distance after ln 2 time constants; relaxation ends at its negative."""
+    """Amplitude in mm: the distance after ln 2 time constants; relaxation converges to its negative."""
     time_constant_frames: Annotated[Finite, AfterValidator(_not_zero)]
-    """Time in frames in which the distance to the asymptote changes by a factor e; negative: it falls, and relaxes."""
+    """Time in frames for a change by a factor e of the distance to the asymptote; negative for relaxation."""
 
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map; see `MotionModel`."""
+        """Return the point map, see `MotionModel`."""
         direction = np.asarray(self.direction) / np.linalg.norm(self.direction)
 
         def move(points: Points, t: JetField) -> Points:
@@ -83,21 +83,20 @@ class Exponential(MotionModel):
 
 
 class Keyframes(MotionModel):
-    """Translation and rotation through keyframes: cubic splines, twice continuously differentiable."""
+    """Translation and rotation interpolated between keyframes by cubic splines, twice continuously differentiable."""
 
     kind: Literal["keyframes"]
     """``keyframes``."""
     times_frames: tuple[Finite, ...]
     """Times of the keyframes in frames, increasing; at least two."""
     positions_mm: Annotated[tuple[Vector3, ...] | None, Described(validate_default=True)] = None
-    """Displacement in mm at each; null for none."""
+    """Displacement in mm at each keyframe; null for none."""
     rotations_deg: Annotated[tuple[Vector3, ...] | None, Described(validate_default=True)] = None
-    """Rotation vector (direction of the axis, its length the angle in degrees) at each; null for none.
-
-    The splines go through the vectors' components. Rotation comes before translation.
+    """Rotation vector (axis times angle in degrees) at each keyframe; null for none. The splines interpolate the vector
+    components. Rotation precedes translation.
     """
     point_mm: Vector3 | None = None
-    """World point that rotations leave in place; the position of what moves if not given."""
+    """World point fixed under rotations; default: the position of the object."""
 
     @field_validator("times_frames")
     @classmethod
@@ -109,15 +108,15 @@ class Keyframes(MotionModel):
     def _as_many(cls, value: tuple[Vector3, ...] | None, info: ValidationInfo) -> tuple[Vector3, ...] | None:
         times = info.data.get("times_frames")
         if value is not None and times is not None and len(value) != len(times):
-            msg = f"needs one entry for each of times_frames: {len(value)} for {len(times)}"
+            msg = f"requires one entry for each of times_frames: {len(value)} for {len(times)}"
             raise ValueError(msg)
         if info.field_name == "rotations_deg" and value is None and info.data.get("positions_mm", ()) is None:
-            msg = "keyframes need positions_mm, rotations_deg or both"
+            msg = "keyframes require positions_mm, rotations_deg or both"
             raise ValueError(msg)
         return value
 
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map; see `MotionModel`."""
+        """Return the point map, see `MotionModel`."""
         centre = position_mm if self.point_mm is None else self.point_mm
         shifts = _splines(self.times_frames, self.positions_mm, 1.0)
         turns = _splines(self.times_frames, self.rotations_deg, np.pi / 180)
@@ -139,9 +138,9 @@ def _splines(times: Sequence[float], values: Sequence[Vector3] | None, unit: flo
 
 
 class Nutation(MotionModel):
-    """Circumnutation: the tilt of an organ goes round, so that its tip draws an ellipse about its mean direction.
+    """Circumnutation: periodic tilt of an organ whose tip describes an ellipse about its mean direction.
 
-    The organ's direction d is tilted by the rotation vector a cos φ (d x e) + b sin φ (d x f), φ = 2 π t / period +
+    The organ direction d is tilted by the rotation vector a cos φ (d x e) + b sin φ (d x f), φ = 2 π t / period +
     phase, with e the part of ``towards`` perpendicular to d, and f = d x e.
     """
 
@@ -150,15 +149,15 @@ class Nutation(MotionModel):
     direction: Direction
     """Mean direction d of the organ in the world frame, of any length."""
     towards: Vector3
-    """Where the organ is tilted to at phase 0; from there it goes round d by the right-hand rule."""
+    """Direction of the tilt at phase 0, from which it rotates about d by the right-hand rule."""
     amplitudes_deg: tuple[Finite, Finite]
-    """Tilts a and b in degrees; equal ones give a circle, one of them zero a sway."""
+    """Tilts a and b in degrees; equal values give a circle, a zero value gives a planar oscillation."""
     period_frames: Positive
-    """Frames of one round."""
+    """Period in frames."""
     phase_deg: Finite = 0.0
     """Phase at t = 0 in degrees."""
     point_mm: Vector3 | None = None
-    """World point that rests; the position of what moves if not given."""
+    """Fixed world point; default: the position of the object."""
 
     @field_validator("towards")
     @classmethod
@@ -172,7 +171,7 @@ class Nutation(MotionModel):
         return value
 
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map; see `MotionModel`."""
+        """Return the point map, see `MotionModel`."""
         centre = position_mm if self.point_mm is None else self.point_mm
         direction = np.asarray(self.direction) / np.linalg.norm(self.direction)
         aside = np.asarray(self.towards) - (direction @ np.asarray(self.towards)) * direction
@@ -199,28 +198,28 @@ class ConstantRotation(MotionModel):
     rate_deg_per_frame: Finite
     """Angle per frame in degrees."""
     point_mm: Vector3 | None = None
-    """World point on the axis; the position of what moves if not given."""
+    """World point on the axis; default: the position of the object."""
 
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map; see `MotionModel`."""
+        """Return the point map, see `MotionModel`."""
         centre = position_mm if self.point_mm is None else self.point_mm
         rate = np.deg2rad(self.rate_deg_per_frame)
         return lambda points, t: rotate_points(points, self.axis, rate * t, centre)
 
 
 class TranslationCurve(MotionModel):
-    """Translation along a direction by a distance that changes: oscillation, if it is a harmonic curve."""
+    """Translation along a direction by a time-dependent distance, for example a harmonic oscillation."""
 
     model_config = ConfigDict(json_schema_extra=preset_or_fields("direction"))
 
     kind: Literal["shift"]
     """``shift``."""
     preset: ShiftPreset | None = None
-    """A movement by name, whose values stand for all fields that are not given; null for none."""
+    """Preset that supplies the default values; null for none."""
     direction: Direction
     """Direction in the world frame, of any length."""
     distance_mm: TimeCurve
-    """Distance along it in mm."""
+    """Distance along the direction in mm."""
 
     @model_validator(mode="before")
     @classmethod
@@ -228,7 +227,7 @@ class TranslationCurve(MotionModel):
         return fill_in_preset(given)
 
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map; see `MotionModel`."""
+        """Return the point map, see `MotionModel`."""
         direction = np.asarray(self.direction) / np.linalg.norm(self.direction)
 
         def move(points: Points, t: JetField) -> Points:
@@ -240,20 +239,20 @@ class TranslationCurve(MotionModel):
 
 
 class RotationCurve(MotionModel):
-    """Rotation about an axis through a point by an angle that changes (right-hand rule): sway, if it is harmonic."""
+    """Rotation about an axis through a point by a time-dependent angle (right-hand rule), such as an oscillation."""
 
     model_config = ConfigDict(json_schema_extra=preset_or_fields("axis"))
 
     kind: Literal["turn"]
     """``turn``."""
     preset: TurnPreset | None = None
-    """A movement by name, whose values stand for all fields that are not given; null for none."""
+    """Preset that supplies the default values; null for none."""
     axis: Direction
     """Direction of the axis in the world frame."""
     angle_deg: TimeCurve
     """Angle in degrees."""
     point_mm: Vector3 | None = None
-    """World point on the axis; the position of what moves if not given."""
+    """World point on the axis; default: the position of the object."""
 
     @model_validator(mode="before")
     @classmethod
@@ -261,7 +260,7 @@ class RotationCurve(MotionModel):
         return fill_in_preset(given)
 
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map; see `MotionModel`."""
+        """Return the point map, see `MotionModel`."""
         centre = position_mm if self.point_mm is None else self.point_mm
         return lambda points, t: rotate_points(
             points, self.axis, np.pi / 180 * evaluate_curve(self.angle_deg, t), centre
@@ -269,7 +268,7 @@ class RotationCurve(MotionModel):
 
 
 class ConstantVelocity(MotionModel):
-    """Translation by a constant velocity."""
+    """Translation at constant velocity."""
 
     kind: Literal["velocity"]
     """``velocity``."""
@@ -277,7 +276,7 @@ class ConstantVelocity(MotionModel):
     """(U_X, U_Y, U_Z) in mm per frame."""
 
     def point_map(self, position_mm: Vector3) -> PointMap:
-        """Return the map; see `MotionModel`."""
+        """Return the point map, see `MotionModel`."""
         velocity = self.velocity_mm_per_frame
 
         def move(points: Points, t: JetField) -> Points:

@@ -1,4 +1,4 @@
-"""Numbers that change with time: constant, linear, harmonic, or interpolated between keyframes."""
+"""Time-dependent numbers: constant, linear, harmonic, or interpolated between keyframes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
 
 
 class LinearCurve(FrozenModel):
-    """start + rate t."""
+    """Linear curve: start + rate t."""
 
     kind: Literal["linear"]
     """``linear``."""
@@ -33,38 +33,38 @@ class LinearCurve(FrozenModel):
     """Change per frame."""
 
     def at(self, t: JetField) -> Any:
-        """Return value and, of a jet, derivatives at times t."""
+        """Return the value at times t, with derivatives for a jet."""
         return self.start + self.rate_per_frame * t
 
 
 class HarmonicCurve(FrozenModel):
-    """mean + amplitude sin(2 π t / period + phase)."""
+    """Harmonic curve: mean + amplitude sin(2 π t / period + phase)."""
 
     kind: Literal["harmonic"]
     """``harmonic``."""
     mean: Finite = 0.0
     """Mean value."""
     amplitude: Finite
-    """Largest deviation from the mean."""
+    """Amplitude about the mean."""
     period_frames: Positive
     """Period in frames."""
     phase_deg: Finite = 0.0
-    """Phase at t = 0 in degrees; 0 passes the mean while rising."""
+    """Phase at t = 0 in degrees; 0 crosses the mean upwards."""
 
     def at(self, t: JetField) -> Any:
-        """Return value and, of a jet, derivatives at times t."""
+        """Return the value at times t, with derivatives for a jet."""
         return self.mean + self.amplitude * np.sin(2 * np.pi / self.period_frames * t + np.deg2rad(self.phase_deg))
 
 
 class KeyframeCurve(FrozenModel):
-    """The cubic spline through keyframes, with a steady second derivative; it goes on beyond the first and the last."""
+    """Cubic spline through keyframes with continuous second derivative, extrapolated beyond the ends."""
 
     kind: Literal["keyframes"]
     """``keyframes``."""
     times_frames: tuple[Finite, ...]
     """Times of the keyframes in frames, increasing; at least two."""
     values: tuple[Finite, ...]
-    """Value at each."""
+    """Value at each keyframe."""
 
     @field_validator("times_frames")
     @classmethod
@@ -74,12 +74,12 @@ class KeyframeCurve(FrozenModel):
     @model_validator(mode="after")
     def _as_many(self) -> KeyframeCurve:
         if len(self.times_frames) != len(self.values):
-            msg = f"needs one of values for each of times_frames: {len(self.values)} for {len(self.times_frames)}"
+            msg = f"requires one of values for each of times_frames: {len(self.values)} for {len(self.times_frames)}"
             raise ValueError(msg)
         return self
 
     def at(self, t: JetField) -> Any:
-        """Return value and, of a jet, derivatives at times t."""
+        """Return the value at times t, with derivatives for a jet."""
         return SplineThrough(self.times_frames, self.values)(t)
 
 
@@ -87,42 +87,38 @@ _Curve = Annotated[
     LinearCurve | HarmonicCurve | KeyframeCurve, Field(discriminator="kind"), BeforeValidator(kind_in_lower_case)
 ]
 TimeCurve = Finite | _Curve
-"""A number, or a curve of numbers over time in frames."""
+"""A number, or a curve over time in frames."""
 
 
 def check_increasing(times: tuple[float, ...]) -> tuple[float, ...]:
-    """Refuse times of keyframes that are fewer than two, or out of order."""
+    """Validate that there are at least two keyframe times, in increasing order."""
     if len(times) < 2:
-        msg = "needs at least two keyframes"
+        msg = "requires at least two keyframes"
         raise ValueError(msg)
     wrong = [f"{times[n]:g} after {times[n - 1]:g}" for n in range(1, len(times)) if times[n] <= times[n - 1]]
     if wrong:
-        msg = f"keyframes must be in order, each later than the one before (got {', '.join(wrong)})"
+        msg = f"keyframe times must be increasing (got {', '.join(wrong)})"
         raise ValueError(msg)
     return times
 
 
 def evaluate_curve(curve: TimeCurve, t: JetField) -> Any:
-    """Return a curve at times t."""
+    """Return the value of a curve at times t."""
     return curve if isinstance(curve, float | int) else curve.at(t)
 
 
 class SplineThrough:
-    """The natural choice of curves through keyframes: cubic, twice continuously differentiable, not-a-knot at the ends.
-
-    ``times``: Increasing times, shape (n,), n >= 2.
-    ``values``: A value at each, shape (n,).
-    """
+    """Interpolating cubic not-a-knot spline through values, shape (n,), at increasing times, n >= 2."""
 
     def __init__(self, times: Any, values: Any) -> None:
-        # Half a second to import.
+        # The import takes half a second.
         from scipy.interpolate import CubicSpline
 
         spline = CubicSpline(np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64))
         self._knots, self._coefficients = spline.x, spline.c
 
     def __call__(self, t: JetField) -> Any:
-        """Return the curve at times t, an array of any precision or a jet."""
+        """Return the spline at times t, an array of any precision or a jet."""
         at = np.asarray(strip_derivatives(t))
         piece = np.clip(np.searchsorted(self._knots, at, side="right") - 1, 0, len(self._knots) - 2)
         c3, c2, c1, c0 = self._coefficients[:, piece]

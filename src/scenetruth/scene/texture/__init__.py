@@ -1,4 +1,4 @@
-"""Textures: the radiance of surfaces."""
+"""Textures: radiance of surfaces."""
 
 from scenetruth.scene.texture.procedural_textures import CheckerboardTexture, NoiseTexture, PlaidTexture, UniformTexture
 from scenetruth.scene.texture.texture_model import Painted, SurfaceTexture, TextureModel

@@ -1,4 +1,4 @@
-"""Periodic random fields with a limited band of wavelengths."""
+"""Periodic band-limited random fields."""
 
 from __future__ import annotations
 
@@ -16,15 +16,13 @@ SAMPLES_PER_WAVELENGTH = 16
 
 _MOST_SAMPLES = 4096
 _MOST_ROUNDS = 100
-_COARSER = 2  # peaks are limited on a raster this much coarser: still 8 points per shortest wavelength
+_COARSER = 2  # subsampling of the raster for peak limiting, with 8 points per shortest wavelength
 
 
 @dataclass(frozen=True, eq=False)
 class BandLimitedNoise:
-    """Noise of zero mean and unit variance on a periodic raster.
+    """Noise of zero mean and unit variance on a periodic raster, with the coefficients of its cubic B-spline, float32.
 
-    ``values``: Noise at the raster points, shape (h, w), float32.
-    ``coefficients``: Coefficients of the periodic cubic B-spline through ``values``, same shape, float32.
     ``period``: Size (width, height) of the raster, in the unit of the wavelengths.
     """
 
@@ -41,7 +39,7 @@ def make_band_limited_noise(
     exponent: float = 0.0,
     peak: float = 4.0,
 ) -> BandLimitedNoise:
-    """Make isotropic Gaussian noise whose spectrum is exactly zero outside a band of wavelengths."""
+    """Return isotropic Gaussian noise whose spectrum is exactly zero outside a wavelength band."""
     from scipy import fft
 
     pitch = wavelength[0] / SAMPLES_PER_WAVELENGTH
@@ -65,7 +63,7 @@ def make_band_limited_noise(
 
 
 def compute_noise_shape(wavelength: tuple[float, float], size: tuple[float, float]) -> tuple[int, int]:
-    """Return the rows and columns of the raster of noise."""
+    """Return the rows and columns of the noise raster."""
     shortest, longest = wavelength
     pitch = shortest / SAMPLES_PER_WAVELENGTH
     columns, rows = (_raster_points(max(extent, 4 * longest), pitch) for extent in size)
@@ -73,9 +71,9 @@ def compute_noise_shape(wavelength: tuple[float, float], size: tuple[float, floa
 
 
 def contains_wavelength(wavelength: tuple[float, float], size: tuple[float, float]) -> bool:
-    """Tell whether any wave of a band fits on the raster of noise; without one there is no noise."""
+    """Return whether the noise raster supports any wave of a band; otherwise the noise is zero."""
     pitch = wavelength[0] / SAMPLES_PER_WAVELENGTH * _COARSER
-    # Waves of the band have at most so many periods along either side.
+    # Maximum number of periods of the band along either side.
     down, across = (
         np.fft.rfftfreq(side // _COARSER, pitch)[: side // SAMPLES_PER_WAVELENGTH + 2]
         for side in compute_noise_shape(wavelength, size)
@@ -94,7 +92,7 @@ def _raster_points(extent: float, pitch: float) -> int:
 
 
 def _fast_length(least: int) -> int:
-    """Return what `scipy.fft.next_fast_len` does of real numbers, without scipy: products of 2, 3 and 5."""
+    """Return `scipy.fft.next_fast_len` for real input without SciPy: products of 2, 3 and 5."""
     lengths = (int(2**twos * 3**threes * 5**fives) for twos in range(13) for threes in range(9) for fives in range(6))
     return min(length for length in lengths if length >= least)
 
@@ -107,13 +105,13 @@ def _limited_spectrum(
     exponent: float,
     peak: float,
 ) -> NDArray[np.complex128]:
-    """Return the half spectrum of noise in a band whose values stay within a peak, up to its last used column."""
+    """Return the half spectrum of band-limited noise with limited peaks, up to its last nonzero column."""
     from scipy import fft
 
     rows, columns = shape
     frequency = np.hypot(fft.fftfreq(rows, pitch)[:, None], fft.rfftfreq(columns, pitch)[None, :])
     band = (frequency >= 1 / wavelength[1]) & (frequency <= 1 / wavelength[0])
-    # Beyond the band's highest frequency along x there is nothing to transform.
+    # The spectrum is zero beyond the highest frequency of the band along x.
     used = int(np.flatnonzero(band.any(axis=0)).max(initial=0)) + 1
     frequency, band = frequency[:, :used], band[:, :used]
     spectrum = np.zeros(band.shape, dtype=np.complex128)
@@ -126,7 +124,7 @@ def _limited_spectrum(
         limit = peak * field.std()
         if max(field.max(), -field.min()) <= 0.99 * limit:
             break
-        # Clipping to a little less than the limit makes the projections settle in a few rounds.
+        # Clipping slightly below the limit makes the projections converge in a few iterations.
         np.clip(field, -0.96 * limit, 0.96 * limit, out=field)
         across = fft.rfft(field, axis=1, workers=thread_count())
         spectrum = fft.fft(across[:, :used], axis=0, workers=thread_count()) * band
@@ -134,7 +132,7 @@ def _limited_spectrum(
 
 
 def _inverse(spectrum: NDArray[np.complex128], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return what `scipy.fft.irfft2` does, to the bit, of a half spectrum whose last columns are zero and left out."""
+    """Return `scipy.fft.irfft2`, bit-identical, for a half spectrum without its trailing zero columns."""
     from scipy import fft
 
     rows, columns = shape

@@ -1,4 +1,4 @@
-"""Textures from images: image files, and the images or colours embedded in mesh files."""
+"""Image textures: image files, and images or colours embedded in mesh files."""
 
 from __future__ import annotations
 
@@ -20,24 +20,25 @@ __all__ = ["MAX_PIXELS", "EmbeddedTexture", "ImageTexture", "Picture", "compute_
 
 
 MAX_PIXELS = 170_000_000
-"""Largest image that is read at all, 13,000 x 13,000; long before, the bounds of scenes ask whether it is meant."""
+"""Maximum size of an image that is read, 13,000 x 13,000; resource limits of scenes apply far below."""
 
 _PART_OF_TEXELS = 1_000_000
-_ONE_PICTURE = "must be one picture in grey or in colours"
+_ONE_PICTURE = "must be a single grey or colour image"
 
 
 class ImageTexture(TextureModel):
-    """An image file, laid on the surface by the mesh's UV coordinates."""
+    """Image file mapped by the UV coordinates of the mesh."""
 
     kind: Literal["image"]
     """``image``."""
     file: InputFile
-    """Path of the image; relative paths count from the scene file. Colours become luminance."""
+    """Path of the image; relative paths refer to the directory of the scene file. Colours are converted to luminance.
+    """
     encoding: Literal["linear", "srgb"] = "linear"
-    """Meaning of the grey values: proportional to radiance, or sRGB encoded."""
+    """Encoding of the grey values: proportional to radiance, or sRGB."""
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture; see `TextureModel`."""
+        """Create the texture, see `TextureModel`."""
         self._lay_on(mesh)
         assert mesh.uv is not None
         values = compute_luminance(_read_image(folder / self.file), self.encoding)
@@ -45,11 +46,11 @@ class ImageTexture(TextureModel):
 
     def _lay_on(self, mesh: TriangleMesh) -> None:
         if mesh.uv is None:
-            remedy = "the mesh has no UV coordinates to lay an image on; use a noise, plaid or uniform texture"
+            remedy = "the mesh has no UV coordinates for an image; use a noise, plaid or uniform texture"
             raise SceneError([Problem("kind", remedy, self.kind)])
 
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return the size of the image as its header says; see `TextureModel`."""
+        """Return the image size from its header, see `TextureModel`."""
         self._lay_on(mesh)
         width, height, _ = read_image_header(folder / self.file)
         return height, width
@@ -57,7 +58,7 @@ class ImageTexture(TextureModel):
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image of radiances, interpolated bilinearly."""
+    """Image of radiances with bilinear interpolation."""
 
     values: NDArray[np.float32]
     tiled: bool
@@ -71,7 +72,7 @@ class Picture:
         return values
 
     def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
-        """Return weighted means over footprints; see `SurfaceTexture`."""
+        """Return weighted means over footprints, see `SurfaceTexture`."""
         from scenetruth.scene.texture.texture_kernels import linear_means
 
         means: NDArray[np.float32] = linear_means(self.values, forms, offsets, weights, self.tiled)
@@ -83,16 +84,16 @@ class Picture:
 
 
 def read_image_header(file: Path) -> tuple[int, int, int]:
-    """Return width, height and number of pages of an image file; nothing of it is decoded."""
+    """Return width, height and number of pages of an image file without decoding it."""
     check_file_size(file, MAX_FILE_BYTES, "no such image file")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             width, height, pages = _size_in_header(file)
-    except Exception as error:  # the readers of formats raise whatever they like
+    except Exception as error:  # image readers raise various exceptions
         raise _unreadable(file, error) from error
     if width * height > MAX_PIXELS:
-        message = f"has {width} x {height} pixels, more than {MAX_PIXELS:,}; make it smaller"
+        message = f"has {width} x {height} pixels, more than {MAX_PIXELS:,}; reduce it"
         raise SceneError([Problem("file", message, str(file))])
     if pages != 1:
         raise SceneError([Problem("file", _ONE_PICTURE, f"{pages} pages")])
@@ -109,14 +110,14 @@ def _read_image(file: Path) -> NDArray[Any]:
 
     _, height, _ = read_image_header(file)
     try:
-        # From memory: imageio leaves files open that none of its plugins can read.
+        # From memory, because imageio leaves unreadable files open.
         content = file.read_bytes()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             image = np.asarray(imageio.imread(content, extension=file.suffix))
-        # Formats that may have several pages have one dimension more.
+        # Multi-page formats have an additional dimension.
         image = image[0] if image.shape[:2] == (1, height) and height > 1 else image
-    except Exception as error:  # the readers of imageio's plugins raise whatever they like
+    except Exception as error:  # imageio plugins raise various exceptions
         raise _unreadable(file, error) from error
     if image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
         raise SceneError([Problem("file", _ONE_PICTURE, f"shape {image.shape}")])
@@ -147,7 +148,7 @@ def _size_in_header(file: Path) -> tuple[int, int, int]:
 def compute_luminance(image: NDArray[Any], encoding: str) -> NDArray[np.float32]:
     """Return the luminance (Rec. 709 primaries) of an image in [0, 1], linear in radiance."""
     out = np.empty(image.shape[:2], dtype=np.float32)
-    # In parts: on the way, every number takes eight bytes several times over.
+    # In blocks, to limit the memory of float64 intermediates.
     rows = max(_PART_OF_TEXELS // max(image.shape[1], 1), 1)
     for first in range(0, len(image), rows):
         out[first : first + rows] = _luminance_of_rows(image[first : first + rows], encoding)
@@ -169,20 +170,20 @@ def _luminance_of_rows(image: NDArray[Any], encoding: str) -> NDArray[np.float32
     return np.clip(values, 0, 1).astype(np.float32)
 
 
-# A smooth ramp of 256 texels carries any radiance in [0, 1] as a texture coordinate.
+# A linear ramp of 256 texels represents any radiance in [0, 1] as a texture coordinate.
 _RAMP = 256
 
 
 class EmbeddedTexture(TextureModel):
-    """The texture image or the vertex colours that a mesh file brings along."""
+    """Texture image or vertex colours embedded in a mesh file."""
 
     kind: Literal["embedded"]
     """``own``."""
     encoding: Literal["linear", "srgb"] = "linear"
-    """Meaning of the grey values: proportional to radiance, or sRGB encoded."""
+    """Encoding of the grey values: proportional to radiance, or sRGB."""
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture; see `TextureModel`."""
+        """Create the texture, see `TextureModel`."""
         if mesh.image is not None and mesh.uv is not None:
             return Painted(Picture(compute_luminance(mesh.image, self.encoding), mesh.tiled), mesh.uv)
         if mesh.vertex_colours is not None:
@@ -193,7 +194,7 @@ class EmbeddedTexture(TextureModel):
         raise self._nothing()
 
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return how large the raster will be; see `TextureModel`."""
+        """Return the raster size, see `TextureModel`."""
         if mesh.image is not None and mesh.uv is not None:
             return mesh.image.shape[0], mesh.image.shape[1]
         if mesh.vertex_colours is None:
@@ -202,13 +203,13 @@ class EmbeddedTexture(TextureModel):
 
     def _nothing(self) -> SceneError:
         return SceneError(
-            [Problem("kind", "the mesh brings no texture image and no vertex colours; give it a texture", "embedded")]
+            [Problem("kind", "the mesh has no texture image and no vertex colours; specify a texture", "embedded")]
         )
 
 
 @dataclass(frozen=True)
 class _Ramp:
-    """Radiance carried by u itself, for colours that stand at the vertices."""
+    """Texture whose radiance equals u, for vertex colours."""
 
     tiled: bool = False
     cubic: bool = False

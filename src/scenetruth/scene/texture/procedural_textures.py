@@ -1,4 +1,4 @@
-"""Textures that are computed: checkerboard, band-limited noise, plaid and uniform grey."""
+"""Procedural textures: checkerboard, band-limited noise, plaid and uniform grey."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from scenetruth.validated_model import Finite, NonNegative, Positive
 __all__ = ["CheckerboardTexture", "NoiseTexture", "PlaidTexture", "UniformTexture"]
 
 
-# Radiance rises from square to square over one texel.
+# Radiance changes between squares over one texel.
 _TEXELS_PER_SQUARE = 256
 
 
 class CheckerboardTexture(TextureModel):
-    """Squares of two radiances by turns; four of them meet at the origin of the surface coordinates.
+    """Checkerboard of two radiances with a corner at the origin of the surface coordinates.
 
-    From one square to the next the radiance changes linearly over 1/256 of a square, for all renderers alike.
+    Radiance changes linearly between squares over 1/256 of a square, identically in all renderers.
     """
 
     kind: Literal["checkerboard"]
@@ -40,28 +40,28 @@ class CheckerboardTexture(TextureModel):
     square_mm: Positive
     """Edge length of the squares on the surface in mm."""
     radiances: tuple[Radiance, Radiance] = (0.1, 0.9)
-    """Radiance of the square to the right of the origin and below it, and of its neighbours."""
+    """Radiance of the square at the lower right of the origin, and of its neighbours."""
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture; see `TextureModel`."""
+        """Create the texture, see `TextureModel`."""
         one, other = self.radiances
         tile = np.array([[one, other], [other, one]], dtype=np.float32)
         values = np.kron(tile, np.ones((_TEXELS_PER_SQUARE, _TEXELS_PER_SQUARE), dtype=np.float32))
         return Painted(Picture(values, tiled=True), mesh.chart_mm / (2 * self.square_mm))
 
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return how large the raster will be; see `TextureModel`."""
+        """Return the raster size, see `TextureModel`."""
         return 2 * _TEXELS_PER_SQUARE, 2 * _TEXELS_PER_SQUARE
 
     @property
     def shortest_and_longest_mm(self) -> tuple[float, float]:
-        """Wavelength of its strongest waves, which run along the diagonals; the others are shorter and weaker."""
+        """Wavelength of the strongest components, along the diagonals; all others are shorter and weaker."""
         diagonal = float(np.sqrt(2)) * self.square_mm
         return diagonal, diagonal
 
 
 class NoiseTexture(TextureModel):
-    """Gaussian noise, strictly limited to a band of wavelengths."""
+    """Gaussian noise, strictly band-limited."""
 
     kind: Literal["noise"]
     """``noise``."""
@@ -70,9 +70,9 @@ class NoiseTexture(TextureModel):
     mean: Radiance = 0.5
     """Mean radiance."""
     rms_contrast: Annotated[float, Field(ge=0, le=1 / 3)] = 0.25
-    """Standard deviation of the radiance, divided by the mean; extremes are kept within [0, 1] inside the band."""
+    """Standard deviation of the radiance, divided by the mean; extremes are limited to [0, 1] within the band."""
     spectrum_exponent: Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)] = 0.0
-    """Power density inside the band is proportional to (spatial frequency) ** spectrum_exponent; 0 is white."""
+    """Power density in the band is proportional to (spatial frequency) ** spectrum_exponent; 0 is white."""
 
     @model_validator(mode="after")
     def _displayable(self) -> NoiseTexture:
@@ -91,7 +91,7 @@ class NoiseTexture(TextureModel):
         return value
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture; see `TextureModel`."""
+        """Create the texture, see `TextureModel`."""
         low, size = mesh.chart_mm.min(axis=(0, 1)), _chart_size(mesh)
 
         def make() -> dict[str, NDArray[Any]]:
@@ -108,21 +108,21 @@ class NoiseTexture(TextureModel):
         return Painted(texture, (mesh.chart_mm - low) / found["period"])
 
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return how large the raster will be; see `TextureModel`."""
+        """Return the raster size, see `TextureModel`."""
         size = _chart_size(mesh)
         if not contains_wavelength(self.wavelength_mm, size):
             raise self._too_narrow()
         return compute_noise_shape(self.wavelength_mm, size)
 
     def cache_key(self, mesh: TriangleMesh, generator: np.random.Generator) -> str:
-        """Return the key of its raster; see `TextureModel`."""
+        """Return the cache key of the raster, see `TextureModel`."""
         sources, state = source_hash(Path(__file__).parent), generator.bit_generator.state
         return entry_key(
             "noise", sources, self.wavelength_mm, _chart_size(mesh), self.spectrum_exponent, self.peak, state
         )
 
     def _too_narrow(self) -> SceneError:
-        message = "is so narrow a band that no wave of it fits on the surface; make it wider"
+        message = "no wave of the band fits on the surface; widen the band"
         return SceneError([Problem("wavelength_mm", message, self.wavelength_mm)])
 
     @property
@@ -132,7 +132,7 @@ class NoiseTexture(TextureModel):
 
     @property
     def peak(self) -> float:
-        """By how many standard deviations it may leave its mean without leaving [0, 1]."""
+        """Maximum deviation from the mean within [0, 1], in standard deviations."""
         std = self.mean * self.rms_contrast
         return 4.0 if std == 0 else min(4.0, min(self.mean, 1 - self.mean) / std)
 
@@ -176,7 +176,7 @@ _PLAID_TEXELS = 64
 
 
 class PlaidTexture(TextureModel):
-    """The paper's pattern (eq. 13): mean + amplitude cos(K_X X) cos(K_Y Y) in surface coordinates."""
+    """Pattern of the paper (eq. 13): mean + amplitude cos(K_X X) cos(K_Y Y) in surface coordinates."""
 
     kind: Literal["plaid"]
     """``plaid``."""
@@ -187,7 +187,7 @@ class PlaidTexture(TextureModel):
     amplitude: NonNegative = 0.5
     """Amplitude of the pattern; 0.5 gives grey values in [-1, 1] as in the paper."""
     phase_deg: tuple[Finite, Finite] = (0.0, 0.0)
-    """Phases in X and Y at the surface's origin, in degrees."""
+    """Phases in X and Y at the surface origin, in degrees."""
 
     @model_validator(mode="after")
     def _displayable(self) -> PlaidTexture:
@@ -197,12 +197,12 @@ class PlaidTexture(TextureModel):
         return self
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture; see `TextureModel`."""
+        """Create the texture, see `TextureModel`."""
         phases = np.asarray(self.phase_deg) / 360.0
         return Painted(_Plaid(self.mean, self.amplitude), mesh.chart_mm / self.wavelength_mm + phases)
 
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return how large the raster will be; see `TextureModel`."""
+        """Return the raster size, see `TextureModel`."""
         return _PLAID_TEXELS, _PLAID_TEXELS
 
     @property
@@ -213,7 +213,7 @@ class PlaidTexture(TextureModel):
 
 @dataclass(frozen=True)
 class _Plaid:
-    """Crossed waves; one tile is one wavelength."""
+    """Crossed cosine waves; one tile is one wavelength."""
 
     mean: float
     amplitude: float
@@ -232,14 +232,14 @@ class _Plaid:
     def raster(self) -> NDArray[np.float32]:
         centres = (np.arange(_PLAID_TEXELS) + 0.5) / _PLAID_TEXELS
         wave = np.cos(2 * np.pi * centres)
-        # A cubic B-spline takes a sampled wave of angular frequency ω per texel times (2 + cos ω) / 3.
+        # A cubic B-spline multiplies a sampled wave of angular frequency ω per texel by (2 + cos ω) / 3.
         response = (2 + np.cos(2 * np.pi / _PLAID_TEXELS)) / 3
         coefficients = self.mean + self.amplitude / response**2 * np.outer(wave, wave)
         return np.asarray(coefficients, dtype=np.float32)
 
 
 class UniformTexture(TextureModel):
-    """One radiance everywhere."""
+    """Uniform radiance."""
 
     kind: Literal["uniform"]
     """``uniform``."""
@@ -247,17 +247,17 @@ class UniformTexture(TextureModel):
     """The radiance."""
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture; see `TextureModel`."""
+        """Create the texture, see `TextureModel`."""
         return Painted(_Uniform(self.radiance), np.zeros_like(mesh.chart_mm))
 
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return how large the raster will be; see `TextureModel`."""
+        """Return the raster size, see `TextureModel`."""
         return 2, 2
 
 
 @dataclass(frozen=True)
 class _Uniform:
-    """One radiance."""
+    """Uniform radiance."""
 
     value: float
     tiled: bool = True

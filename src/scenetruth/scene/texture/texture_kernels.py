@@ -1,4 +1,4 @@
-"""Kernels that interpolate textures, and average them over the footprints of pixels."""
+"""Kernels that interpolate textures and average them over pixel footprints."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from scenetruth.threads import in_bands
 
 __all__ = ["linear_lookup", "linear_means", "plaid_means", "spline_lookup", "spline_means"]
 
-# Points, and footprints of many samples, that are worth a thread of their own.
+# Minimum number of points, and of multi-sample footprints, per thread.
 _LEAST_POINTS, _LEAST_FOOTPRINTS = 8192, 256
-# Kernels count in unsigned numbers: whether a signed index is negative is asked at every element.
+# Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 @numba.njit(cache=True, nogil=True)
 def _cubic_weights(share: np.float32) -> Any:
-    """Return six times the four weights of a cubic B-spline between its second and its third coefficient."""
+    """Return six times the four weights of a cubic B-spline between its second and third coefficient."""
     rest = np.float32(1.0) - share
     first, last = rest * rest * rest, share * share * share
     second = np.float32(4.0) - np.float32(6.0) * share * share + np.float32(3.0) * last
@@ -48,7 +48,7 @@ def _linear(values: NDArray[np.float32], u: float, v: float, tiled: bool) -> Any
 
 
 def spline_lookup(coefficients: NDArray[np.float32], uv: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Evaluate a periodic cubic B-spline; texel (i, j) stands at ((j + 1/2) / w, (i + 1/2) / h)."""
+    """Evaluate a periodic cubic B-spline; texel (i, j) is at ((j + 1/2) / w, (i + 1/2) / h)."""
     out = np.empty(uv.shape[0], dtype=np.float32)
     in_bands(_spline_lookup, uv.shape[0], coefficients, uv, out, least=_LEAST_POINTS)
     return out
@@ -68,7 +68,7 @@ def _spline_lookup(
         c0, c1, c2, c3 = x0 % columns, (x0 + 1) % columns, (x0 + 2) % columns, (x0 + 3) % columns
         total = np.float32(0.0)
         for k in range(4):
-            # A row of its own would be counted as an array in use.
+            # A row view would be reference-counted.
             r = (y0 + k) % rows
             total += wy[k] * (
                 wx0 * coefficients[r, c0]
@@ -87,9 +87,8 @@ def spline_means(
 ) -> NDArray[np.float32]:
     """Average the spline of `spline_lookup` over samples whose coordinates are quotients of linear forms.
 
-    ``forms``, shape (n, 3, 3), has the numerators of u and v and their denominator as its rows: the value at an offset
-    of zero, and the steps per unit of the offset's two components. ``offsets`` has shape (samples, 2), and
-    ``weights`` (samples,).
+    Rows of ``forms``, shape (n, 3, 3): numerators of u and v and their denominator; columns: value at zero offset,
+    steps per unit of the offset components.
     """
     out = np.empty(forms.shape[0], dtype=np.float32)
     in_bands(_spline_means, forms.shape[0], coefficients, forms, offsets, weights, out, least=_LEAST_FOOTPRINTS)
@@ -104,7 +103,7 @@ def _spline_means(
     rows, columns = coefficients.shape
     flat = coefficients.ravel()
     samples = offsets.shape[0]
-    # Positions and weights of all samples first: those loops run in vector registers.
+    # Positions and weights of all samples first, in vectorised loops.
     xs, ys = np.empty(samples, dtype=np.float64), np.empty(samples, dtype=np.float64)
     left, top = np.empty(samples, dtype=np.int64), np.empty(samples, dtype=np.int64)
     wx, wy = np.empty((4, samples), dtype=np.float32), np.empty((4, samples), dtype=np.float32)
@@ -142,7 +141,7 @@ def _spline_means(
 
 
 def linear_lookup(values: NDArray[np.float32], uv: NDArray[np.float64], tiled: bool) -> NDArray[np.float32]:
-    """Interpolate bilinearly; texel (i, j) stands at ((j + 1/2) / w, (i + 1/2) / h), outside it repeats or stays."""
+    """Interpolate bilinearly; texel (i, j) is at ((j + 1/2) / w, (i + 1/2) / h), tiled or extended outside."""
     out = np.empty(uv.shape[0], dtype=np.float32)
     in_bands(_linear_lookup, uv.shape[0], values, uv, tiled, out, least=_LEAST_POINTS)
     return out
@@ -163,7 +162,7 @@ def linear_means(
     weights: NDArray[np.float64],
     tiled: bool,
 ) -> NDArray[np.float32]:
-    """Average the image of `linear_lookup` over samples; the rest as in `spline_means`."""
+    """Average the image of `linear_lookup` over samples; other arguments as in `spline_means`."""
     out = np.empty(forms.shape[0], dtype=np.float32)
     in_bands(_linear_means, forms.shape[0], values, forms, offsets, weights, tiled, out, least=_LEAST_FOOTPRINTS)
     return out
@@ -190,7 +189,7 @@ def _linear_means(
 def plaid_means(
     forms: NDArray[np.float64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Average cos(2 pi u) cos(2 pi v) over samples; the rest as in `spline_means`."""
+    """Average cos(2 pi u) cos(2 pi v) over samples; arguments as in `spline_means`."""
     out = np.empty(forms.shape[0], dtype=np.float64)
     in_bands(_plaid_means, forms.shape[0], forms, offsets, weights, out, least=_LEAST_FOOTPRINTS)
     return out

@@ -1,4 +1,4 @@
-"""What all textures share: a model that gives the radiance of a surface at texture coordinates."""
+"""Base model of textures: radiance of a surface as a function of texture coordinates."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Radiance = Annotated[float, Field(ge=0, le=1)]
 
 
 class SurfaceTexture(Protocol):
-    """What is painted on a surface; coordinates (u, v) count in tiles, u to the right and v down."""
+    """Texture of a surface; coordinates (u, v) in tiles, u to the right and v down."""
 
     @property
     def tiled(self) -> bool:
-        """Whether the raster repeats beyond [0, 1]; otherwise its border extends."""
+        """Whether the raster repeats beyond [0, 1]; otherwise its border is extended."""
         ...
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
@@ -33,58 +33,55 @@ class SurfaceTexture(Protocol):
         ...
 
     def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
-        """Return the weighted mean of the radiance over the samples of footprints.
+        """Return the weighted mean radiance over the samples of footprints.
 
         ``forms``: Texture coordinates (u, v) = (U / W, V / W) of n footprints, shape (n, 3, 3): one row for each of U,
-          V and W, with its value in the middle and its steps per px to the right and down.
-        ``offsets``: Where the samples are, in px from the middle, shape (m, 2).
-        ``weights``: What each of them counts, shape (m,); they sum to 1.
+          V and W, with its value at the centre and its steps per px to the right and down.
+        ``offsets``: Sample offsets from the centre in px, shape (m, 2).
+        ``weights``: Sample weights with sum 1, shape (m,).
         """
         ...
 
     @property
     def cubic(self) -> bool:
-        """Whether the raster is to be read as a cubic B-spline; otherwise by bilinear interpolation."""
+        """Whether the raster is interpolated as a cubic B-spline; otherwise bilinearly."""
         ...
 
     def raster(self) -> NDArray[np.float32]:
-        """Return one tile, shape (h, w), for other renderers: coefficients of the spline, or values to interpolate.
-
-        Texel (i, j) stands at ((j + 1/2) / w, (i + 1/2) / h).
-        """
+        """Return a tile (h, w) of spline coefficients or values; texel (i, j) at ((j + 1/2) / w, (i + 1/2) / h)."""
         ...
 
 
 class Painted(NamedTuple):
-    """A texture, and where the corners of a mesh's faces are on it."""
+    """Texture with the texture coordinates of a mesh."""
 
     texture: SurfaceTexture
     """The texture."""
     uv: UV
-    """Texture coordinates at every corner of every face, shape (m, 3, 2)."""
+    """Texture coordinates at every face corner, shape (m, 3, 2)."""
     uv_back: UV | None = None
-    """Those of the side that faces wind clockwise on, if it shows something else; shape (m, 3, 2)."""
+    """Texture coordinates for the back of faces if different, shape (m, 3, 2)."""
 
 
 class TextureModel(FrozenModel):
-    """What all textures share."""
+    """Base class of textures."""
 
     kind: str
-    """Name of the texture."""
+    """Type of the texture."""
 
     @abstractmethod
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
-        """Make the texture, and the texture coordinates of a mesh."""
+        """Create the texture and the texture coordinates of a mesh."""
 
     @abstractmethod
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
-        """Return the rows and columns of the raster that the texture will have; nothing is painted or decoded."""
+        """Return the rows and columns of the raster without painting or decoding it."""
 
     def cache_key(self, mesh: TriangleMesh, generator: np.random.Generator) -> str | None:
-        """Return under which key the finished raster is kept between runs (`scenetruth.cache`); None if it is not."""
+        """Return the key of the finished raster in the cache (`scenetruth.cache`), or None if it is not cached."""
         return None
 
     @property
     def shortest_and_longest_mm(self) -> tuple[float, float] | None:
-        """Shortest and longest wavelength on the surface in mm; None if it states none."""
+        """Shortest and longest wavelength on the surface in mm; None if not specified."""
         return None
