@@ -65,7 +65,7 @@ def test_models_are_found_with_their_places() -> None:
     models = models_of(SCHEMA)
     assert list(models) == ["Box", "Ball", "Brick"]
     assert models["Ball"].paths == ["first", "names.NAME", "things[]"]
-    assert models["Ball"].kind == ("kind", "ball")
+    assert models["Ball"].selector == ("kind", "ball")
     assert models["Ball"].description == "A round one."
     rooms = {"": "all", "first": "balls", "things": "bricks", "things[].size_mm": "never"}
     assert [room_of(one, rooms) for one in models.values()] == ["all", "balls", "bricks"]
