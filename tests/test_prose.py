@@ -23,6 +23,9 @@ FORBIDDEN = re.compile(
 ALLOWED = re.compile(r"\bnot found\b|\bhalf-way\b|\bfar-sight|\bway[- ]?point|\bkind: ", re.IGNORECASE)
 """Ordinary uses of these words, and the key of YAML files."""
 
+TEMPLATE = re.compile(r"\{[{%#].*?[}%#]\}", re.DOTALL)
+"""Code in templates of pages."""
+
 PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"])
 NOT_PROSE = {"docs/reference/glossary.md"}
 """Pages that list the words."""
@@ -41,8 +44,9 @@ def prose_of_module(text: str) -> Iterator[tuple[int, str]]:
             yield token.start[0], token.string
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
-            words = re.sub(r"^ *>>>.*?(?:\n\s*\n|\Z)", "\n", node.value, flags=re.MULTILINE | re.DOTALL)
-            yield node.lineno, re.sub(r"^ *[\w*]+(?:, [\w*]+)*$", "", words, flags=re.MULTILINE)
+            words = TEMPLATE.sub(" ", node.value)
+            words = re.sub(r"^ *>>>.*?(?:\n\s*\n|\Z)", "\n", words, flags=re.MULTILINE | re.DOTALL)
+            yield node.lineno, re.sub(r"(?<=\n) *[\w*]+(?:, [\w*]+)*$", "", words, flags=re.MULTILINE)
 
 
 @pytest.mark.parametrize("package", sorted(path.name for path in (ROOT / "src" / "scenetruth").iterdir()))
@@ -56,6 +60,16 @@ def test_source(package: str) -> None:
         if (words := offences(text))
     }
     assert not wrong
+
+
+TEMPLATES = sorted((ROOT / "src" / "scenetruth").rglob("*.j2"))
+
+
+@pytest.mark.parametrize("template", TEMPLATES, ids=lambda path: path.name)
+def test_template(template: Path) -> None:
+    text = TEMPLATE.sub(" ", template.read_text(encoding="utf-8"))
+    text = re.sub(r"<(script|style)\b.*?</\1>|<[^>]*>", " ", text, flags=re.DOTALL)
+    assert offences(text) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -229,7 +229,7 @@ class Budget(Result):
         Parameters
         ----------
         source
-            Kind of the source of uncertainty, for example ``focal_length``.
+            Name of the source of uncertainty, for example ``focal_length``.
         quantity, region
             One of `quantities` and of `regions`.
 
