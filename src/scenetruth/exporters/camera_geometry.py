@@ -38,7 +38,7 @@ class CameraPose:
 
 def poses_are_real(source: ExportSource) -> bool:
     """Tell whether the maps hold for poses that cameras had in fact."""
-    return "camera_position_mm" in source.maps and source.maps.attrs.get("truth_poses", "actual") == "real"
+    return "camera_position_mm" in source.maps and source.maps.attrs.get("truth_poses", "actual") == "actual"
 
 
 def compute_pose(source: ExportSource, s: int, t: int, *, real: bool | None = None) -> CameraPose:

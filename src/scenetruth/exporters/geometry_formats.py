@@ -159,7 +159,7 @@ class OpencvYaml(ExportFormat):
     def problems(self, source: ExportSource) -> Iterator[Problem]:
         """Give what is missing of real poses."""
         if self.poses == "actual" and "camera_position_mm" not in source.maps:
-            yield Problem("poses", "needs the poses that a truth tells; take 'nominal', or the truth", "real")
+            yield Problem("poses", "needs the poses that a truth tells; take 'nominal', or the truth", "actual")
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write the cameras."""
