@@ -45,7 +45,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     # estimates and scores
     "estimate": ("estimate",),
     "find_method": ("estimators:find_method",),
-    "list_methods": ("estimators:list_methods", "estimators:list_methods"),
+    "list_methods": ("estimators:list_methods", "estimators:method_entries"),
     "score": ("score",),
     "growth_rate": ("compute_growth_rate", "surface_growth"),
     "make_estimate": ("make_estimate",),

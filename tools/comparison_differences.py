@@ -23,6 +23,8 @@ _HASH = re.compile(r"[0-9a-f]{16}")
 _DIGEST = re.compile(r"[0-9]+ bytes, sha256 [0-9a-f]+")
 _PLOT = re.compile(r":(?:.*/)?(?:figures[^/]*|plots)/[^/]*[.]png$")
 _WORD_LISTS = ("flag_meanings",)
+_TITLES = ("title",)
+"""Names of fields and columns whose texts are meant to be read, however short."""
 
 
 class Comparison:
@@ -123,7 +125,7 @@ class Comparison:
             return "hashes"
         if last in ("sha256", "bytes", "contentSize") or last.endswith(("_sha256", "_bytes")):
             return "bytes"
-        return "prose" if _is_prose(value) and last not in _WORD_LISTS else ""
+        return "prose" if last in _TITLES or (_is_prose(value) and last not in _WORD_LISTS) else ""
 
     def _compare(self, old: dict[str, Any], new: dict[str, Any]) -> list[str]:
         """Compare; entries that both sides have are taken out of ``new``."""

@@ -243,7 +243,7 @@ def _result(records: Records, key: str, result: Any) -> None:
     """Record a result: its fields, its table, and its summary in words."""
     records.flat(f"{key} / fields", result)
     records.table(f"{key} / table", to_table(result))
-    words = next((name for name in ("summary_text", "words") if hasattr(result, name)), "")
+    words = next((name for name in ("summary", "words") if hasattr(result, name)), "")
     if words:
         records.prose(f"{key} / words", find_attribute(result, words))
 
@@ -322,7 +322,7 @@ def benchmark(context: Context) -> None:
             methods = ["structure_tensor", "refined"] if two else ["structure_tensor"]
             found = call(api("compare"), methods, folder=folder, cases=[kind], values=[level])
             records.table(f"{key} / table", to_table(found))
-            records.table(f"{key} / summary", find_attribute(found, "summary"))
+            records.table(f"{key} / summary", find_attribute(found, "ranking", "summary"))
             records.table(f"{key} / efficiency", find_attribute(found, "efficiency"))
             records.prose(f"{key} / failures", list(member(found, "failures")))
             records.folder(f"{key} / folder", folder)
@@ -346,6 +346,8 @@ def _data_set(context: Context, name: str, layout: str) -> None:
     plain["set"] = {**plain.get("set", {}), **small, "render.backend": "raycast"}
     plain = {key: value for key, value in plain.items() if key not in ("paired", "paired_factors")}
     plain |= {"samples": 2, "layout": layout}
+    if layout == "shards":
+        plain |= {"ideal": True, "truth": {"poses": "real", "content": "complete"}}
     recipe = context.work / f"{layout}.yaml"
     recipe.write_text(yaml.safe_dump(context.scenes.form(plain, "Recipe"), sort_keys=False), encoding="utf-8")
     call(api("run_dataset"), api("load_recipe")(recipe), folder=place)
@@ -368,18 +370,23 @@ def exports(context: Context) -> None:
     estimate = api("estimate")(recording, "structure_tensor")
     base, changes = VARIATIONS["sensor of a preset"]
     coloured = simulate(context.scenes.load(base, changes, width=48), truth_content="complete")
+    base, changes = VARIATIONS["stage with errors"]
+    stage = {name: value for name, value in changes["stage"].items() if name not in ("rows", "row_spacing_mm")}
+    moved = simulate(context.scenes.load(base, {**changes, "stage": stage}, width=48), truth_views="all")
     options: dict[str, dict[str, Any]] = {"exr": {"compression": "none"}, "npz": {"compress": False}}
-    options |= {"ply": {"coordinates": "float32"}, "png": {}, "tiff": {}, "opencv_yaml": {}, "colmap": {"every": 2}}
+    options |= {"ply": {"coordinates": "float32"}, "png": {}, "tiff": {}, "colmap": {"every": 2}}
+    options["opencv_yaml"] = {"poses": "real"}
     for kind in api("export_formats")():
         for label, data, chosen in (
             ("truth", (recording, truth), {}),
             ("estimate", (recording, estimate), {}),
             ("colours", coloured, {}),
+            ("stage errors", moved, {}),
             ("options", (recording, truth), options.get(kind, {"image_bits": 16})),
         ):
             key, folder = f"exports / formats:{kind} / {label}", context.work / f"{kind} of {label}"
             try:
-                written = _export(data, folder, kind, chosen)
+                written = _export(context, data, folder, kind, chosen)
             except Exception as error:  # a format that does not suit these data
                 records.put(f"{key} / problem", type(error).__name__)
                 records.prose(f"{key} / problem", str(error))
@@ -388,11 +395,19 @@ def exports(context: Context) -> None:
             records.folder(key, folder)
 
 
-def _export(data: tuple[Any, Any], folder: Path, kind: str, options: Mapping[str, Any]) -> Any:
+def _export(context: Context, data: tuple[Any, Any], folder: Path, kind: str, options: Mapping[str, Any]) -> Any:
     export = api("export")
-    if first_parameter(export) == "source":
-        return export(data, kind, output=folder, **options)
-    return export(*data, folder, kind, **options)
+    # Options have the names of the checkout before; the first form that the checkout takes is meant.
+    forms = context.renames.inputs(dict(options), words_of(api("format_models")()[kind])) if options else [{}]
+    for number, form in enumerate(forms, start=1):
+        try:
+            if first_parameter(export) == "source":
+                return export(data, kind, output=folder, **form)
+            return export(*data, folder, kind, **form)
+        except Exception:  # of any class: the next form may be accepted
+            if number == len(forms):
+                raise
+    return None
 
 
 def run(context: Context) -> None:

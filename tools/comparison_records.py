@@ -249,6 +249,10 @@ class Records:
             lines = [line for line in text.splitlines() if not _TIMED.search(line[:_LONG_LINE])]
             self.prose(key, _sha(_AMOUNT.sub("N", "\n".join(lines)).encode()))
             return
+        if suffix == ".png":
+            data, texts = _without_texts(data)
+            if texts:
+                self.prose(key, texts)
         decode = getattr(self, f"_read_{suffix.lstrip('.')}", None)
         decoded = False
         if decode is not None:
@@ -328,6 +332,19 @@ class Records:
                 self.array(f"{key}{BETWEEN}variables:{name}", file[name][()])
 
     _read_flo5 = _read_dsp5
+
+
+def _without_texts(data: bytes) -> tuple[bytes, list[str]]:
+    """Return a PNG file without its chunks of text, and these texts."""
+    kept, texts, place = data[:8], [], 8
+    while place < len(data):
+        end = place + 12 + int.from_bytes(data[place : place + 4], "big")
+        if data[place + 4 : place + 8] in (b"tEXt", b"zTXt", b"iTXt"):
+            texts.append(data[place + 8 : end - 4].decode("utf-8", "replace"))
+        else:
+            kept += data[place:end]
+        place = end
+    return kept, texts
 
 
 def _sha(data: bytes) -> str:

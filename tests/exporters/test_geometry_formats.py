@@ -10,6 +10,7 @@ import plyfile
 import pytest
 import trimesh
 import xarray as xr
+from scipy.spatial.transform import Rotation
 
 import scenetruth as st
 from tests.helpers.exported_scene import Export, scene
@@ -138,9 +139,31 @@ def test_frames_other_than_the_reference_know_one_image_of_each_point(export: Ex
     assert len(images["s+0_t+1.png"][2]) > 50
 
 
+def test_points_are_seen_from_where_the_truth_was_made_for(tmp_path: Path) -> None:
+    camera = {"width": 32, "height": 24, "focal_length_px": 40}
+    moved = scene(camera=camera, stage={"positions": 3, "baseline_mm": 4.0, "errors": ERRORS}, frames={"count": 2})
+    actual = st.simulate(moved, truth_views="all")
+    assert actual.truth.attrs["truth_poses"] == "actual"
+    nominal = actual._replace(truth=st.make_truth(moved, truth_views="all", truth_poses="nominal"))
+    points = {
+        label: points_of(st.export(data, "ply", output=tmp_path / label).folder, 1, 0)[0]
+        for label, data in (("actual", actual), ("nominal", nominal))
+    }
+    depths = {
+        label: data.truth["depth"].sel(s=1, t=0).values.ravel()
+        for label, data in (("actual", actual), ("nominal", nominal))
+    }
+    depths = {label: depth[np.isfinite(depth)] for label, depth in depths.items()}
+    place, turn = (actual.truth[f"camera_{name}"].sel(s=1, t=0).values for name in ("position_mm", "rotation_rad"))
+    seen = Rotation.from_rotvec(turn).inv().apply(points["actual"] - place)
+    np.testing.assert_allclose(np.sort(seen[:, 2]), np.sort(depths["actual"]), rtol=1e-9)
+    np.testing.assert_allclose(np.sort(points["nominal"][:, 2]), np.sort(depths["nominal"]), rtol=1e-9)
+    assert np.abs(np.sort(points["actual"][:, 2]) - np.sort(depths["actual"])).max() > 0.01
+
+
 def test_real_poses_need_a_truth(recording: xr.Dataset, tmp_path: Path) -> None:
     estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
-    with pytest.raises(st.ExportError, match="poses: needs the actual poses of a truth"):
+    with pytest.raises(st.ExportError, match=r"poses: needs the actual poses of a truth.*[(]got 'actual'[)]"):
         st.export((recording, estimate), "opencv_yaml", output=tmp_path / "x", poses="actual")
     with pytest.raises(st.ExportError, match=r"frame: must be one of the frames \[-1, 0, 1\] \(got 5\)"):
         st.export((recording, estimate), "colmap", output=tmp_path / "x", frame=5)
