@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from scenetruth.errors import ScoreError
+from scenetruth.number_format import format_number
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import Score, score
-from scenetruth.scoring.number_format import format_number
 from scenetruth.scoring.statistics import RATES, STATISTICS
 from scenetruth.settings import ScoreSettings
 from tests.helpers.synthetic_case import (

@@ -93,8 +93,9 @@ def _print_budget(found: Budget, region: str) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.design.uncertainty.budget_report import SHOWN_QUANTITIES
-    from scenetruth.design.uncertainty.uncertainty_budget import number, unit_text
+    from scenetruth.design.uncertainty.uncertainty_budget import unit_text
     from scenetruth.errors import visible
+    from scenetruth.number_format import format_two_digits
     from scenetruth.scoring.quantities import get_title
 
     for quantity in (one for one in SHOWN_QUANTITIES if found.contributions(one, region)):
@@ -106,10 +107,16 @@ def _print_budget(found: Budget, region: str) -> None:
         for name in ("part", "predicted", "simulated"):
             table.add_column(name, justify="right")
         for one in found.contributions(quantity, region):
-            cells = (one.title, one.size, number(one.value), number(one.predicted), number(one.simulated))
+            cells = (
+                one.title,
+                one.size,
+                format_two_digits(one.value),
+                format_two_digits(one.predicted),
+                format_two_digits(one.simulated),
+            )
             table.add_row(*(visible(cell, lines=False) for cell in cells))
-        table.add_row("root of the sum of squares", "", number(total.root_sum_square), "", "")
-        table.add_row("all sources", "", "", "", number(total.simulated))
+        table.add_row("root of the sum of squares", "", format_two_digits(total.root_sum_square), "", "")
+        table.add_row("all sources", "", "", "", format_two_digits(total.simulated))
         make_console().print(table)
     for line in (*found.summary(region).splitlines(), *found.failures):
         typer.echo(visible(line))

@@ -45,10 +45,10 @@ from scenetruth.dataset.recipe_validation import select_numbers
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import STATISTICS
 from scenetruth.errors import StoreError
+from scenetruth.number_format import format_count, format_number
 from scenetruth.output import check_output, claim_file, claim_pictures, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
-from scenetruth.scoring.number_format import format_count, format_number
 
 if TYPE_CHECKING:
     import pyarrow

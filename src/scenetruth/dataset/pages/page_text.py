@@ -12,8 +12,8 @@ from scenetruth.dataset.distributions import Distribution, FormulaDistribution, 
 from scenetruth.dataset.sampler import HELD_OUT, Sampler
 from scenetruth.errors import visible
 from scenetruth.html import template_environment
+from scenetruth.number_format import format_count, format_number
 from scenetruth.scene.field_paths import PathError, value_at
-from scenetruth.scoring.number_format import format_count, format_number
 
 if TYPE_CHECKING:
     from jinja2 import Environment
