@@ -10,8 +10,11 @@ from scenetruth.compilation import keep_compiled_code
 if TYPE_CHECKING:
     from scenetruth.benchmark import BenchmarkResult, compare
     from scenetruth.bound import cramer_rao_bound
+    from scenetruth.dataset.dataset_estimation import estimate_dataset
     from scenetruth.dataset.dataset_export import export, verify
-    from scenetruth.dataset.generation import run_dataset
+    from scenetruth.dataset.generation import check_recipe, run_dataset
+    from scenetruth.dataset.pages.card import write_card
+    from scenetruth.dataset.pages.preview_page import preview_dataset
     from scenetruth.dataset.reading import open_dataset
     from scenetruth.dataset.recipe_loader import Recipe, load_recipe
     from scenetruth.design.optimisation import DesignResult, optimise
@@ -86,11 +89,13 @@ __all__ = [
     "Sweep",
     "assess_pattern",
     "budget",
+    "check_recipe",
     "compare",
     "compute_growth_rate",
     "cramer_rao_bound",
     "detect_convention_mismatches",
     "estimate",
+    "estimate_dataset",
     "export",
     "export_formats",
     "generate_pattern",
@@ -104,6 +109,7 @@ __all__ = [
     "open_store",
     "optimise",
     "predict",
+    "preview_dataset",
     "run_dataset",
     "run_scene",
     "save_store",
@@ -112,6 +118,7 @@ __all__ = [
     "sweep",
     "track_points",
     "verify",
+    "write_card",
     "write_report",
 ]
 
@@ -131,6 +138,10 @@ _HOMES = {
     "sweep": "design.sweeps",
     "Limits": "resources",
     "compare": "benchmark",
+    "check_recipe": "dataset.generation",
+    "estimate_dataset": "dataset.dataset_estimation",
+    "preview_dataset": "dataset.pages.preview_page",
+    "write_card": "dataset.pages.card",
     "load_recipe": "dataset.recipe_loader",
     "open_dataset": "dataset.reading",
     "Recipe": "dataset.recipe_loader",

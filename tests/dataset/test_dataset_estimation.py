@@ -29,7 +29,7 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 @pytest.mark.filterwarnings("ignore")
 def test_scores_land_in_the_catalogue_and_are_those_of_the_method(made: Path) -> None:
     found = estimate_dataset(made, settings={"working_point_px": "auto", "tau": 1e-4}, workers=1)
-    assert (found.done, found.present, found.failed) == (2, 0, {})
+    assert (found.made, found.present, found.failed) == (2, 0, [])
     dataset = st.open_dataset(made)
     column = dataset.catalogue["score.structure_tensor.all.depth.rmse"]
     for sample in dataset:
@@ -46,9 +46,9 @@ def test_scores_land_in_the_catalogue_and_are_those_of_the_method(made: Path) ->
 def test_what_has_a_score_is_not_estimated_again_nor_mixed_with_other_settings(made: Path) -> None:
     method = "plane_sweep"
     (first,) = [estimate_dataset(made, method, numbers=[0], workers=1)]
-    assert (first.done, first.present) == (1, 0)
+    assert (first.made, first.present) == (1, 0)
     again = estimate_dataset(made, method, workers=1)
-    assert (again.done, again.present) == (1, 1)
+    assert (again.made, again.present) == (1, 1)
     settings = json.loads((made / "scores" / method / "settings.json").read_text(encoding="utf-8"))
     assert settings == st.estimators.choose({"method": method}).settings.model_dump(mode="json")
     name, value = next((key, one) for key, one in settings.items() if isinstance(one, int | float) and one > 1)
@@ -70,7 +70,7 @@ def test_a_method_that_is_mended_is_measured_again(
         (tmp_path / "wall_of_datasets.py").write_text(WALL.replace("DEPTH", depth))
         sys.modules.pop("wall_of_datasets", None)
         found = estimate_dataset(made, "wall_of_datasets:f", workers=1, numbers=numbers)
-        return found.done, found.present, len(found.failed)
+        return found.made, found.present, len(found.failed)
 
     def biases() -> list[float]:
         return list(st.open_dataset(made).catalogue["score.wall_of_datasets-f.all.depth.bias"])

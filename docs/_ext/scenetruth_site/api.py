@@ -59,8 +59,17 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         "scenetruth.bound": ("closed_form_bound", "ClosedFormBound", "texture_gradient"),
     },
     "datasets": {
-        "scenetruth": ("load_recipe", "Recipe", "run_dataset", "open_dataset"),
-        "scenetruth.dataset": ("check_recipe", "RecipeReport", "preview_dataset"),
+        "scenetruth": (
+            "load_recipe",
+            "Recipe",
+            "check_recipe",
+            "preview_dataset",
+            "run_dataset",
+            "estimate_dataset",
+            "open_dataset",
+            "write_card",
+        ),
+        "scenetruth.dataset": ("RecipeReport", "DatasetRunResult"),
     },
     "design": {
         "scenetruth": (

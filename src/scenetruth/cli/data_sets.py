@@ -182,7 +182,7 @@ def estimate(
             retries=retries,
             progress=reporter,
         )
-    print_wrote(dataset, f"{found.done:,} scores; {found.present:,} existing scores were reused")
+    print_wrote(dataset, f"{found.made:,} scores; {found.present:,} existing scores were reused")
     if found.failed:
         echo(f"{len(found.failed):,} samples failed", err=True)
         raise typer.Exit(_EXIT_SOME_FAILED)
@@ -199,10 +199,9 @@ def card(
     """Write the data-set card: card.html, card.md and croissant.json."""
     from scenetruth.cli.console import reporting
     from scenetruth.dataset.pages.card import write_card
-    from scenetruth.dataset.pages.croissant import Publication
 
     with reporting() as reporter:
-        page = write_card(dataset, Publication(version, date, url), overwrite=overwrite, progress=reporter)
+        page = write_card(dataset, version=version, date=date, url=url, overwrite=overwrite, progress=reporter)
     print_wrote(page)
 
 

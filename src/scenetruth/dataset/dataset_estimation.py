@@ -10,6 +10,7 @@ from typing import Any
 
 from scenetruth.dataset.catalogue import flatten_score, score_file, write_scores
 from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
+from scenetruth.dataset.generation import DatasetRunResult
 from scenetruth.dataset.layout import DatasetFolder, compute_shard_number, extract_sample
 from scenetruth.dataset.samples import SampleStore
 from scenetruth.errors import EstimateError, Problem
@@ -18,7 +19,7 @@ from scenetruth.estimators.code_fingerprint import compute_code_fingerprint
 from scenetruth.estimators.method_specs import MethodSpec, read_method
 from scenetruth.jobs.executors import resolve_workers
 from scenetruth.jobs.results import TaskResult, perform_task
-from scenetruth.jobs.scheduler import ParallelResult, for_each
+from scenetruth.jobs.scheduler import for_each
 from scenetruth.output import write_atomically
 from scenetruth.pipeline import PipelineRunner, RunDirectory, run_problems
 from scenetruth.progress import Progress, say
@@ -39,12 +40,65 @@ def estimate_dataset(
     scheduler: str | None = None,
     workers: int = 1,
     progress: Progress | None = None,
-) -> ParallelResult:
+) -> DatasetRunResult:
     """Estimate samples of a data set by a method, and score them.
 
     Estimates and scores are stored in the directories of the samples; for samples in tar files, only the scores are
     stored. The catalogue gains the columns ``score.METHOD.REGION.QUANTITY.STATISTIC``. Existing scores are reused,
     unless the code of a user-defined method has changed: then all of its scores are removed first.
+
+    Parameters
+    ----------
+    dataset
+        Directory of the data set.
+    method
+        Name of the method, or a `scenetruth.estimators.MethodSpec` that names one; by default that of the recipe.
+    settings
+        Settings of the method that differ from those of the recipe.
+    numbers
+        Numbers of the samples; by default all.
+    retries
+        How often a failed sample is tried again.
+    threads
+        Threads of each worker.
+    scheduler
+        Address of a Dask scheduler, whose workers are used instead.
+    workers
+        Processes: 1, the default, for this process, -1 for all processors.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    DatasetRunResult
+        ``made`` and ``present``: numbers of new and of existing scores; ``failed``: numbers of the failed samples.
+
+    Raises
+    ------
+    EstimateError
+        If the method is unknown, a setting is invalid, or the settings differ from those of existing scores.
+    StoreError
+        If the data set is damaged.
+
+    See Also
+    --------
+    run_dataset : Generates the data set.
+    open_dataset : Reads its samples.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
+    >>> recipe = {"name": "walls", "base": plain, "samples": 2, "licence": "CC-BY-4.0"}
+    >>> with TemporaryDirectory() as folder:
+    ...     made = st.run_dataset(recipe, output=f"{folder}/walls")
+    ...     result = st.estimate_dataset(f"{folder}/walls", "plane_sweep")
+    >>> result.made, result.present, result.failed
+    (2, 0, [])
     """
     resolve_workers(workers)
     places = DatasetFolder(dataset)
@@ -76,7 +130,7 @@ def estimate_dataset(
         notice=say,
     )
     write_scores(places, chosen.method)
-    return found
+    return DatasetRunResult(places, found.done, found.present, sorted(found.failed))
 
 
 def _choice(own: MethodChoice, method: str | MethodSpec | None, settings: Mapping[str, Any]) -> MethodChoice:

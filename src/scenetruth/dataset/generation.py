@@ -51,10 +51,30 @@ __all__ = [
 
 @dataclass
 class DatasetRunResult:
-    """Result of a run.
+    """Result of `run_dataset` or `estimate_dataset`.
 
-    ``folder``: Directory of the data set. ``made``: Number of samples generated. ``present``: Number of existing
-    samples of the partition. ``failed``: Numbers of the failed samples.
+    Parameters
+    ----------
+    folder
+        Directory of the data set.
+    made
+        Number of new samples, or of new scores.
+    present
+        Number of existing results that were reused.
+    failed
+        Numbers of the failed samples.
+
+    See Also
+    --------
+    scenetruth.run_dataset, scenetruth.estimate_dataset : Return it.
+
+    Examples
+    --------
+    >>> from scenetruth.dataset import DatasetRunResult
+    >>> from scenetruth.dataset.layout import DatasetFolder
+    >>> result = DatasetRunResult(DatasetFolder("outputs/leaves"), made=98, present=900, failed=[17, 512])
+    >>> f"{result.made} of {result.made + len(result.failed)} new samples"
+    '98 of 100 new samples'
     """
 
     folder: DatasetFolder

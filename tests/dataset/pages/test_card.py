@@ -26,7 +26,7 @@ from tests.helpers.nightly import nightly
 from tests.helpers.small_recipes import RECIPE
 
 HOSTILE = "<script>alert(1)</script> | **bold** [link](x) {{ 7 * 7 }}"
-PUBLISHED = Publication("1.2.0", "2026-11-23", "https://example.org/tiles")
+PUBLISHED: dict[str, Any] = {"version": "1.2.0", "date": "2026-11-23", "url": "https://example.org/tiles"}
 # Libraries that mlcroissant reads with warn of how it calls them.
 READS_WITH_OLD_CALLS = pytest.mark.filterwarnings(
     "ignore:ConjunctiveGraph is deprecated:DeprecationWarning", "ignore:The inplace keyword:DeprecationWarning"
@@ -71,7 +71,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_card(dataset: Path) -> None:
-    page = write_card(dataset, PUBLISHED)
+    page = write_card(dataset, **PUBLISHED)
     first = files(dataset)
     assert page == dataset / "card.html"
     assert set(first) == {"card.html", "card.md", "croissant.json", "contact_sheet.png", "values.png", "statistics.png"}
@@ -95,15 +95,15 @@ def test_card(dataset: Path) -> None:
     assert "](card/contact_sheet.png)" in markdown
     assert f"| depth of tile over 100 mm | {refused} |" in markdown
     with pytest.raises(OutputExistsError, match="--overwrite"):
-        write_card(dataset, PUBLISHED)
-    write_card(dataset, PUBLISHED, overwrite=True)
+        write_card(dataset, **PUBLISHED)
+    write_card(dataset, **PUBLISHED, overwrite=True)
     assert files(dataset) == first
 
 
 @READS_WITH_OLD_CALLS
 def test_croissant_is_valid_and_its_records_are_the_catalogue(dataset: Path, warned: pytest.LogCaptureFixture) -> None:
     mlcroissant = pytest.importorskip("mlcroissant")
-    write_card(dataset, PUBLISHED)
+    write_card(dataset, **PUBLISHED)
     found = mlcroissant.Dataset(jsonld=dataset / "croissant.json")
     issues = found.metadata.ctx.issues
     assert not issues.errors
@@ -131,7 +131,7 @@ def plain(value: Any) -> Any:
 
 
 def test_croissant_tells_what_is_there(dataset: Path) -> None:
-    write_card(dataset, PUBLISHED)
+    write_card(dataset, **PUBLISHED)
     told = json.loads((dataset / "croissant.json").read_text(encoding="utf-8"))
     assert told["license"] == "CC-BY-4.0"
     assert [one["name"] for one in told["creator"]] == ["Somebody", "Somebody Else"]
@@ -154,7 +154,7 @@ def test_what_a_recipe_leaves_out_is_told(dataset: Path) -> None:
     lines = recipe.read_text(encoding="utf-8").splitlines()
     kept = [line for line in lines if not line.startswith(("licence:", "citation:"))]
     recipe.write_text("\n".join(kept) + "\n", encoding="utf-8")
-    write_card(dataset, PUBLISHED)
+    write_card(dataset, **PUBLISHED)
     assert "No licence is specified" in (dataset / "card.html").read_text(encoding="utf-8")
     issues = mlcroissant.Dataset(jsonld=dataset / "croissant.json").metadata.ctx.issues
     assert not issues.errors

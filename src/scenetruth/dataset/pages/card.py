@@ -239,14 +239,60 @@ def _origin(sampler: Sampler, identity: DatasetFingerprint) -> list[tuple[str, s
 
 
 def write_card(
-    folder: str | Path,
-    publication: Publication | None = None,
+    dataset: str | Path,
     *,
+    version: str = "1.0.0",
+    date: str = "",
+    url: str = "",
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Write the card of a data set with images and distributions, and its metadata; the output is reproducible."""
-    places = DatasetFolder(folder)
+    """Write the card of a data set with images and distributions, and its metadata; the output is reproducible.
+
+    Parameters
+    ----------
+    dataset
+        Directory of a complete data set.
+    version, date, url
+        Version, date of publication (``YYYY-MM-DD``) and address of the published data set; empty if unpublished.
+    overwrite
+        Whether an existing card may be replaced.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    pathlib.Path
+        The page ``card.html``; ``card.md`` and ``croissant.json`` are written next to it.
+
+    Raises
+    ------
+    StoreError
+        If the data set is incomplete or damaged.
+    RecipeError
+        If version, date or address are invalid.
+    OutputExistsError
+        If a card exists and ``overwrite`` is false.
+
+    See Also
+    --------
+    run_dataset : Generates the data set.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
+    >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "render": {"backend": "raycast"}}
+    >>> recipe = {"name": "walls", "base": plain, "samples": 2, "licence": "CC-BY-4.0"}
+    >>> with TemporaryDirectory() as folder:
+    ...     made = st.run_dataset(recipe, output=f"{folder}/walls")
+    ...     st.write_card(f"{folder}/walls", version="1.1.0").name
+    'card.html'
+    """
+    places = DatasetFolder(dataset)
     identity = read_fingerprint(places)
     sampler = open_sampler(places)
     if not places.catalogue.exists():
@@ -261,7 +307,7 @@ def write_card(
     for target, claim in targets.items():
         check_output(target, overwrite=overwrite, claim=claim)
     table = read_catalogue(places, sampler)
-    published = publication or Publication()
+    published = Publication(version, date, url)
     with ExitStack() as stack:
         # Files are moved into place when all are complete, the page after its figures.
         asides = [
