@@ -31,8 +31,7 @@ __all__ = [
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Rows per band: their arrays fit into the cache of the processor.
-_ROWS_PER_BAND = 16
+_ROWS_PER_BAND = 16  # rows per band: their arrays fit into the cache of the processor
 # Least area of a pixel in another image, as a fraction of its area in the reference; it vanishes at grazing incidence.
 _LEAST_AREA = 1e-3
 
@@ -127,8 +126,7 @@ Window = Literal["gaussian", "even"]
 # Truncation of Gaussian windows in standard deviations, as in the built-in methods.
 _CUT = 2.0
 _POWERS = 3
-# Rows per call of the summation.
-_ROWS_PER_SUM = 128
+_ROWS_PER_SUM = 128  # rows per call of the summation
 
 
 def window_weights(window: Window, sigma_px: float) -> Map:
@@ -143,11 +141,7 @@ def window_weights(window: Window, sigma_px: float) -> Map:
 
 @dataclass(frozen=True, eq=False)
 class WindowSums:
-    """Sums over the windows around n pixels.
-
-    ``sums``: Weighted sums of products (n,), by the index of the pair of fields and the powers of the distance along x
-      and y; ``squares``: the sums with squared weights.
-    """
+    """Sums (n,) of products over n windows, by pair of fields and powers of x and y; ``squares``: squared weights."""
 
     rows: NDArray[np.int64]
     columns: NDArray[np.int64]

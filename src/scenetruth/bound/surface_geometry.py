@@ -136,8 +136,7 @@ def _slope(values: Map, pieces: NDArray[np.int64], axis: int) -> Map:
     return slope
 
 
-# The spline derivative reaches further: a step at a distance of 3 px contributes a tenth of its height.
-_REACH_PX = 2
+_REACH_PX = 2  # the spline derivative reaches further: a step at a distance of 3 px contributes a tenth of its height
 
 
 def label_surface_segments(truth: xr.Dataset) -> NDArray[np.int64]:

@@ -40,8 +40,7 @@ FIELDS = 4
 """Fields of a point: the disparity d and the velocity q_X, q_Y, q_Z in baselines per frame."""
 MOTION = 3
 """Index of the first parameter of motion."""
-# Each field has a value at the window centre, and slopes along x and y.
-_PER_FIELD = 3
+_PER_FIELD = 3  # each field has a value at the window centre, and slopes along x and y
 
 
 @dataclass(frozen=True)

@@ -319,11 +319,7 @@ class EstimationTask:
 
 
 class _ValidityPut:
-    """Writes the maps of a method and derives those of `VALIDITY_MAPS` that the method lacks, frame by frame.
-
-    ``blank``: The blank estimate of the method.
-    ``put``: Receives the maps.
-    """
+    """Writes the maps of a method and derives those of `VALIDITY_MAPS` that the method lacks, frame by frame."""
 
     def __init__(self, blank: xr.Dataset, recording: xr.Dataset, put: Put) -> None:
         self._blank, self._recording, self._put = blank, recording, put

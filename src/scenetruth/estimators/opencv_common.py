@@ -39,8 +39,6 @@ def outer_percentiles(parts: Iterable[Values], percent: float, most: int) -> tup
 
     Only one part and about twice the values beyond the percentiles are in memory.
 
-    ``parts``: Values of any shape; NaN is ignored.
-
     >>> outer_percentiles([np.array([3.0, 1.0]), np.array([[2.0], [np.nan]])], 25, 4)
     (1.5, 2.5)
     """
@@ -95,8 +93,7 @@ GreyImages = Callable[[int, int], Bytes]
 # Images in the cache: two cameras and two frames.
 _HELD = 4
 _SIXTEENTHS = 16
-# Smallest number of columns that suffices to determine the disparity range.
-_LEAST_WIDTH = 160
+_LEAST_WIDTH = 160  # smallest number of columns that suffices to determine the disparity range
 
 
 class StereoSettings(MethodSettings):
@@ -149,10 +146,7 @@ def cv2_problems() -> list[Problem]:
 
 
 def eight_bit_images(recording: xr.Dataset) -> GreyImages:
-    """Return a function that reads the images as 8-bit grey images, with a common scale for other types.
-
-    The scale is from the 0.1th to the 99.9th percentile of the whole recording.
-    """
+    """Return a reader of 8-bit grey images; other types are scaled from the 0.1th to the 99.9th percentile of all."""
     image = recording["image"].variable
     # A grid of one row is a single row.
     image = image.isel(s_y=0) if "s_y" in image.dims else image

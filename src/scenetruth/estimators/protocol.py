@@ -328,8 +328,6 @@ class StreamingMethod(Method):
 class FrameReader:
     """Reader of windows of frames from a recording; the overlap of consecutive windows is read only once.
 
-    ``recording``: A validated recording, in memory or opened from a store.
-
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 9, 30, 40)), focal_length_px=500, baseline_mm=5)
     >>> reader = FrameReader(recording)

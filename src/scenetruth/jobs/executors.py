@@ -60,10 +60,7 @@ class TaskExecutor(Protocol):
 
 
 class ProcessExecutor:
-    """Local processes, started by spawning.
-
-    ``count``: Number of processes. ``threads``: Threads per process.
-    """
+    """Local processes, started by spawning: ``count`` processes with ``threads`` threads each."""
 
     lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
 
@@ -151,11 +148,7 @@ class SerialExecutor:
 
 
 class DaskExecutor:
-    """The workers of a Dask cluster.
-
-    ``address``: Address of the scheduler: ``tcp://host:8786``, or the path of a scheduler file. ``threads``: Threads
-    per task. ``at_once``: Number of tasks submitted simultaneously per worker.
-    """
+    """Dask workers at ``address``, ``tcp://host:8786`` or a scheduler file, with ``at_once`` submitted tasks each."""
 
     def __init__(self, address: str, threads: int = 1, at_once: int = 2) -> None:
         try:

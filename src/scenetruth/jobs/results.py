@@ -38,9 +38,8 @@ __all__ = [
 class TaskResult:
     """The result of a task, or its error.
 
-    ``number``: Number of the task. ``values``: The values that the task returned; empty if it failed. ``failure``: The
-    error as plain values, with a ``message``; empty if there was none. ``seconds``: Duration of the task.
-    ``disk_full``: Whether the task failed because the disk was full. Such a task is repeated without limit.
+    ``values``: Empty if the task failed. ``failure``: The error as plain values, with a ``message``; empty if none.
+    ``disk_full``: Whether the disk was full. Such a task is repeated without limit.
     """
 
     number: int
@@ -118,7 +117,6 @@ class ResultStore:
     A file contains the key of its task, the digest of all values on which the result depends, which is usually also its
     name. A file with another key is not the result of the task.
 
-    ``folder``: The directory.
     ``remedy``: Imperative that replaces a damaged file after it was removed, for example "run the sweep again".
     """
 
@@ -165,12 +163,7 @@ class ResultStore:
 
 
 class ResultLog:
-    """Results appended to a file, one JSON object with a ``key`` per line.
-
-    An incomplete last line of a killed process is ignored.
-
-    ``file``: The file; None to write none.
-    """
+    """Results in a file (None: no file), a JSON object with a ``key`` per line; an incomplete last line is ignored."""
 
     def __init__(self, file: Path | None) -> None:
         self.lines: list[dict[str, Any]] = [] if file is None else _read_lines(file)

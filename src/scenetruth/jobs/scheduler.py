@@ -23,17 +23,12 @@ __all__ = ["ParallelResult", "ResourceGuard", "TaskScheduler", "for_each", "map_
 _RECHECK_S = 2.0
 FULL_S = 5.0
 """Seconds between attempts to write to a full disk."""
-_SPARE_BYTES = 200e6
-"""Disk space kept free, in bytes."""
+_SPARE_BYTES = 200e6  # disk space kept free, in bytes
 
 
 @dataclass
 class ResourceGuard:
-    """Test whether disk space and memory suffice for another task.
-
-    ``folder``: Output directory. ``disk_bytes``: Disk space reserved for running tasks. ``memory_bytes``: Memory per
-    task.
-    """
+    """Test whether disk space (``disk_bytes`` for running tasks) and memory per task suffice for another task."""
 
     folder: Path
     disk_bytes: float
@@ -82,8 +77,7 @@ def write_with_retry(write: Callable[[], None], what: str, say: Callable[[str], 
             return
 
 
-_AHEAD = 2
-"""Number of submitted tasks per worker: one running, one queued."""
+_AHEAD = 2  # number of submitted tasks per worker: one running, one queued
 _POLL_S = 1.0
 _DIED = "its process died: killed, out of memory, or a crash of compiled code"
 
@@ -92,12 +86,10 @@ _DIED = "its process died: killed, out of memory, or a crash of compiled code"
 class TaskScheduler:
     """Scheduler of tasks, each of which is one call in a worker.
 
-    ``workers``: The executor. ``work``: Function of a task: called with ``arguments`` and its number, returns
-    `TaskResult`. ``arguments``: First arguments of every call. ``retries``: Number of retries of a failed task, after
-    all others, in a new process. A task that failed because the disk was full is retried without limit. ``recycle``:
-    Number of tasks after which local processes are restarted. ``pause``: Returns why no task may start now; empty if
-    one may. ``made``: Called with every successful result. ``failed``: Called with every final failure. ``said``:
-    Called with messages for the user.
+    ``work``: Called with ``arguments`` and the number of the task; returns `TaskResult`. ``retries``: Number of retries
+    of a failed task, after all others, in a new process; without limit if the disk was full. ``recycle``: Number of
+    tasks after which local processes are restarted. ``pause``: Returns why no task may start now; empty if one may.
+    ``made``, ``failed``: Called with every successful result and every final failure. ``said``: Called with messages.
     """
 
     workers: TaskExecutor
@@ -211,11 +203,7 @@ def _died(number: int) -> TaskResult:
 
 @dataclass
 class ParallelResult:
-    """Summary of parallel tasks.
-
-    ``done``: Number of completed tasks. ``present``: Number of tasks completed before. ``failed``: Errors by number of
-    the sample.
-    """
+    """Numbers of tasks completed in this run and before, and errors by number of the sample."""
 
     done: int = 0
     present: int = 0

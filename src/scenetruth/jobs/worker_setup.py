@@ -70,8 +70,7 @@ def keep_freed_memory() -> None:
         adjust(_TRIM_THRESHOLD, 64 * 2**20)
 
 
-# Constants of malloc.h.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # constants of malloc.h
 
 
 def run_with_threads(threads: int, work: Callable[..., Any], *arguments: Any) -> Any:

@@ -239,10 +239,7 @@ def _remove(path: Path) -> None:
 
 
 def _clear_up(path: Path) -> None:
-    """Remove the output of a failed or interrupted writer.
-
-    Threads of zarr may still write a chunk after the error: the path must remain absent for a while.
-    """
+    """Remove output of a failed writer until it stays absent: threads of zarr may write chunks after the error."""
     quiet_since = time.monotonic()
     deadline = quiet_since + _PATIENCE_S
     while time.monotonic() < min(quiet_since + _QUIET_S, deadline):

@@ -23,10 +23,7 @@ __all__ = ["Writer", "locked", "this_writer", "written_by"]
 
 @dataclass(frozen=True)
 class Writer:
-    """A process on a machine.
-
-    ``host``: Hash of the host name, eight digits. ``process``: Process ID. ``start``: Start time in clock ticks since
-    boot, because process IDs are reused.
+    """A process: host-name hash of eight digits, ID, and start in clock ticks since boot, because IDs are reused.
 
     >>> writer = Writer("0123abcd", 17, 4711)
     >>> written_by(f".cube.partial-{writer}") == (".cube.partial", writer)

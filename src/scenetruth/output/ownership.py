@@ -11,11 +11,7 @@ __all__ = ["Claim", "OwnershipResult", "claim_file", "claim_folder", "claim_pict
 
 @dataclass(frozen=True)
 class OwnershipResult:
-    """Result of a claim of an existing file or directory.
-
-    ``refusal``: Why it may not be replaced; empty if it may.
-    ``foreign``: Foreign names in the directory, which are kept.
-    """
+    """Why an existing path may not be replaced (empty if it may), and foreign names in the folder, which are kept."""
 
     refusal: str = ""
     foreign: tuple[str, ...] = ()

@@ -26,10 +26,7 @@ _DIE_WITH_PARENT = 1
 
 
 class FigureWorker:
-    """Second process, limited to one processor; it imports modules while other work proceeds.
-
-    It ends with the block, or with the parent process.
-    """
+    """Second process on one processor that imports modules during other work; it ends with the block or its parent."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None

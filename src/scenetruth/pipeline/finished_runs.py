@@ -22,10 +22,7 @@ __all__ = ["VerificationResult", "export_run", "verify_run"]
 
 @dataclass(frozen=True)
 class VerificationResult:
-    """Result of the verification of a file or store.
-
-    ``path``: The file or store. ``problem``: Description of the problem; empty if there is none.
-    """
+    """Result of the verification of a file or store; ``problem`` is empty if there is none."""
 
     path: Path
     problem: str = ""

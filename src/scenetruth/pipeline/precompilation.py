@@ -71,10 +71,7 @@ _SCENES: dict[str, dict[str, Any]] = {
 def precompile(
     progress: Progress | None = None, beside: Callable[[MethodChoice, str], None] | None = None
 ) -> list[str]:
-    """Compile the kernels of scenes, truth, methods and scores with numba, or load them from the cache.
-
-    Compilation takes 1 to 2 min once per machine; compiled code is cached next to the package or in the user's cache.
-    """
+    """Compile the kernels of scenes, truth, methods and scores with numba (1 to 2 min), or load them from the cache."""
     from scenetruth.errors import EstimateError
     from scenetruth.estimators import choose, estimate, list_methods
     from scenetruth.scene import Scene

@@ -29,11 +29,7 @@ __all__ = ["MethodPaths", "RunDirectory", "claim_entry", "claim_run"]
 
 @dataclass(frozen=True)
 class MethodPaths:
-    """Files of one method in a run directory.
-
-    ``estimate``: Store of the estimate. ``score_json``, ``score_csv``: Its score. ``report``, ``figures``: The report,
-    and the directory of its figures.
-    """
+    """Files of one method in a run directory; ``figures`` is the directory of the figures of the report."""
 
     estimate: Path
     score_json: Path

@@ -68,11 +68,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunResult:
-    """Results of a run.
-
-    ``folder``: The run directory. ``scores``: Scores by method. ``failures``: Errors by method; results of other
-    methods and stages are unaffected. ``timings_s``: Duration of each type of task in seconds.
-    """
+    """Scores and errors of a run by method, and durations by type of task; other methods are unaffected by errors."""
 
     folder: RunDirectory
     scores: Mapping[str, Score] = field(default_factory=dict)
@@ -83,10 +79,8 @@ class RunResult:
 class PipelineRunner:
     """Runner of the stages in a directory; intermediate results stay in memory.
 
-    ``folder``: The run directory. ``overwrite``: Whether existing results may be replaced. ``check``: Whether to reject
-    parts of different runs. ``progress``: Called with (what, done, total). ``helper``: A second process for figures.
-    ``limits``: Resource limits; the default limits if not given. ``asked``: Hash of the arguments of all stages after
-    rendering: an interrupted run with the same hash is resumed. None for single stages.
+    ``check``: Whether to reject parts of different runs. ``asked``: Hash of all arguments of stages after rendering:
+    an interrupted run with the same hash is resumed. None for single stages.
     """
 
     def __init__(
@@ -281,10 +275,7 @@ class PipelineRunner:
             self._say(unseen)
 
     def report(self, method: str, figures: Collection[str] | None = None, figures_also: Collection[str] = ()) -> None:
-        """Draw the figures of a method's estimate, and write the report, with errors if there is a truth.
-
-        ``figures_also``: further formats of the figures besides PNG, such as ``"pdf"``.
-        """
+        """Write figures and report, with errors if there is a truth; ``figures_also``: figure formats besides PNG."""
         from scenetruth.scoring.report.score_report import matches_fingerprint, write_report_with
 
         files = self.folder.of(method)

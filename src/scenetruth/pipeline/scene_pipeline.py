@@ -273,10 +273,7 @@ def _run_stages(
 def _compiling_in_parallel(
     helper: FigureWorker | None, scene: Scene, choices: Sequence[MethodChoice]
 ) -> Iterator[None]:
-    """Compile in a second process if this process compiles, as in the first run on a machine.
-
-    The methods are compiled first, then the kernels that this process needs just before them.
-    """
+    """Compile in a second process if this process compiles: methods first, then kernels just before their use."""
     from scenetruth.camera.sensor import build_sensor_chain
     from scenetruth.pipeline.compile_probe_kernels import probe_kernel
 

@@ -10,10 +10,8 @@ from scenetruth.resources.workload import RecordingWorkload, Workload
 
 __all__ = ["Forecast", "StageForecast", "estimate_cost"]
 
-_REFERENCE_WORK_S = 2.2e-3
-"""`work_s` of the machine on which the constants were measured."""
-_SPEEDS = (0.25, 4.0)
-"""Limits of the speed ratio; a machine outside was probably busy during the measurement."""
+_REFERENCE_WORK_S = 2.2e-3  # `work_s` of the machine on which the constants were measured
+_SPEEDS = (0.25, 4.0)  # limits of the speed ratio; a machine outside was probably busy during the measurement
 
 
 @dataclass(frozen=True)
@@ -96,31 +94,24 @@ _RAYS = _Backend(0.0, 2.7e-7, 1.07e-8, 0.0, 0.0, 0.0, 0.0)
 _OPENGL = _Backend(0.6, 2.1e-7, 1.44e-8, 1.6e8, 4.2, 1090.0, 3.7)
 
 _START_S = 3.5
-_LIGHT_S = 9e-7
-"""Per lit pixel of a sharp image."""
-_STRIP_S = 1.35e-2
-"""Per image strip of a rolling shutter."""
-_IMAGE_S, _FACE_IN_IMAGE_S = 1e-2, 1.8e-6
-"""Per sharp image, and per triangle in it."""
+_LIGHT_S = 9e-7  # per lit pixel of a sharp image
+_STRIP_S = 1.35e-2  # per image strip of a rolling shutter
+_IMAGE_S, _FACE_IN_IMAGE_S = 1e-2, 1.8e-6  # per sharp image, and per triangle in it
 _LEAF_FACE_S = 1.6e-5
-_TRUTH_S, _COMPLETE_TRUTH_S = 3.8e-7, 1.9e-6
-"""Per pixel of the ground truth."""
-_TEXEL_S, _NOISE_TEXEL_S, _LEAF_TEXEL_S = 9.7e-8, 2.4e-7, 3.5e-7
-"""Per texel of a cached texture, and in addition per texel to be generated."""
+_TRUTH_S, _COMPLETE_TRUTH_S = 3.8e-7, 1.9e-6  # per pixel of the ground truth
+_TEXEL_S, _NOISE_TEXEL_S, _LEAF_TEXEL_S = 9.7e-8, 2.4e-7, 3.5e-7  # per texel, and in addition if generated
 
 _START_BYTES = 2.55e8
 _PIXEL_BYTES, _COMPLETE_PIXEL_BYTES, _FINE_PIXEL_BYTES, _LIT_PIXEL_BYTES = 322.0, 770.0, 27.0, 35.0
 _FACE_BYTES, _TEXEL_BYTES, _PAINTED_TEXEL_BYTES = 995.0, 8.1, 1.0
 
-_STORED_SAMPLE_BYTES: Mapping[int, float] = {1: 0.75, 2: 1.28, 4: 3.0}
-"""Per pixel of the recording, with noise, by sample size in bytes."""
+_STORED_SAMPLE_BYTES: Mapping[int, float] = {1: 0.75, 2: 1.28, 4: 3.0}  # per pixel with noise, by bytes of a sample
 _STORED_FLAT_BYTES, _STORED_CURVED_BYTES, _STORED_BYTES_BY_FACES, _FACES_FEW = 8.5, 22.0, 50.0, 1_000
 """Per pixel of the ground truth: with few large faces; otherwise; and in addition per face in a pixel."""
 _MOST_FACES_PER_PIXEL = 0.6
 _COMPLETE = 2.8
 _NARROW = 0.55
-_STORED_AT_MOST_BYTES = 65.0
-"""Per pixel of the ground truth, for any surface (largest measured value: 59)."""
+_STORED_AT_MOST_BYTES = 65.0  # per pixel of the ground truth, for any surface (largest measured value: 59)
 _STORE_BYTES = 1e5
 
 
@@ -185,8 +176,7 @@ def _rendered_by(demand: Workload, backend: _Backend) -> tuple[float, float]:
 # their cost (`MethodWorkload`). OpenCV methods take 0.3 to 0.4 of this memory for small images, and 0.4 to 1.2 of it
 # for large images.
 _ESTIMATE_START_S, _ESTIMATE_START_BYTES = 2.8, 2.8e8
-_LOST_FRAMES = 8
-"""Frames at both ends without an estimate."""
+_LOST_FRAMES = 8  # frames at both ends without an estimate
 _WHOLE_BYTES = 150.0
 """Per pixel of every image, for methods that hold all frames (functions, anything but a `StreamingMethod`)."""
 _STORED_ESTIMATE_BYTES, _STORED_ESTIMATE_AT_MOST_BYTES = 15.0, 100.0

@@ -116,8 +116,7 @@ def _up(value: float) -> str:
     return str(-int(-value // size) * size)
 
 
-_MOST_NOISE = 0.5
-"""Noise of half the full scale leaves no usable image; camera noise is a few hundredths."""
+_MOST_NOISE = 0.5  # noise of half the full scale leaves no usable image; camera noise is a few hundredths
 _MOST_GROWTH_PER_HOUR = 1.0
 """Growth of 100 % per hour is not plausible for a plant: the fastest leaves grow by a few per cent per hour."""
 _LEAST_FOCAL_WIDTHS = 0.1

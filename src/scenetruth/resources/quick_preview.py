@@ -30,10 +30,8 @@ _MOST_PIECES = 400_000
 _LOOKS = 300
 _FEWEST_MOMENTS = 3
 _MOST_BODIES = 100
-# Largest number of triangles of a mesh that is built for the preview.
-_QUICKLY_MADE = 200_000
-# Largest size in bytes of vertex files that are read for the preview.
-_QUICKLY_READ = 4_000_000
+_QUICKLY_MADE = 200_000  # largest number of triangles of a mesh that is built for the preview
+_QUICKLY_READ = 4_000_000  # largest size in bytes of vertex files that are read for the preview
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +157,7 @@ def _moments(scene: Scene, bodies: int) -> list[float]:
     return sorted({*chosen, 0.0})
 
 
-_ALL_PIECES = 4_000_000
-"""Number of pieces that fit into 1 GB including all intermediate results."""
+_ALL_PIECES = 4_000_000  # number of pieces that fit into 1 GB including all intermediate results
 
 
 def _picture(corners: Sequence[NDArray[np.float64]], camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -18,8 +18,7 @@ __all__ = ["Machine", "free_disk_bytes", "free_memory_bytes", "inspect_machine",
 _CGROUPS = Path("/sys/fs/cgroup")
 _MEMORY = Path("/proc/meminfo")
 _MINE = Path("/proc/self")
-# In cgroup version 1, values near the largest integer mean "unlimited".
-_NO_LIMIT = 1 << 60
+_NO_LIMIT = 1 << 60  # in cgroup version 1, values near the largest integer mean "unlimited"
 
 
 @dataclass(frozen=True)

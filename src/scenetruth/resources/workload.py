@@ -36,16 +36,14 @@ SKETCHED_FACES = 1_000
 
 _ALL_RUN: dict[str, bool | None] = {"pyrender": False, "auto": None}
 
-_AUTOMATIC_MOMENTS = 16
-"""Assumed exposure samples where the number depends on motion: that of a motion of four pixels."""
+_AUTOMATIC_MOMENTS = 16  # assumed exposure samples where the number depends on motion: that of a motion of four pixels
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectWorkload:
-    """Workload of an object or leaf, computed before it is built.
+    """Workload of an object or leaf before it is built.
 
-    ``sketch``: A coarse mesh of similar shape; None if the mesh file is too large to read quickly.
-    ``painted``: Whether the finished texture is cached.
+    ``sketch``: Coarse mesh; None if its file is too large to read quickly. ``painted``: Whether the texture is cached.
     """
 
     path: str

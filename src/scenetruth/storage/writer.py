@@ -45,7 +45,6 @@ class StoreWriter:
     ``path``: Path of a store that does not exist, as supplied by `write_atomically`.
     ``like``: Data set with the variables, coordinates and attributes of the store. Variables with pixel dimensions
       serve as templates and may be blank maps; other variables are written unless replaced by `put`.
-    ``zipped``: Write the store as one zip file.
     ``narrow``: Store float64 maps as float32.
     """
 

@@ -76,11 +76,9 @@ def _plain_value(value: Any) -> Any:
     raise TypeError(msg)
 
 
-_STEPPED = frozenset({"boundary_distance"})
-"""Discontinuous float maps, which predictive coding does not compress."""
+_STEPPED = frozenset({"boundary_distance"})  # discontinuous float maps, which predictive coding does not compress
 
-_LEVEL = 3
-"""Compression level of zstd; higher levels take twice as long for a few per cent."""
+_LEVEL = 3  # compression level of zstd; higher levels take twice as long for a few per cent
 
 
 def is_mapped(dims: Sequence[Hashable]) -> bool:
@@ -174,9 +172,7 @@ _ABSENT = 2**64 - 1
 class ShardFile:
     """A shard file: all chunks of a variable, followed by the chunk index and the checksum of the index.
 
-    zarr writes a shard only with all its chunks in memory; this class appends chunk by chunk.
-
-    ``grid``: Number of chunks along each dimension.
+    zarr writes a shard only with all its chunks in memory; this class appends them singly. ``grid``: Chunks per axis.
 
     References
     ----------

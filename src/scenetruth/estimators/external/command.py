@@ -108,11 +108,7 @@ def program_problem(word: str, base: Path) -> str:
 
 
 class WorkingDirectory:
-    """A new folder with the folders ``recording``, ``output`` and ``work`` (working directory), and ``log.txt``.
-
-    ``name``: Name of the method, part of the folder name.
-    ``keep_in``: Parent folder in which it is kept; None for a temporary folder.
-    """
+    """A new folder with ``recording``, ``output``, ``work`` and ``log.txt``; temporary, unless kept in ``keep_in``."""
 
     def __init__(self, name: str, keep_in: Path | None) -> None:
         if keep_in is not None:

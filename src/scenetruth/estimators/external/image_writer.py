@@ -40,10 +40,7 @@ def single_row(recording: xr.Dataset) -> xr.Dataset:
 
 
 def each_frame(recording: xr.Dataset) -> Iterator[tuple[NDArray[Any], NDArray[np.bool_]]]:
-    """Yield images and masks frame by frame, so that only one frame is in memory.
-
-    Yields: Images of shape (s, y, x[, channel]), and the exclusion mask, shape (s, y, x), which includes values that
-    are not finite.
+    """Yield images (s, y, x[, channel]) and masks (s, y, x), which include values that are not finite, frame by frame.
 
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 3, 30, 40)), focal_length_px=500, baseline_mm=5)
@@ -64,13 +61,7 @@ def each_frame(recording: xr.Dataset) -> Iterator[tuple[NDArray[Any], NDArray[np
 
 
 class ArrayFile:
-    """Writer of a .npy file of an array (s, t, ...), zero where nothing is written; a context manager.
-
-    A memory-mapped file would count as memory of the process.
-
-    ``dtype``: Type of the values, written in little-endian order.
-    ``shape``: Shape of the array.
-    """
+    """Little-endian .npy file (s, t, ...), zero where unwritten; a memory map would count as memory of the process."""
 
     def __init__(self, file: Path, dtype: DTypeLike, shape: tuple[int, ...]) -> None:
         self._dtype, self._shape = np.dtype(dtype).newbyteorder("<"), shape
@@ -94,8 +85,7 @@ class ArrayFile:
             self._opened.write(np.ascontiguousarray(image, dtype=self._dtype).tobytes())
 
 
-# The files exist only while one program runs: speed has priority over size.
-_COMPRESSION = 1
+_COMPRESSION = 1  # the files exist only while one program runs: speed has priority over size
 
 
 def write_png(file: Path, image: NDArray[Any]) -> None:
@@ -127,15 +117,13 @@ def write_mask_png(file: Path, bad: NDArray[np.bool_]) -> None:
 
 
 _LARGEST = 65535
-# Larger integers are not exact in float64.
-_EXACT_IN_FLOAT64 = 2**53
+_EXACT_IN_FLOAT64 = 2**53  # larger integers are not exact in float64
 
 
 @dataclass(frozen=True)
 class IntensityScaling:
     """Linear map between values and file numbers from 0 to 65535: value = offset + scale number.
 
-    ``scale``, ``offset``: The same for all images.
     ``lossless``: Whether the values are reproduced exactly; else the error is at most half of ``scale``.
     """
 
@@ -183,8 +171,7 @@ def choose_intensity_scaling(recording: xr.Dataset) -> IntensityScaling:
 ImageForm = Literal["png", "tiff", "npy"]
 """``png``: 16-bit numbers; ``tiff``: as recorded, or float32; ``npy``: all images in one float32 array."""
 
-# Larger integers are not exact in float32.
-_EXACT_IN_FLOAT32 = 2**24
+_EXACT_IN_FLOAT32 = 2**24  # larger integers are not exact in float32
 
 
 def image_problems(recording: xr.Dataset, form: ImageForm) -> list[Problem]:

@@ -25,8 +25,7 @@ Array = NDArray[Any]
 
 _PFM_HEAD = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.0-9eE]{1,30})(?:\r\n|\s)")
 _FLO_TAG = 202021.25
-# Larger flows are invalid, as in the Middlebury format.
-_FLO_INVALID = 1e9
+_FLO_INVALID = 1e9  # larger flows are invalid, as in the Middlebury format
 
 
 def read_map(file: Path, name: str) -> Array:
@@ -68,8 +67,7 @@ def _npz(file: Path, name: str) -> Array:
         raise ValueError(_describe_error(error)) from error
 
 
-# A small archive may expand to any size.
-_MOST_BYTES = 32e9
+_MOST_BYTES = 32e9  # a small archive may expand to any size
 
 
 def _describe_error(error: ValueError) -> str:
@@ -172,8 +170,7 @@ METADATA_FILE = "results.json"
 """Optional file with frames, units and the name of the method."""
 
 _FRAME = re.compile(r"(?P<name>.+)_t(?P<t>[+-]?\d{1,6})")
-# Similarity above which a name is regarded as a misspelling of another.
-_NEAR = 0.75
+_NEAR = 0.75  # similarity above which a name is regarded as a misspelling of another
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,6 @@ class ResultsMetadata:
     """Content of results.json.
 
     ``t``: Frames of the arrays whose file names do not specify them; None if missing.
-    ``method``: Name of the method; empty if missing.
     ``factors``: Conversion factors of the quantities to the units of this package.
     """
 
@@ -131,9 +130,7 @@ def type_problem(values: NDArray[Any], name: str) -> str:
 
 
 def arranged(values: NDArray[Any], components: int, size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return an array in the order (component, t, y, x).
-
-    ``values``: Shape (t, y, x) or (y, x); for several components (c, t, y, x) or (c, y, x), or with c last.
+    """Return an array (t, y, x), (y, x), (c, t, y, x) or (c, y, x), or with c last, in the order (component, t, y, x).
 
     >>> arranged(np.zeros((30, 40, 2)), 2, (30, 40)).shape
     (2, 1, 30, 40)

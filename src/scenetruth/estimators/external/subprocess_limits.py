@@ -45,7 +45,6 @@ class ProcessTree:
     termination, those that have inherited its mark.
 
     ``leader``: Process id; the process must not be reaped while this object is in use, so that its id stays unique.
-    ``mark``: Value of `MARK` in its environment.
     """
 
     def __init__(self, leader: int, mark: str) -> None:
@@ -153,8 +152,7 @@ class ProcessResult:
 
     ``code``: Exit code; minus the signal number if terminated by a signal.
     ``reason``: Exceeded limit: ``"time"`` or ``"memory"``; empty if the program ended by itself.
-    ``seconds``: Run time.
-    ``peak_memory_mb``: Largest measured resident memory of all its processes together, in MB.
+    ``peak_memory_mb``: Largest measured resident memory of all its processes together.
     """
 
     code: int
@@ -177,8 +175,7 @@ def run_program(
     The resident memory is measured about ten times a second, so that shorter peaks are missed. A limit of the address
     space would terminate programs that reserve more memory than they use, such as compilers and GPU libraries.
 
-    ``progress``: Called with ("command", seconds, time limit) about twice a second; raising an exception terminates
-      the program.
+    ``progress``: Called with ("command", seconds, limit) about twice a second; an exception terminates the program.
     """
     with log.open("wb") as printed:
         begun = time.monotonic()

@@ -110,9 +110,7 @@ def make_camera_row(positions: ArrayLike, sign: float) -> CameraRow:
 
 
 def downsample(images: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
-    """Return means over squares of pixels; incomplete squares at the end are omitted.
-
-    ``factor``: Side length of the squares in px.
+    """Return means over squares of ``factor`` by ``factor`` pixels; incomplete squares at the end are omitted.
 
     >>> downsample(np.arange(10, dtype=np.float32).reshape(1, 2, 5), 2).tolist()
     [[[3.0, 5.0]]]
@@ -159,14 +157,12 @@ Images = NDArray[np.float32]
 # three times that level.
 _STEP_PENALTY = 300.0  # of 1 px per step
 _JUMP_PENALTY = 300.0
-# Grey-value difference, in 255ths of the image range, that halves the penalty of a jump.
-_EDGE = 15.0
+_EDGE = 15.0  # grey-value difference, in 255ths of the image range, that halves the penalty of a jump
 
 _MOST_BITS = 15.0
 _SQUARE_PX = 5
 
-# Memory of the strips that are processed together.
-_STRIPS_BYTES = 700e6
+_STRIPS_BYTES = 700e6  # memory of the strips that are processed together
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,14 +28,11 @@ __all__ = ["DisparityResult", "estimate_disparities", "sweep_disparity"]
 # Smallest ratio of the cost of any other hypothesis to the best cost.
 _SURE = 1.5
 _COARSEST = 8
-# Columns required to distinguish disparities.
-_LEAST_WIDTH = 120
-# Smallest overlap of two views, in columns and as a fraction of the width.
-_COMMON, _COMMON_SHARE = 8, 0.125
+_LEAST_WIDTH = 120  # columns required to distinguish disparities
+_COMMON, _COMMON_SHARE = 8, 0.125  # smallest overlap of two views, in columns and as a fraction of the width
 # Smallest size of a range, in pixels of the low resolution and as a fraction of the image.
 _LEAST_PIXELS, _LEAST_SHARE = 6, 2e-4
-# Columns of the low resolution by which ranges are widened.
-_WIDER = 1.5
+_WIDER = 1.5  # columns of the low resolution by which ranges are widened
 # With a smaller fraction of unique pixels, the texture is too fine for the low resolution, or missing.
 _ENOUGH = 0.25
 _MOST_COSTS = 5e8
@@ -90,7 +87,6 @@ class DisparityResult:
     known: NDArray[np.bool_]
     """Validity mask: the match is unique, shape (y, x)."""
     ranges: list[tuple[float, float]]
-    """Disparity ranges that were searched."""
     far: NDArray[np.bool_]
     """Where the disparity cannot be distinguished from zero, shape (y, x)."""
     ambiguous: NDArray[np.bool_]

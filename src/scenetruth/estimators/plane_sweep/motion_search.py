@@ -71,14 +71,11 @@ def sweep_motion(
     focal_length_px: float,
     centre: tuple[float, float],
 ) -> MotionResult:
-    """Estimate the motion of the points in the reference image.
+    """Estimate the motion of the points in the reference image, up to 16 columns per frame.
 
-    ``reference``: Image of the reference camera in the estimated frame, finite, shape (channel, y, x). Channels are
-      averaged.
+    ``reference``: Image of the estimated frame, finite, shape (channel, y, x). Channels are averaged.
     ``beside``: Images of all cameras in the adjacent frames, shape (channel, s, y, x) each.
-    ``disparity``: Disparity of the pixels of the reference, finite, in columns per step; None for one camera, which
-      determines flow only.
-    Returns: Motion over up to 16 columns per frame.
+    ``disparity``: Finite, in columns per step, shape (y, x); None for one camera, which determines flow only.
     """
     grey = np.ascontiguousarray(reference.mean(axis=0, dtype=np.float32))
     others = np.stack([frame.mean(axis=0, dtype=np.float32) for frame in beside])

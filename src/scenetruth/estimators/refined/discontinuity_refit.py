@@ -74,8 +74,7 @@ __all__ = [
 
 BLOCK_PX = 32
 """Side length of a block in px."""
-# Smallest number of pixels of a block.
-_LEAST_BLOCK_PIXELS = 64
+_LEAST_BLOCK_PIXELS = 64  # smallest number of pixels of a block
 
 
 class GainOffset(NamedTuple):
@@ -154,20 +153,15 @@ def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[n
 
 Map = NDArray[np.float64]
 
-# Ratio by which the images of one side must agree better than all images.
-_SIDE_COST = 1.05
-# Smallest fraction of the neighbourhood of a pixel with a valid cost.
-_LEAST_JUDGED_SHARE = 0.3
-# Models that displace a point by more than this in any image belong to different surfaces.
-_DIFFERENT_PX = 0.5
+_SIDE_COST = 1.05  # ratio by which the images of one side must agree better than all images
+_LEAST_JUDGED_SHARE = 0.3  # smallest fraction of the neighbourhood of a pixel with a valid cost
+_DIFFERENT_PX = 0.5  # models that displace a point by more than this in any image belong to different surfaces
 
 
 class HypothesisSelection:
-    """Selection of the best model of every pixel by photo-consistency.
+    """Selection of the best model of every pixel by photo-consistency, where ``where`` (y, x) is set.
 
-    ``images``: Images in which photo-consistency is evaluated.
     ``theta``: Initial parameters, shape (15 or 18, y, x).
-    ``where``: Pixels to evaluate, shape (y, x).
     ``noise``: Standard deviation of the residual due to noise alone.
     ``steady``: Pixels from which image intensities are estimated, shape (y, x); None for equal intensities.
     """

@@ -92,20 +92,16 @@ def _moved(p: Map, right: int, down: int) -> Map:
     return moved
 
 
-# Ratio of the squared change of disparity or velocity to that of noise from which it is significant.
-_SIGNIFICANT = 4.0
-# Images are explained if the residual is at most that of a texture shift by this many px.
-_EXPLAINED_PX = 0.17
-# Lower limit of the noise of their difference, relative to that of the finer fit.
-_LEAST_PART = 0.5
+_SIGNIFICANT = 4.0  # ratio of the squared change of disparity or velocity to that of noise from which it is significant
+_EXPLAINED_PX = 0.17  # images are explained if the residual is at most that of a texture shift by this many px
+_LEAST_PART = 0.5  # lower limit of the noise of their difference, relative to that of the finer fit
 # Lower limit by an image shift of this many px: images are averages over few samples, and their splines are not exact.
 # Without this limit, all fits would differ significantly in images without noise.
 _LEAST_PX = 2.5e-4
 # Change of each parameter per px of image shift: velocities are multiplied by the disparity; q_Z also by x / f, about
 # 1/16 near the edges of an image.
 _PER_PX = (1.0, 1.0, 1.0, 16.0)
-# Number of variances of a motion without acceleration.
-_STEADY = int(np.count_nonzero(TOLD < FULL))
+_STEADY = int(np.count_nonzero(TOLD < FULL))  # number of variances of a motion without acceleration
 
 
 def blank_fit(state: Map, *, variances: bool) -> Fit:

@@ -27,15 +27,12 @@ __all__ = [
 ]
 
 
-# Blocks are squares of window size; number of rows of blocks evaluated.
-_CUT, _ROWS = 2.0, 6
+_CUT, _ROWS = 2.0, 6  # blocks are squares of window size; number of rows of blocks evaluated
 # Smallest median correlation of an informative block with the mean of the other images; smallest number of such blocks;
 # and smallest usable fraction of a block in an image.
 _AGREE, _LEAST_BLOCKS, _LEAST_SHARE = 0.5, 3, 0.5
-# With fewer images, there is no mean of the others.
-_LEAST_IMAGES = 3
-# A block is textured if its contrast is at least this fraction of the 90th percentile.
-_TEXTURED, _UPPER = 0.25, 90
+_LEAST_IMAGES = 3  # with fewer images, there is no mean of the others
+_TEXTURED, _UPPER = 0.25, 90  # a block is textured if its contrast is at least this fraction of the 90th percentile
 # An image is excluded if its median correlation is below this fraction of that of the median image, or if less than
 # this fraction of it is usable.
 _FAR_BELOW, _LEAST_USABLE = 0.5, 0.1
@@ -163,12 +160,10 @@ def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
 
 
 def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
-    """Return the standard deviation of noise and finest texture around every pixel of one image.
+    """Return the standard deviation (y, x) of noise and finest texture of an image, infinite at too few valid pixels.
 
     Correct fits have no larger residual; if all fits are wrong, their residuals are no reference. Second differences
     along x and y, divided by 6, preserve the power of white noise and suppress texture.
-
-    Returns: Grey values, infinite where too few pixels are usable, shape (y, x).
     """
     from scipy.ndimage import convolve1d, gaussian_filter
 

@@ -22,7 +22,6 @@ class FramesNeeded:
     """Frames of one estimate, as indices along t."""
 
     output: int
-    """Estimated frame."""
     first: int
     """First frame of the fit."""
     last: int
@@ -95,8 +94,6 @@ class ImageStack:
     ``moved``: Pose correction of every image in the order of `stack`, as in `warp.corrected`, shape (n, 4).
     ``bad``: Nonzero at pixels whose surroundings must not be sampled, by frame, shape (s, y, x) each; empty if none.
     ``left_out``: Excluded images, as indices of frame and camera.
-    ``variance``: Noise variance as a function of the grey value.
-    ``spline``: Order of the splines.
     """
 
     coefficients: list[NDArray[np.float32]]

@@ -24,8 +24,7 @@ __all__ = [
 
 
 _MEDIAN_PX = 7
-# Largest fraction of pixels at infinity above which the cameras determine no depth.
-_FAR_SHARE = 0.9
+_FAR_SHARE = 0.9  # largest fraction of pixels at infinity above which the cameras determine no depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,6 @@ class CameraLayout:
     positions: NDArray[np.float64]
     """Positions (s, s_y) of the cameras in steps, shape (cameras, 2)."""
     baseline_mm: float
-    """Distance between adjacent positions."""
     focal: float
     """Focal length in columns."""
     centre: tuple[float, float]
@@ -56,10 +54,7 @@ class InitialEstimate:
 def initialise_by_plane_sweep(
     images: NDArray[np.float32], estimated: int, times: NDArray[np.float64], rig: CameraLayout
 ) -> InitialEstimate:
-    """Estimate disparity (columns per step) and velocity by plane sweep and motion search.
-
-    ``images``: The estimated frame and the adjacent frames, shape (channel, s, t, y, x).
-    """
+    """Estimate disparity (columns per step) and velocity by plane sweep from frames of shape (channel, s, t, y, x)."""
     from scenetruth.estimators.plane_sweep.disparity_sweep import sweep_disparity
     from scenetruth.estimators.plane_sweep.motion_search import sweep_motion
 
@@ -182,12 +177,10 @@ def initialise_robustly(
 
 
 def map_to_reference(fields: Map, s: float, t: float, rig: CameraLayout) -> Map:
-    """Return fields at the pixels of the reference, from those at the pixels of another image.
+    """Return fields d and q, shape (4, y, x), at the pixels of the reference, from those of another image.
 
     The point at p = (x, y, f) / d relative to the camera at s steps at time t is at p + (s, 0, 0) - t q relative to the
     reference at time 0. If several points map to one pixel, the nearest is used; gaps are filled from adjacent pixels.
-
-    ``fields``: d and q, shape (4, y, x).
     """
     _, height, width = fields.shape
     d, q_x, q_y, q_z = fields

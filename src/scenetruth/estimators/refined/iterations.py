@@ -46,18 +46,12 @@ __all__ = [
     "select_models",
 ]
 
-# Smallest valid fraction of a window.
-_LEAST_SHARE = 0.5
-# Numbers of adjacent frames used in the first iterations.
-STAGES = (1, 2)
-# Fraction of the pixels that must have converged: at discontinuities, some never do.
-_STILL_SHARE = 0.9
-# Relative width of the smaller windows that test whether full windows suffice.
-_FINER = 0.5
-# Windows with a residual above this multiple of the noise are excluded from the convergence test.
-_FITTED = 1.5
-# Iterations with all pixels.
-_FULL_ITERATIONS = 2
+_LEAST_SHARE = 0.5  # smallest valid fraction of a window
+STAGES = (1, 2)  # numbers of adjacent frames used in the first iterations
+_STILL_SHARE = 0.9  # fraction of the pixels that must have converged: at discontinuities, some never do
+_FINER = 0.5  # relative width of the smaller windows that test whether full windows suffice
+_FITTED = 1.5  # windows with a residual above this multiple of the noise are excluded from the convergence test
+_FULL_ITERATIONS = 2  # iterations with all pixels
 
 Map = NDArray[np.float64]
 
@@ -71,7 +65,6 @@ class RefinedState:
     curved: NDArray[np.bool_]
     """Where the surface is of second order, shape (y, x)."""
     rounds: int
-    """Number of iterations."""
     seen: PixelEvidence
     """Residual and gradient of every pixel by itself."""
     uneven: NDArray[np.bool_]
@@ -81,18 +74,14 @@ class RefinedState:
     images: ImageStack
     """Images with their estimated corrections."""
     cameras: PoseCorrections | None
-    """Pose corrections, if enabled."""
 
 
 def refine(
     images: ImageStack, start: Map, settings: RefinedSettings, told: Callable[[int], None] | None = None
 ) -> RefinedState:
-    """Fit surface and motion around every pixel.
+    """Fit surface and motion around every pixel, from finite disparity and velocity, shape (4, y, x).
 
-    The first iterations use the nearest frames only, and a motion without gradient, which extends the convergence
-    range.
-
-    ``start``: Initial disparity and velocity, shape (4, y, x), finite.
+    The first iterations use only the nearest frames and a motion without gradient, for a larger convergence range.
     """
     models, sigma, gains = (
         select_models(images, settings),

@@ -51,18 +51,12 @@ __all__ = [
 # Changes are averaged over this multiple of the window's standard deviation, because regions of another motion are
 # larger than a window; this avoids selection by chance.
 _WIDER = 2.0
-# Largest squared change of a pixel, in multiples of its noise, so that single pixels do not decide.
-_MOST = 9.0
-# Ratio by which the residual of a subset of the images may exceed that of all images by chance.
-_OTHER_NOISE = 1.02
-# Ratio of mean square residuals, after to before.
-_MUCH_LESS = 0.5
-# Largest displacement of points in the last iteration, over all images.
-_SETTLED_PX = 0.1
-# Number of frame spans tested for an acceleration.
-_ACCELERATIONS = 2
-# Disparity, q_X, q_Y and q_Z.
-_VARIANCES = 6
+_MOST = 9.0  # largest squared change of a pixel, in multiples of its noise, so that single pixels do not decide
+_OTHER_NOISE = 1.02  # ratio by which the residual of a subset of the images may exceed that of all images by chance
+_MUCH_LESS = 0.5  # ratio of mean square residuals, after to before
+_SETTLED_PX = 0.1  # largest displacement of points in the last iteration, over all images
+_ACCELERATIONS = 2  # number of frame spans tested for an acceleration
+_VARIANCES = 6  # disparity, q_X, q_Y and q_Z
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -75,7 +69,6 @@ class MotionModelCandidate:
     images: ImageStack
     """Images of the fit, possibly of fewer frames, because the acceleration may vary."""
     settings: RefinedSettings
-    """Settings that select the model."""
     number: int
     """Value of the model in ``motion_model``."""
 
@@ -116,10 +109,9 @@ class MotionModelTrial(NamedTuple):
 def choose_motion_model(
     plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float
 ) -> tuple[Fit, NDArray[np.int8]]:
-    """Select, at every pixel, the last fit that explains the images better and changes the previous selection.
+    """Return, at every pixel, the last fit that explains the images better and changes the selection, and its number.
 
-    ``where``: Pixels at which each fit may be selected, shape (y, x).
-    Returns: The fit, and its number: 0 for the plain one, the trials from 1 on, shape (y, x).
+    ``where``: Pixels (y, x) at which each fit may be selected. The plain fit has the number 0, the trials from 1 on.
     """
     which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
     fit = plain

@@ -22,8 +22,7 @@ __all__ = [
 ]
 
 
-# Quantile of the residuals at which windows are assumed to contain pure noise.
-_WELL = 0.25
+_WELL = 0.25  # quantile of the residuals at which windows are assumed to contain pure noise
 # Smallest ratio of the mean square gradient of a texture to that of the noise in the mean of the images.
 _ABOVE_NOISE = 4.0
 
@@ -72,10 +71,8 @@ Map = NDArray[np.float64]
 
 # Number of grey-value classes of equal size, and fraction of well-fitted pixels in each.
 _PARTS, _WELL_FITTED_SHARE = 24, 0.25
-# Smallest number of pixels of a class.
-_LEAST_PIXELS = 50
-# Smallest spread of the grey values of the classes relative to their mean.
-_LEAST_SPREAD = 1e-3
+_LEAST_PIXELS = 50  # smallest number of pixels of a class
+_LEAST_SPREAD = 1e-3  # smallest spread of the grey values of the classes relative to their mean
 
 
 class GreyVariance(NamedTuple):

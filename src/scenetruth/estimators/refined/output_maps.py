@@ -32,23 +32,18 @@ CORRECTIONS: Mapping[str, tuple[int, ...]] = {
 }
 """Correction maps of the images of the estimated frame: dimensions in addition to camera and frame."""
 
-# Residuals up to those of a texture shift by this many px are not distinguished from noise.
-_SHIFT_PX = 0.25
+_SHIFT_PX = 0.25  # residuals up to those of a texture shift by this many px are not distinguished from noise
 # Window in px for the texture of a pixel itself, and smallest ratio of its gradient to that of noise.
 _OWN_PX, _OWN_GRADIENT = 2.0, 2.0
-# Largest standard deviation of a valid disparity or flow, in px.
-_LARGEST_STD_PX = 0.5
-# Smallest ratio of a valid disparity to its standard deviation.
-_CLEAR_OF_ZERO = 6.0
-# Smallest displacement of a fallback disparity in the farthest camera, in px.
-_CLEAR_OF_ZERO_PX = 1.0
+_LARGEST_STD_PX = 0.5  # largest standard deviation of a valid disparity or flow, in px
+_CLEAR_OF_ZERO = 6.0  # smallest ratio of a valid disparity to its standard deviation
+_CLEAR_OF_ZERO_PX = 1.0  # smallest displacement of a fallback disparity in the farthest camera, in px
 # Smallest ratio of valid pixels to those that violate the model; below, all are invalid.
 _BY_CHANCE = 0.05
 _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
     REASONS.index(name) for name in ("low_texture", "ambiguous_match", "model_violation")
 )
-# Values of ``surface_model``.
-_NONE, _CONSTANT, _PLANE, _CURVED = range(4)
+_NONE, _CONSTANT, _PLANE, _CURVED = range(4)  # values of ``surface_model``
 
 
 def list_map_types(

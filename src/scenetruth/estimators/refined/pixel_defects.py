@@ -28,8 +28,7 @@ _STRONG, _LEAST_CONTRAST, _ALONE = 8.0, 0.05, 0.25
 _BLOCK_PX = 16
 # Fraction of the images in which the deviation has the same sign, and its smallest size relative to the median.
 _MOSTLY, _LIKE_MEDIAN = 0.75, 0.3
-# With a larger fraction of dead pixels, it is a static pattern.
-_MOST_DEAD = 0.01
+_MOST_DEAD = 0.01  # with a larger fraction of dead pixels, it is a static pattern
 
 Flags = NDArray[np.bool_]
 
@@ -165,13 +164,10 @@ class DefectFilteredFrames:
 
 
 def spread_defects(bad: Flags) -> NDArray[np.uint8]:
-    """Return the samples whose spline interpolation is affected by a defective pixel.
+    """Return 1 for samples (n, y, x) whose spline interpolation is affected by a defective pixel, else 0.
 
     Those are the samples whose nearest pixel is defective or at most two steps from a defective one, along rows and
     columns. For all others, at most 3 % of the error of the filled values remains (RMS over subpixel positions).
-
-    ``bad``: Defective pixels, shape (n, y, x).
-    Returns: 1 at such pixels, else 0, of the same shape.
     """
     from scipy.ndimage import binary_dilation, generate_binary_structure
 
@@ -184,12 +180,7 @@ def spread_defects(bad: Flags) -> NDArray[np.uint8]:
 
 
 def find_saturated_runs(image: NDArray[Any], white: float) -> Flags:
-    """Return the saturated pixels: those at full scale together with adjacent pixels.
-
-    A single pixel at full scale may be due to noise, or to an image scaled to its maximum.
-
-    ``image``: Grey values, shape (y, x).
-    """
+    """Return adjacent pixels (y, x) at full scale; a single one may be noise, or the maximum of a scaled image."""
     from scipy.ndimage import uniform_filter
 
     full = image >= white
@@ -214,13 +205,11 @@ def fill_defects(image: NDArray[np.float32], bad: Flags) -> NDArray[np.float32]:
 
 
 def find_dead_pixels(images: Any) -> Flags:
-    """Return single pixels that deviate consistently from their neighbours in almost all images.
+    """Return single pixels (y, x) that deviate consistently from their neighbours in almost all images.
 
     In the mean image of a moving scene, texture averages out and such a pixel remains.
 
-    ``images``: Function without arguments that yields the grey values of all images, shape (y, x), and their invalid
-      pixels.
-    Returns: Dead pixels, shape (y, x).
+    ``images``: Each call yields the grey values of all images, shape (y, x), and their invalid pixels.
     """
     total: Any = 0.0
     count, low, high = 0, np.inf, -np.inf

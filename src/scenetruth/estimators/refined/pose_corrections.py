@@ -100,8 +100,7 @@ class ShiftObservations:
         return np.stack(np.meshgrid(*(np.arange(n) * BLOCK_PX + BLOCK_PX // 2 for n in (down, across)), indexing="ij"))
 
 
-# Distance in px of the points at which the effect is computed; it is interpolated linearly.
-_STEP_PX = 24
+_STEP_PX = 24  # distance in px of the points at which the effect is computed; it is interpolated linearly
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,14 +148,11 @@ def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array
     return CorrectionUncertainty(variance)
 
 
-# Smallest fraction of the pixels of a block that are valid in the mean image.
-_LEAST_SHARE = 0.5
+_LEAST_SHARE = 0.5  # smallest fraction of the pixels of a block that are valid in the mean image
 # Undetermined directions of blocks: eigenvalues below this fraction of those of single parameters.
 _SINGULAR_SHARE = 1e-7
-# Smallest number of frames that separate acceleration from velocity.
-_ACCELERATED = 5
-# Number of blocks processed together, and approximate number of blocks used.
-_PIECE, _MOST_BLOCKS = 256, 6000
+_ACCELERATED = 5  # smallest number of frames that separate acceleration from velocity
+_PIECE, _MOST_BLOCKS = 256, 6000  # number of blocks processed together, and approximate number of blocks used
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,9 +327,6 @@ class PoseCorrections:
 
     The error of an image is the sum of that of its position, common to all visits, and that of the single visit. The
     image of the reference position in the estimated frame has no error by definition; all others are relative to it.
-
-    ``priors``: Prior standard deviations of the errors.
-    ``images``: The images.
     """
 
     def __init__(self, priors: CorrectionPriors, images: ImageStack) -> None:
@@ -371,9 +364,7 @@ class PoseCorrections:
     def update(self, shifts: ShiftObservations, fields: Array, images: ImageStack) -> float:
         """Update the corrections from block observations, and return the largest displacement of an image in px.
 
-        Changes within a tenth of the standard deviation are ignored.
-
-        ``fields``: d, q_X, q_Y and q_Z of every pixel used for warping, shape (4, y, x).
+        Changes within a tenth of the standard deviation are ignored. ``fields``: d and q for warping, shape (4, y, x).
         """
         blocks, view = select_blocks(shifts, fields), images.view()
         if not len(blocks.shift) or not blocks.noise > 0:

@@ -37,8 +37,7 @@ __all__ = [
 
 # Bytes of warped images in memory, number of rows per thread task, and smallest number of rows of a band.
 _SCRATCH_BYTES, _ROWS, _LEAST_BAND = 192e6, 16, 32
-# Half-width of windows in standard deviations.
-_CUT = 2.0
+_CUT = 2.0  # half-width of windows in standard deviations
 
 NO_OCCLUSION = np.zeros((0, 0, 0), dtype=np.uint8)
 

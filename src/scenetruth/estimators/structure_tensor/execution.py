@@ -63,8 +63,7 @@ def carry_to_reference(
 
 # Bytes per pixel of `BestRegistration`, bytes of all pixels in memory, and smallest number of rows of a band.
 _BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 128e6, 128
-# Bytes per pixel of `EstimateMaps`, and bytes of all maps in memory.
-_BYTES_PER_PIXEL_OF_MAPS, _MAP_BYTES = 84, 192e6
+_BYTES_PER_PIXEL_OF_MAPS, _MAP_BYTES = 84, 192e6  # bytes per pixel of `EstimateMaps`, and bytes of all maps in memory
 
 
 class CandidateRegistration(NamedTuple):

@@ -203,11 +203,8 @@ class AcquisitionAxes:
     centre_s: float
     """Centre of the estimate among the cameras, in steps; 0 unless the cameras are on one side or even in number."""
     over_s: FilterPair
-    """Filters along s."""
     over_t: FilterPair
-    """Filters along t."""
     window_t: Array
-    """Window along t."""
 
     @property
     def frames(self) -> int:

@@ -110,10 +110,7 @@ class BestRegistration(NamedTuple):
 
 
 class EstimateMaps(NamedTuple):
-    """Maps of the estimate, of the shape (frame, y, x), with components and ranks before the frame.
-
-    Units are those of `scenetruth.schema.VARIABLES`, in pixels of the estimated images.
-    """
+    """Maps (..., frame, y, x) in units of `scenetruth.schema.VARIABLES`, in pixels of the estimated images."""
 
     depth: Floats
     velocity: Floats

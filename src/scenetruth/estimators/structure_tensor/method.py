@@ -65,17 +65,13 @@ __all__ = ["LowTextureCount", "blank_estimate", "fill_estimate"]
 # Eigenvalues of pure noise scatter around their mean; those of texture must be clearly larger.
 _TAU_OVER_NOISE = 5.0
 _EPSILON = float(np.finfo(np.float32).eps)
-# Rounding of grey values in [-1, 1] and of their filtered sums, with a margin.
-_LEAST_NOISE = 10 * _EPSILON
-# Rows and columns of pixels at which noise is estimated.
-_SAMPLES = 9
+_LEAST_NOISE = 10 * _EPSILON  # rounding of grey values in [-1, 1] and of their filtered sums, with a margin
+_SAMPLES = 9  # rows and columns of pixels at which noise is estimated
 # Texture is distinguishable from noise if the third eigenvalue exceeds the fourth by the first factor and the largest
 # by the second, below which it is due to rounding and to the filter response to texture in one direction.
 _CLEAR, _LEAST_SHARE = 10.0, 1e-4
-# Fraction of pixels with such texture below τ that causes a warning.
-_MANY = 0.1
-# Frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers.
-_CALLER = 7
+_MANY = 0.1  # fraction of pixels with such texture below τ that causes a warning
+_CALLER = 7  # frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers
 
 
 def with_threshold(task: EstimationInputs, registrations: Sequence[Registration]) -> tuple[EstimationInputs, float]:
@@ -99,8 +95,6 @@ class LowTextureCount:
     At such a pixel, the third eigenvalue is below τ, but ten times the fourth: three dimensions of its structure tensor
     contain texture, two contain noise. With a lower τ, its depth and motion would be valid. In low-contrast images,
     most pixels are such. Without texture, or with texture in one direction, the third eigenvalue is also noise.
-
-    ``task``: Images and settings, with a numeric τ.
     """
 
     def __init__(self, task: EstimationInputs) -> None:
@@ -300,10 +294,7 @@ def blank_estimate(recording: xr.Dataset, settings: StructureTensorSettings) -> 
 def fill_estimate(
     recording: xr.Dataset, settings: StructureTensorSettings, put: Put, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """Estimate depth, disparity, flow and velocity with the 4D structure tensor (paper, sections 2 to 4).
-
-    Frames are read and estimated in groups, so that memory does not grow with their number.
-    """
+    """Estimate all maps with the 4D structure tensor (paper, sections 2 to 4) in groups of frames, to limit memory."""
     rig = _acquisition_axes(recording, settings)
     images = FrameReader(recording)
     missing = images.missing()

@@ -34,12 +34,10 @@ _SMALLEST_RANGE = 16
 # A disparity far from the current best must have less than this fraction of its cost: a false match in a periodic
 # texture has about the same cost.
 _CLEARLY_BETTER = 0.5
-# Flows up to this are estimated without registration, px per frame.
-_STILL = 0.75
+_STILL = 0.75  # flows up to this are estimated without registration, px per frame
 # Offsets from the nearest disparity that are also tried: at some of them, the divergence has a smaller uncertainty.
 _OFF = (0, -1, 1, -2, 2)
-# A registration must fit in more than this fraction of a cell to be tried there.
-_SHARE = 0.15
+_SHARE = 0.15  # a registration must fit in more than this fraction of a cell to be tried there
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +84,7 @@ def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None
 
 
 def find_working_point_of_flow(grey: NDArray[Any]) -> tuple[int, int]:
-    """Return the integer flow at which successive frames of one camera agree best.
-
-    ``grey``: Images of one camera, shape (t, y, x), or (channel, t, y, x); any scale.
-    Returns: Flow (x, y) in px per frame; (0, 0) for images without texture or without motion.
-    """
+    """Return the integer flow (x, y), px per frame, at which frames ([channel,] t, y, x) agree best; (0, 0) if none."""
     count, height, width = grey.shape[-3:]
     if count < 2:
         return 0, 0
@@ -133,10 +127,7 @@ def registrations_along_surfaces(
 def _sweep(
     images: NDArray[np.float32], positions: NDArray[np.float64], disparities: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], int]:
-    """Return the index of the best disparity at the points of a grid, and the grid step in px.
-
-    Only a clearly better disparity replaces the current best, unless it is adjacent to it.
-    """
+    """Return the index of the best disparity (if distant, clearly the best) at grid points, and the grid step in px."""
     from scenetruth.estimators.structure_tensor.registration_kernels import STEP, matching_costs
 
     height, width = images.shape[2:]
@@ -221,10 +212,7 @@ _LOW_ROWS, _JOIN = 4 * CELL, 32
 
 
 def split_into_tiles(area: Rectangle, cells: NDArray[np.bool_] | None, threads: int) -> NDArray[np.int64]:
-    """Return tiles that cover the requested cells (None: all) inside an area, several for each thread.
-
-    Returns: First and last + 1 row, then column, of every tile, shape (n, 4), int64.
-    """
+    """Return tiles (n, 4) of the cells (None: all), several per thread: first and last + 1 row, then column, int64."""
     top, bottom, left, right = area
     if area.is_empty:
         return np.empty((0, 4), dtype=np.int64)
