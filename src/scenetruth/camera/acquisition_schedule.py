@@ -114,14 +114,7 @@ class _Arrival(NamedTuple):
 
 
 class Schedule:
-    """Times and poses of all images of a recording.
-
-    Each image is computed independently from the stage, the frames and its own random stream, so images may be
-    requested in any order.
-
-    ``generator_for``: Source of random streams for stage errors, called with ``("guide", s_y, s)`` for a position and
-      ``("visit", s_y, s, t)`` for a move to it.
-    """
+    """Times and poses of all images of a recording, available in any order."""
 
     def __init__(self, stage: Stage, frames: Frames, generator_for: GeneratorFor) -> None:
         self.stage = stage

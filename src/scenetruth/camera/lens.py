@@ -67,12 +67,9 @@ class AiryPsf(FrozenModel):
         return 1.2196698912665045 / self.cutoff_per_px
 
     def transfer(self, frequency_per_px: Array) -> Array:
-        """Return the modulation transfer function 2/π (arccos ν - ν √(1 - ν²)).
+        """Return the modulation transfer function 2/π (arccos ν - ν √(1 - ν²)) at frequencies in cycles per px.
 
         ν is the frequency relative to the cut-off frequency (Goodman, Introduction to Fourier Optics).
-
-        ``frequency_per_px``: Spatial frequencies in cycles per px, any shape.
-        Returns: Contrast from 0 to 1, same shape.
         """
         share = np.minimum(np.abs(frequency_per_px) / self.cutoff_per_px, 1.0)
         return np.asarray(2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share**2)))
@@ -110,11 +107,9 @@ class Defocus(FrozenModel):
         return np.asarray(focal_length_px * self.aperture_mm * np.abs(1 / depth_mm - 1 / self.focus_distance_mm))
 
     def points_mm(self, count: int) -> Array:
-        """Return points that sample the aperture uniformly: a golden-angle spiral (Vogel 1979).
+        """Return points in mm that sample the aperture uniformly, shape (count, 2): a golden-angle spiral (Vogel 1979).
 
         Their mean is zero; with three or more points their variance is that of the disc, A² / 16 per axis.
-
-        Returns: Offsets (X, Y) from the centre in mm, shape (count, 2).
         """
         number = np.arange(count)
         radius = self.aperture_mm / 2 * np.sqrt((number + 0.5) / count)

@@ -264,32 +264,21 @@ class Camera(FrozenModel):
         return np.asarray(self.focal_px * self.distortion.distort(normalised) + self.principal_point)
 
     def flow_of(self, directions: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Convert rates in normalised pinhole coordinates into optical flow, including distortion.
-
-        ``directions``: Directions of the points, see `ray_directions`, shape (n, 3).
-        ``rates``: Rates of X / Z and Y / Z, shape (n, 2).
-        Returns: Rates of the pixel coordinates in px, per time unit of ``rates``, shape (n, 2).
-        """
+        """Convert rates of X / Z and Y / Z, (n, 2), at ray directions, (n, 3), into optical flow in px, distorted."""
         if self.distortion is None:
             return self.focal_px * rates
         slope = self.distortion.jacobian(directions[:, :2])
         return np.asarray(self.focal_px * np.einsum("nij,nj->ni", slope, rates))
 
     def ray_directions(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Return the ray directions of pixel positions, shape (..., 2), scaled to Z = 1 (the ray parameter is depth).
-
-        Returns: Shape (..., 3), float64; NaN where the distortion is not invertible.
-        """
+        """Return the ray directions, scaled to Z = 1, of pixels (..., 2); NaN where distortion is not invertible."""
         positions = np.asarray(pixels, dtype=np.float64)
         directions = np.ones((*positions.shape[:-1], 3))
         directions[..., :2] = self._undistorted(positions)
         return directions
 
     def ray_steps(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the derivatives of the ray direction per pixel to the right and down at pixel positions, shape (n, 2).
-
-        Returns: Two arrays of shape (n, 3), or (1, 3) if constant, as for a pinhole.
-        """
+        """Return the derivatives of the ray direction per pixel to the right and down, shape (n or 1, 3) each."""
         count = 1 if self.distortion is None else len(pixels)
         steps = np.zeros((2, count, 3))
         if self.distortion is None:

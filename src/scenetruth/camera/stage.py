@@ -221,8 +221,7 @@ class Stage(FrozenModel):
     def scan_interval_s(self) -> float:
         """Shortest frame interval that allows a complete scan.
 
-        For bidirectional scans with an off-centre reference it exceeds the scan time, because the reference images are
-        equally spaced in time and every other scan must wait.
+        With an off-centre reference it exceeds the bidirectional scan time: reference images are equally spaced.
         """
         before, after = self.number_in_scan(0, 0), self.number_in_scan(0, 1)
         # Number of images between the reference images of consecutive frames.

@@ -36,14 +36,10 @@ __all__ = ["bin_faces", "scatter_hits", "sort_rays"]
 
 # A ray field holds the ranges of u and v, followed by the number of cells per unit of u and v.
 _CELLS_PER_U, _CELLS_PER_V = RANGES, RANGES + 1
-# Number of shares of faces sorted in parallel.
-_SHARES = 64
-# Faces that may touch more rays of a row than this are intersected with the row.
-_MANY = 16
-# Number of rays tested per batch.
-_RUN = 64
-# Relative tolerance by which rays may exceed their row of cells due to rounding.
-_ROW_MARGIN = 1e-6
+_SHARES = 64  # number of shares of faces sorted in parallel
+_MANY = 16  # faces that may touch more rays of a row than this are intersected with the row
+_RUN = 64  # number of rays tested per batch
+_ROW_MARGIN = 1e-6  # relative tolerance by which rays may exceed their row of cells due to rounding
 # Minimum number of faces, projected rays and cast rays per thread.
 _LEAST_SORTED, _LEAST_PROJECTED, _LEAST_CAST = 4096, 8192, 1024
 

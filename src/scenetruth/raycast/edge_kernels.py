@@ -12,8 +12,7 @@ from scenetruth.threads import in_bands
 
 __all__ = ["contour_edges", "cut_segments", "face_sides"]
 
-# Minimum number of faces or edges per thread.
-_LEAST = 4096
+_LEAST = 4096  # minimum number of faces or edges per thread
 
 
 def face_sides(

@@ -12,14 +12,10 @@ from scenetruth.raycast.ray_caster import RayCaster
 
 __all__ = ["mixed_pixels"]
 
-# Near clipping depth of edges in mm.
-_NEAR = 1e-6
-# Distance from a pixel border in px below which a line belongs to both pixels.
-_TOUCH_PX = 1e-6
-# Piece length of lines curved by distortion; pixels touched over a shorter length may be missed.
-_PIECE_PX = 1 / 64
-# Relative depth tolerance for the occlusion of edge points.
-_HIDDEN = 1e-7
+_NEAR = 1e-6  # near clipping depth of edges in mm
+_TOUCH_PX = 1e-6  # distance from a pixel border in px below which a line belongs to both pixels
+_PIECE_PX = 1 / 64  # piece length of lines curved by distortion; pixels touched over a shorter length may be missed
+_HIDDEN = 1e-7  # relative depth tolerance for the occlusion of edge points
 
 
 def mixed_pixels(
@@ -32,7 +28,6 @@ def mixed_pixels(
 
     ``bodies``: Body index at every pixel centre, shape (height, width), -1 for none. Where it changes between two
       pixels without an edge (intersecting bodies), both pixels are marked.
-    Returns: bool, shape (height, width).
     """
     mixed = np.zeros((camera.height, camera.width), dtype=np.bool_)
     edges = _contour_edges(caster, viewpoint.position_mm)

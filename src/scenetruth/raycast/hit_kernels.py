@@ -24,8 +24,7 @@ from scenetruth.threads import in_bands
 __all__ = ["footprint_forms", "mix_vertices", "refine_hits", "walk_footprints"]
 
 
-# Maximum number of faces tested per ray.
-_MOST_CANDIDATES = 40
+_MOST_CANDIDATES = 40  # maximum number of faces tested per ray
 # Rows of footprint forms: numerators of u and v, and their denominator. Columns: coefficients of 1 and of the offsets
 # across and down from the pixel centre. `scene.texture.texture_kernels` relies on this order.
 _U, _V, _DENOMINATOR = range(3)
@@ -232,8 +231,7 @@ def _footprint_forms(
         whole[n] = positive or negative
 
 
-# Minimum number of rays per thread.
-_LEAST_MIXED = 4096
+_LEAST_MIXED = 4096  # minimum number of rays per thread
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -267,10 +265,8 @@ def _mix_vertices(
                 out[n, k] = _mixed(values[first, k], values[second, k], values[third, k], b1, b2)
 
 
-# Maximum number of steps to one sample.
-_MOST_STEPS = 512
-# Minimum number of pixels per thread.
-_LEAST_WALKED = 128
+_MOST_STEPS = 512  # maximum number of steps to one sample
+_LEAST_WALKED = 128  # minimum number of pixels per thread
 
 
 @numba.njit(cache=True, nogil=True)

@@ -19,11 +19,9 @@ CREASE_DEG = 1.0
 class Topology:
     """Faces, edges and adjacency of a mesh; constant under motion.
 
-    ``faces``: Vertex indices, shape (m, 3), int32.
-    ``edges``: Vertex indices of every edge, shape (k, 2), int32.
+    ``faces``, ``edges``: Vertex indices, shapes (m, 3) and (k, 2), int32.
     ``edge_faces``: The two faces at every edge, shape (k, 2), int32; -1 for the missing face of a boundary edge.
-    ``edge_flipped``: Whether the two faces at the edge have opposite orientation.
-    ``edge_crowded``: Whether more than two faces share the edge.
+    ``edge_flipped``, ``edge_crowded``: Whether the faces have opposite orientation; whether they are more than two.
     ``face_neighbours``: Face across each of the three edges of every face, shape (m, 3), int32; -1 for none. Edge k
       runs from corner k to corner k + 1.
     ``edge_crease_cosine``: Cosine of the angle between the two faces above which the edge is sharp, shape (k,),
@@ -47,8 +45,6 @@ class Topology:
     ) -> Topology:
         """Compute the topology of a mesh; coincident vertices, as at texture seams, are merged.
 
-        ``vertices``: Positions, shape (n, 3).
-        ``faces``: Vertex indices, shape (m, 3).
         ``crease_deg``: Crease angle of all faces, of each face, shape (m,), or of each face side, shape (m, 3), where
           side k runs from corner k to corner k + 1. An edge is sharp if its faces differ by more than the smaller of
           their two angles, or if that angle is 0.

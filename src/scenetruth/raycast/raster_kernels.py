@@ -41,10 +41,8 @@ TILE = 16
 # Corners closer to the plane through the origin normal to the axis than this fraction of their distance have no
 # usable projection; their faces are tested against all rays.
 _GRAZING = 1e-6
-# Relative margin of the boxes; rounding is below 1e-9 even at `_GRAZING`.
-_BOX_MARGIN = 1e-8
-# Minimum number of rays per thread.
-_LEAST_BOUNDED, _LEAST_CAST = 8192, 2048
+_BOX_MARGIN = 1e-8  # relative margin of the boxes; rounding is below 1e-9 even at `_GRAZING`
+_LEAST_BOUNDED, _LEAST_CAST = 8192, 2048  # minimum number of rays per thread
 
 
 def tile_bounds(

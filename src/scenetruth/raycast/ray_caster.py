@@ -14,8 +14,7 @@ from scenetruth.raycast.mesh_topology import Topology
 __all__ = ["EmbreeMesh", "Hits", "RayCaster"]
 
 
-# Rays are passed to Embree in blocks to limit the memory of its copies.
-_PIECE = 1 << 20
+_PIECE = 1 << 20  # rays are passed to Embree in blocks to limit the memory of its copies
 
 
 class EmbreeMesh:
@@ -42,8 +41,7 @@ class EmbreeMesh:
         return faces
 
 
-# Error of Embree's float32 hits in units of the rounding of the coordinates.
-_MARGIN_ROUNDINGS = 16
+_MARGIN_ROUNDINGS = 16  # error of Embree's float32 hits in units of the rounding of the coordinates
 # Up to this number of faces, each face is tested against nearby rays: measured seven times as fast as Embree for 1e6
 # faces, but it needs 136 bytes per face.
 _MOST_RASTERED = 2_000_000

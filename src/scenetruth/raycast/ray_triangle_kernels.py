@@ -149,8 +149,7 @@ LEAST_COSINE = 0.05
 PLANE_MARGIN = 1e-12
 """Relative safety margin of edge-function bounds that only skip work; larger than rounding."""
 
-# Rows of a frame: two transverse unit vectors and the axis.
-_ACROSS, _DOWN, _AXIS = range(3)
+_ACROSS, _DOWN, _AXIS = range(3)  # rows of a frame: two transverse unit vectors and the axis
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

@@ -93,18 +93,12 @@ LIT, BLOCKED, UNSURE = range(3)
 # inside each of three edges and for the plane height h; and the gradient of h.
 _LOWEST, _EDGES, _PLANE, _STEEP = 0, 1, 10, 13
 NUMBERS = 16
-# For faces steeper than this, only the heights of their corners are used.
-_STEEPEST = 1e3
-# Maximum number of faces distinguished on one ray.
-_MOST = 24
-# Minimum number of points per thread.
-_LEAST = 256
-# Faces that touch more cells than this are tested for every point.
-LARGE = 1 << 14
-# For faces that touch more cells than this, every cell of the bounding box is tested.
-_FEW = 4
-# Relative margin of the cells for rounding.
-_CELL_MARGIN = 1e-6
+_STEEPEST = 1e3  # for faces steeper than this, only the heights of their corners are used
+_MOST = 24  # maximum number of faces distinguished on one ray
+_LEAST = 256  # minimum number of points per thread
+LARGE = 1 << 14  # faces that touch more cells than this are tested for every point
+_FEW = 4  # for faces that touch more cells than this, every cell of the bounding box is tested
+_CELL_MARGIN = 1e-6  # relative margin of the cells for rounding
 
 
 class FacesInLight(NamedTuple):

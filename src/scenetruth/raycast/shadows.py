@@ -13,12 +13,9 @@ from scenetruth.raycast.ray_caster import EmbreeMesh
 
 __all__ = ["ShadowCaster"]
 
-# Faces closer to the point than this fraction of the ray length cast no shadow (float64 rounding).
-_TOUCH = 1e-9
-# Error of Embree's float32 hits in units of the rounding of the coordinates.
-_ROUNDINGS = 16
-# Number of cells for parallel light per face, and in total.
-_CELLS_PER_FACE, _MOST_CELLS = 2, 1 << 22
+_TOUCH = 1e-9  # faces closer to the point than this fraction of the ray length cast no shadow (float64 rounding)
+_ROUNDINGS = 16  # error of Embree's float32 hits in units of the rounding of the coordinates
+_CELLS_PER_FACE, _MOST_CELLS = 2, 1 << 22  # number of cells for parallel light per face, and in total
 
 
 class ShadowCaster:
@@ -104,11 +101,8 @@ class ShadowCaster:
         Rays run from the light (for distant lights, from just outside the mesh) to the points. A point is in shadow if
         its ray first hits a face other than its own; no offset from the surface is needed.
 
-        ``points_mm``: Points on the mesh, shape (n, 3).
-        ``faces``: Face of each point, shape (n,).
         ``to_light``: Unit vectors towards the light, shape (n, 3).
         ``distance_mm``: Distance of the light, shape (n,), infinite for parallel light.
-        Returns: bool, shape (n,).
         """
         from scenetruth.raycast.shadow_kernels import confirm_blocked
 

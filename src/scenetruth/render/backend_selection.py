@@ -26,8 +26,7 @@ class BackendChoice:
 def choose_renderer(scene: Scene, world: BuiltScene) -> BackendChoice:
     """Open the rendering backend of a scene, including lens and shutter.
 
-    The order of ``auto`` is ``pyrender`` on OSMesa, on EGL, ``raycast``. Lens distortion and rolling shutter need
-    ``raycast``.
+    Order of ``auto``: ``pyrender`` on OSMesa, on EGL, ``raycast``, which lens distortion and rolling shutter require.
     """
     settings = scene.render
     reason = ""

@@ -10,8 +10,7 @@ from scenetruth.threads import in_bands
 
 __all__ = ["average_samples"]
 
-# Minimum number of pixel rows per thread.
-_LEAST_ROWS = 8
+_LEAST_ROWS = 8  # minimum number of pixel rows per thread
 
 
 def average_samples(samples: NDArray[np.float32], weights: NDArray[np.float64], out: NDArray[np.float32]) -> None:

@@ -20,10 +20,7 @@ _MARGIN = ((1, 2), (1, 2))  # as the shader expects it
 class FloatBuffer:
     """Framebuffer with one float32 channel that replaces the framebuffer and shader of a pyrender renderer.
 
-    It caches compiled programs. The OpenGL context must be current.
-
-    ``renderer``: The ``pyrender.renderer.Renderer``, exclusively used by this buffer.
-    ``size``: Width and height in samples.
+    It caches compiled programs and needs exclusive use of ``renderer``. The OpenGL context must be current.
     """
 
     def __init__(self, renderer: Any, size: tuple[int, int]) -> None:

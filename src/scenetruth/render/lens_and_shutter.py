@@ -81,12 +81,7 @@ def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float
 class LensRenderer(Renderer):
     """Renderer with lens and shutter effects: average of sharp images, blurred and vignetted.
 
-    ``name``: Name of the backend of the sharp images.
-    ``bands``: Renderers that together cover the subsampled image: one for all rows, or one per row for a rolling
-      shutter.
-    ``world``, ``camera``: Built scene and camera.
-    ``optics``, ``shutter``: Lens and shutter.
-    ``frame_interval_s``: Time between consecutive frames.
+    ``bands``: Renderers that together cover the subsampled image: one, or one per row for a rolling shutter.
     """
 
     def __init__(

@@ -22,25 +22,16 @@ __all__ = ["PyrenderRenderer"]
 
 # pyrender cameras look along -Z with Y up; scenetruth cameras along +Z with Y down.
 _TURN = np.diag([1.0, -1.0, -1.0, 1.0])
-# Relative margin of the clipping planes, so that rounding does not clip surfaces.
-_SLACK = 0.01
-# Larger images are drawn in tiles to limit memory, at 8 bytes per sample including depth.
-_SAMPLES_PER_TILE = 1 << 23
+_SLACK = 0.01  # relative margin of the clipping planes, so that rounding does not clip surfaces
+_SAMPLES_PER_TILE = 1 << 23  # larger images are drawn in tiles to limit memory, at 8 bytes per sample including depth
 
 
 class PyrenderRenderer(Renderer):
     """Renderer based on OpenGL.
 
     Every pixel is a weighted mean of n x n samples (`even_rule`) of the texture spline (noise, plaid) or its bilinear
-    interpolation (images), without mip-maps, lights or tone mapping, in float32.
-
-    ``world``: Built scene.
-    ``camera``: The camera.
-    ``background``: Radiance in [0, 1] of the background.
-    ``supersampling``: Number n of samples along x and y.
-    ``platform``: ``"osmesa"``, ``"egl"`` or ``"auto"``.
-    ``lighting``: Lights; None if texture values are radiance. OpenGL renders the unlit image, which is multiplied by
-      the irradiance from ray casting; pixels at object or shadow edges are ray cast.
+    interpolation (images), without mip-maps, lights or tone mapping, in float32. With lights, this unlit image is
+    multiplied by the irradiance from ray casting; pixels at object or shadow edges are ray cast.
     """
 
     def __init__(

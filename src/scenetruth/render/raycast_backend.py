@@ -22,12 +22,10 @@ Rule = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def even_rule(count: int) -> Rule:
-    """Return equally spaced samples along one axis of a footprint, with weights of the highest order.
+    """Return equally spaced samples in [-1/2, 1/2] px along one axis of a footprint, with weights of the highest order.
 
     Equal weights (midpoint rule) are exact for linear functions only and amplify a wave of f cycles per pixel by 1 +
     (πf / n)² / 6. For three or more samples the weights 1/n + a (x² - mean of x²) are exact for cubic functions.
-
-    Returns: Positions in [-1/2, 1/2] px and weights with sum 1, shape (n,), float64.
     """
     positions = (np.arange(count) + 0.5) / count - 0.5
     weights = np.full(count, 1 / count)
@@ -50,9 +48,6 @@ def visible_uv(
     """Return the texture coordinates at the corners of all faces, for the side visible from a point.
 
     The front of a face is the side of its normal (p1 - p0) x (p2 - p0), from which its corners run counter-clockwise.
-
-    ``vertices_mm``: World positions of the vertices, shape (n, 3).
-    ``origin_mm``: Camera position, shape (3,).
     """
     if world.uv_back is world.uv:
         return world.uv
@@ -86,13 +81,7 @@ class _View:
 class RaycastRenderer(Renderer):
     """Renderer based on ray casting, without system libraries.
 
-    ``world``: Built scene.
-    ``camera``: The camera.
-    ``background``: Radiance of the background.
-    ``supersampling``: n: every pixel is the mean of n x n samples by the Gauss-Legendre rule (`gauss_rule`), or of
-      equally spaced samples at silhouettes.
-    ``lighting``: Lights; None if texture values are radiance.
-    ``topology``: Faces and edges of the scene, if available.
+    Every pixel is the mean of n x n samples by the Gauss-Legendre rule (`gauss_rule`), equally spaced at silhouettes.
     """
 
     def __init__(
@@ -136,11 +125,7 @@ class RaycastRenderer(Renderer):
     def light(self, albedo: Callable[[], NDArray[np.float32]], t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Apply illumination to an unlit image of the same scene and samples from another renderer.
 
-        Only pixels at object or shadow edges are rendered here.
-
-        ``albedo``: Returns the unlit image, shape (height, width); called as late as possible, because another thread
-          may draw it.
-        Returns: Linear radiance, shape (height, width), float32.
+        Only pixels at edges are rendered here. ``albedo`` is called late, because another thread may draw the image.
         """
         return self._render(t, viewpoint, albedo)
 

@@ -49,9 +49,6 @@ class Shader:
 
     The normal is oriented towards the camera. It is that of the flat triangle, or, on smooth meshes, interpolated
     between the exact normals at the corners, with an error quadratic in the triangle size.
-
-    ``lighting``: Lighting of the scene.
-    ``world``: Built scene.
     """
 
     def __init__(self, lighting: Lighting, world: BuiltScene) -> None:
@@ -95,12 +92,11 @@ class Shader:
         faces: NDArray[np.int32],
         starts_mm: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Compute the irradiance of surface points.
+        """Compute the irradiance and state numbers (see `factors`) of surface points, shape (n,) each.
 
         ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
         ``faces``: Face of each point, shape (n,), which casts no shadow on it.
         ``starts_mm``: Origins of the shadow rays, shape (n, 3): the points, or points above them on a smooth surface.
-        Returns: Irradiance, shape (n,); and state numbers, shape (n,), see `factors`.
         """
         from scenetruth.render.shading_kernels import add_light, direct_light
 

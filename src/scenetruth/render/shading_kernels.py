@@ -17,8 +17,7 @@ DARK = 0
 
 # Other zones: the border of the cone, where the light falls off, and its interior (everywhere without a cone).
 _BORDER, _INSIDE = 1, 2
-# Multiplier that combines the zones of all lights into one number.
-_MIX = np.uint64(0x9E3779B97F4A7C15)
+_MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
 # Minimum number of points, of points with a cheap operation, and of pixel rows per thread.
 _LEAST_POINTS, _LEAST_EASY_POINTS, _LEAST_ROWS = 4096, 65536, 8
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.

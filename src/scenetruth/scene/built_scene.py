@@ -42,10 +42,8 @@ __all__ = [
 ]
 
 
-# Relative area below which a triangle counts as vanished; float64 leaves 1e-16.
-_LEAST_AREA = 1e-9
-# Relative area below which a triangle is perpendicular to the XY plane and has no sign there.
-_UPRIGHT = 1e-6
+_LEAST_AREA = 1e-9  # relative area below which a triangle counts as vanished; float64 leaves 1e-16
+_UPRIGHT = 1e-6  # relative area below which a triangle is perpendicular to the XY plane and has no sign there
 
 
 def find_motion_problems(
@@ -118,19 +116,15 @@ def _clock_problems(scene: Scene, where: str, item: SceneObject) -> list[Problem
     ]
 
 
-# Number of cached snapshots.
-_SNAPSHOT_COUNT = 2
+_SNAPSHOT_COUNT = 2  # number of cached snapshots
 
 
 @dataclass(frozen=True, eq=False)
 class SceneBody:
     """One object of a built scene.
 
-    ``name``: Name in the scene.
-    ``start``: Reference configuration of the points.
-    ``uv``: Texture coordinates at the corners, shape (m, 3, 2).
+    ``uv``, ``uv_back``: Texture coordinates at the corners, shape (m, 3, 2); for the back of faces, None if the same.
     ``maps``: Deformation, pose and motion, in order of application.
-    ``uv_back``: Texture coordinates for the back of faces, shape (m, 3, 2); None if both sides are the same.
     """
 
     name: str
@@ -179,13 +173,7 @@ class SceneBody:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """All vertices of a scene at one time.
-
-    ``t``: Time in frames.
-    ``vertices_mm``: World positions, shape (n, 3), float64.
-    ``velocities``: Velocities in mm per frame, shape (n, 3), float64.
-    ``accelerations``: Accelerations in mm per frame squared, shape (n, 3), float64.
-    """
+    """Positions of all vertices in mm, velocities per frame and accelerations per frame², (n, 3), at t in frames."""
 
     t: float
     vertices_mm: NDArray[np.float64]
@@ -273,10 +261,7 @@ class BuiltScene:
         )
 
     def at(self, t: float) -> Snapshot:
-        """Return position, velocity and acceleration of all vertices at time t (in frames).
-
-        Recent snapshots are cached and must not be modified.
-        """
+        """Return all vertices at time t (in frames); recent snapshots are cached and must not be modified."""
         found = self._recent.get(t)
         if found is None:
             moved = [body.at(t) for body in self.bodies]

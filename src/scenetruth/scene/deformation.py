@@ -71,13 +71,7 @@ class DeformationModel(OwnFrameModel):
 
 @dataclass(frozen=True, eq=False)
 class DeformationStep:
-    """Point map of one deformation of an object.
-
-    ``number``: Index in the deformation list of the object.
-    ``entry``: Deformation of the scene.
-    ``surroundings``: Context of the deformation.
-    ``point_map``: The map.
-    """
+    """Point map of one deformation of an object, with its index in the deformation list."""
 
     number: int
     entry: DeformationModel

@@ -28,8 +28,7 @@ class Lamp:
 
     ``position_mm``: World position, shape (3,); None at infinity.
     ``axis``: Unit vector of the light direction, shape (3,); zeros for a point light.
-    ``irradiance``: Irradiance E at normal incidence, at the reference distance.
-    ``reference_distance_mm``: Reference distance; 0 for a directional light.
+    ``irradiance``: E at normal incidence at ``reference_distance_mm``, which is 0 for a directional light.
     ``cos_inner``, ``cos_outer``: Cosines of the inner and outer cone angles of a spotlight; -1 and -1 for other lights.
     """
 

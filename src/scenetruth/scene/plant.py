@@ -24,8 +24,7 @@ __all__ = ["LeafPlace", "PlantModel", "Rosette", "Seedling"]
 
 
 GOLDEN_ANGLE_DEG = 137.508
-# Angle below which the quotient is evaluated by its series.
-_SMALL_RAD = 1e-3
+_SMALL_RAD = 1e-3  # angle below which the quotient is evaluated by its series
 
 Elevation = Annotated[float, Field(gt=-90, lt=90, allow_inf_nan=False)]
 

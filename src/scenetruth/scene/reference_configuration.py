@@ -69,9 +69,6 @@ def fit_quadrics(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: floa
 
     Gradients are accurate to second order in the edge length, second derivatives to first order (second on regular
     meshes). Second derivatives not determined by the neighbours, as at the corners of a box, are zero.
-
-    ``vertices_mm``: Positions, shape (n, 3).
-    ``faces``: Vertex indices, shape (m, 3).
     """
     corners, vertex_of = _surface_points(vertices_mm, faces, crease_deg)
     count = len(vertex_of)
@@ -227,10 +224,7 @@ class MeshAtRest:
 
 @dataclass(frozen=True, eq=False)
 class FittedConfiguration(MeshAtRest):
-    """Mesh at rest with derivatives from quadric fits.
-
-    ``crease_deg``: Angle between faces above which they belong to different pieces of the surface; see `TriangleMesh`.
-    """
+    """Mesh at rest with derivatives from quadric fits; for ``crease_deg`` see `TriangleMesh`."""
 
     crease_deg: float | NDArray[np.float64]
 
@@ -252,10 +246,7 @@ class FittedConfiguration(MeshAtRest):
 
 @dataclass(frozen=True, eq=False)
 class AnalyticConfiguration(MeshAtRest):
-    """Mesh at rest on a smooth surface given by a formula.
-
-    ``along``: Derivatives (a, b, aa, ab, bb) of the positions along the surface, shape (5, n, 3).
-    """
+    """Mesh at rest on a smooth surface given by a formula; for ``along`` see `TriangleMesh`."""
 
     along: NDArray[np.float64]
 
@@ -303,12 +294,10 @@ def make_surface_jet(osculation: QuadricFit, orders: NDArray[np.float64]) -> Jet
 
 
 def corner_normals(mesh: TriangleMesh, start: ReferenceConfiguration, maps: Sequence[PointMap], t: float) -> Floats:
-    """Return the unit normals of the smooth surface at all face corners at time t (in frames).
+    """Return the unit normals of the smooth surface at face corners, (m, 3, 3), sign arbitrary, at t (in frames).
 
-    They are computed from the surface derivatives, with an error quadratic in the triangle size. Normals supplied with
-    the mesh rotate with the surface and keep their deviation from the derivative normals at rest.
-
-    Returns: Shape (m, 3, 3), sign arbitrary; NaN where the derivatives along the surface are parallel.
+    They are computed from the surface derivatives (NaN if parallel), with an error quadratic in the triangle size.
+    Supplied normals rotate with the surface and keep their deviation from the derivative normals at rest.
     """
     moved = _frames(start, maps, t)[start.corners]
     if mesh.corner_normals is None:

@@ -174,8 +174,7 @@ def apply_overrides(
         raise refused(problems, source=source)
 
 
-# At most nine ASCII digits.
-_INDEX = re.compile(r"-?[0-9]{1,9}", re.ASCII)
+_INDEX = re.compile(r"-?[0-9]{1,9}", re.ASCII)  # at most nine ASCII digits
 
 
 def _assign(target: Any, keys: list[str], value: Any) -> str | None:
@@ -248,8 +247,7 @@ def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Probl
     return problems
 
 
-# Suggestions take some milliseconds per problem.
-_MAX_PROBLEMS = 100
+_MAX_PROBLEMS = 100  # suggestions take some milliseconds per problem
 
 
 def _message_of(entry: ErrorDetails, path: str) -> str:

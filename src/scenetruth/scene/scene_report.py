@@ -103,7 +103,6 @@ _BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3 + 2 + 1 + 1) + 4 + 4 + 1 + 2 + 1 + 1
 class ObjectReport:
     """Expected properties of one object in the images.
 
-    ``faces``: Number of triangles.
     ``depth_mm``: Smallest and largest depth Z over all frames, of the vertices in front of the camera.
     ``disparity_px``: Smallest and largest disparity over all frames, px per step.
     ``wavelength_px``: Shortest and longest texture wavelength in the image at the smallest and largest depth, without
@@ -121,12 +120,10 @@ class ObjectReport:
 class SceneReport:
     """Expected properties of the recording and ground truth of a scene.
 
-    ``image_count``: Number of images.
     ``recording_bytes``, ``truth_bytes``: Memory of the recording, and of the ground truth of the reference camera.
     ``mean_disparity_px``: Mean disparity in the reference image.
     ``working_point_px``: Mean disparity rounded to the integer shift per step of s for registration.
     ``residual_disparity_px``: Range of the disparity after registration, at the reference frame.
-    ``objects``: One report for each object.
     ``warnings``: Properties that impair estimation but not simulation.
     """
 

@@ -19,8 +19,7 @@ __all__ = ["collect_keys", "list_kinds", "suggest_key", "suggest_setting", "sugg
 _HERE, _ELSEWHERE = 0.6, 0.75
 """Minimum similarity of a suggested word, at the same location and elsewhere (higher, because there are more keys)."""
 _WITHOUT_UNIT = 0.9
-_MOST = 3
-"""Maximum number of suggestions of each type."""
+_MOST = 3  # suggestions of each type
 
 Path = tuple[str, ...]
 

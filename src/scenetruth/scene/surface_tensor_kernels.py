@@ -37,8 +37,7 @@ TENSOR_ROWS = (0, 1, 2, 0, 0, 1)
 TENSOR_COLUMNS = (0, 1, 2, 1, 2, 2)
 
 
-# Minimum number of points per thread.
-_LEAST = 1024
+_LEAST = 1024  # minimum number of points per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 

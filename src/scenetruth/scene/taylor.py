@@ -90,7 +90,6 @@ class Jet(np.lib.mixins.NDArrayOperatorsMixin):
         return int(self.coefficients.shape[1])
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
-        """Apply a NumPy ufunc."""
         if method != "__call__" or kwargs:
             return NotImplemented
         if ufunc in _COMPARISONS:

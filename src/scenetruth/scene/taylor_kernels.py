@@ -13,10 +13,8 @@ from scenetruth.threads import in_bands
 
 __all__ = ["compose", "multiply"]
 
-# Block size such that all rows of both factors and of the product fit into the cache.
-_BLOCK = 256
-# Minimum number of coefficients per thread.
-_LEAST = 65536
+_BLOCK = 256  # block size such that all rows of both factors and of the product fit into the cache
+_LEAST = 65536  # minimum number of coefficients per thread
 
 
 def multiply(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:

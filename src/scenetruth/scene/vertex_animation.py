@@ -103,10 +103,8 @@ class AnimatedConfiguration:
     ``times_frames``: Increasing times, shape (k,), k >= 2. Two give linear, three quadratic interpolation, more a
       not-a-knot spline.
     ``states_mm``: Positions at each time, in the object frame, shape (k, n, 3).
-    ``faces``: Vertex indices, shape (m, 3).
     ``rest_mm``: Positions for the fit of the surface derivatives, shape (n, 3).
-    ``crease_deg``: Angle between faces at rest above which they belong to different pieces of the surface; see
-      `TriangleMesh`.
+    ``crease_deg``: Angle between faces at rest above which their edge is sharp, see `TriangleMesh`.
     """
 
     times_frames: Floats
@@ -240,7 +238,6 @@ def _read_array(file: Path, key: str | None) -> NDArray[Any]:
 
 
 def _chosen(names: list[str], key: str | None) -> str:
-    """Return the name of the selected array."""
     chosen = key if key is not None or len(names) != 1 else names[0]
     if chosen is None or chosen not in names:
         message = f"must be the name of an array in the file: {', '.join(names) or '(none)'}"

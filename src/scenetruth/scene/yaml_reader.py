@@ -287,7 +287,6 @@ class _Builder:
         return event.tag.removeprefix(_PREFIX), False
 
     def _value(self, text: str, tag: str) -> tuple[Any, str]:
-        """Return the value of a scalar, and its problem."""
         if tag in ("str", "value", "merge"):
             return text, scalar_problem(text)
         if tag == "timestamp":
@@ -328,7 +327,6 @@ class _Builder:
     def _give(
         self, value: Any, line: int, count: int, height: int, anchor: str | None, *, counted: bool = False
     ) -> None:
-        """Store a finished value."""
         if not counted:
             self._count(1, line)
         if anchor is not None:

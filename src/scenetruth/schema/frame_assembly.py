@@ -19,9 +19,7 @@ __all__ = ["IncrementalDataset", "Put", "blank_estimate", "blank_map", "compute_
 
 
 Put = Callable[[str, Mapping[str, int], NDArray[Any]], None]
-"""Sink for one image or map: variable name, index along the leading dimensions (from 0) and values, which must not be
-modified afterwards.
-"""
+"""Sink for an image or map: variable, index along the leading dimensions, and values, not to be modified afterwards."""
 
 
 def blank_map(dtype: DTypeLike, shape: Sequence[int]) -> NDArray[Any]:
@@ -34,9 +32,7 @@ def blank_map(dtype: DTypeLike, shape: Sequence[int]) -> NDArray[Any]:
 
 
 class IncrementalDataset:
-    """A data set in memory that is filled map by map.
-
-    ``blank``: Data set with blank maps (`blank_map`); other variables are kept.
+    """A data set in memory whose blank maps (`blank_map`) are filled map by map.
 
     >>> filling = IncrementalDataset(xr.Dataset({"depth": (("t", "y", "x"), blank_map(float, (2, 1, 2)))}))
     >>> for t in (0, 1):
@@ -110,12 +106,10 @@ def put_each(name: str, arrays: Iterable[Map], put: Put, *, recording: xr.Datase
 
 
 def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, recording: xr.Dataset) -> Map:
-    """Return the rate of depth in a frame from its neighbouring frames, as in `make_estimate`.
+    """Return dZ/dt in mm per frame from the neighbouring frames, as in `make_estimate`; NaN where none shows the point.
 
-    ``disparities``: Disparity in px per step in the frame (0) and, where available, in the previous (-1) and next (1)
-      frame.
+    ``disparities``: Disparity in px per step of the frame (0) and, if available, of the previous (-1) and next (1).
     ``flow``: (dx/dt, dy/dt) in px per frame, shape (2, y, x).
-    Returns: dZ/dt in mm per frame, shape (y, x); NaN where the point is visible in no neighbouring frame.
     """
     intrinsics = read_intrinsics(recording)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):

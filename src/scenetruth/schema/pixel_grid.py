@@ -13,8 +13,7 @@ from scenetruth.schema.attributes import Intrinsics
 
 __all__ = ["PixelGrid", "compute_pixel_grid", "pixel_grid_problems"]
 
-# Relative tolerance of the steps, for coordinates stored as float32.
-_TOLERANCE = 1e-3
+_TOLERANCE = 1e-3  # relative tolerance of the steps, for coordinates stored as float32
 
 
 @dataclass(frozen=True)

@@ -20,15 +20,13 @@ def depth_from_disparity(disparity: Map, intrinsics: Intrinsics) -> Map:
 
 
 def velocity_from_flow(flow: Map, depth: Map, depth_rate: Map, grid: Sequence[Map], intrinsics: Intrinsics) -> Map:
-    """Return the velocity of surface points from flow, depth and rate of depth.
+    """Return the velocity (U_X, U_Y, U_Z) of surface points in mm per frame, shape (3, t, y, x).
 
     The derivative of x = f X / Z gives U_X = (Z dx/dt + x U_Z) / f, and likewise U_Y.
 
     ``flow``: (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
     ``depth``, ``depth_rate``: Z in mm and U_Z in mm per frame, shape (t, y, x).
-    ``grid``: Column and row of every pixel in px, each of shape (y, x).
-    ``intrinsics``: Focal length and principal point in the same px.
-    Returns: (U_X, U_Y, U_Z) in mm per frame, shape (3, t, y, x).
+    ``grid``: Column and row of every pixel in px, each of shape (y, x), as for the intrinsics.
     """
     across = [
         (depth * part + (at - centre) * depth_rate) / intrinsics.focal_length_px
@@ -47,12 +45,9 @@ def flow_from_velocity(velocity: Map, depth: Map, grid: Sequence[Map], intrinsic
 
 
 def depth_rate_along(depth: Map, flow: Map, frames: NDArray[np.int64], grid: Sequence[Map]) -> Map:
-    """Return the rate of depth of surface points in every frame, see `depth_rate_at`.
+    """Return the rate of depth of surface points in mm per frame for ``frames``, shape (t, y, x), see `depth_rate_at`.
 
     ``depth``, ``flow``: Z in mm, shape (t, y, x); (dx/dt, dy/dt) in px per frame, shape (2, t, y, x).
-    ``frames``: Frame indices.
-    ``grid``: Column and row of every pixel in px, equally spaced, each of shape (y, x).
-    Returns: dZ/dt in mm per frame, shape (t, y, x); NaN where the point is visible in no neighbouring frame.
     """
     depths = dict(zip(frames.tolist(), depth, strict=True))
     rate = np.empty_like(depth)

@@ -56,26 +56,16 @@ def truth_maps(
 ) -> dict[str, NDArray[Any]]:
     """Compute the ground truth at the pixel centres of one image.
 
-    ``baseline_mm``: V_X in mm per step of s, for the disparity.
     Returns: Variables of a ground truth by name (`scenetruth.schema.VARIABLES`), vector components first. From the
-    visible triangle, and therefore mutually consistent to rounding:
+    visible triangle, and therefore mutually consistent to rounding: motion, depth, normal, slope, identity and
+    coordinates, and
 
-    - ``depth`` Z in mm, ``velocity`` (U_X, U_Y, U_Z) in mm per frame, ``acceleration`` in mm per frame squared,
     - ``disparity`` f V_X / Z in px per step (minus the paper's v_x, eq. 5), of the undistorted image,
     - ``flow`` ((f U_X - x U_Z) / Z, (f U_Y - y U_Z) / Z) in px per frame, with x and y relative to the principal point:
-      the paper's (u_x + x u_z, u_y + y u_z); with lens distortion, times its Jacobian,
-    - ``normal`` and ``slope`` (dZ/dX, dZ/dY),
-    - ``object_id``, ``face_id``, ``barycentric``: identity of the surface point; ``uv`` and
-      ``material_coordinates_mm``: its texture and material coordinates.
+      the paper's (u_x + x u_z, u_y + y u_z); with lens distortion, times its Jacobian.
 
-    From the smooth surface, interpolated between exact values at the vertices:
-
-    - ``curvature``: principal curvatures in 1/mm, the larger first, positive for a convex surface seen by the camera,
-    - ``rotation_rate`` of the surface element in rad per frame,
-    - ``growth_rate``: areal strain rate, 1 per frame; ``principal_growth_rates``: principal strain rates;
-      ``principal_growth_direction``: direction of the larger rate.
-
-    Per pixel: ``mixed``, and ``boundary_distance`` to the nearest mixed pixel in px.
+    From the smooth surface, interpolated between exact values at the vertices: curvature, rotation rate and growth
+    rates; principal values are ordered from the larger to the smaller.
     """
     from scenetruth.truth.map_kernels import MovingMesh, fill_maps, fill_surface_maps
 

@@ -22,8 +22,7 @@ from scenetruth.threads import in_bands
 __all__ = ["MovingMesh", "distances", "fill_maps", "fill_surface_maps"]
 
 
-# Minimum number of pixels per thread.
-_LEAST = 4096
+_LEAST = 4096  # minimum number of pixels per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
@@ -116,10 +115,8 @@ def _fill_maps(
         own_face[n] = met - face_offsets[face_body[met]]
 
 
-# Relative difference of principal rates below which their directions are undefined.
-_EQUAL = 1e-9
-# Minimum number of pixels per thread.
-_LEAST_POINTS = 1024
+_EQUAL = 1e-9  # relative difference of principal rates below which their directions are undefined
+_LEAST_POINTS = 1024  # minimum number of pixels per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
@@ -259,8 +256,7 @@ def _fill_surface_maps(
                 direction[k, n] = -direction[k, n]
 
 
-# Minimum number of columns and rows per thread.
-_LEAST_COLUMNS, _LEAST_ROWS = 64, 16
+_LEAST_COLUMNS, _LEAST_ROWS = 64, 16  # minimum number of columns and rows per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 

@@ -59,12 +59,10 @@ class SurfacePoints:
 def find_visible_points(
     points: SurfacePoints, geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Compute the visibility of surface points in a camera and their image positions.
+    """Compute the visibility of surface points in a camera and their image positions in px, NaN behind the camera.
 
     A point is visible if it lies in the image, if its side of the face is towards the camera, and if no other face lies
     in between (every face near the viewing ray is tested in float64).
-
-    Returns: Visibility, bool, shape (n,); and image positions in px, shape (n, 2), NaN behind the camera.
     """
     from scenetruth.truth.visibility_kernels import hide_points, look_at_points, sort_into_cells
 
@@ -103,10 +101,7 @@ class PixelPoints:
 
 
 class PointTracker:
-    """Tracks the surface points of pixels to other cameras and to neighbouring frames.
-
-    ``places``: Time and pose of every image, [camera][frame].
-    """
+    """Tracks the surface points of pixels to other images; ``places`` holds time and pose by [camera][frame]."""
 
     def __init__(
         self,
@@ -124,15 +119,9 @@ class PointTracker:
         return self._map(points, self._seen(points, index, frame))
 
     def maps(self, own: PixelPoints, index: int, frame: int) -> dict[str, NDArray[Any]]:
-        """Return the visibility and displacement maps of one image.
+        """Return the visibility and displacement maps of one image, see `scenetruth.schema.VARIABLES`.
 
-        ``view_count`` and ``occluded_across_cameras`` (y, x): number of cameras in which the point is visible at this
-          frame, and whether it is not visible in all of them.
-        ``occluded_in_time`` (y, x): whether it is not visible in this camera at the previous or next recorded frame.
-        ``displacement_next``, ``displacement_previous`` (component, y, x): in mm, camera frame, to the next and
-          previous frame.
-        ``flow_next``, ``flow_previous`` (image component, y, x): in px, position of the point in the next or previous
-          image of the camera, minus the pixel. Beyond the first and last frame the camera pose is constant.
+        Beyond the first and last frame the camera pose is constant.
         """
         count = np.ones(len(own.pixels), dtype=np.int16)
         for other in range(len(self._places)):

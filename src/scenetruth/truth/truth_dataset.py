@@ -85,8 +85,7 @@ DTYPES: dict[str, type[np.generic[Any]]] = {
 """Data types of the maps that are not float64."""
 
 
-# Threshold on the fraction of mixed pixels, above that of a smooth body of more than a few pixels.
-_MANY_EDGES = 0.25
+_MANY_EDGES = 0.25  # threshold on the fraction of mixed pixels, above that of a smooth body of more than a few pixels
 
 
 def interior_warnings(
@@ -120,8 +119,7 @@ def _listed(names: list[str]) -> str:
 TruthViews = Literal["reference", "all"]
 TruthPoses = Literal["actual", "nominal"]
 
-# Number of cached times: the current frame and its neighbours; for scans, times per camera.
-_CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8
+_CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8  # the current frame and its neighbours; for scans, times per camera
 
 
 def make_truth(

@@ -13,18 +13,12 @@ from scenetruth.threads import in_bands
 
 __all__ = ["Cells", "hide_points", "look_at_points", "place_points", "sort_into_cells"]
 
-# Relative depth difference below which a face does not occlude a point (float64 rounding).
-_TOUCH = 1e-9
-# Relative margin of the face bounding boxes for rounding.
-_MARGIN = 1e-9
-# Faces with a corner depth below this fraction of their size are assumed to cover the whole image.
-_GRAZING = 1e-6
-# Faces that may occlude more points of a row than this are intersected with the row.
-_MANY = 16
-# Relative tolerance by which points may exceed their cells due to rounding.
-_ROW_MARGIN = 1e-6
-# Minimum number of points and faces per thread.
-_LEAST_POINTS, _LEAST_FACES = 8192, 1024
+_TOUCH = 1e-9  # relative depth difference below which a face does not occlude a point (float64 rounding)
+_MARGIN = 1e-9  # relative margin of the face bounding boxes for rounding
+_GRAZING = 1e-6  # faces with a corner depth below this fraction of their size are assumed to cover the whole image
+_MANY = 16  # faces that may occlude more points of a row than this are intersected with the row
+_ROW_MARGIN = 1e-6  # relative tolerance by which points may exceed their cells due to rounding
+_LEAST_POINTS, _LEAST_FACES = 8192, 1024  # minimum number of points and faces per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 

@@ -88,14 +88,7 @@ class SensorChain(FrozenModel):
 
 
 class OpenSensor:
-    """Sensor chain with the fixed patterns of one recording.
-
-    An image depends only on its radiance and, with image lag, on the previous image. Images may be processed in any
-    order and in parallel.
-
-    ``shape``: Rows and columns.
-    ``generator_for``: Source of random streams, as for `SensorChain.open`.
-    """
+    """Sensor chain with the fixed patterns of one recording; with image lag, an image depends on the previous image."""
 
     def __init__(self, chain: SensorChain, shape: tuple[int, int], generator_for: GeneratorFor) -> None:
         self.chain = chain

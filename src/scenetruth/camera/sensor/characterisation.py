@@ -23,16 +23,14 @@ _LEVELS = 3
 class PhotonTransfer:
     """Measured EMVA 1288 parameters of a sensor.
 
-    ``gain_dn_per_e``: K, overall system gain: slope of the dark-corrected temporal variance over the dark-corrected
-      mean.
+    ``gain_dn_per_e``: K, overall system gain: slope of temporal variance over mean, both dark-corrected.
     ``temporal_dark_noise_e``: σ_d in electrons at the shortest exposure, without quantisation noise.
     ``dsnu_e``: DSNU_1288, spatial standard deviation of the dark images at the shortest exposure, in electrons.
     ``prnu``: PRNU_1288, spatial standard deviation of the sensitivity, relative to its mean.
     ``quantum_efficiency``: η: responsivity / K, electrons per photon.
     ``saturation_e``: Saturation capacity in electrons, limited by the full well or the converter.
     ``dark_e``: Electrons added by the dark current from the shortest to the operating exposure.
-    ``linearity_error``: Largest deviation of the mean from a fitted line, relative to the line, from 5 % to 95 % of
-      saturation.
+    ``linearity_error``: Largest relative deviation of the mean from a fitted line, from 5 % to 95 % of saturation.
     ``photons``: Photons per pixel of each level, shape (n,).
     ``mean_dn``, ``variance_dn2``: Dark-corrected mean and temporal variance, shape (n,).
     """
@@ -58,11 +56,9 @@ def photon_transfer(
     Unlike in the standard, no high-pass filter removes non-uniform illumination, and saturation is the largest mean
     rather than the mean of largest variance.
 
-    ``photons``: Photons per pixel and exposure of each level, shape (n,), in any order; at least three from 5 % to 70 %
-      of saturation.
+    ``photons``: Photons per pixel and exposure of each level, shape (n,); three or more from 5 % to 70 % of saturation.
     ``pairs``: Two images of each level at the operating exposure, shape (n, 2, y, x), digital numbers.
-    ``dark``: Images without light at the operating exposure, shape (m, y, x).
-    ``bias``: Images without light at the shortest exposure, shape (m, y, x).
+    ``dark``, ``bias``: Images without light at the operating and at the shortest exposure, shape (m, y, x).
     ``flat``: Images at about half of saturation, shape (m, y, x).
     ``saturated``: Images far beyond saturation, shape (m, y, x) or (y, x).
 

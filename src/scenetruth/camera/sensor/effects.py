@@ -54,10 +54,8 @@ class Exposure:
 
     ``s_y``, ``s``, ``t``: Row, camera position and frame, 0 at the reference.
     ``full_scale``: Largest digital number of the chain; 1 without digitisation.
-    ``generator``: Factory of the random generator of the effect for this image.
     ``pattern``: Fixed pattern returned by `Effect.draw_pattern`.
-    ``previous``: Input signal of the effect for the previous image, shape (y, x); None for effects without memory and
-      for the first image.
+    ``previous``: Input signal for the previous image, shape (y, x); None for the first image or without memory.
     """
 
     s_y: int
@@ -114,8 +112,7 @@ class Effect(FrozenModel):
 
 BayerOrder = Literal["rggb", "grbg", "gbrg", "bggr"]
 
-# Indices of the colours in `BayerFilter.response`.
-_COLOURS = "rgb"
+_COLOURS = "rgb"  # indices of the colours in `BayerFilter.response`
 
 
 class BayerFilter(Effect):

@@ -12,8 +12,7 @@ from scenetruth.threads import in_bands
 
 __all__ = ["draw_dots", "draw_veins", "inside", "net"]
 
-# Minimum number of rows of a network per thread.
-_LEAST_ROWS = 2
+_LEAST_ROWS = 2  # minimum number of rows of a network per thread
 
 
 @numba.njit(cache=True, nogil=True)

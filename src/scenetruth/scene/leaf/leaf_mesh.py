@@ -117,10 +117,7 @@ class _Half:
 
 
 def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
-    """Triangulate a flat leaf: vertices (a, b) in mm, shape (n, 2), and faces, shape (m, 3), upper side to -Z.
-
-    The mesh is symmetric about the midrib, a line of edges.
-    """
+    """Triangulate a flat leaf symmetrically about the midrib: vertices (a, b) in mm, and faces, upper side to -Z."""
     edge = leaf.length_mm / max(round(leaf.length_mm / leaf.resolution_mm), 2)
     margin = compute_margin(leaf)
     rim = _resampled(margin, edge)

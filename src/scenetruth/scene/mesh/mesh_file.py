@@ -31,8 +31,7 @@ from scenetruth.validated_model import Positive
 __all__ = ["FileMesh", "load_mesh_file"]
 
 
-# Angle below which normals count as equal, allowing for rounding in the file.
-_SAME_DEG = 1.0
+_SAME_DEG = 1.0  # angle below which normals count as equal, allowing for rounding in the file
 
 
 def compute_crease_angles(
@@ -44,8 +43,6 @@ def compute_crease_angles(
     facets of a smooth surface; with different normals it is sharp. Without normals, the angle between the triangles
     decides.
 
-    ``vertices``: Positions, shape (n, 3).
-    ``faces``: Vertex indices, shape (m, 3).
     ``corner_normals``: Unit normals at the corners, sign arbitrary, shape (m, 3, 3); NaN for none.
     Returns: Angles in degrees, shape (m, 3): `CREASE_DEG`, or 0 for sharp edges.
     """
@@ -62,8 +59,7 @@ def compute_crease_angles(
     return creases.reshape(-1, 3)
 
 
-# Maximum file size in bytes for reading within some tenths of a second.
-_QUICKLY_READ = 2_000_000
+_QUICKLY_READ = 2_000_000  # maximum file size in bytes for reading within some tenths of a second
 
 
 class FileMesh(MeshModel):

@@ -30,8 +30,7 @@ __all__ = [
 ]
 
 
-# Maximum number of coarsening steps, and minimum edge-length factor per step.
-_ROUNDS, _COARSER = 20, 1.1
+_ROUNDS, _COARSER = 20, 1.1  # maximum number of coarsening steps, and minimum edge-length factor per step
 
 
 class MeshSize(NamedTuple):
@@ -54,20 +53,17 @@ class TriangleMesh:
     ``uv``: Image-texture coordinates, shape (m, 3, 2): (0, 0) is the upper left, (1, 1) the lower right image corner.
       None if not available.
     ``tiled``: Whether ``uv`` outside [0, 1] repeats the image (files) or extends its border (generated meshes).
-    ``image``: Embedded texture image, uint8 or float, shape (h, w) or (h, w, c), or None.
-    ``vertex_colours``: Embedded vertex colours, uint8, shape (n, 3), or None.
+    ``image``, ``vertex_colours``: Embedded image, uint8 or float, (h, w[, c]); embedded colours, uint8, shape (n, 3).
     ``crease_deg``: Angle between faces above which their edge is sharp; other edges are smooth. One angle for all, or
       one for each face side, shape (m, 3), where side k runs from corner k to corner k + 1 and the smaller angle of the
       two faces counts. 0: always sharp.
     ``material_mm``: Coordinates (a, b) of the vertices on the flat sheet, shape (n, 2), or None.
     ``shape``: Map from the sheet at (a, b, 0) to ``vertices_mm``; None if flat or not a sheet.
-    ``source``: Model of the mesh, or None.
     ``uv_back``: As ``uv``, for the back of faces; None if both sides are the same.
     ``along``: Derivatives (a, b, aa, ab, bb) of the vertex positions along the smooth surface, shape (5, n, 3), with a
       x b outwards; None without formula, or for a sheet.
     ``smooth``: Whether the smooth surface is shaded instead of flat triangles.
-    ``corner_normals``: Unit normals supplied with the mesh at every face corner, sign arbitrary, shape (m, 3, 3), NaN
-      where missing; None for none.
+    ``corner_normals``: Supplied unit normals at face corners, sign arbitrary, shape (m, 3, 3), NaN where missing.
     ``nodes_mm``, ``vertex_nodes``: Positions of all vertices of a file including unused vertices, shape (k, 3), and
       their indices for ``vertices_mm``, shape (n,); None without unused vertices.
     """

@@ -24,12 +24,9 @@ _GLB_JSON, _GLB_BINARY = 0x4E4F534A, 0x004E4942
 
 
 def read_morph_states(file: Path, vertices: Floats) -> tuple[Floats, Floats]:
-    """Read the vertex positions of a glTF file's morph-target animation.
+    """Read the morph-target animation of a glTF file: keyframe times in s, shape (k,), and positions, shape (k, n, 3).
 
-    Weights are read at the keyframes (tangents of CUBICSPLINE are ignored).
-
-    ``vertices``: Vertices from `scenetruth.scene.mesh.mesh_file.load_mesh_file`, in the unit of the file, shape (n, 3).
-    Returns: Times of the keyframes in s, shape (k,), and positions, in the unit of the file, shape (k, n, 3).
+    Positions and ``vertices`` are in the unit of the file; tangents of CUBICSPLINE weights are ignored.
     """
     if file.suffix.lower() not in (".glb", ".gltf"):
         raise _problem("requires a mesh file with morph targets: .glb or .gltf", file)

@@ -33,10 +33,7 @@ def compute_sheet_size(size_mm: tuple[float, float], resolution_mm: float) -> Me
 def make_sheet(size_mm: tuple[float, float], resolution_mm: float, shape: PointMap | None = None) -> TriangleMesh:
     """Return a rectangular sheet in the XY plane, upper side towards -Z, shaped by a map.
 
-    Texture coordinates are those of the flat sheet, so a non-isometric shape stretches the texture.
-
-    ``size_mm``: Edge lengths along X and Y, mm.
-    ``resolution_mm``: Longest triangle edge along X and Y of the flat sheet, mm.
+    ``resolution_mm``, the longest edge along X and Y, and texture coordinates refer to the flat sheet.
     """
     columns, rows = (count_pieces(length, resolution_mm) for length in size_mm)
     across, down = (np.linspace(-0.5, 0.5, count + 1) for count in (columns, rows))
@@ -92,8 +89,7 @@ def make_plane(size_mm: tuple[float, float]) -> TriangleMesh:
     return TriangleMesh(vertices, faces, chart_mm=flat[faces], uv=((corners + 1) / 2)[faces])
 
 
-# Minimum number of triangles per wavelength.
-_PIECES_PER_WAVE = 4
+_PIECES_PER_WAVE = 4  # minimum number of triangles per wavelength
 
 
 class ReliefMesh(MeshModel):

@@ -59,8 +59,7 @@ class MotionModel(FrozenModel):
         """Return the map of the motion; ``position_mm`` is the default centre of rotations."""
 
 
-# Block size of the maps, such that intermediate jets fit into the cache.
-_BLOCK = 4096
+_BLOCK = 4096  # block size of the maps, such that intermediate jets fit into the cache
 
 
 def compose(maps: Sequence[PointMap], points_mm: NDArray[np.float64], t: float) -> MovedPoints:

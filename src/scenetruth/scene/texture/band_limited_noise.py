@@ -21,10 +21,7 @@ _COARSER = 2  # subsampling of the raster for peak limiting, with 8 points per s
 
 @dataclass(frozen=True, eq=False)
 class BandLimitedNoise:
-    """Noise of zero mean and unit variance on a periodic raster, with the coefficients of its cubic B-spline, float32.
-
-    ``period``: Size (width, height) of the raster, in the unit of the wavelengths.
-    """
+    """Noise of zero mean and unit variance with its cubic B-spline coefficients, float32, repeated with ``period``."""
 
     values: NDArray[np.float32]
     coefficients: NDArray[np.float32]

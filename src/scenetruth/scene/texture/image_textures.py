@@ -170,8 +170,7 @@ def _luminance_of_rows(image: NDArray[Any], encoding: str) -> NDArray[np.float32
     return np.clip(values, 0, 1).astype(np.float32)
 
 
-# A linear ramp of 256 texels represents any radiance in [0, 1] as a texture coordinate.
-_RAMP = 256
+_RAMP = 256  # a linear ramp of 256 texels represents any radiance in [0, 1] as a texture coordinate
 
 
 class EmbeddedTexture(TextureModel):

@@ -25,8 +25,7 @@ from scenetruth.validated_model import Finite, NonNegative, Positive
 __all__ = ["CheckerboardTexture", "NoiseTexture", "PlaidTexture", "UniformTexture"]
 
 
-# Radiance changes between squares over one texel.
-_TEXELS_PER_SQUARE = 256
+_TEXELS_PER_SQUARE = 256  # radiance changes between squares over one texel
 
 
 class CheckerboardTexture(TextureModel):

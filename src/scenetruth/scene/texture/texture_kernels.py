@@ -12,8 +12,7 @@ from scenetruth.threads import in_bands
 
 __all__ = ["linear_lookup", "linear_means", "plaid_means", "spline_lookup", "spline_means"]
 
-# Minimum number of points, and of multi-sample footprints, per thread.
-_LEAST_POINTS, _LEAST_FOOTPRINTS = 8192, 256
+_LEAST_POINTS, _LEAST_FOOTPRINTS = 8192, 256  # minimum number of points, and of multi-sample footprints, per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 

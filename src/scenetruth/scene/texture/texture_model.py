@@ -37,8 +37,7 @@ class SurfaceTexture(Protocol):
 
         ``forms``: Texture coordinates (u, v) = (U / W, V / W) of n footprints, shape (n, 3, 3): one row for each of U,
           V and W, with its value at the centre and its steps per px to the right and down.
-        ``offsets``: Sample offsets from the centre in px, shape (m, 2).
-        ``weights``: Sample weights with sum 1, shape (m,).
+        ``offsets``, ``weights``: Sample offsets from the centre in px, shape (m, 2); weights with sum 1, shape (m,).
         """
         ...
 
