@@ -141,8 +141,7 @@ def format_estimate(value: float, half: float, samples: int) -> str:
     return f"under {_LITTLE:g}" if value + half < _LITTLE else f"not significant with {samples} samples"
 
 
-_LITTLE = 0.05
-"""Negligible fraction of the variance."""
+_LITTLE = 0.05  # negligible fraction of the variance
 
 
 def format_percent(share: float) -> str:

@@ -86,8 +86,7 @@ _LITTLE_DISC_PX, _SMALL_DISC_PX, _LITTLE_MOTION_PX = 0.3, 2.0, 0.1
 """A blur disc of 0.3 px reduces the contrast at a wavelength of 4 px by 0.7 %, a motion of 0.1 px by 0.1 %."""
 _SAMPLES = 12
 _FEWER_SAMPLES = 2
-_LEAST_WINDOWS, _LEAST_ROWS = 10.0, 32
-"""Smallest image height, in standard deviations of the window and in px."""
+_LEAST_WINDOWS, _LEAST_ROWS = 10.0, 32  # smallest image height, in standard deviations of the window and in px
 
 
 @dataclass(frozen=True)

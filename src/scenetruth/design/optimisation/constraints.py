@@ -39,8 +39,7 @@ __all__ = [
 ]
 
 
-_FAR = -10.0
-"""Margin of an undefined value."""
+_FAR = -10.0  # margin of an undefined value
 
 
 class ConstraintSpec(FrozenModel):
@@ -85,8 +84,7 @@ def evaluate_bound(kind: str, title: str, value: float, sense: str, limit: float
     """Return an evaluated bound with its margin."""
     left = limit - value if sense == "at most" else value - limit
     margin = left / (abs(limit) or 1.0) if math.isfinite(left) else (_FAR if not left > 0 else -_FAR)
-    # Tolerance for rounding errors.
-    holds = margin >= -1e-9
+    holds = margin >= -1e-9  # tolerance for rounding errors
     return ConstraintValue(kind, title, value, limit, unit, holds, margin, sense)
 
 
@@ -233,8 +231,7 @@ class TotalDisparityConstraint(ConstraintSpec):
         return camera.focal_px * facts.travel_mm / facts.depth_mm / camera.width
 
 
-_HALF_WIDTH = 2.3548
-"""Width at half maximum of a Gaussian, in standard deviations."""
+_HALF_WIDTH = 2.3548  # width at half maximum of a Gaussian, in standard deviations
 
 __all__ = ["WindowConstraint"]
 

@@ -37,17 +37,12 @@ Statistic = Literal["scaled_median_abs_error", "rmse", "p95_abs_error"]
 
 @dataclass(frozen=True)
 class StatisticKind:
-    """A statistic of errors that is available from simulations and predictions.
-
-    ``scored``: Underlying statistic of a score.
-    ``factor``: Factor from the scored statistic to this statistic.
-    ``of_normal``: Value for normal errors with a standard deviation of 1.
-    """
+    """A statistic of errors that is available from simulations and predictions."""
 
     title: str
-    scored: str
-    factor: float
-    of_normal: float
+    scored: str  # underlying statistic of a score
+    factor: float  # from the scored statistic to this statistic
+    of_normal: float  # value for normal errors with a standard deviation of 1
 
 
 STATISTICS: Mapping[str, StatisticKind] = {
@@ -73,55 +68,38 @@ def compute_predicted_statistic(figure: PredictedValue, statistic: Statistic) ->
 
 @dataclass(frozen=True)
 class PredictionInterval:
-    """A simulated statistic with the 95 % prediction interval of one further recording.
-
-    ``value``: Root mean square over seeds.
-    ``pi_low``, ``pi_high``: Ends of the prediction interval; NaN with fewer than two valid seeds.
-    ``seeds``: Number of simulated recordings.
-    """
+    """RMS of a statistic over ``seeds`` recordings, with the 95 % prediction interval of one further recording."""
 
     value: float
-    pi_low: float
+    pi_low: float  # NaN with fewer than two valid seeds, as ``pi_high``
     pi_high: float
     seeds: int
 
 
 @dataclass(frozen=True)
 class ConstraintValue:
-    """A constraint evaluated for one rig.
+    """A constraint evaluated for one rig."""
 
-    ``kind``: Type of the constraint: ``field_of_view``, ``motion_blur``, ...
-    ``value``, ``limit``: Value of the property and bound, in ``unit``.
-    ``margin``: Distance to the bound relative to it: positive if satisfied, 0 at the bound.
-    ``sense``: ``"at most"`` or ``"at least"``: type of the bound.
-    """
-
-    kind: str
+    kind: str  # type: ``field_of_view``, ``motion_blur``, ...
     title: str
-    value: float
-    limit: float
+    value: float  # of the property, in ``unit``
+    limit: float  # bound, in ``unit``
     unit: str
     holds: bool
-    margin: float
-    sense: str = "at most"
+    margin: float  # distance to the bound relative to it: positive if satisfied, 0 at the bound
+    sense: str = "at most"  # or ``"at least"``: type of the bound
 
 
 @dataclass(frozen=True)
 class Objective:
-    """An objective: a statistic of errors that is minimised.
+    """An objective: a statistic of errors that is minimised."""
 
-    ``quantity``: Key of `scenetruth.scoring.QUANTITIES`.
-    ``title``: Unique title: the key in ``RigDesign.predicted`` and ``RigDesign.simulated``.
-    ``wanted``: Target value; None to minimise.
-    ``statistic``: Key of `scenetruth.design.optimisation.design_records.STATISTICS`.
-    """
-
-    quantity: str
+    quantity: str  # key of `scenetruth.scoring.QUANTITIES`
     region: str
     unit: str
-    title: str
-    wanted: float | None = None
-    statistic: Statistic = "scaled_median_abs_error"
+    title: str  # unique: the key in ``RigDesign.predicted`` and ``RigDesign.simulated``
+    wanted: float | None = None  # target value; None to minimise
+    statistic: Statistic = "scaled_median_abs_error"  # key of `STATISTICS`
 
     @property
     def told_in(self) -> str:

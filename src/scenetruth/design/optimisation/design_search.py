@@ -52,20 +52,13 @@ _LEAST_SEARCHED = 0.3
 
 @dataclass(frozen=True)
 class EvaluationBudget:
-    """Allocation of the evaluations.
+    """Number of evaluations by phase."""
 
-    ``even``: Points of the initial Sobol sequence, a power of two.
-    ``morris``: Trajectories of the Morris method.
-    ``sobol``: Base samples of Sobol' indices, a power of two; 0 for none.
-    ``search``: Trials of the global search.
-    ``last``: Steps of the local refinement.
-    """
-
-    even: int
-    morris: int
-    sobol: int
-    search: int
-    last: int
+    even: int  # points of the initial Sobol sequence, a power of two
+    morris: int  # trajectories of the Morris method
+    sobol: int  # base samples of Sobol' indices, a power of two; 0 for none
+    search: int  # trials of the global search
+    last: int  # steps of the local refinement
 
 
 def allocate_evaluations(search: SearchSpec, parameters: int) -> EvaluationBudget:
@@ -95,10 +88,8 @@ def _floor_power_of_two(number: int) -> int:
 _BATCH = 16
 _POPULATION = 48
 _SEARCH_STARTS = 48
-_FAR = 1e3
-"""Log objective of an invalid candidate; finite, as the samplers require."""
-_MOST_TPE = 400
-"""Most trials of the tree-structured Parzen estimator, whose overhead grows with their number."""
+_FAR = 1e3  # log objective of an invalid candidate; finite, as the samplers require
+_MOST_TPE = 400  # most trials of the tree-structured Parzen estimator, whose overhead grows with their number
 
 
 def search_with_optuna(
@@ -197,8 +188,7 @@ _REFINEMENT_STARTS = 2
 _POOL = 16
 _SINGLE, _DIFFERENCES, _HALVES = 8, 12, 4
 _CROSSED, _OTHER_CHOICE = 0.7, 0.15
-_PATIENCE = 3
-"""Iterations without improvement before the next starting point."""
+_PATIENCE = 3  # iterations without improvement before the next starting point
 
 
 def refine_locally(
@@ -328,42 +318,28 @@ _FEWEST_BASE = 8
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """First-order and total Sobol' index of a parameter.
-
-    ``first_half``, ``total_half``: Half widths of the 95 % intervals, by bootstrap of the base samples.
-    ``samples``: Number of valid base samples.
-    """
+    """First-order and total Sobol' index of a parameter, from ``samples`` valid base samples."""
 
     first: float
     total: float
-    first_half: float
+    first_half: float  # half widths of the 95 % intervals, by bootstrap of the base samples
     total_half: float
     samples: int
 
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """Sensitivities by title of the objective and name of the parameter.
+    """Sensitivities by title of the objective and name of the parameter."""
 
-    ``morris``: Mean absolute value and standard deviation of the elementary effects.
-    ``sobol``: Sobol' indices.
-    ``left_out``: Fraction of the trajectories and of the base samples with an invalid candidate.
-    """
-
-    morris: Mapping[tuple[str, str], tuple[float, float]]
+    morris: Mapping[tuple[str, str], tuple[float, float]]  # mean absolute elementary effect, and standard deviation
     sobol: Mapping[tuple[str, str], SobolIndices]
-    left_out: tuple[float, float]
+    left_out: tuple[float, float]  # fractions of trajectories and base samples with an invalid candidate
 
 
 def analyse_sensitivity(
     ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], morris: int, sobol: int, seed: int
 ) -> SensitivityResult:
-    """Return the sensitivities over the whole design space, regardless of the constraints.
-
-    Trajectories and base samples with an invalid candidate are excluded.
-
-    ``sobol``: Base samples of Sobol' indices, a power of two; 0 for none.
-    """
+    """Return the sensitivities over the whole design space, without blocks with an invalid candidate."""
     problem = {"num_vars": len(space), "names": space.names, "bounds": [[0.0, 1.0]] * len(space)}
     found_morris: dict[tuple[str, str], tuple[float, float]] = {}
     found_sobol: dict[tuple[str, str], SobolIndices] = {}

@@ -42,10 +42,8 @@ __all__ = [
 ]
 
 
-_NEAR = 0.03
-"""Margin below which a constraint counts as active."""
-_AT_END = 0.01
-"""Distance of a parameter from an end of its range that counts as limiting, as a fraction of the range."""
+_NEAR = 0.03  # margin below which a constraint counts as active
+_AT_END = 0.01  # distance of a parameter from an end of its range that counts as limiting, as a fraction of the range
 _CONTRIBUTION_TITLES = {
     "noise": "image noise",
     "stage": "stage errors",
@@ -124,8 +122,7 @@ def compute_local_sensitivities(
     changed. Invalid rigs and non-numeric parameters are omitted.
     """
     task, found = prepared.task, dict[tuple[str, str], float]()
-    # Not the stored prediction, which may be of an earlier version.
-    here = evaluate_rig(task, one.values)
+    here = evaluate_rig(task, one.values)  # not the stored prediction, which may be of an earlier version
     for parameter in prepared.space.parameters:
         value = one.values[parameter.name]
         changed = _changed(task, parameter.name, value, factor)
@@ -161,8 +158,7 @@ def _changed(task: EvaluationTask, name: str, value: Any, factor: float) -> tupl
 _GUIDE = "International Digital Image Correlation Society, A Good Practices Guide for Digital Image Correlation, 2018"
 _VIC = "Correlated Solutions, manual of VIC-3D 8: speckles of 3 to 5 pixels"
 _PRACTICE = "common practice in image correlation"
-_CUT = 2.0
-"""Half width of the window, in standard deviations."""
+_CUT = 2.0  # half width of the window, in standard deviations
 
 
 def check_rules_of_thumb(facts: RigContext) -> tuple[RuleOfThumb, ...]:

@@ -201,13 +201,11 @@ class _Run:
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:
-        """Record the run time of a step."""
         start = time.perf_counter()
         yield
         self.seconds[what] = round(time.perf_counter() - start, 2)
 
     def search(self, crew: TaskExecutor) -> None:
-        """Evaluate all candidates."""
         from scipy.stats import qmc
 
         space, objectives, search = self.prepared.space, self.prepared.task.objectives, self.spec.search

@@ -15,14 +15,12 @@ __all__ = ["add_alternatives", "find_pareto_front", "select_distinguishable", "s
 
 Array = NDArray[np.float64]
 
-_APART = 0.2
-"""Smallest difference between distinct rigs: a fraction of the range of a parameter, or a different choice."""
+_APART = 0.2  # smallest difference between distinct rigs: a fraction of the range of a parameter, or a different choice
 _MOST_FACTOR = 3.0
 _DISTINGUISHABLE = math.log(1.3)
 """Smallest difference of log objectives beyond the uncertainty of predictions. Simulations with five seeds resolve
 factors of 1.2 to 1.4: for rigs of leaf growth, paired logarithms scatter by 0.17 (growth) and 0.27 (depth)."""
-_AS_GOOD = 1.1
-"""Factor within which worst ratios count as equal."""
+_AS_GOOD = 1.1  # factor within which worst ratios count as equal
 
 
 def find_pareto_front(found: Sequence[Evaluation], objectives: Sequence[Objective]) -> list[int]:
@@ -95,9 +93,8 @@ def select_recommended(figures: Sequence[Mapping[str, float]], objectives: Seque
 def select_distinguishable(figures: Array, on_front: int, count: int) -> list[int]:
     """Return the indices of the rigs to simulate: the first, then rigs with resolvable differences.
 
-    The most distant rigs of the front come first, then the alternatives in order, then the rest.
-
-    ``figures``: Logarithms of the objectives, shape (rigs, objectives); the front comes first.
+    The most distant rigs of the front come first, then the alternatives in order, then the rest. ``figures``:
+    Logarithms of the objectives, shape (rigs, objectives); the front comes first.
     """
     chosen = [0][:count]
 
@@ -118,10 +115,7 @@ def select_distinguishable(figures: Array, on_front: int, count: int) -> list[in
 
 
 def thin_front(figures: Array, count: int, first: int) -> list[int]:
-    """Return the indices of ``count`` well separated points of a front, ends first.
-
-    ``figures``: Logarithms of the objectives, shape (points, objectives).
-    """
+    """Return the indices of ``count`` well separated points, ends first, of a front (points, log objectives)."""
     spread = np.ptp(figures, axis=0)
     scaled = figures / np.where(spread > 0, spread, 1.0)
     chosen = [first]

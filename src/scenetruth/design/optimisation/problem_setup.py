@@ -40,8 +40,7 @@ from scenetruth.scoring.quantities import get_title
 __all__ = ["OptimisationProblem", "prepare_problem"]
 
 _NO_EFFECT = ("format", "description", "storage", "seed", "score")
-_MOST_TRIED = 64
-"""Number of rigs that are tried until one has a prediction."""
+_MOST_TRIED = 64  # number of rigs that are tried until one has a prediction
 
 
 @dataclass(frozen=True)

@@ -16,25 +16,18 @@ from scenetruth.scene import Scene
 __all__ = ["RigContext", "StageShifts", "compute_stage_shifts_px", "compute_stage_uncertainty"]
 
 
-_UNIFORM = 1 / math.sqrt(12)
-"""RMS distance from the centre of an interval, as a fraction of its length."""
+_UNIFORM = 1 / math.sqrt(12)  # RMS distance from the centre of an interval, as a fraction of its length
 
 
 @dataclass(frozen=True)
 class StageShifts:
-    """Standard deviations of image shifts along x due to stage errors.
+    """Standard deviations in px of image shifts along x due to stage errors."""
 
-    ``along``: Total shift, px.
-    ``guide``: Shift that is the same at every visit of a position, px.
-    ``visit``: Shift that is independent at every visit, px.
-    ``turn_x``, ``turn_y``: Gradient of the shift along x and along y.
-    """
-
-    along: float
-    guide: float
-    visit: float
-    turn_x: float
-    turn_y: float
+    along: float  # total
+    guide: float  # the same at every visit of a position
+    visit: float  # independent at every visit
+    turn_x: float  # gradient of the shift along x
+    turn_y: float  # gradient of the shift along y
 
 
 def compute_stage_shifts_px(scene: Scene, depth_mm: float) -> StageShifts:
@@ -56,10 +49,7 @@ def compute_stage_shifts_px(scene: Scene, depth_mm: float) -> StageShifts:
 def compute_stage_uncertainty(
     scene: Scene, causes: PredictionInputs, signals: Mapping[str, float | None]
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties due to the stage, by source (``stage``, ``scan``) and quantity.
-
-    Returns: Nonzero values in the units of `QUANTITIES`, growth per frame.
-    """
+    """Return nonzero standard uncertainties by stage source (``stage``, ``scan``) and quantity, growth per frame."""
     s = scene.stage.x_mm / scene.stage.baseline_mm
     t = np.arange(causes.frames) - (causes.frames - 1) / 2
     over_s, over_t = math.sqrt(float(((s - s.mean()) ** 2).sum())), math.sqrt(float((t**2).sum()))

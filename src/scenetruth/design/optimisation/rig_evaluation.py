@@ -42,21 +42,14 @@ __all__ = [
 ]
 
 
-_DIGITS = 4
-"""Significant digits of searched values."""
+_DIGITS = 4  # significant digits of searched values
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One design variable.
+    """One design variable: a range from ``low`` to ``high``, or choices."""
 
-    ``name``: Path of a field, or a named variable of the design specification.
-    ``low``, ``high``: Ends of a range.
-    ``whole``: Whether the values are integers.
-    ``choices``: Choices in place of a range.
-    """
-
-    name: str
+    name: str  # path of a field, or a named variable of the design specification
     low: float = 0.0
     high: float = 1.0
     logarithmic: bool = False
@@ -130,26 +123,19 @@ PHOTONS_PER_LUX_UM2_S = 4.09e3
 _WAVELENGTH_UM = 0.55
 _AIRY_SIGMA = 0.421
 """Standard deviation of the Gaussian fit to the core of the Airy disc, in λ N: 0.345 of its radius 1.22 λ N."""
-_EXPOSED = 0.8
-"""Fraction of full scale of radiance 1 without a specified illumination."""
+_EXPOSED = 0.8  # fraction of full scale of radiance 1 without a specified illumination
 _EXPOSURE_S = 0.01
 
 
 @dataclass(frozen=True)
 class BaseRig:
-    """Common properties of all rigs.
+    """Common properties of all rigs."""
 
-    ``plain``: The base scene as plain data, with all fields.
-    ``places``: Paths without wildcards, by path of the design specification.
-    ``light``: The illumination; None for one adapted to the camera.
-    ``depth_mm``: Median depth of the measured region in the base scene, at which the lens is focused.
-    """
-
-    plain: Mapping[str, Any]
-    places: Mapping[str, tuple[str, ...]]
+    plain: Mapping[str, Any]  # the base scene as plain data, with all fields
+    places: Mapping[str, tuple[str, ...]]  # paths without wildcards, by path of the specification
     entries: CatalogueEntries
-    light: IlluminationSpec | None
-    depth_mm: float
+    light: IlluminationSpec | None  # None for one adapted to the camera
+    depth_mm: float  # median of the measured region in the base scene, at which the lens is focused
 
 
 @dataclass(frozen=True)
@@ -268,8 +254,7 @@ def _put_stage(plain: dict[str, Any], entry: StageEntry, exposure_s: float) -> N
     stage["time_per_position_s"] = entry.settle_s + step + exposure_s
 
 
-_NO_SCENE = 100.0
-"""Excess of a candidate without a valid scene or visible region, above that of any constraint."""
+_NO_SCENE = 100.0  # excess of a candidate without a valid scene or visible region, above that of any constraint
 _MOST_EXCESS = 10.0
 _S_PER_H = 3600.0
 
@@ -286,20 +271,13 @@ class EvaluationTask:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Evaluation of a candidate rig.
+    """Evaluation of a candidate rig."""
 
-    ``values``: Values of the design variables by name.
-    ``predicted``: Predicted statistics by title of the objective; infinite if not available.
-    ``parts``: Contributions ``noise``, ``stage`` and ``scan`` by title of the objective.
-    ``constraints``: All evaluated constraints; empty for an invalid scene.
-    ``problem``: Reason for an invalid scene, or an empty text.
-    """
-
-    values: Mapping[str, Any]
-    predicted: Mapping[str, float]
-    parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    constraints: tuple[ConstraintValue, ...] = ()
-    problem: str = ""
+    values: Mapping[str, Any]  # of the design variables by name
+    predicted: Mapping[str, float]  # by title of the objective; infinite if not available
+    parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by objective: noise, stage, scan
+    constraints: tuple[ConstraintValue, ...] = ()  # all evaluated; empty for an invalid scene
+    problem: str = ""  # reason for an invalid scene, or an empty text
 
     @property
     def holds(self) -> bool:

@@ -45,12 +45,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-# Assessed part of a pattern in px, and samples per px.
-_PATCH_PX, _PARTS = 320, 4
-# Size of the displayed part in px.
-_SHOWN_PX = 64
-# Least size of a picture in px of the rig.
-_LEAST_PX = 24
+_PATCH_PX, _PARTS = 320, 4  # assessed part of a pattern in px, and samples per px
+_SHOWN_PX = 64  # size of the displayed part in px
+_LEAST_PX = 24  # least size of a picture in px of the rig
 # Raster of analytic spectra: number of points, least number of px, or of lengths, along each side.
 _COUNT, _THEORY_PX, _THEORY_LENGTHS = 1024, 256, 12
 
@@ -535,8 +532,7 @@ def compute_size_table(rig: PatternRig, coverage: float = 0.5) -> list[tuple[flo
     return [(size, size * rig.mm_per_px, own / each.gradient_x, each.aliased_share) for size, each in seen.items()]
 
 
-# Colour-blind-safe colours (after Okabe and Ito).
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")  # colour-blind-safe colours (after Okabe and Ito)
 _RINGS = 40
 
 

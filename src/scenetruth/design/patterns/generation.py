@@ -21,8 +21,7 @@ from scenetruth.scene import Scene
 __all__ = ["Pattern", "generate_pattern", "list_pattern_types"]
 
 _TYPES_MODULE = "scenetruth.design.patterns.pattern_types"
-# Default size relative to the field of view, along each axis.
-_BEYOND = 1.1
+_BEYOND = 1.1  # default size relative to the field of view, along each axis
 # Default lengths in px. Dots of 3 to 5 px are recommended for DIC (iDICs, Good Practices Guide, 2018).
 _LENGTHS_PX: dict[str, Any] = {"dot_mm": 4.0, "wavelength_mm": (5.0, 20.0)}
 _LEAST_DOTS = 8

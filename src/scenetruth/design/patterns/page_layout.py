@@ -32,8 +32,7 @@ RULER_MM = 100
 _CROP_MM, _RULER_SPACE_MM, _LEAST_TILE_MM = 5.0, 9.0, 20.0
 _GAP_MM = 1.0
 _TEXT_MM, _LINE_MM = 2.6, 3.6
-# Mean width of a letter relative to the font size of a sans-serif font, rounded up.
-_LETTER = 0.58
+_LETTER = 0.58  # mean width of a letter relative to the font size of a sans-serif font, rounded up
 _HAIR_MM, _THIN_MM = 0.1, 0.2
 _MOST_PAGES = 400
 

@@ -28,8 +28,7 @@ __all__ = [
 ]
 
 
-# Pixels along the longer side of the coarse image from which surface distances are measured.
-_COARSE_PX = 64
+_COARSE_PX = 64  # pixels along the longer side of the coarse image from which surface distances are measured
 
 
 class PatternRig(FrozenModel):
@@ -165,8 +164,7 @@ def _read_values(scene: Scene, *, measured: bool) -> dict[str, Any]:
         "sensor": scene.sensor,
     }
     if stage.positions > 1:
-        # Equal intervals with the same sum of squares.
-        even = np.arange(stage.positions)
+        even = np.arange(stage.positions)  # equal intervals with the same sum of squares
         values["baseline_mm"] = float(np.std(stage.x_mm) / np.std(even))
     if measured:
         near, middle, far = _depths(scene)
@@ -179,8 +177,7 @@ def _depths(scene: Scene) -> tuple[float, float, float]:
     from scenetruth.truth import make_truth
 
     with warnings.catch_warnings():
-        # Warnings on a coarse grid do not apply to the scene.
-        warnings.simplefilter("ignore", SceneWarning)
+        warnings.simplefilter("ignore", SceneWarning)  # warnings on a coarse grid do not apply to the scene
         depth = make_truth(_unpainted(scene).shrunk_to(_COARSE_PX))["depth"].values
     seen = depth[np.isfinite(depth)]
     if not seen.size:
@@ -219,8 +216,7 @@ def compute_contrast_transfer(rig: PatternRig, along_x: Array, along_y: Array) -
     return np.asarray(left)
 
 
-# Number of levels for the inversion of a sensor's response.
-_LEVELS = 257
+_LEVELS = 257  # number of levels for the inversion of a sensor's response
 
 
 @dataclass(frozen=True)

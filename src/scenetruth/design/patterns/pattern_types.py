@@ -40,8 +40,7 @@ MOST_TEXELS = 40_000_000
 SAMPLES = 8
 """Samples per shortest wavelength on a printed sheet."""
 
-# Points evaluated per batch.
-_PART = 2_000_000
+_PART = 2_000_000  # points evaluated per batch
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,8 +253,7 @@ def compute_clipped_covariance(correlation: Array, threshold: float) -> Array:
     Its derivative by the correlation ρ (``correlation``) is the density of two values at the threshold, so it is the
     integral of exp(-h² / (1 + r)) / (2 π √(1 - r²)) over r from 0 to ρ. At h = 0 it is arcsin(ρ) / 2 π.
     """
-    # The substitution r = sin a removes the root.
-    angle = np.arcsin(correlation)
+    angle = np.arcsin(correlation)  # the substitution r = sin a removes the root
     if threshold == 0:
         return np.asarray(angle / (2 * np.pi))
     nodes, weights = np.polynomial.legendre.leggauss(_ORDERS)
@@ -298,14 +296,12 @@ class _BinaryInk(PatternDrawing):
         return InkAreas([piece[:-1] for piece in pieces])
 
 
-# Texels per diameter for measuring the coverage, and their largest number.
-_TEXELS, _MOST_TEXELS = 16, 40_000_000
+_TEXELS, _MOST_TEXELS = 16, 40_000_000  # texels per diameter for measuring the coverage, and their largest number
 MOST_DOTS = 3_000_000
 """Largest number of dots of a pattern; larger files cannot be printed."""
 # Random sequential addition of non-overlapping discs saturates at a coverage of 0.547 (Feder 1980), and is slow there.
 _JAMMED = 0.5
-# Largest number of candidates per dot of a dense packing.
-_PATIENCE = 400
+_PATIENCE = 400  # largest number of candidates per dot of a dense packing
 
 
 class SpecklePattern(PatternModel):
@@ -376,8 +372,7 @@ def compute_boolean_covariance(distance_mm: Array, dot_mm: float, coverage: floa
     points are both bare with probability exp(-n (π D² / 2 - A)): the covariance is (1 - p)² (exp(n A) - 1).
     """
     share = np.minimum(np.asarray(distance_mm) / dot_mm, 1.0)
-    # Relative to the area of a disc.
-    common = 2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share**2))
+    common = 2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share**2))  # relative to the area of a disc
     return np.asarray((1 - coverage) ** 2 * np.expm1(-math.log1p(-coverage) * common))
 
 

@@ -21,8 +21,7 @@ from scenetruth.design.patterns.pattern_model import Array, GreyPicture, InkArea
 __all__ = ["export_pattern", "format_scene_lines", "write_texture_image"]
 
 
-# Decimal digits; outlines, which have many points, are written in whole µm.
-_DIGITS, _OUTLINE_DIGITS = 4, 3
+_DIGITS, _OUTLINE_DIGITS = 4, 3  # decimal digits; outlines, which have many points, are written in whole µm
 
 
 def render_svg(pattern: Pattern, page: PrintPage) -> str:
@@ -188,8 +187,7 @@ def _add(axes: Any, marks: Marks) -> None:
 SIGN, PDF, IMAGE, SCENE_LINES = "pattern.json", "pattern.pdf", "pattern.png", "scene_lines.yaml"
 """Names of the output files, except SVG pages."""
 
-# Texels of the image per px of the rig, and their largest number.
-_PER_PX, _MOST_TEXELS = 4, 64_000_000
+_PER_PX, _MOST_TEXELS = 4, 64_000_000  # texels of the image per px of the rig, and their largest number
 
 
 def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", margin_mm: float = 10.0) -> list[Path]:

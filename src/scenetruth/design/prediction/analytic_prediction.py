@@ -33,13 +33,11 @@ Mask = NDArray[np.bool_]
 
 _MOST_NAMES = 3
 _S_PER_H = 3600.0
-# Relative to the standard deviation: a smaller bias hardly changes the RMSE.
-_LARGE_BIAS = 0.3
+_LARGE_BIAS = 0.3  # relative to the standard deviation: a smaller bias hardly changes the RMSE
 # Quintic splines attenuate a wave of 3 px by 1.5 % and add an equally strong alias. Errors on a cube with 45 % of its
 # squared gradients in shorter waves are 2.2 times the prediction; with 21 % they agree within the scatter of seeds.
 _FINE_PX, _MUCH_FINE = 3.0, 0.35
-# Evaluated over moving points only: a static background is not blurred.
-_MOST_BLUR, _RESTS_PX = 0.95, 1e-6
+_MOST_BLUR, _RESTS_PX = 0.95, 1e-6  # evaluated over moving points only: a static background is not blurred
 
 
 def predict_analytic(

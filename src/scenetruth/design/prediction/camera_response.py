@@ -26,8 +26,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-# Nyquist frequency, in periods per px.
-_NYQUIST = 0.5
+_NYQUIST = 0.5  # Nyquist frequency, in periods per px
 
 
 def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px: Array) -> Array:
@@ -89,16 +88,12 @@ _SIDE, _LEVELS, _IMAGES = 48, 9, 8
 
 @dataclass(frozen=True, eq=False)
 class GreyLevelNoise:
-    """Grey values of points and their noise, in fractions of full scale, each of shape (n,).
-
-    ``gain``: Derivative of the grey value by radiance.
-    ``noise``, ``pattern``: Standard deviations of temporal noise, including rounding, and of fixed-pattern noise.
-    """
+    """Grey values of points and their noise, in fractions of full scale, each of shape (n,)."""
 
     level: Array
-    gain: Array
-    noise: Array
-    pattern: Array
+    gain: Array  # derivative of the grey value by radiance
+    noise: Array  # standard deviation of temporal noise, including rounding
+    pattern: Array  # standard deviation of fixed-pattern noise
 
 
 def compute_grey_levels(sensor: Any, radiance: Array) -> GreyLevelNoise:

@@ -48,17 +48,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MethodSetup:
-    """An estimation method with its settings, applied to a scene.
+    """An estimation method with its settings, applied to a scene."""
 
-    ``scene``: The scene, without lens distortion.
-    ``views``: Images that are estimated together: those of the window's frames around the reference frame.
-    """
-
-    scene: Scene
+    scene: Scene  # without lens distortion
     settings: Any
     window_sigma_px: float
     motion: Motion
-    views: ImageTimes
+    views: ImageTimes  # images of the window's frames around the reference frame, estimated together
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -189,14 +185,11 @@ def window_unknowns(setup: MethodSetup) -> WindowUnknowns:
 Sums = dict[tuple[int, int], Array]
 
 _HIGHEST_POWER = 2
-# Pairs of gradient components.
-_PAIRS = ((0, 0), (0, 1), (1, 1))
+_PAIRS = ((0, 0), (0, 1), (1, 1))  # pairs of gradient components
 # Registrations that are tried, relative to the nearest disparity: others may give a lower variance of the divergence.
 _OFF = (0, -1, 1, -2, 2)
-# Least determinant of a matrix with unit diagonal.
-_LEAST_DETERMINANT = 1e-9
-# Resolution of residual disparities.
-_STEP_PX = 0.25
+_LEAST_DETERMINANT = 1e-9  # least determinant of a matrix with unit diagonal
+_STEP_PX = 0.25  # resolution of residual disparities
 
 
 class _Texture(NamedTuple):

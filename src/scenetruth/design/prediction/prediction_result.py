@@ -375,8 +375,7 @@ def compute_value(
 
 _TABLE, _PICTURE = "prediction.csv", "prediction.png"
 _COLUMNS = 3
-# Quantile of the values of a map at the end of the colour scale: values at edges are far larger.
-_MOST = 0.95
+_MOST = 0.95  # quantile of the values of a map at the end of the colour scale: values at edges are far larger
 _SHOWN = ("depth", "slope", "velocity", "growth_rate", "principal_growth_rates", "flow")
 
 

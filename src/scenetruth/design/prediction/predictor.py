@@ -21,20 +21,15 @@ __all__ = ["predict", "predict_quickly", "recommend"]
 SUFFICIENT_RATIO = 2.0
 """Required ratio of a signal to its standard deviation."""
 
-# Acceptable standard deviation of depth, relative to depth.
-_DEPTH_SHARE = 0.01
-# Largest wavelength in standard deviations of the window: half a wave per width of the window.
-_WAVES_PER_SIGMA = 8.0
+_DEPTH_SHARE = 0.01  # acceptable standard deviation of depth, relative to depth
+_WAVES_PER_SIGMA = 8.0  # largest wavelength in standard deviations of the window: half a wave per width of the window
 _LEAST_TRANSFER, _LEAST_DENSITY = 0.4, 0.5
 # Motion during the exposure relative to the wavelength: beyond, less than two thirds of the contrast remain.
 _MOST_BLUR, _BETTER_BLUR = 0.5, 0.3
 _WIDEST_PX = 30.0
-# Tolerance for rounding of grey values at full scale.
-_FULL = 1 + 1e-6
-# A longer interval moves surfaces to positions where the texture is imaged differently.
-_NEARLY = 0.9
-# Growth below this value is rounding of coarse meshes.
-_NOTHING = 1e-7
+_FULL = 1 + 1e-6  # tolerance for rounding of grey values at full scale
+_NEARLY = 0.9  # a longer interval moves surfaces to positions where the texture is imaged differently
+_NOTHING = 1e-7  # growth below this value is rounding of coarse meshes
 
 Predictor = Callable[[Scene], Prediction]
 

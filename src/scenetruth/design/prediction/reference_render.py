@@ -31,19 +31,14 @@ _CACHED_TIMES = 4
 
 @dataclass(frozen=True, eq=False)
 class ReferenceRender:
-    """Inputs of the Cramér-Rao bound for a scene; grey values and noise are fractions of full scale.
+    """Inputs of the Cramér-Rao bound for a scene; grey values and noise are fractions of full scale, maps (y, x)."""
 
-    ``truth``: Maps of the reference camera and frame, and ``visible`` of all images.
-    ``recording``: The noise-free reference image, repeated for all images, as ``image`` and as ``radiance``.
-    ``noise_map``, ``pattern_map``, ``level_map``: Temporal noise, fixed-pattern noise and grey level, shape (y, x).
-    """
-
-    truth: xr.Dataset
-    recording: xr.Dataset
+    truth: xr.Dataset  # maps of the reference camera and frame, and ``visible`` of all images
+    recording: xr.Dataset  # noise-free reference image for all images, as ``image`` and ``radiance``
     noise: GreyNoise
-    noise_map: Array
-    pattern_map: Array
-    level_map: Array
+    noise_map: Array  # temporal noise
+    pattern_map: Array  # fixed-pattern noise
+    level_map: Array  # grey level
     names: tuple[str, ...]
 
 

@@ -27,10 +27,8 @@ __all__ = ["SurfaceSamples", "label_patches", "rasterise", "sample_surface"]
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-# Tolerance of the point-in-triangle test, relative to the triangle, which avoids gaps between neighbours.
-_SLACK = 1e-9
-# Pairs of a triangle and a pixel in its bounding box per batch.
-_AT_A_TIME = 2_000_000
+_SLACK = 1e-9  # tolerance of the point-in-triangle test, relative to the triangle, which avoids gaps between neighbours
+_AT_A_TIME = 2_000_000  # pairs of a triangle and a pixel in its bounding box per batch
 
 
 def rasterise(corners_mm: Array, focal_px: float, x_px: Array, y_px: Array) -> Numbers:
@@ -123,43 +121,30 @@ Mask = NDArray[np.bool_]
 
 # Longer side of the sampling raster in px, and numbers of sampled points.
 _PICTURE_PX, _MOST_POINTS, _FEWEST_POINTS = 96, 240, 16
-# Angle in degrees between neighbouring triangles of a coarse mesh beyond which their edge is a crease.
-_EDGE_DEG = 30.0
-# Pixels within this distance of the end of a surface segment are excluded, as in the Cramér-Rao bound.
-_LOST_PX = 2.5
+_EDGE_DEG = 30.0  # angle in degrees between neighbouring triangles of a coarse mesh beyond which their edge is a crease
+_LOST_PX = 2.5  # pixels within this distance of the end of a surface segment are excluded, as in the Cramér-Rao bound
 _HALF_FRAME = 0.5
-# Labels that no segment has; -1 is background.
-_LOST, _OUTSIDE = -2, -3
+_LOST, _OUTSIDE = -2, -3  # labels that no segment has; -1 is background
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
-    """Sampled surface points visible to the reference camera at the reference frame.
+    """Sampled surface points visible to the reference camera at the reference frame."""
 
-    ``points``, ``normals``: Position and motion, and unit normals towards the camera, shape (n, 3).
-    ``share``: Image pixels represented by each point.
-    ``chart``: Derivative of surface coordinates in mm by px along x and y, shape (n, 2, 2): chart by pixel.
-    ``light``: Ratio of radiance to texture value.
-    ``growth``, ``principal_growth_rates``: Growth rate, and principal growth rates, shape (2, n), per frame.
-    ``piece``, ``step_px``, ``first_px``: Raster of segment labels; its spacing in camera pixels; and position (x, y) of
-      its first pixel from the principal point.
-    ``left_out``: Names of the omitted objects, whose files are slow to read.
-    """
-
-    points: ReferencePoints
+    points: ReferencePoints  # position and motion
     depth_mm: Array
-    normals: Array
+    normals: Array  # unit vectors towards the camera, shape (n, 3)
     body: Numbers
     names: tuple[str, ...]
-    share: Array
-    chart: Array
-    light: Array
-    growth: Array
-    principal_growth_rates: Array
-    piece: Numbers
-    step_px: float
-    first_px: tuple[float, float]
-    left_out: tuple[str, ...]
+    share: Array  # image pixels represented by each point
+    chart: Array  # derivative of surface coordinates in mm by px along x and y, shape (n, 2, 2)
+    light: Array  # ratio of radiance to texture value
+    growth: Array  # per frame
+    principal_growth_rates: Array  # per frame, shape (2, n)
+    piece: Numbers  # raster of segment labels
+    step_px: float  # spacing of the raster in camera pixels
+    first_px: tuple[float, float]  # position (x, y) of its first pixel from the principal point
+    left_out: tuple[str, ...]  # names of omitted objects, whose files are slow to read
 
     def __len__(self) -> int:
         return len(self.body)

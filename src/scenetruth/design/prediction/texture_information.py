@@ -40,23 +40,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ImagedTexture:
-    """Imaged texture of n points, and the noise of the images; grey values are fractions of full scale.
+    """Imaged texture of n points, and the noise of the images; grey values are fractions of full scale."""
 
-    ``frequency``: Frequencies of w waves in periods per px along x and y, shape (n, w, 2).
-    ``variance``, ``surface_variance``: Variance of the grey value per wave with and without blur, shape (n, w).
-    ``response``: Response of the derivatives along x and y to each wave, in radian per px, shape (n, w, 2).
-    ``level``, ``white``, ``noise``, ``pattern``: Mean grey value, grey value of a texture of 1 in the same light,
-      standard deviations of temporal and of fixed-pattern noise.
-    """
-
-    frequency: Array
-    variance: Array
-    surface_variance: Array
-    response: Array
-    level: Array
-    white: Array
-    noise: Array
-    pattern: Array
+    frequency: Array  # of w waves in periods per px along x and y, shape (n, w, 2)
+    variance: Array  # of the grey value per wave with blur, shape (n, w)
+    surface_variance: Array  # without blur, shape (n, w)
+    response: Array  # of the derivatives along x and y to each wave, in radian per px, shape (n, w, 2)
+    level: Array  # mean grey value
+    white: Array  # grey value of a texture of 1 in the same light
+    noise: Array  # standard deviation of temporal noise
+    pattern: Array  # standard deviation of fixed-pattern noise
     blur_px: Array
 
 
@@ -126,14 +119,11 @@ def _vignetting(scene: Scene, look: SurfaceSamples) -> Array:
 Mask = NDArray[np.bool_]
 Moments = dict[tuple[int, int], Array]
 
-# Samples along each side of a window; for wider windows, pixels are grouped.
-_ACROSS = 15
+_ACROSS = 15  # samples along each side of a window; for wider windows, pixels are grouped
 # Least fraction of a window on the surface: a strip along an edge does not determine slope or motion.
 _LEAST_SHARE = 0.1
-# Fixed-pattern noise below this fraction of the temporal noise is neglected.
-_LITTLE_PATTERN = 0.05
-# Slopes are linear in the distance, and their products quadratic.
-_HIGHEST_POWER = 2
+_LITTLE_PATTERN = 0.05  # fixed-pattern noise below this fraction of the temporal noise is neglected
+_HIGHEST_POWER = 2  # slopes are linear in the distance, and their products quadratic
 
 
 def compute_moments(look: SurfaceSamples, sigma_px: float, highest: int) -> tuple[Moments, Moments]:
@@ -194,8 +184,7 @@ def compute_deviations(
         if model.moving:
             own += [along * moves[2], down * moves[2], along * moves[3] + down * moves[4]]
         sides.append(own)
-    # Side, field, image, point.
-    change = np.array(sides)
+    change = np.array(sides)  # side, field, image, point
     count = np.maximum(shown.sum(axis=0), 1)
     change = np.where(shown, change - change.sum(axis=2, keepdims=True) / count, 0.0)
     a = np.einsum("lsn,sfvn->lfvn", factorise_gradients(seen.variance, seen.response), change)

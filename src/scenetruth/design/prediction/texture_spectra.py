@@ -95,8 +95,7 @@ def analytic_spectra() -> dict[str, TextureSpectrum]:
     return {cls.kind: cls() for cls in classes_in(TextureSpectrum, __name__)}
 
 
-# Highest harmonic of a square wave that pixels resolve for the largest squares.
-_HIGHEST = 31
+_HIGHEST = 31  # highest harmonic of a square wave that pixels resolve for the largest squares
 
 
 class CheckerboardSpectrum(TextureSpectrum):
@@ -117,10 +116,8 @@ class CheckerboardSpectrum(TextureSpectrum):
         )
 
 
-# Full width at half maximum of a Gaussian, in standard deviations.
-_WIDTH = 2.354820045
-# Highest frequency of a dot, in widths of its spectrum.
-_DOT_BAND = 3.0
+_WIDTH = 2.354820045  # full width at half maximum of a Gaussian, in standard deviations
+_DOT_BAND = 3.0  # highest frequency of a dot, in widths of its spectrum
 _LEAF_RADII, _LEAF_ANGLES = 10, 8
 
 
@@ -151,8 +148,7 @@ class LeafSpectrum(TextureSpectrum):
         return mottling.joined(SpectralComponents(grid.reshape(-1, 2), each, mean))
 
 
-# Largest side of the measured part, at the centre of the raster.
-_MOST_TEXELS = 1024
+_MOST_TEXELS = 1024  # largest side of the measured part, at the centre of the raster
 _MEASURED_RADII, _MEASURED_ANGLES = 24, 8
 # Largest residual of an affine chart, relative to the edge lengths; otherwise the texture is not flat on the surface.
 _MOST_BENT = 0.1
@@ -189,8 +185,7 @@ def _measured(key: _Key) -> SpectralComponents:
     mean = float(part.mean())
     window = np.outer(np.hanning(part.shape[0] + 2)[1:-1], np.hanning(part.shape[1] + 2)[1:-1])
     power = np.abs(np.fft.rfft2((part - mean) * window)) ** 2
-    # Each column but the first and the last represents two waves.
-    power[:, 1:] *= 2.0
+    power[:, 1:] *= 2.0  # each column but the first and the last represents two waves
     power /= window.size * np.square(window).sum()
     across = np.fft.rfftfreq(part.shape[1]) * columns
     down = np.fft.fftfreq(part.shape[0]) * rows

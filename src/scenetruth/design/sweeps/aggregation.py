@@ -34,10 +34,8 @@ __all__ = [
 Interval = tuple[float, float, float]
 """A statistic and the lower and upper end of its confidence interval; NaN with too few seeds."""
 _LEVEL = 0.975
-_LARGEST_EXPONENT = 100.0
-"""Limit of the exponent, against overflow."""
-_FEWEST_LEFT_OUT = 3
-"""Fewest seeds for a jackknife interval: a variance requires two seeds after one is omitted."""
+_LARGEST_EXPONENT = 100.0  # limit of the exponent, against overflow
+_FEWEST_LEFT_OUT = 3  # fewest seeds for a jackknife interval: a variance requires two seeds after one is omitted
 
 
 def compute_mean(values: Sequence[float]) -> Interval:

@@ -21,25 +21,18 @@ _RANGE = re.compile(rf"(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})(?::(?:(?P<count
 _MEANT_AS_RANGE = re.compile(rf"\s*{_NUMBER}\s*\.\.")
 _SPELLING = "must have the form 1,2,5 or 1..10:4 (four levels) or 1..10:4log"
 _MOST_VALUES = 10_000
-# Significant digits of the levels of a range: 0.1 instead of 0.1000000000000001.
-_DIGITS = 12
+_DIGITS = 12  # significant digits of the levels of a range: 0.1 instead of 0.1000000000000001
 
 
 @dataclass(frozen=True)
 class Factor:
-    """A varied field.
-
-    ``values``: Levels given as a list; empty for a range.
-    ``ends``: Lower and upper end of a range.
-    ``count``: Number of levels of a range; 0 for a range that is sampled by Sobol points.
-    ``logarithmic``: Whether levels or points are evenly spaced on a logarithmic scale.
-    """
+    """A varied field."""
 
     path: str
-    values: tuple[Any, ...] = ()
-    ends: tuple[float, float] | None = None
-    count: int = 0
-    logarithmic: bool = False
+    values: tuple[Any, ...] = ()  # levels given as a list; empty for a range
+    ends: tuple[float, float] | None = None  # lower and upper end of a range
+    count: int = 0  # levels of a range; 0 if it is sampled by Sobol points
+    logarithmic: bool = False  # levels or points are evenly spaced on a logarithmic scale
 
     @property
     def is_filled(self) -> bool:

@@ -29,10 +29,8 @@ __all__ = [
 
 POSITIVE = ("rmse", "precision_std", "median_abs_error")
 """Statistics with a logarithmic axis."""
-_WIDE = 8.0
-"""Ratio of the largest to the smallest level from which an axis is logarithmic."""
-_MOST_CURVES = 8
-"""Most curves of a panel."""
+_WIDE = 8.0  # ratio of the largest to the smallest level from which an axis is logarithmic
+_MOST_CURVES = 8  # most curves of a panel
 
 Place = float | str
 
@@ -48,17 +46,12 @@ class PanelAxis:
 
 @dataclass(frozen=True)
 class SweepCurve:
-    """A line or a set of points with error bars.
-
-    ``points``: (position, value, low, high); low and high are NaN without an interval.
-    ``colour``: Index of the colour.
-    ``is_bound``: Whether it shows the Cramér-Rao bound.
-    """
+    """A line or a set of points with error bars."""
 
     name: str
-    points: tuple[tuple[Place, float, float, float], ...]
-    colour: int
-    is_bound: bool = False
+    points: tuple[tuple[Place, float, float, float], ...]  # position, value, low and high (NaN without an interval)
+    colour: int  # index of the colour
+    is_bound: bool = False  # shows the Cramér-Rao bound
     joined: bool = True
     told: tuple[str, ...] = ()
     """Labels of the points with all factors, if more than the factor of the axis varies."""

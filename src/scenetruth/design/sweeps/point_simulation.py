@@ -50,8 +50,7 @@ __all__ = [
 ]
 
 
-_PIXELS = 10_000
-"""Largest number of retained pixels per image: errors are correlated over the width of a window."""
+_PIXELS = 10_000  # largest number of retained pixels per image: errors are correlated over the width of a window
 
 _REGION, _ERROR = "region", "error"
 _REMEDY = "run the sweep again"
@@ -65,14 +64,10 @@ def compute_step_px(dataset: xr.Dataset) -> int:
 
 @dataclass(frozen=True)
 class RetainedErrors:
-    """Errors of a simulation at a subset of pixels.
+    """Errors of a simulation at a subset of pixels, and masks of regions, shape (t, y, x)."""
 
-    ``regions``: Masks by method and region, shape (t, y, x).
-    ``errors``: Estimate minus truth by method and quantity, shape (t, y, x); NaN where invalid.
-    """
-
-    regions: Mapping[tuple[str, str], NDArray[np.bool_]]
-    errors: Mapping[tuple[str, str], ErrorMap]
+    regions: Mapping[tuple[str, str], NDArray[np.bool_]]  # by method and region
+    errors: Mapping[tuple[str, str], ErrorMap]  # estimate minus truth by method and quantity; NaN where invalid
 
 
 def compute_retained_errors(pairs: Mapping[str, EstimateTruthPair], step_px: int) -> dict[str, ErrorMap]:
@@ -112,8 +107,7 @@ def read_retained_errors(path: Path) -> RetainedErrors:
 
 BOUND = "bound"
 """Label of records of the Cramér-Rao bound, in place of a method."""
-_SIGMA_PX = 6.0
-"""Window of the bound for methods without a window setting: the default of the built-in methods, in px."""
+_SIGMA_PX = 6.0  # window of the bound for methods without a window setting: the default of the built-in methods, in px
 
 StdMap = NDArray[np.float64]
 
@@ -227,21 +221,15 @@ Figures = dict[str, dict[str, dict[str, float]]]
 
 @dataclass
 class SimulationResult:
-    """Result of one simulation.
+    """Result of one simulation."""
 
-    ``figures``, ``bounds``: Statistics by method and by name of the bound.
-    ``failures``, ``notes``: Reasons of failed methods, by label, and for missing bounds.
-    ``settled``: Labels of failures that are not repeated: installed methods that reject the recording.
-    ``kept``: Errors at a subset of pixels; None if not requested.
-    """
-
-    figures: dict[str, Figures] = field(default_factory=dict)
-    bounds: dict[str, Figures] = field(default_factory=dict)
-    failures: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    settled: list[str] = field(default_factory=list)
+    figures: dict[str, Figures] = field(default_factory=dict)  # statistics by method
+    bounds: dict[str, Figures] = field(default_factory=dict)  # statistics by name of the bound
+    failures: dict[str, str] = field(default_factory=dict)  # reasons of failed methods, by label
+    notes: list[str] = field(default_factory=list)  # reasons for missing bounds
+    settled: list[str] = field(default_factory=list)  # final failures: installed methods that reject the recording
     grows: bool = False
-    kept: RetainedErrors | None = None
+    kept: RetainedErrors | None = None  # None if not requested
 
 
 def methods_from_scene(scene: Scene) -> list[MethodSpec]:
@@ -383,8 +371,7 @@ def _errors(
     return {name: np.concatenate([part[name] for part in parts]) for name in common}
 
 
-_FORMAT = 3
-"""Version of the results; increased when the statistics of the same simulation change."""
+_FORMAT = 3  # version of the results; increased when the statistics of the same simulation change
 
 
 @dataclass(frozen=True)

@@ -37,22 +37,16 @@ class SweepPoint:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """All simulations of a sweep, numbered by design point and seed.
-
-    ``places``: Paths of the fields, without wildcards, by scene and factor.
-    ``seeds``: The seeds of each scene.
-    ``is_grid``: Whether the points are a full grid of levels, without Sobol points.
-    ``logarithmic``: Factors with a logarithmic axis.
-    """
+    """All simulations of a sweep, numbered by design point and seed."""
 
     labels: tuple[str, ...]
     plains: tuple[Mapping[str, Any], ...] = field(repr=False)
     factors: tuple[str, ...]
-    places: tuple[tuple[tuple[str, ...], ...], ...] = field(repr=False)
+    places: tuple[tuple[tuple[str, ...], ...], ...] = field(repr=False)  # paths without wildcards, by scene and factor
     points: tuple[SweepPoint, ...] = field(repr=False)
-    seeds: tuple[tuple[int, ...], ...]
-    is_grid: bool = True
-    logarithmic: frozenset[str] = frozenset()
+    seeds: tuple[tuple[int, ...], ...]  # of each scene
+    is_grid: bool = True  # a full grid of levels, without Sobol points
+    logarithmic: frozenset[str] = frozenset()  # factors with a logarithmic axis
 
     def __len__(self) -> int:
         """Return the number of simulations."""
@@ -277,8 +271,7 @@ def _combinations(factors: Sequence[Factor], whole: Sequence[bool], sobol: int) 
             for number, factor in enumerate(factors)
         ]
         for values in product(*axes):
-            # Integers may be drawn more than once.
-            found.setdefault(tuple(map(format_level, values)), values)
+            found.setdefault(tuple(map(format_level, values)), values)  # integers may be drawn more than once
     return list(found.values())
 
 
@@ -342,8 +335,7 @@ def _find_ineffective(plan: SweepPlan, factors: Sequence[Factor], own_methods: b
             if any(_has_effect(plan, number, factor, scene, ignored) for scene in range(len(plan.labels))):
                 continue
         except (SceneError, PathError):
-            # The invalid scene is reported already, or no point has this level.
-            continue
+            continue  # the invalid scene is reported already, or no point has this level
         message = "has no effect on any statistic"
         if not own_methods and factor.path.split(".")[0] == "estimate":
             message = "has no effect with given methods; omit them, or specify their settings as NAME[setting: 4]"

@@ -31,8 +31,7 @@ __all__ = ["build_chart", "write_sweep_report"]
 
 _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
 _MANY_DECADES = 2.5
-_MOST_LABELLED = 100
-"""Largest number of cells with printed values."""
+_MOST_LABELLED = 100  # largest number of cells with printed values
 
 
 def build_chart(panel: SweepPanel) -> dict[str, Any]:
@@ -52,8 +51,7 @@ def _axis(axis: PanelAxis, panel: SweepPanel, place: int) -> dict[str, Any]:
     if axis.names:
         return found | {"type": "category", "categoryorder": "array", "categoryarray": list(axis.names)}
     if panel.map is not None and panel.map.is_grid:
-        # All cells have the same width.
-        names = panel.map.names(along_x=place == 0)
+        names = panel.map.names(along_x=place == 0)  # all cells have the same width
         return found | {"type": "category", "categoryorder": "array", "categoryarray": names}
     if not axis.logarithmic:
         return found | {"type": "linear", "exponentformat": "power"}

@@ -355,8 +355,7 @@ class _Work:
             squares = {one.kind: gathered.predicted_square(one.kind, quantity, region) for one in self.causes}
             wanted |= {kind for kind, square in squares.items() if not math.isfinite(square)}
             known = {kind: square for kind, square in squares.items() if math.isfinite(square)}
-            # Errors with ideal images are already simulated.
-            sure = gathered.ideal_square(quantity, region)
+            sure = gathered.ideal_square(quantity, region)  # errors with ideal images are already simulated
             total = sure + sum(known.values())
             for kind, square in sorted(known.items(), key=lambda pair: -pair[1]):
                 if sure >= confirm * total:

@@ -25,8 +25,7 @@ SHOWN_QUANTITIES = ("depth", "velocity_x", "velocity_z", GROWTH)
 COLOURS = {"images": "#0072B2", "stage": "#D55E00", "calibration": "#009E73", "surface": "#CC79A7"}
 """Colour-blind-safe colours by group of sources (M. Okabe and K. Ito, 2008)."""
 _TITLES = {"images": "images", "stage": "stage and shutter", "calibration": "calibration", "surface": "surface, method"}
-# Smaller fractions of the sum of squares are combined in one bar.
-_LEAST = 1e-3
+_LEAST = 1e-3  # smaller fractions of the sum of squares are combined in one bar
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,6 @@ def write_waterfall(found: Budget, path: Path, region: str = "interior") -> None
 
 
 def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], region: str) -> None:
-    """Draw one waterfall."""
     from matplotlib.ticker import MaxNLocator
 
     total, last = found.combined(quantity, region), len(steps)
@@ -261,8 +259,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         lines = [
             [
                 HtmlCell(one.title),
-                # Magnitudes have different units and sort as text.
-                HtmlCell(one.size),
+                HtmlCell(one.size),  # magnitudes have different units and sort as text
                 *(_cell(value) for value in (one.value, one.predicted, one.predicted_for_seeds, one.simulated)),
                 _share(one.valid_fraction),
             ]

@@ -187,8 +187,7 @@ def compute_explained_fraction(
     return found
 
 
-# With a larger factor, the correlation with the prediction is accidental.
-_MOST_TIMES = 2.0
+_MOST_TIMES = 2.0  # with a larger factor, the correlation with the prediction is accidental
 
 
 def _growth(found: list[Errors], sight: ObservationModel) -> Map:
@@ -226,24 +225,18 @@ Reader = Callable[[tuple[str, ...], int], ErrorMaps | None]
 
 @dataclass(frozen=True, eq=False)
 class BudgetTable:
-    """Results and predictions for a budget.
+    """Results and predictions for a budget."""
 
-    ``read``: Returns the errors of a run by its sources and seed; None if it failed.
-    ``predicted``, ``drawn``: Predictions by source: for one standard deviation, and for the simulated errors.
-    ``sets``: The sources switched on to simulate a source.
-    ``explained``: Fractions of the error with ideal images that surfaces explain.
-    """
-
-    read: Reader
+    read: Reader  # returns the errors of a run by its sources and seed; None if it failed
     seeds: Sequence[int]
     scene: Scene
     calibration: Calibration
-    predicted: Mapping[str, Figures]
+    predicted: Mapping[str, Figures]  # by source, for one standard deviation
     places: Sequence[tuple[str, str]]
-    drawn: Mapping[str, Figures] = field(default_factory=dict)
-    sets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    drawn: Mapping[str, Figures] = field(default_factory=dict)  # by source, for simulated errors
+    sets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # sources switched on to simulate a source
     everything: tuple[str, ...] = ()
-    explained: Figures = field(default_factory=dict)
+    explained: Figures = field(default_factory=dict)  # fractions of the error with ideal images that surfaces explain
 
     def predicted_square(self, kind: str, quantity: str, region: str) -> float:
         """Return the square of a prediction; NaN without a prediction."""

@@ -53,22 +53,15 @@ Disturbance = Callable[[int, int], ImageDisturbance | None]
 
 @dataclass(frozen=True, eq=False)
 class ObservationModel:
-    """A scene without the errors under investigation, at the reference camera and frame.
+    """A scene without the errors under investigation, at the reference camera and frame."""
 
-    ``scene``: The scene with all its errors.
-    ``recording``: Images without errors, and ``radiance``, the input of the sensor.
-    ``truth``: Ground truth at t = 0, of one camera.
-    ``texture``: The reference image, relative to full scale.
-    ``known``: Mask of the valid depth and motion estimates for these images.
-    """
-
-    scene: Scene
-    recording: xr.Dataset
-    truth: xr.Dataset
+    scene: Scene  # with all its errors
+    recording: xr.Dataset  # images without errors, and ``radiance``, the input of the sensor
+    truth: xr.Dataset  # at t = 0, of one camera
     points: ReferencePoints
-    texture: Map
+    texture: Map  # reference image, relative to full scale
     intrinsics: Intrinsics
-    known: Mask
+    known: Mask  # mask of the valid depth and motion estimates for these images
 
     @property
     def s(self) -> list[int]:

@@ -228,8 +228,7 @@ _LEAST_EIGENVALUE = 1e-7
 
 Single = NDArray[np.float32]
 
-_OFFSETS = (0, -1, 1, -2, 2)
-"""Tried registrations, relative to the nearest integer disparity."""
+_OFFSETS = (0, -1, 1, -2, 2)  # tried registrations, relative to the nearest integer disparity
 
 
 class _Moments(NamedTuple):
@@ -248,18 +247,15 @@ class _Moments(NamedTuple):
 class _Registered:
     """Images at one registration, smoothed along s.
 
-    ``gradients``: Texture gradients of each camera along x and y, shape (s, 2, y, x).
-    ``along``, ``down``: Their means with the weights of S.
     ``beside``: Additional coefficient of the divergence: - w Σ S_s s ∂I_s/∂x at the integer disparity w, since with a
       residual disparity, motion in depth also appears in its change.
-    ``inverse``: Inverse normal matrix of shift along x and y, and divergence, shape (3, 3, y, x).
     """
 
-    gradients: Single
-    along: Map
+    gradients: Single  # of the texture by camera along x and y, shape (s, 2, y, x)
+    along: Map  # mean gradient with the weights of S, as ``down``
     down: Map
     beside: Map
-    inverse: Map
+    inverse: Map  # inverse normal matrix of shift along x and y, and divergence, shape (3, 3, y, x)
 
 
 class TensorPropagation:

@@ -23,10 +23,8 @@ __all__ = ["Budget", "unit_text"]
 
 
 _UNITS = {"mm/frame": "mm per frame", "px/step": "px per step", "%/h": "% per hour"}
-# A source with a smaller fraction of the sum of squares is not named.
-_LEAST_NAMED_SHARE = 0.02
-# Largest relative difference between the root sum of squares and the simulated total that is not reported.
-_AGREE = 0.2
+_LEAST_NAMED_SHARE = 0.02  # a source with a smaller fraction of the sum of squares is not named
+_AGREE = 0.2  # largest relative difference between the root sum of squares and the simulated total that is not reported
 
 
 def unit_text(unit: str) -> str:
@@ -44,8 +42,7 @@ def summarise_budget(
     return [
         _summarise_quantity(sort_contributions(parts, one.quantity, region), one, remedies)
         for one in totals
-        # Disparity is equivalent to depth.
-        if one.region == region and one.quantity != "disparity"
+        if one.region == region and one.quantity != "disparity"  # disparity is equivalent to depth
     ]
 
 
@@ -89,8 +86,7 @@ def _summarise_quantity(
 
 
 _FULL_DENSITY = 0.9
-# A true value below this fraction of its error is not reported.
-_NO_SIGNAL = 1e-3
+_NO_SIGNAL = 1e-3  # a true value below this fraction of its error is not reported
 
 
 def _usable(parts: Sequence[Contribution]) -> list[Contribution]:
@@ -115,8 +111,7 @@ def _largest(parts: list[Contribution], total: CombinedUncertainty) -> list[str]
 
 _METHOD_KINDS = ("slope", "curvature", "edges", "rest")
 _PLURAL = ("slope", "curvature", "edges")
-# Largest ratio between few and many seeds that is not reported.
-_SEED_RATIO = 1.5
+_SEED_RATIO = 1.5  # largest ratio between few and many seeds that is not reported
 
 
 def _describe_mitigation(

@@ -26,14 +26,11 @@ if TYPE_CHECKING:
 __all__ = ["AxisSpec", "build_axis", "build_front_charts", "build_sensitivity_charts"]
 
 
-_WIDE = 8.0
-"""Ratio of the largest to the smallest value from which an axis is logarithmic."""
-_BEYOND = 3.0
-"""Largest extension of an axis by error bars: a factor, or a multiple of the span of the points."""
+_WIDE = 8.0  # ratio of the largest to the smallest value from which an axis is logarithmic
+_BEYOND = 3.0  # largest extension of an axis by error bars: a factor, or a multiple of the span of the points
 _FEW_DECADES = 2.5
 _SPARE = 0.05
-_LEAST = 1e-30
-"""Smallest value on a logarithmic axis."""
+_LEAST = 1e-30  # smallest value on a logarithmic axis
 _ROUNDING = 1e-12
 
 
@@ -81,11 +78,9 @@ def build_axis(way: AxisSpec, points: Sequence[float | None], ends: Sequence[flo
         last = max([high, *(min(value, high * _BEYOND) for value in bars)])
         spare = _SPARE * max(math.log10(last) - math.log10(first), 0.1)
         span = [math.log10(first) - spare, math.log10(last) + spare]
-        # Short axes also have labels at 2 and 5.
-        ticks = "D2" if span[1] - span[0] < _FEW_DECADES else 1
+        ticks = "D2" if span[1] - span[0] < _FEW_DECADES else 1  # short axes also have labels at 2 and 5
         return {**axis, "type": "log", "tickformat": "~g", "dtick": ticks, "range": span}
-    # Differences due to rounding are ignored.
-    nothing = max(_ROUNDING * max(abs(low), abs(high)), _LEAST)
+    nothing = max(_ROUNDING * max(abs(low), abs(high)), _LEAST)  # differences due to rounding are ignored
     wide = high - low if high - low > nothing else abs(high) if abs(high) > nothing else 1.0
     first = min([low, *(max(value, low - _BEYOND * wide) for value in bars)])
     last = max([high, *(min(value, high + _BEYOND * wide) for value in bars)])
@@ -249,7 +244,6 @@ def build_front_charts(design: DesignResult) -> list[Chart]:
 
 
 def _chart(design: DesignResult, x: AxisSpec, y: AxisSpec, name: str) -> Chart:
-    """Return the chart of all rigs over two quantities."""
     is_front = x.objective is not None
     held, best = _feasible(design.screened), design.recommended
     rigs = sorted(design.rigs, key=x.predicted)
@@ -313,12 +307,9 @@ def _is_number(value: object) -> bool:
 
 
 _MOST_BARS = 20
-_PALE = ("#8cc1e0", "#f0b28f")
-"""Pale variants of the first colours of charts."""
-_BESIDE = 0.3
-"""Margin of the axis for labels, as a fraction of the span of the bars."""
-_BAR_PX, _AROUND_PX = 52, 150
-"""Height of a pair of bars, and of the margins of the chart."""
+_PALE = ("#8cc1e0", "#f0b28f")  # pale variants of the first colours of charts
+_BESIDE = 0.3  # margin of the axis for labels, as a fraction of the span of the bars
+_BAR_PX, _AROUND_PX = 52, 150  # height of a pair of bars, and of the margins of the chart
 
 
 def build_sensitivity_charts(design: DesignResult) -> list[Chart]:

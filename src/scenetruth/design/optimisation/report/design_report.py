@@ -198,8 +198,7 @@ def _listed(parts: Sequence[str]) -> str:
 
 
 PAGE = "index.html"
-_BLUR_PX = 1.0
-"""Default limit of the blur disc for the depth of field."""
+_BLUR_PX = 1.0  # default limit of the blur disc for the depth of field
 
 
 def write_design_page(design: DesignResult, folder: str | Path) -> Path:

@@ -45,8 +45,7 @@ _OTHER: Mapping[str, Mapping[str, str]] = {
     "p95_abs_error": {"rmse": STATISTIC_TITLES["rmse"]},
 }
 """Additional simulated statistics in the table of rigs, by statistic of the objective."""
-_AT_THE_END = 0.01
-"""Distance from an end that counts as the end of the range, as a fraction of the range."""
+_AT_THE_END = 0.01  # distance from an end that counts as the end of the range, as a fraction of the range
 
 
 def build_parameter_table(design: DesignResult) -> HtmlTable:

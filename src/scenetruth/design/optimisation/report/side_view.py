@@ -27,24 +27,17 @@ PaperPoint = tuple[float, float]
 
 @dataclass(frozen=True)
 class Viewport:
-    """A viewport of the side view with equal scales along both axes.
+    """A viewport of the side view with equal scales along both axes."""
 
-    ``name``: Identifier within the page.
-    ``z_mm``, ``x_mm``: Displayed range.
-    ``scale``: Units of the drawing per mm.
-    ``left``, ``right``, ``top``, ``bottom``: Margins for dimensions, in units of the drawing.
-    ``upright``: Whether Z points up and X right; otherwise Z points right and X down. Both are views along Y.
-    """
-
-    name: str
-    z_mm: tuple[float, float]
-    x_mm: tuple[float, float]
-    scale: float
-    left: float
+    name: str  # identifier within the page
+    z_mm: tuple[float, float]  # displayed range
+    x_mm: tuple[float, float]  # displayed range
+    scale: float  # units of the drawing per mm
+    left: float  # margins for dimensions, in units of the drawing
     right: float
     top: float
     bottom: float
-    upright: bool = False
+    upright: bool = False  # Z up and X right; otherwise Z right and X down: both are views along Y
 
     @property
     def sides(self) -> tuple[float, float, float, float]:
@@ -93,8 +86,7 @@ def choose_round_length_mm(most_mm: float) -> float:
     return next(factor * power for factor in (5.0, 2.0, 1.0, 0.5) if factor * power <= most_mm * (1 + 1e-9))
 
 
-_ARROW, _LETTER, _LINE = 6.0, 7.0, 16.0
-"""Length of an arrow head, approximate width of a letter, and line spacing."""
+_ARROW, _LETTER, _LINE = 6.0, 7.0, 16.0  # length of an arrow head, approximate width of a letter, and line spacing
 
 
 def svg_line(start: PaperPoint, end: PaperPoint, kind: str) -> str:
@@ -164,8 +156,7 @@ def _arrows(start: PaperPoint, end: PaperPoint) -> str:
 
 CAMERA_LENGTH = 16.0
 """Length of a camera symbol in the drawing."""
-_LEAST = 2.0
-"""Half of the smallest width of a camera symbol."""
+_LEAST = 2.0  # half of the smallest width of a camera symbol
 _OF_OBJECTS = tuple(colour for number, colour in enumerate(COLOURS) if number not in (0, 2, 4))
 """Colours of objects: blue is reserved for the field of view, green for the depth of field."""
 
@@ -226,12 +217,9 @@ def draw_cameras(view: SideView, frame: Viewport) -> list[str]:
 
 _EXTENT, _UPRIGHT_EXTENT, _DETAIL_EXTENT = (860.0, 400.0), (150.0, 560.0), (300.0, 260.0)
 """Largest width and height of the drawings without margins."""
-_ENLARGED = 1.6
-"""Smallest magnification of a detail."""
-_MOST_NAMED, _LEAST_APART = 11, 16.0
-"""Largest number of labelled camera positions, and their smallest distance."""
-_BAR = 110.0
-"""Largest length of a scale bar."""
+_ENLARGED = 1.6  # smallest magnification of a detail
+_MOST_NAMED, _LEAST_APART = 11, 16.0  # largest number of labelled camera positions, and their smallest distance
+_BAR = 110.0  # largest length of a scale bar
 
 
 @dataclass(frozen=True)
@@ -306,8 +294,7 @@ def _draw_overview(view: SideView, *, upright: bool = False) -> Viewport:
     x = (lowest - spare, highest + spare)
     if upright:
         scale = min(_UPRIGHT_EXTENT[0] / (x[1] - x[0]), _UPRIGHT_EXTENT[1] / last)
-        # Narrow rigs are centred.
-        spare = (_UPRIGHT_EXTENT[0] - scale * (x[1] - x[0])) / 2
+        spare = (_UPRIGHT_EXTENT[0] - scale * (x[1] - x[0])) / 2  # narrow rigs are centred
         return Viewport("upright", (0.0, last), x, scale, 84.0 + spare, 96.0 + spare, 58.0, 96.0, upright=True)
     scale = min(_EXTENT[0] / last, _EXTENT[1] / (x[1] - x[0]))
     return Viewport("whole", (0.0, last), x, scale, left=130.0, right=120.0, top=46.0, bottom=80.0)

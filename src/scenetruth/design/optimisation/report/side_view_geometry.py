@@ -21,10 +21,8 @@ __all__ = ["DepthOfFieldRange", "Outline", "SideView", "compute_depth_of_field",
 
 Array = NDArray[np.float64]
 
-_PLACES = 161
-"""Number of sampled X coordinates of an outline, which is linear between them."""
-_FEW = 200
-"""Largest number of vertices of a mesh whose vertices are sampled too, to preserve corners."""
+_PLACES = 161  # number of sampled X coordinates of an outline, which is linear between them
+_FEW = 200  # largest number of vertices of a mesh whose vertices are sampled too, to preserve corners
 
 
 def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array, Array, Array]:
@@ -48,8 +46,7 @@ def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array
     edge = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts) + low[edge]
     across = (end - start)[edge, 0]
-    # Both ends of an edge parallel to Z are used.
-    steep = across <= 0
+    steep = across <= 0  # both ends of an edge parallel to Z are used
     share = np.where(steep, 0.0, (places[place] - start[edge, 0]) / np.where(steep, 1.0, across))
     z_mm = start[edge, 1] + share * (end - start)[edge, 1]
     near, far = np.full(len(places), np.inf), np.full(len(places), -np.inf)
@@ -62,17 +59,13 @@ def compute_outline(vertices_mm: Array, faces: NDArray[np.int32]) -> tuple[Array
 
 @dataclass(frozen=True)
 class Outline:
-    """An object seen along Y.
-
-    ``x_mm``, ``near_mm``, ``far_mm``: X, smallest and largest Z.
-    ``seen_mm``: Smallest and largest depth visible from the reference camera; None if not visible.
-    """
+    """An object seen along Y: smallest and largest Z by X."""
 
     name: str
     x_mm: tuple[float, ...]
     near_mm: tuple[float, ...]
     far_mm: tuple[float, ...]
-    seen_mm: tuple[float, float] | None
+    seen_mm: tuple[float, float] | None  # depth range visible from the reference camera; None if not visible
 
 
 @dataclass(frozen=True)
@@ -87,26 +80,18 @@ class DepthOfFieldRange:
 
 @dataclass(frozen=True)
 class SideView:
-    """A rig seen along Y at the reference frame.
+    """A rig seen along Y at the reference frame."""
 
-    ``cameras_mm``: X of every camera position, in order along the stage, at Z = 0.
-    ``reference``: Index of the reference position.
-    ``left``, ``right``, ``top``, ``bottom``: Slopes X / Z and Y / Z of the rays at the image borders.
-    ``seen_mm``: Smallest visible depth, median depth of the measured region, and largest visible depth.
-    ``sharp``: The depth of field; None for a scene without defocus.
-    ``rows``: Number of rows of camera positions in Y.
-    """
-
-    cameras_mm: tuple[float, ...]
-    reference: int
-    left: float
+    cameras_mm: tuple[float, ...]  # X at Z = 0, in order along the stage
+    reference: int  # index of the reference position
+    left: float  # slopes X / Z and Y / Z of the rays at the image borders
     right: float
     top: float
     bottom: float
     outlines: tuple[Outline, ...]
-    seen_mm: tuple[float, float, float]
-    sharp: DepthOfFieldRange | None
-    rows: int
+    seen_mm: tuple[float, float, float]  # smallest, median (measured region), and largest visible depth
+    sharp: DepthOfFieldRange | None  # depth of field; None for a scene without defocus
+    rows: int  # of camera positions in Y
 
     @property
     def travel_mm(self) -> float:
@@ -153,10 +138,7 @@ def compute_side_view(plain: Mapping[str, Any], limit_px: float = 1.0, region: s
 
 
 def compute_depth_of_field(optics: Optics, focal_px: float, limit_px: float) -> DepthOfFieldRange | None:
-    """Return the depth of field of a lens, whose blur disc is f A |1/Z - 1/Z_f| px (`scenetruth.camera.Defocus`).
-
-    ``focal_px``: Focal length f in px.
-    """
+    """Return the depth of field of a lens, whose blur disc is f A |1/Z - 1/Z_f| px (`scenetruth.camera.Defocus`)."""
     lens = optics.defocus
     if lens is None:
         return None
