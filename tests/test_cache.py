@@ -93,7 +93,7 @@ def test_keys_tell_everything_apart() -> None:
     keys = [entry_key(what, *given) for given in parts for what in ("noise", "leaf")]
     assert len({*keys}) == len(keys)
     assert entry_key("noise", 1.0, 0.1, state) == entry_key("noise", np.float64(1.0), 0.1, state)
-    with pytest.raises(TypeError, match="cannot hold"):
+    with pytest.raises(TypeError, match="cannot contain"):
         entry_key("noise", {1, 2})
 
 

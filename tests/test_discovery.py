@@ -63,5 +63,5 @@ def test_kinds_may_be_written_in_any_case(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_two_modules_cannot_have_one_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = room(tmp_path, monkeypatch, torus="ring", box="ring")
-    with pytest.raises(TypeError, match=r"'ring' is taken twice: by Box and Torus"):
+    with pytest.raises(TypeError, match=r"'ring' is used twice: by Box and Torus"):
         kinds_in(base_of(name), name)

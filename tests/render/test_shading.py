@@ -304,7 +304,7 @@ def test_the_spotlight_scene_runs_and_its_brightness_changes() -> None:
 
 def test_light_beyond_full_scale_is_warned_of() -> None:
     sun = {"kind": "directional", "direction": [0, 0, 1], "irradiance": 3.0}
-    with pytest.warns(st.SceneWarning, match=r"reach a radiance of 3 where the sensor's full scale is 1"):
+    with pytest.warns(st.SceneWarning, match=r"reach a radiance of 3, but the sensor's full scale is 1"):
         st.simulate(plane({"lights": [sun]}, frames={"count": 1}, stage={"positions": 1, "baseline_mm": 5}))
 
 

@@ -177,7 +177,7 @@ def test_patterns_stay_and_noise_does_not() -> None:
     plain = {"kind": "emva1288", **SENSORS["noisy"]}
     scene = cube(sensor=plain, frames={"count": 2}, stage={"positions": 2, "baseline_mm": 5.0})
     # The brightest spots of the texture fill the wells.
-    told = r"sensor: images reach a radiance of 0\.96.* full scale is 0\.7999; expose"
+    told = r"sensor: images reach a radiance of 0\.96.* full scale is 0\.7999; reduce the exposure time"
     with pytest.warns(st.SceneWarning, match=told):
         (recording, _), (again, _) = (st.simulate(scene) for _ in range(2))
     np.testing.assert_array_equal(recording["image"], again["image"])

@@ -128,7 +128,7 @@ def test_grey_levels_are_too_bright_where_simulations_and_checks_say_so(exposure
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         simulate(made)
-    assert any("sensor: images reach a radiance of 1 where" in str(one.message) for one in caught) == saturated
+    assert any("sensor: images reach a radiance of 1, but" in str(one.message) for one in caught) == saturated
 
 
 def test_prices(wall: RigContext) -> None:
