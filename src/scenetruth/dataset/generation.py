@@ -51,11 +51,7 @@ __all__ = [
 
 @dataclass
 class DatasetRunResult:
-    """Result of a run.
-
-    ``folder``: Directory of the data set. ``made``: Number of samples generated. ``present``: Number of existing
-    samples of the partition. ``failed``: Numbers of the failed samples.
-    """
+    """Result of a run: counts of generated and existing samples of its partition, and numbers of failed samples."""
 
     folder: DatasetFolder
     made: int = 0
@@ -65,11 +61,7 @@ class DatasetRunResult:
 
 @dataclass(frozen=True)
 class DatasetStatus:
-    """Progress of a data set.
-
-    ``count``: Total number of samples. ``done``: Number of existing samples. ``failed``: Error messages by number of
-    the failed sample.
-    """
+    """Progress of a data set: counts of all and of existing samples, and error messages by number of the sample."""
 
     count: int
     done: int
@@ -382,10 +374,7 @@ class _Work:
 
 @dataclass(frozen=True)
 class VerificationFailure:
-    """A damaged or missing sample.
-
-    ``number``: Number of the sample. ``problem``: Description of the problem.
-    """
+    """A damaged or missing sample."""
 
     number: int
     problem: str
