@@ -32,10 +32,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart.
-
-    ``name``: Its name within the page. ``alt``: Text alternative. ``data``, ``layout``: Traces and layout of plotly.
-    """
+    """A chart: its name within the page, text alternative, and traces and layout of plotly."""
 
     name: str
     alt: str
@@ -49,10 +46,9 @@ _NUMBER = re.compile(r"[-+]?(∞|\d+(\.\d*)?([eE][-+]?\d+)?)(?!\w)")
 
 @dataclass(frozen=True)
 class HtmlCell:
-    """A cell of a table.
+    """A cell of a table; ``key`` is its number for sorting, None to sort by text.
 
-    ``text``: Its text. ``key``: Number for sorting; None to sort by text. ``address``, ``saved_as``: Address of a file
-    for download, and its file name; empty if there is none.
+    ``address``, ``saved_as``: Address of a file for download, and its file name; empty if there is none.
     """
 
     text: str
@@ -70,11 +66,7 @@ class HtmlCell:
 
 @dataclass(frozen=True)
 class HtmlTable:
-    """A table.
-
-    ``name``: Its name within the page. ``caption``: Its caption. ``columns``: Column headings. ``lines``: Its rows.
-    ``marked``: Index of the highlighted row; None for none. ``foot``: Rows that stay at the bottom, such as sums.
-    """
+    """A table; ``marked`` is the index of the highlighted row, ``foot`` has rows that stay at the bottom."""
 
     name: str
     caption: str

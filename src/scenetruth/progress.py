@@ -9,7 +9,6 @@ __all__ = ["LOGGER", "Progress", "say"]
 
 Progress = Callable[[str, int, int], None]
 """Called with (what, done, total)."""
-
 LOGGER = logging.getLogger("scenetruth")
 """Logger of messages; the command line prints them."""
 

@@ -118,10 +118,7 @@ def provenance_attributes(scene: Scene) -> dict[str, Any]:
 
 
 def own_release() -> str:
-    """Return the base release of this version of scenetruth: 0.2.0 for 0.2.0.dev7+g1a2b3c4.
-
-    Interrupted work and caches are compatible between commits of the same release.
-    """
+    """Return the base release: 0.2.0 for 0.2.0.dev7+g1a2b3c4. Its commits share caches and interrupted work."""
     return re.sub(r"((\.post\d+)?\.dev\d+)?(\+.*)?$", "", version("scenetruth"))
 
 

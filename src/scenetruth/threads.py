@@ -35,8 +35,7 @@ def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
         take()
     finally:
         # All tasks have started, unless this thread was interrupted: then pending tasks are dropped. Pending helpers
-        # have
-        # nothing to do and are not awaited: all threads may be waiting for tasks of their own.
+        # have nothing to do and are not awaited: all threads may be waiting for tasks of their own.
         left.clear()
         begun = [helper for helper in started if not helper.cancel()]
         wait(begun)

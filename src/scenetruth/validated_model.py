@@ -83,8 +83,7 @@ def _of_fields(node: ast.ClassDef) -> dict[str, str]:
 
 LARGEST, SMALLEST = 1e12, 1e-12
 """Limits of the magnitude of every number, in any unit: products and quotients of several numbers stay far within the
-range of float64, squares of three within that of float32.
-"""
+range of float64, squares of three within that of float32."""
 
 
 def _not_lost(value: float) -> float:
@@ -145,11 +144,7 @@ class FrozenModel(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Return the JSON Schema with the docstrings of fields as descriptions.
-
-        The corresponding option of pydantic reads the source of every model at import, which takes a second for a
-        scene.
-        """
+        """Return the JSON Schema with docstrings as descriptions; pydantic's own option needs 1 s at import."""
         schema = handler(core_schema)
         told = field_docstrings(cls)
         # The schema uses the field names of files.
@@ -205,11 +200,7 @@ def _words_in(annotation: Any) -> Iterator[str | type[str]]:
 
 @dataclass(frozen=True)
 class Preset:
-    """Fields of a model and their values.
-
-    ``title``: Name, such as a product. ``values``: Values by field, in the units of the model. ``sources``: Source of
-    each value, with the same keys.
-    """
+    """Values of fields of a model, in its units, such as those of a product, with the source of each."""
 
     title: str
     values: Mapping[str, Any]

@@ -23,8 +23,7 @@ __all__ = ["BenchmarkResult", "RankedMethod", "Ranking"]
 class RankedMethod:
     """Values of one statistic for several methods; lower is better (errors, or a cut-off period).
 
-    ``label``: The level, or empty for the median over all levels.
-    ``numbers``: Value of each method with a result, by label, and of the bound; NaN if undefined.
+    ``label``: The level, or empty for the median over all levels. ``numbers``: Values by method, and of the bound.
     """
 
     case: Case

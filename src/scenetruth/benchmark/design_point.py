@@ -166,11 +166,9 @@ class DesignPoint:
 
 @dataclass
 class PointResult:
-    """The result of a design point.
+    """The result of a design point; ``failures`` and likely ``convention_mismatches`` by label.
 
-    ``failures``: Reasons for missing results, by label.
     ``settled``: Labels whose failures are final: installed methods that reject the recording.
-    ``convention_mismatches``: Likely convention mismatches of methods that are not built in, by label.
     ``maps``: Error maps; None if no quantity is in px, or if the result was read from a file.
     """
 

@@ -112,9 +112,7 @@ COVERAGE_FACTORS: Sequence[float] = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0)
 
 
 def compute_sparsification(errors: Map, std: Map, kept: Sequence[float] = SPARSIFICATION_FRACTIONS) -> list[float]:
-    """Return the RMSE of the most certain pixels, for each fraction.
-
-    ``errors``, ``std``: Errors and stated standard deviations, shape (n,).
+    """Return the RMSE of the most certain of n pixels, for each fraction.
 
     >>> compute_sparsification(np.array([1.0, 3.0]), np.array([0.1, 0.2]), [0.5, 1.0])
     [1.0, 2.23606797749979]

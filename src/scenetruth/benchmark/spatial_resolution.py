@@ -16,7 +16,6 @@ __all__ = ["compute_amplitude_ratio", "compute_amplitude_records", "compute_cuto
 
 MIN_AMPLITUDE_RATIO = 0.9
 """Minimum amplitude ratio of a resolved period."""
-
 _LEAST_LOG = 0.05
 """Lower bound of ratios in logarithms; smaller and negative ratios are set to it."""
 
@@ -24,9 +23,7 @@ Map = NDArray[np.float64]
 
 
 def compute_amplitude_ratio(found: Map, true: Map) -> float:
-    """Return the amplitude ratio of a sinusoid: the slope of ``found`` over ``true``, both without their mean.
-
-    ``found``, ``true``: Values at the same pixels, shape (n,).
+    """Return the amplitude ratio of a sinusoid: the slope of ``found`` over ``true``, shape (n,), without their means.
 
     >>> wave = np.sin(np.arange(100.0))
     >>> round(compute_amplitude_ratio(0.8 * wave + 5, wave), 12)
@@ -37,9 +34,7 @@ def compute_amplitude_ratio(found: Map, true: Map) -> float:
 
 
 def compute_peak_ratio(found: Map, true: Map) -> float:
-    """Return the amplitude ratio at a crest: the slope of ``found`` over ``true``, through the origin.
-
-    ``found``, ``true``: Values at the same pixels, shape (n,).
+    """Return the amplitude ratio at a crest: the slope of ``found`` over ``true``, shape (n,), through the origin.
 
     >>> crest = np.array([0.8, 1.0, 0.8])
     >>> round(compute_peak_ratio(0.9 * crest, crest), 12)

@@ -25,9 +25,8 @@ _SUFFIXES = (".yaml", ".yml")
 class BundledFiles:
     """One category of bundled files.
 
-    ``noun``: Name of a file of the category. ``metavar``: Its name on the command line. ``command``: Its main command.
-    ``folder``: Its directory within that of all bundled files. ``takes_folders``: Whether an existing directory is a
-    valid path, and not merely the results of an earlier run with the name of a file.
+    ``takes_folders``: Whether an existing directory is a valid path, and not merely the results of an earlier run with
+    the name of a file.
     """
 
     noun: str
@@ -48,13 +47,9 @@ class BundledFiles:
 
 
 SCENES = BundledFiles("scene", "SCENE", "run")
-"""Scenes."""
-
 RECIPES = BundledFiles("recipe", "RECIPE", "dataset run", "datasets", takes_folders=True)
 """Recipes of data sets; commands for recipes also accept the directory of a data set."""
-
 DESIGNS = BundledFiles("design", "SPEC", "design optimise", "designs")
-"""Design specifications."""
 
 
 def resolve_file(shelf: BundledFiles, given: Path) -> Path:
@@ -118,10 +113,7 @@ def method_names(incomplete: str) -> list[str]:
 
 
 def file_completer(shelf: BundledFiles) -> Callable[[str], list[str]]:
-    """Return the completion of an argument that is a file or the name of a bundled file.
-
-    Without a result, shells complete paths.
-    """
+    """Return the completion of file arguments with names of bundled files; without a result, shells complete paths."""
 
     def complete(incomplete: str) -> list[str]:
         folder = Path(incomplete).parent if "/" in incomplete else Path()

@@ -57,10 +57,7 @@ _START, _COMPILE = "start", "compile"
 
 @dataclass
 class ProgressReporter:
-    """Shows progress, and measures the duration of each type of task.
-
-    ``progress``: The progress bars. ``timings_s``: Accumulated seconds per type of task.
-    """
+    """Shows progress, and measures the accumulated duration of each type of task."""
 
     progress: Progress
     timings_s: dict[str, float] = field(default_factory=dict)
@@ -145,10 +142,7 @@ class ProgressReporter:
 
 @contextmanager
 def reporting() -> Iterator[ProgressReporter]:
-    """Show progress bars on standard error while the block runs, or occasional lines without a terminal.
-
-    With --quiet nothing is shown.
-    """
+    """Show progress bars on standard error; without a terminal occasional lines, with --quiet nothing."""
     columns = (
         TextColumn("{task.description:>10}"),
         BarColumn(),
@@ -323,10 +317,7 @@ def print_warning(text: str) -> None:
 
 
 def make_console() -> Console:
-    """Return a console on standard output, without markup.
-
-    Without a terminal, and without ``COLUMNS``, it is wide enough for tables.
-    """
+    """Return a console on standard output, without markup; without terminal and ``COLUMNS``, tables fit into it."""
     from rich.console import Console
 
     console = Console(markup=False, emoji=False, highlight=False)

@@ -46,11 +46,7 @@ CheckState = Literal["ok", "missing", "broken"]
 
 @dataclass(frozen=True)
 class DoctorCheck:
-    """Result of one check.
-
-    ``group``: Its group: rendering, packages, ... ``name``: Name of the check. ``state``: Its state. ``told``:
-    Description. ``remedy``: Fix; empty if none is needed. ``needed``: Whether `scenetruth run` requires it.
-    """
+    """Result of one check with its description (``told``); ``needed`` if `scenetruth run` requires it."""
 
     group: str
     name: str

@@ -1,7 +1,4 @@
-"""Script that renders a small triangle; `diagnostics` runs it in a separate process, which system libraries may abort.
-
-Nothing of scenetruth is imported.
-"""
+"""Script without imports of scenetruth that renders a triangle; system libraries may abort its separate process."""
 
 from __future__ import annotations
 
@@ -10,7 +7,6 @@ import sys
 
 ANSWER = "scenetruth: it renders"
 """Prefix of the output on success, followed by the renderer."""
-
 _CORNERS = [[-1.0, -1.0, -2.0], [1.0, -1.0, -2.0], [0.0, 1.0, -2.0]]
 """A triangle in front of a camera that faces -Z."""
 _SIZE_PX = 8

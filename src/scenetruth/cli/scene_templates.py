@@ -25,13 +25,9 @@ __all__ = ["PlacedMesh", "SceneTemplate", "mesh_template", "place_mesh", "regist
 
 @dataclass(frozen=True)
 class SceneTemplate:
-    """Parameters of a scene template.
+    """Parameters of a scene template; ``objects``, ``blocks``, ``sensor`` and ``estimate`` are YAML.
 
-    ``summary``: One-line description of the scene. ``first``: Fields to change first, one per line. ``objects``: The
-    list of objects, in commented YAML. ``focal_length_px``, ``focal_note``: Focal length in px, with a comment.
-    ``baseline_mm``, ``baseline_note``: Distance of stage positions in mm, with a comment. ``frame_interval_s``: Frame
-    interval in s. ``blocks``: Further blocks, in commented YAML. ``sensor``, ``estimate``: Fields of the sensor and of
-    the method, in YAML.
+    ``first``: Fields to change first, one per line.
     """
 
     summary: str
@@ -261,11 +257,10 @@ _WAVES_PX = (6.0, 30.0)
 class PlacedMesh:
     """A mesh file with its placement in the scene.
 
-    ``vertices``, ``faces``: Number of vertices and faces. ``size_mm``: Size along X, Y and Z. ``position_mm``: Position
-    of its origin, with its centre on the optical axis. ``distance_mm``: Distance of its nearest point from the camera,
-    along Z. ``focal_length_px``: Focal length for which it covers three quarters of the image. ``baseline_mm``:
-    Distance of stage positions with a disparity of 30 px at the nearest point. ``has_image``: Whether the file contains
-    a texture image or colours. ``has_uv``: Whether it has UV coordinates for an image.
+    ``position_mm``: Position of its origin, with its centre on the optical axis. ``distance_mm``: Distance of its
+    nearest point from the camera, along Z. ``focal_length_px``: Focal length for which it covers three quarters of the
+    image. ``baseline_mm``: Distance of stage positions with a disparity of 30 px at the nearest point. ``has_image``:
+    Whether the file contains a texture image or colours. ``has_uv``: Whether it has UV coordinates for an image.
     """
 
     vertices: int
@@ -329,10 +324,7 @@ def _placed(read: TriangleMesh, distance_mm: float | None) -> PlacedMesh:
 
 
 def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str = "") -> SceneTemplate:
-    """Return a mesh file that moves towards the camera, with a noise texture or an image.
-
-    ``unit_mm``: Length unit of the file in mm.
-    """
+    """Return the template of a mesh file that moves towards the camera, with a noise texture or an image."""
     per_px = found.distance_mm / found.focal_length_px
     waves = [_rounded(px * per_px) for px in _WAVES_PX]
     texture = f"{{kind: noise, wavelength_mm: [{waves[0]:g}, {waves[1]:g}], mean: 0.5, rms_contrast: 0.25}}"

@@ -31,11 +31,9 @@ _FARTHEST = 4.0
 
 
 class GeometryPreview:
-    """Low-resolution truth of the reference camera at the reference frame.
+    """Low-resolution truth of a scene in the reference camera at the reference frame.
 
     Meshes, motions and rays equal those of the truth; the image has at most 160 px per side, sampled at pixel centres.
-
-    ``scene``: The scene.
     """
 
     def __init__(self, scene: Scene) -> None:

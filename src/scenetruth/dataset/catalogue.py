@@ -77,10 +77,7 @@ def build_catalogue_schema(sampler: Sampler) -> pyarrow.Schema:
 
 
 def build_catalogue_table(rows: Iterable[Mapping[str, Any]], sampler: Sampler) -> pyarrow.Table:
-    """Return rows of the catalogue as a table.
-
-    ``rows``: Contents of ``sample.json`` of samples, optionally with ``seconds``.
-    """
+    """Return contents of ``sample.json`` of samples, optionally with ``seconds``, as a table of the catalogue."""
     import pyarrow as pa
 
     numeric = _values(sampler)
@@ -172,11 +169,7 @@ _PART = re.compile(r"part-[0-9a-z-]+\.parquet")
 
 
 class CatalogueWriter:
-    """Writer of the catalogue in parts.
-
-    ``folder``: Directory of the data set. ``sampler``: Its recipe. ``label``: Label of the parts of this run among
-    those of concurrent runs.
-    """
+    """Writer of the catalogue in parts; ``label`` distinguishes the parts of concurrent runs."""
 
     def __init__(self, folder: DatasetFolder, sampler: Sampler, label: str = "1of1") -> None:
         self._folder, self._sampler, self._label = folder, sampler, label

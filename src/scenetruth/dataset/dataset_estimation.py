@@ -173,10 +173,7 @@ def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
 
 
 def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: int) -> TaskResult:
-    """Estimate and score one sample in a worker; exceptions are returned.
-
-    ``anew``: whether an existing estimate may result from other code and is ignored.
-    """
+    """Estimate and score a sample in a worker; ``anew`` ignores estimates of other code. Exceptions are returned."""
     places, given = DatasetFolder(folder), json.loads(choice)
     chosen = choose({"method": given["method"], **{key: value for key, value in given.items() if key != "method"}})
     shard = places.shard(compute_shard_number(number, per_shard))

@@ -54,8 +54,6 @@ _LONGEST, _DEEPEST = 1000, 50
 class Expression:
     """A formula of named values.
 
-    ``text``: The formula.
-
     >>> Expression("2 * a if a > 1 else sqrt(a)").value({"a": 0.25})
     0.5
     >>> Expression("__import__('os')")

@@ -34,12 +34,10 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class DatasetFingerprint:
-    """Properties shared by all samples of a data set.
+    """Properties shared by all samples of a data set; ``format`` is the version of the data-set format.
 
     ``recipe_hash``: Hash of everything that determines samples: the recipe without descriptions and sample count, base
     scenes, contents of files. ``samples``: Number of draws. ``count``: Number of samples, including paired series.
-    ``backend``, ``platform``: Rendering backend. ``versions``: Versions of the software. ``format``: Version of the
-    data-set format.
     """
 
     recipe_hash: str

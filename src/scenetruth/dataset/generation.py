@@ -85,11 +85,7 @@ class DatasetRunResult:
 
 @dataclass(frozen=True)
 class DatasetStatus:
-    """Progress of a data set.
-
-    ``count``: Total number of samples. ``done``: Number of existing samples. ``failed``: Error messages by number of
-    the failed sample.
-    """
+    """Progress of a data set: counts of all and of existing samples, and error messages by number of the sample."""
 
     count: int
     done: int
@@ -402,10 +398,7 @@ class _Work:
 
 @dataclass(frozen=True)
 class VerificationFailure:
-    """A damaged or missing sample.
-
-    ``number``: Number of the sample. ``problem``: Description of the problem.
-    """
+    """A damaged or missing sample."""
 
     number: int
     problem: str

@@ -34,17 +34,14 @@ __all__ = [
 _PER_GROUP = 1000
 _NAME = re.compile(r"[0-9]{8}")
 SAMPLE, SCENE, RECORDING, TRUTH = "sample.json", "scene.yaml", "recording.zarr.zip", "truth.zarr.zip"
-"""Files of a sample."""
 
 
 class DatasetFolder:
-    """Directory layout of a data set.
+    """Directory layout of a data set; the directory need not exist.
 
     Directories of samples are grouped by the thousand, with eight-digit names: ``samples/00000/00000417``. The
     directory of a sample is a run directory (`scenetruth.RunDirectory`) with zip stores and a ``sample.json`` of drawn
     values and results.
-
-    ``path``: The directory; it need not exist.
 
     >>> DatasetFolder("outputs/leaves").sample(1417).relative_to("outputs").as_posix()
     'leaves/samples/00001/00001417'

@@ -33,11 +33,7 @@ _VALUE = "value."
 
 @dataclass(frozen=True)
 class Sample:
-    """One sample of a data set.
-
-    ``number``: Its number in the data set. ``folder``: Directory of the data set. ``shard``: The tar file that contains
-    it; None if it has its own directory. ``row``: Its row of the catalogue.
-    """
+    """One sample of a data set; ``shard`` is the tar file that contains it, None if it has its own directory."""
 
     number: int
     folder: DatasetFolder
@@ -144,8 +140,7 @@ class SceneDataset(Sequence[Any]):
 
     A sequence with a length, indices and slices that can be pickled, as required for a map-style data set of PyTorch.
 
-    ``folder``: Directory of the data set. ``catalogue``: Its samples, one row per sample. ``transform``: Function
-    applied to every sample that is accessed by index; default: none.
+    ``transform``: Function applied to every sample that is accessed by index; default: none.
     """
 
     def __init__(

@@ -27,11 +27,7 @@ _MAX_LISTED = 40
 
 @dataclass(frozen=True)
 class DrawReport:
-    """Result of trial draws.
-
-    ``accepted``: Number of accepted samples. ``drawn``: Number of draws. ``reasons``: Counts by reason for rejection.
-    ``problems``: Samples that cannot be drawn.
-    """
+    """Result of trial draws: counts of accepted and of all draws, and of rejections by reason."""
 
     accepted: int
     drawn: int
@@ -182,10 +178,7 @@ _FREE, _BOUNDED = 500, 48
 
 @dataclass(frozen=True)
 class AcceptedDraws:
-    """Accepted draws, and the statistics of the others.
-
-    ``trial``: Number of draws, and reasons for rejections. ``draws``: Accepted draws by number.
-    """
+    """Accepted draws by number, and the statistics of the others."""
 
     trial: DrawReport
     draws: list[Draw] = field(default_factory=list)

@@ -41,8 +41,8 @@ class UniformDraws:
     first draws of all samples space-filling; a repeated draw stays in the stratum of a Latin hypercube, but is
     independent for the Sobol sequence.
 
-    ``seed``: Seed of the recipe. ``samples``: Number of strata of a Latin hypercube. ``fields``: The random values by
-    key; their order is that of the dimensions of the Sobol sequence.
+    ``samples``: Number of strata of a Latin hypercube. ``fields``: The random values by key, in the order of the
+    dimensions of the Sobol sequence.
     """
 
     def __init__(self, seed: int, samples: int, fields: Mapping[str, RandomDistribution]) -> None:
@@ -101,11 +101,9 @@ HELD_OUT = "held_out"
 
 @dataclass(frozen=True)
 class VariedField:
-    """A varied value and its fields.
+    """A varied value with the paths of its fields (``places``) and its location in the recipe (``where``).
 
-    ``key``: Its path, or its name if it is assigned to no field. ``distribution``: Its distribution. ``places``: Paths
-    of the fields that receive it. ``name``: Its name in formulas; empty if it has none. ``where``: Its location in the
-    recipe.
+    ``key``: Its path, or its name if it is assigned to no field. ``name``: Its name in formulas; empty if it has none.
     """
 
     key: str
@@ -117,13 +115,11 @@ class VariedField:
 
 @dataclass(frozen=True)
 class Draw:
-    """Draw of a sample.
+    """Draw of sample ``number``, from 0: all values by key, and the scene as plain values.
 
-    ``number``: Number of the sample in the data set, from 0. ``draw``: Number of the draw; all steps of a paired series
-    share it. ``step``: 0 for the sample as drawn, then the steps of the paired series. ``factor``: Factor changed by
-    the step; empty for step 0. ``base``: Index of the base scene. ``values``: All values by key. ``attempts``: Number
-    of draws until acceptance. ``rejected``: Reasons for the rejected draws. ``split``: Its split; empty if there are
-    none. ``plain``: The scene as plain values.
+    ``draw``: Number of the draw; all steps of a paired series share it. ``step``: 0 for the sample as drawn, then the
+    steps of the paired series. ``factor``: Factor changed by the step; empty for step 0. ``base``: Index of the base
+    scene. ``attempts``: Number of draws until acceptance. ``split``: Its split; empty if there are none.
     """
 
     number: int
@@ -143,10 +139,7 @@ class Draw:
 
 
 class Sampler:
-    """Draws the samples of a recipe independently of each other.
-
-    ``recipe``: The recipe. ``bases``: Its base scenes, with the shared changes applied.
-    """
+    """Draws the samples of a recipe independently of each other; the shared changes are applied to ``bases``."""
 
     def __init__(self, recipe: RecipeModel, bases: Sequence[Scene]) -> None:
         self.recipe, self.bases = recipe, tuple(bases)

@@ -273,9 +273,7 @@ def _failure(folder: str, number: int, error: Exception) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Partition:
-    """Partition of a data set that a run generates.
-
-    ``number``, ``count``: Index, from 1, and number of partitions.
+    """Partition ``number``, from 1, of ``count`` partitions of a data set, which a run generates.
 
     >>> [number for number in range(10) if number in Partition(2, 3).numbers(10)]
     [3, 4, 5]
@@ -308,11 +306,7 @@ class Partition:
 
 @dataclass(frozen=True)
 class SampleStore:
-    """The samples of a data set, in directories or shards.
-
-    ``folder``: Directory of the data set. ``count``: Number of samples of the complete data set. ``per_shard``: Samples
-    per shard; 0 for one directory per sample.
-    """
+    """The samples of a data set in shards of ``per_shard`` samples; 0 for one directory per sample."""
 
     folder: DatasetFolder
     count: int

@@ -21,11 +21,7 @@ _MOST_STEPS, _REACHED = 500, 1e-13
 
 @dataclass(frozen=True, eq=False)
 class CameraPose:
-    """Pose of a camera.
-
-    ``centre_mm``: Projection centre in the world, shape (3,).
-    ``axes``: Axes X, Y, Z in the world as columns, shape (3, 3).
-    """
+    """Pose of a camera: projection centre in the world, shape (3,), and axes X, Y, Z as columns, shape (3, 3)."""
 
     centre_mm: Array
     axes: Array

@@ -25,10 +25,7 @@ FlowKind = Literal["finite", "instantaneous"]
 
 @dataclass(frozen=True)
 class CameraPair:
-    """Two neighbouring cameras.
-
-    ``left``, ``right``: Their positions s. ``baseline_mm``: Distance from the left to the right camera, positive.
-    """
+    """Positions s of two neighbouring cameras, and the distance from the left to the right camera, positive."""
 
     left: int
     right: int
@@ -37,11 +34,7 @@ class CameraPair:
 
 @dataclass(frozen=True)
 class ExportSource:
-    """A validated recording with its maps.
-
-    ``recording``: The recording, without rows (``s_y``). ``maps``: Its truth, or an estimate. ``is_truth``: Whether the
-    maps are a truth.
-    """
+    """A validated recording without rows (``s_y``), with the maps of its truth or of an estimate."""
 
     recording: xr.Dataset
     maps: xr.Dataset

@@ -62,11 +62,9 @@ def _files_below(folder: Path, top: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class ExportResult:
-    """Result of an export.
+    """Result of an export: file names without ``export.json``, and ``failures`` of a data set by sample number.
 
-    ``folder``: The directory. ``files``: Names of its files, without ``export.json``. ``notes``: Notes: resolution of
-    the format, pixels outside its range, flow that is not a displacement. ``failures``: For a data set, errors by
-    number of the sample.
+    ``notes``: Resolution of the format, pixels outside its range, flow that is not a displacement.
     """
 
     folder: Path

@@ -37,36 +37,27 @@ Map = NDArray[np.float64]
 
 LEAST_PIXELS = 50
 """Minimum number of valid pixels; with fewer, a mismatch could be detected by chance."""
-
 _PIXELS = 1500
 """Maximum number of pixels that are evaluated."""
-
 _LEAST_EXPLAINED = 0.6
 """Minimum fraction of the residual that undoing a mismatch removes; undoing an absent mismatch increases it."""
-
 _LEAST_SHARE = 0.75
 """Minimum fraction of the change by a mismatch at pixels closer to the mismatch than to the truth; random: < 0.5."""
 
 _GLANCED = 500
 _GLANCED_SHARE = 0.4
 """Of at most ``_GLANCED`` pixels; hypotheses with a smaller fraction are rejected before the full evaluation."""
-
 _GAIN = 0.05
 """Range of method bias, as a fraction of the value, that is evidence neither for nor against a mismatch. Only what a
 mismatch explains beyond a gain in this range counts: an approach by 1 % per frame is equivalent to a bias of 1 %."""
-
 _LEAST_CHANGE = 1e-4
 """Smallest change by a mismatch, as a fraction of the values; smaller changes are rounding errors."""
-
 _LARGEST_GAIN = 0.2
 """Largest logarithm of the gain that may remain after a mismatch; a larger gain indicates another mismatch."""
-
 _OF_VALUES = 0.5
 """Largest residual that may remain after a mismatch, as a fraction of the values; noise alone exceeds it."""
-
 _TRUSTED_SCALE = (0.8, 1.25)
 """Range of the ratio of estimate to truth within which the unit is not tested."""
-
 _EQUAL = 1.1
 """Ratio of residuals up to which the preferred explanation is chosen."""
 
@@ -224,22 +215,16 @@ _SHARE = 1 / 16
 _LEAST_SHIFT_PIXELS = 200
 _LEAST_BLOCKS = 12
 """With fewer blocks the standard error is undefined."""
-
 _BLOCKS = 8
 """Blocks along each side of the map, for the standard error; method errors correlate within windows, not blocks."""
-
 _LARGEST_STD_PX = 0.06
 """Largest standard error, px; half a pixel is eight times as large."""
-
 _REACH_PX = 0.15
 """Largest deviation of a measured shift from a multiple of half a pixel: 2.5 times the largest standard error."""
-
 _LEAST_SHIFT_EXPLAINED = 0.05
 """Minimum explained fraction of the squared residual; the change by a shift is small compared with noise."""
-
 _LEAST_OWN = 0.01
 """Minimum fraction of a gradient's variance that is independent of offset, gain, blur and the other gradient."""
-
 _FLOOR_PX = 0.02
 """Errors smaller than those of such a shift are treated as equal."""
 
@@ -251,9 +236,8 @@ _OF_MEDIAN = 1 / 0.6745
 
 @dataclass(frozen=True)
 class ShiftFit:
-    """A measured shift.
+    """A measured shift: 0, 1/2 or 1 px in either direction, or None where undetermined.
 
-    ``right``, ``down``: 0, 1/2 or 1 px in either direction, or None where undetermined.
     ``explained``: Fraction of the squared residual in the interior that is removed by undoing the shift.
     ``left``: Median of the remaining error.
     """

@@ -34,9 +34,7 @@ __all__ = [
 class ConventionMismatch:
     """A likely convention mismatch of an estimate.
 
-    ``kind``: Short, stable name, such as ``"sign"`` or ``"metres"``.
-    ``quantity``: The variable of the estimate, such as ``"disparity"``.
-    ``message``: One sentence: the likely cause and its correction.
+    ``kind``: Short, stable name, such as ``"sign"`` or ``"metres"``. ``message``: Likely cause and its correction.
     ``explained``: Fraction of the residual that is removed by undoing it and all simultaneous mismatches, 0 to 1: of
       the weighted median error; for pixel shifts, of the squared error in the interior.
     """
@@ -49,27 +47,22 @@ class ConventionMismatch:
 
 LEAST_RATIO = 1.4
 """A scale closer to 1 than this is attributed to bias, not to a unit."""
-
 _SHARE = 0.05
 """Tolerance of a scale, as a fraction of its logarithm: the wrong unit of a biased estimate is still identified."""
-
 _LARGEST = 0.2
 """Largest tolerance of a scale, as a logarithm; larger deviations have other causes."""
-
 _BETWEEN = 0.35
 """Tolerance of an integer scale, as a fraction of the logarithmic distance to the next: 2.5 is neither 2 nor 3."""
-
 _NAMED_APART = 10
 """Largest integer that is distinguished from its neighbours; larger integers differ by less than typical bias."""
 
 
 @dataclass(frozen=True)
 class ScaleHypothesis:
-    """A scale mismatch.
+    """A scale mismatch; ``whole``: whether its factors are consecutive integers.
 
     ``message``: With ``{quantity}``, ``{factor}`` (ratio of estimate to truth) and ``{inverse}``.
     ``factors``: Returns the possible ratios of estimate to truth.
-    ``whole``: Whether the factors are consecutive integers.
     """
 
     kind: str
@@ -440,4 +433,3 @@ class MismatchHypothesis:
 
 
 NO_MISMATCH = MismatchHypothesis()
-"""The hypothesis of a correct estimate."""

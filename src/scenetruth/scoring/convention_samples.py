@@ -206,7 +206,6 @@ _NEEDED = (*MISMATCH_VARIABLES, "mixed", "boundary_distance")
 
 _FRAMES = 3
 """Maximum number of frames that are evaluated; a mismatch affects all frames."""
-
 _EDGE_PX = 4.0
 """Closer to discontinuities, windows mix surfaces and derivatives of the truth are not those of a surface."""
 

@@ -163,8 +163,7 @@ def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
 class EstimateTruthPair:
     """Estimated and true values of one quantity in the same units and shape, components first; NaN where undefined.
 
-    ``full``: Where the estimate is valid; everywhere if None.
-    ``std``: The standard deviation that the estimate states, or None.
+    ``full``: Where the estimate is valid; everywhere if None. ``std``: The stated standard deviation, or None.
     """
 
     estimate: Map

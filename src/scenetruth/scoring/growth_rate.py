@@ -80,7 +80,6 @@ Moments = tuple[Map, Map, Map]
 
 _TRUNCATE = 3.0
 """Extent of the window in standard deviations. The fit of affine fields is exact for any weights."""
-
 _FLAT = 1e-6
 """Minimum determinant of a window's covariance, in units of sigma^4, below which x and y are not separable."""
 
@@ -234,10 +233,7 @@ def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = No
 
 @dataclass(frozen=True)
 class GrowthMaps:
-    """Growth rates of the estimate, of the truth at every pixel, and of the truth in the same windows.
-
-    In 1/frame, shape (t, y, x), NaN where undefined; in the windowed truth, surfaces are those of the truth.
-    """
+    """Growth rates in 1/frame, shape (t, y, x), NaN where undefined; windowed truth uses the surfaces of the truth."""
 
     estimate: Map
     truth: Map

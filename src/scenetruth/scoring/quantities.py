@@ -19,13 +19,9 @@ __all__ = [
 
 ENDPOINT = "velocity_epe"
 """Name of the velocity endpoint error, the Euclidean distance between estimated and true velocity."""
-
 OUTLIERS = "outliers"
-"""Name of the outlier rates."""
-
 ErrorKind = Literal["difference", "distance", "angle", "axis_angle"]
-"""Type of error: estimate - truth for scalars; for vectors the distance, the angle in degrees, or the angle in degrees
-between undirected lines."""
+"""Type of error: estimate - truth for scalars; for vectors the distance, or the angle (of lines: undirected), °."""
 
 
 @dataclass(frozen=True)

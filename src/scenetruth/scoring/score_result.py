@@ -95,7 +95,6 @@ def _short(value: float | None) -> str:
 _COLUMNS = (*STATISTICS[:-1], *RATES)
 _IN_UNITS = ("bias", "rmse", "median_abs_error", "p95_abs_error")
 """Statistics in the unit of the quantity; the others are ratios."""
-
 _ROUNDING = 1e9
 """Relative RMSE of growth beyond which the true growth rate consists of rounding errors."""
 

@@ -355,13 +355,10 @@ def _finite_or_none(value: float) -> float | None:
 
 RATES = ("disparity_rate", "flow_rate", "scene_flow_rate", "count")
 """The outlier statistics, in the order of reports."""
-
 OUTLIER_PX = 3.0
 """Error above which a value may be an outlier, px."""
-
 OUTLIER_FRACTION = 0.05
 """Error above which a value may be an outlier, as a fraction of the true magnitude; both must be exceeded."""
-
 _PARTS: Mapping[str, tuple[str, ...]] = {"disparity_rate": ("disparity",), "flow_rate": ("flow_x", "flow_y")}
 """The quantities of each rate; the scene-flow rate uses all of them."""
 
@@ -434,8 +431,7 @@ def meaningful_rates(pairs: Mapping[str, EstimateTruthPair], region: Mask) -> tu
     if the estimate has an outlier, or if a constant estimate, the median of the truth, would have one. The scene-flow
     rate is meaningful if the disparity rate or the flow rate is.
 
-    ``pairs``: Estimate and truth by quantity, shape (t, y, x).
-    ``region``: Mask of the region, same shape.
+    ``pairs``: Estimate and truth by quantity, shape (t, y, x). ``region``: Mask of the same shape.
 
     >>> truth, everywhere = np.array([38.0, 38.1, 38.4]), np.ones(3, dtype=bool)
     >>> meaningful_rates({"disparity": EstimateTruthPair(truth + 0.01, truth)}, everywhere)

@@ -36,7 +36,6 @@ _ENTRY = re.compile(r"recording-[0-9a-f]{40}")
 _WAIT_S = 0.1
 _IN_MEMORY = 8
 """Number of recordings in memory, so that tests that share a recording read it once."""
-
 _Entry = tuple[xr.Dataset, xr.Dataset, tuple[str, ...]]
 """Recording, truth, and warnings of an entry."""
 

@@ -60,10 +60,8 @@ class LimitKey:
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of one statistic of one quantity.
+    """A limit of one statistic of one quantity, in ``units``; ``factor`` converts from the score's unit.
 
-    ``least``, ``most``: Minimum and maximum, in ``units``; infinite if unlimited.
-    ``factor``: Conversion factor from the score's unit.
     ``of_bound``: Maximum as a multiple of the Cramér-Rao bound, replacing ``most``.
     """
 
@@ -114,7 +112,6 @@ def _keys() -> dict[str, LimitKey]:
 
 
 KEYS: Mapping[str, LimitKey] = _keys()
-"""The keywords of limits."""
 
 
 def read_limits(given: Mapping[str, Any], min_density: object = None) -> tuple[list[Limit], list[Problem]]:
@@ -220,10 +217,8 @@ Values = Mapping[str, float | int | None]
 
 @dataclass(frozen=True)
 class LimitOutcome:
-    """A limit and the evaluated statistic.
+    """A limit and the evaluated statistic in its units; ``most`` is the resolved multiple of the bound.
 
-    ``limit``: The limit; ``most`` is the resolved multiple of the bound.
-    ``found``: The statistic in the limit's units; None where undefined.
     ``note``: Reason for an undefined result; empty otherwise.
     """
 

@@ -88,12 +88,8 @@ _BEYOND = (1.0, 1.02, 1.05, 1.1, 1.2)
 
 @dataclass(frozen=True)
 class SensorComparison:
-    """A nominal and a measured sensor parameter.
+    """A nominal (``told``) and a measured sensor parameter; ``linearity_error`` has the nominal value 0.
 
-    ``sensor``: Name of the sensor.
-    ``quantity``: Name of the parameter; ``linearity_error`` has the nominal value 0.
-    ``told``: Nominal value, in the sensor's fields.
-    ``measured``: Measured value.
     ``error``: ``measured / told - 1``, or ``measured`` where ``told`` is 0.
     """
 

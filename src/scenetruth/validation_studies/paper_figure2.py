@@ -38,11 +38,9 @@ Quantity = Literal["U_X", "U_Z", "V_X"]
 
 @dataclass(frozen=True)
 class Condition:
-    """The condition of one point of the figure.
+    """The condition of one point of the figure; all else as in the paper (f = 10, Z_0 = 100, V_X = 1, no motion).
 
     ``quantity``: The varied quantity: U_X, U_Z, or the camera distance V_X, whose panel shows the error of Z.
-    ``value``: Its value; all else as in the paper (f = 10, Z_0 = 100, V_X = 1, no motion).
-    ``wavelength_px``: λ of the pattern.
     ``noise_std``: σ_n of the images, for grey values in [-1, 1].
     """
 
@@ -54,12 +52,9 @@ class Condition:
 
 @dataclass(frozen=True)
 class ConditionResult:
-    """The errors under one condition, over phases of the pattern and noise realisations.
+    """Statistics of abs(measured / true - 1) under one condition, over phases of the pattern and noise realisations.
 
-    ``quantity``, ``value``, ``wavelength_px``, ``noise_std``: The condition.
-    ``runs``: Number of measurements.
     ``full``: Number of valid estimates, to which the statistics refer; NaN if there is none.
-    ``median_relative_error``, ``rms_relative_error``, ``max_relative_error``: Of abs(measured / true - 1).
     """
 
     quantity: Quantity
@@ -75,10 +70,8 @@ class ConditionResult:
 
 FOCAL_LENGTH_PX = 10.0
 """f of the paper's experiment."""
-
 REFERENCE_DEPTH = 100.0
 """Z_0 of the paper's experiment, in the units of V_X."""
-
 SHAPE = (5, 9, 29, 29)
 """Number of cameras, frames, rows and columns in the support of filters and window of one estimate."""
 
@@ -98,9 +91,7 @@ def pattern_images(
     X = x Z_t / f - U_X t + V_X s, Y = y Z_t / f - U_Y t and Z_t = Z_0 + U_Z t, with x and y from the image centre and
     K_X = K_Y such that the wavelength in the image is ``wavelength_px`` at t = 0.
 
-    ``wavelength_px``: λ in px.
-    ``velocity``: (U_X, U_Y, U_Z) per frame.
-    ``baseline``: V_X per step of s.
+    ``velocity``: (U_X, U_Y, U_Z) per frame. ``baseline``: V_X per step of s.
     """
     s, t, y, x = (
         (np.arange(size) - (size - 1) / 2 if axis > 1 else np.arange(size) - (size - 1) // 2).astype(np.float64)

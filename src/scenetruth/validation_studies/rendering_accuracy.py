@@ -49,13 +49,10 @@ class PlaneImage:
     square footprint of a pixel of pitch p is the series with every wave multiplied by sinc(k_x p) sinc(k_y p), where k
     is in cycles per length; neither quadrature nor interpolation is necessary.
 
-    ``spectrum``: Amplitudes of the waves exp(2πi (k_y Y / P_y + k_x X / P_x)) of the radiance, shape (rows, columns),
-      complex128.
+    ``spectrum``: Amplitudes of the waves exp(2πi (k_y Y / P_y + k_x X / P_x)) of the radiance, shape (rows, columns).
     ``wave_numbers``: Integers k_y, shape (rows,), and k_x, shape (columns,).
-    ``period_mm``: (P_x, P_y).
-    ``pitch_mm``: Distance of neighbouring pixels on the plane.
+    ``period_mm``: (P_x, P_y). ``pitch_mm``: Distance of neighbouring pixels on the plane.
     ``first_mm``: Position (X, Y) of the first pixel's centre on the texture, from the corner of its first texel.
-    ``shape``: (height, width) of the image.
     """
 
     spectrum: NDArray[np.complex128]
@@ -78,10 +75,7 @@ class PlaneImage:
         first_mm: tuple[float, float],
         shape: tuple[int, int],
     ) -> Self:
-        """Return the Fourier series of noise from its values on a raster.
-
-        ``values``: Noise of zero mean and unit variance at texels (j + 1/2, i + 1/2), shape (h, w).
-        """
+        """Return the series of noise (mean 0, variance 1) from its values at texels (j + 1/2, i + 1/2), (h, w)."""
         rows, columns = values.shape
         k_y, k_x = fft.fftfreq(rows, 1 / rows), fft.fftfreq(columns, 1 / columns)
         inside = [np.abs(k) <= np.floor(p / shortest_mm) for k, p in ((k_y, period_mm[1]), (k_x, period_mm[0]))]
@@ -130,14 +124,11 @@ def shift_errors(
     down: NDArray[np.float64],
     subset_px: int,
 ) -> NDArray[np.float64]:
-    """Return the shifts of an image relative to the exact image in adjacent square subsets.
+    """Return the shifts (x, y) of an image relative to the exact image in px, (rows, columns, 2), in square subsets.
 
     A shift by e to the right gives the grey values exact(x - e) ≈ exact - e d exact/dx. The least-squares solution for
     e, with analytic derivatives, is one Gauss-Newton step; the neglected second-order terms, about e² over the
     wavelength, are insignificant for shifts of 1e-3 px. Gain and offset are not adjusted and count as error.
-
-    ``image``: The image, shape (height, width).
-    Returns: Shift (x, y) of the image content in px, shape (rows, columns, 2), float64.
     """
     rows, columns = (side // subset_px for side in exact.shape)
 
@@ -153,20 +144,15 @@ def shift_errors(
 
 
 BOUNDS_PX = {"pyrender": 5e-4, "raycast": 1e-4}
-"""Upper bound of the RMS shift error for the band-limited texture and 4 x 4 samples, px; ten times as much for the
-maximum."""
+"""Upper bound of the RMS shift error, px: band-limited texture, 4 x 4 samples; ten times as much for the maximum."""
 
 
 @dataclass(frozen=True)
 class RenderingAccuracy:
     """The errors of one backend with one number of samples.
 
-    ``texture``: Key of `TEXTURES_PX`.
-    ``shortest_wavelength_px``: Its shortest wavelength.
-    ``backend``: Name of the renderer, with its platform.
-    ``supersampling``: n, of n x n samples.
-    ``subsets``: Number of registered subsets, over all shifts.
-    ``rms_px``, ``max_px``: Of the shift errors of all subsets, x and y together.
+    ``texture``: Key of `TEXTURES_PX`. ``supersampling``: n, of n x n samples.
+    ``rms_px``, ``max_px``: Of the shift errors of all registered subsets over all shifts, x and y together.
     ``rms_grey``, ``max_grey``: Of rendered minus exact grey values, in units of the texture's standard deviation.
     ``seconds_per_image``: Median over the shifts.
     """
@@ -282,7 +268,6 @@ def draw_maps(measured: Sequence[RenderingMeasurement], file: Path) -> None:
 
 TEXTURES_PX = {"band-limited": (6.0, 30.0), "beyond Nyquist": (1.0, 30.0)}
 """Shortest and longest wavelength of the textures, in px of the image."""
-
 SHIFTS_PX = tuple(round(0.1 * step, 1) for step in range(11))
 """Shifts of the plane to the right, px."""
 
@@ -364,10 +349,7 @@ def run_fidelity(
     platform: str = "auto",
     progress: Progress | None = None,
 ) -> tuple[list[RenderingAccuracy], str]:
-    """Measure every available backend, and write tables and figures.
-
-    Files: ``fidelity.csv``, ``fidelity.json``, ``fidelity.png`` and ``fidelity_maps.png``.
-    """
+    """Measure all available backends; write ``fidelity.csv``, ``.json`` and ``.png``, and ``fidelity_maps.png``."""
     openers, reason = _openers(platform)
     shape = (max(shape[0], SUBSET_PX), max(shape[1], SUBSET_PX))
     total = len(TEXTURES_PX) * len(openers) * len(samplings)

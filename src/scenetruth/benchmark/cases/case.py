@@ -44,13 +44,11 @@ BOUND = "bound"
 
 @dataclass(frozen=True)
 class BenchmarkRecord:
-    """One value of a statistic.
+    """One value of a statistic, in ``unit``; NaN where undefined.
 
-    ``level``: Level of the factor, in the unit of the case.
-    ``method``: Label of the method, or `BOUND`.
+    ``level``: Level of the factor, in the unit of the case. ``method``: Label of the method, or `BOUND`.
     ``quantity``: A key of `scenetruth.scoring.QUANTITIES`; empty for time and memory.
     ``pixels``: The pixel set: `METHOD_VALID`, `COMMON_VALID` or `ALL`.
-    ``value``: Its value, in ``unit``; NaN where undefined.
     ``ci_low``, ``ci_high``: Its 95 % confidence interval; NaN if not computed.
     ``threshold``: Abscissa of a curve: fraction of the most certain pixels, or number of standard deviations.
     """
@@ -91,9 +89,8 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class CaseEstimates:
-    """The estimates by label at one level of a case, for one noise realisation.
+    """The estimates by label at one level of a case, for one noise realisation and t = 0 only, (t, y, x).
 
-    ``estimates``: Of the reference frame t = 0 only, dimensions (t, y, x).
     ``truth``: The truth of the reference camera at the same frame, with ``seen_throughout``.
     """
 

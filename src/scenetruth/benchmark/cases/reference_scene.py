@@ -23,10 +23,7 @@ def build_wall(
     size_mm: tuple[float, float] = (144 + 2 * _MARGIN_MM, 108 + 2 * _MARGIN_MM),
     centre_mm: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, Any]:
-    """Return a textured plane perpendicular to the optical axis.
-
-    ``velocity``: U_X, U_Y, U_Z in mm/frame.
-    """
+    """Return a textured plane perpendicular to the optical axis; ``velocity`` is (U_X, U_Y, U_Z) in mm/frame."""
     return {
         "name": name,
         "mesh": {"kind": "plane", "size_mm": list(size_mm)},

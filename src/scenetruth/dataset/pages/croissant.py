@@ -24,11 +24,7 @@ __all__ = ["VALUE", "Publication", "build_croissant", "describe_column"]
 
 @dataclass(frozen=True)
 class Publication:
-    """Publication of a data set.
-
-    ``version``: Its version: three numbers separated by dots. ``date``: Date of publication, such as 2026-11-23; empty
-    if undecided. ``url``: Address; empty if undecided.
-    """
+    """Version (three numbers separated by dots), date such as 2026-11-23, and address; empty if undecided."""
 
     version: str = "1.0.0"
     date: str = ""

@@ -45,11 +45,9 @@ _AXES = ("X", "Y", "Z")
 
 @dataclass(frozen=True)
 class PlotQuantity:
-    """A varied quantity and its values.
+    """A varied quantity with its values, or the frequency of each value that is not numeric (``counts``).
 
-    ``title``: Name of the quantity. ``unit``: Its unit; empty for none. ``numbers``: Its values; empty if they are not
-    numeric. ``counts``: Frequency of each value that is not numeric. ``log``: Whether it is evenly distributed on a
-    logarithmic scale.
+    ``log``: Whether it is evenly distributed on a logarithmic scale.
     """
 
     title: str
@@ -180,10 +178,7 @@ def draw_histograms(quantities: Sequence[PlotQuantity], path: Path) -> None:
 
 
 def select_paired(quantities: Sequence[PlotQuantity]) -> list[PlotQuantity]:
-    """Return at most `MOST_PAIRED` quantities for pair plots.
-
-    Quantities with few distinct values, and those determined by another quantity, are omitted.
-    """
+    """Return at most `MOST_PAIRED` quantities for pair plots, with many distinct values, not determined by others."""
     found: list[PlotQuantity] = []
     for one in quantities:
         different = len(set(one.numbers))
@@ -326,10 +321,7 @@ def to_display_grey(images: Sequence[NDArray[Any]]) -> list[NDArray[np.uint8]]:
 
 
 def draw_contact_sheet(images: Sequence[tuple[str, NDArray[np.uint8]]], foot: str, path: Path) -> None:
-    """Draw thumbnails in rows of eight; the PNG file is reproducible.
-
-    ``images``: Captions, and grey values of shape (height, width); at least one.
-    """
+    """Draw thumbnails (height, width) with captions in rows of eight; the PNG file is reproducible."""
     from PIL import Image, ImageDraw
     from PIL.PngImagePlugin import PngInfo
 

@@ -37,14 +37,12 @@ Map = NDArray[np.float64]
 
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#6b7280"
 """Line colours that are distinguishable with colour-vision deficiency (after Okabe and Ito)."""
-
 VOID = "#dbe7ee"
 """Colour of pixels without a value; it occurs in no colour map in use."""
 
 
 VECTOR_FORMATS = ("pdf",)
 """Figure formats available in addition to PNG."""
-
 _VECTOR_DPI = 300
 """Resolution in dpi of rasterised parts of vector figures: maps, and surfaces of several thousand facets."""
 

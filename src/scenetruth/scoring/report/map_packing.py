@@ -38,7 +38,6 @@ LEVELS = 8192
 """Quantisation levels of the initial display range; codes cover eight times this range."""
 RELATIVE_ROUNDING = 0.5 / LEVELS
 """Largest rounding error of a map, as a fraction of the initial display range."""
-
 _NONE, _EXACT, _FIRST = 0, 1, 2
 """Codes of a pixel without a value, of an exactly stored value, and of the lowest value."""
 _CODES = 65_536 - _FIRST

@@ -84,10 +84,9 @@ _IMAGES = 1_100_000
 
 @dataclass(frozen=True)
 class Viewer:
-    """The content of the viewer, and statistics computed with it.
+    """The content of the viewer, and statistics computed with it for the reference frame, by key of `QUANTITIES`.
 
-    ``worst``: By the keys of `QUANTITIES`, the largest errors of the reference frame.
-    ``spread``: By the same keys, the standard deviation of the truth over the interior of the reference frame.
+    ``worst``: The largest errors. ``spread``: The standard deviation of the truth over the interior.
     """
 
     plain: Mapping[str, Any]

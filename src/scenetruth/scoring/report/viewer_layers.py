@@ -52,9 +52,8 @@ _INVALID = ("face_id", "mixed", "depth", "disparity", "growth_rate", "boundary_d
 
 @dataclass(frozen=True)
 class ViewerLayers:
-    """The maps of one quantity in one frame.
+    """The maps of one quantity in one frame; ``main``: whether it has priority if the space is limited.
 
-    ``main``: Whether it has priority if the space is limited.
     ``maps``: ``estimate``, ``truth``, ``error`` and ``std`` of a quantity, or ``value`` of other variables; float64, or
       integers for codes, shape (y, x), NaN where undefined.
     """

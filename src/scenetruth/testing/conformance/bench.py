@@ -177,9 +177,8 @@ class CheckRequirement:
     """The outputs and recordings that a check requires of a method.
 
     ``any_of``: Quantities of which the plain estimate must have at least one, as in `map_comparison.scalar_maps`.
-    ``plain``: Whether the plain recording must have an estimate.
+    ``plain``: Whether the plain recording, with at least ``cameras`` and ``frames``, must have an estimate.
     ``odd_cameras``, ``odd_frames``: Whether the number must be odd, with the reference in the middle.
-    ``cameras``, ``frames``: Minimum number of cameras and frames of the plain recording.
     """
 
     any_of: tuple[str, ...] = ()

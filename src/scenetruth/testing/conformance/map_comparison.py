@@ -71,8 +71,7 @@ FLOOR = 2e-3
 MIN_RETAINED_FRACTION = 0.2
 """Minimum fraction of valid pixels that remain valid; borders move in mirrored images, and blocks omit remainders."""
 _MEDIAN_LIMIT = 0.2
-"""Maximum median error, as a fraction of the median true value or of the flow's length; a wrong sign gives 2, the full
-baseline instead of a step 0.5."""
+"""Maximum median error over the median true value or length of flow; a wrong sign gives 2, a wrong baseline 0.5."""
 _SCATTER_PERCENT = (2.5, 97.5)
 """Percentiles of the estimates that must enclose the true velocity if the median error is larger."""
 _ROUNDING = 1e-4

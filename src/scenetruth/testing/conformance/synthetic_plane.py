@@ -36,7 +36,6 @@ class SyntheticPlane:
     ``depth_mm``: Z of the plane on the optical axis of the reference camera at t = 0.
     ``focal_length_px``, ``baseline_mm``: f, and V_X in mm per step of s.
 
-
     >>> plane = SyntheticPlane()
     >>> plane.recording()["image"].shape
     (3, 3, 56, 72)
