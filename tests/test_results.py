@@ -16,7 +16,7 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.design import PatternAssessment, PatternRig
-from scenetruth.design.sweeps.sweep_result import SweepRecord
+from scenetruth.design.sweeps import SweepRecord
 from scenetruth.results import QuantityValue, Result, from_plain_data, to_plain_data
 from tests.helpers.prediction_scenes import wall
 from tests.helpers.sample_budget import budget_of_a_cube

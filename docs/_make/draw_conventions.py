@@ -1,4 +1,4 @@
-"""Draw docs/reference/conventions.svg: the camera on its stage, the image it takes, and the pixel grid.
+"""Draw docs/reference/conventions.svg: the camera on its stage, its image, and the pixel grid.
 
 Run ``python docs/_make/draw_conventions.py [FILE ...]``; without arguments that SVG is written. The same
 version of matplotlib writes the same bytes.
@@ -64,7 +64,7 @@ def draw_stage(axes: Axes) -> None:
         body.set(facecolor=INK if reference else CAMERA_FILL, edgecolor=INK, linewidth=1)
         axes.add_patch(body)
         label = "s = 0\nreference" if reference else f"s = {s:+d}".replace("-", "−")
-        # The label of the reference camera makes room for the axis Y.
+        # The label of the reference camera leaves space for the axis Y.
         axes.text(centre[0] - (0.12 if reference else 0), centre[1] - 0.42, label, va="top",
                   ha="right" if reference else "center")  # fmt: skip
     low = -1.75
@@ -82,7 +82,7 @@ def draw_stage(axes: Axes) -> None:
         ((0, 0, 15.4), "Z", (0.25, 0.1)),
     ):
         if name == "Z":
-            # The surface hides the axis from where it meets it.
+            # The axis is hidden behind the surface.
             hidden, again = oblique((0, 0, 9.5)), oblique((0, 0, 13.8))
             line(axes, origin, hidden, BLUE, width=1.8)
             line(axes, hidden, again, BLUE, ":", width=1.4)
@@ -121,14 +121,14 @@ def draw_surface(axes: Axes) -> None:
     axes.text(point[0] - 0.2, point[1] + 0.2, "$P = (X, Y, Z)$", ha="right", va="bottom", fontsize=11)
     tip = oblique(POINT + VELOCITY)
     arrow(axes, point, tip, INK, 2.0)
-    axes.text(tip[0] + 0.15, tip[1] - 0.05, "$U = (U_X, U_Y, U_Z)$, mm per frame\nhere $U_Z < 0$: it comes nearer",
+    axes.text(tip[0] + 0.15, tip[1] - 0.05, "$U = (U_X, U_Y, U_Z)$, mm per frame\nhere $U_Z < 0$: approaching",
               ha="left", va="top")  # fmt: skip
     edge = oblique((-0.95, -0.7, FOCAL))
     axes.text(edge[0] - 0.15, edge[1] + 0.05, "image at\n$Z = f$", ha="right", va="top")
 
 
 def draw_image(axes: Axes) -> None:
-    """Draw an image of 12 x 8 pixels with the point seen by the cameras 0 and 1, and the flow."""
+    """Draw an image of 12 x 8 pixels with the image points of cameras 0 and 1, and the flow."""
     width, height = 12, 8
     for column in range(width + 1):
         axes.plot([column - 0.5] * 2, [-0.5, height - 0.5], color="#c9d3df", linewidth=0.7)
@@ -162,14 +162,14 @@ def draw_image(axes: Axes) -> None:
 
 
 def draw_row(axes: Axes) -> None:
-    """Draw one row of four pixels with the coordinates that are used here and those that count from the corner."""
+    """Draw one row of four pixels with coordinates relative to pixel centres, and to the image corner."""
     for column in range(4):
         cell = Rectangle((column - 0.5, 0), 1, 0.8)
         cell.set(facecolor=IMAGE_FILL, edgecolor=INK, linewidth=1)
         axes.add_patch(cell)
         axes.plot(column, 0.4, ".", color=INK, markersize=6)
         axes.text(column, 0.95, str(column), ha="center", va="bottom", color=BLUE)
-    axes.text(-0.85, 0.95, "here, OpenCV", ha="right", va="bottom", color=BLUE)
+    axes.text(-0.85, 0.95, "scenetruth, OpenCV", ha="right", va="bottom", color=BLUE)
     axes.text(1.5, 1.62, "centre 1.5 = (W−1)/2", ha="center", va="bottom", color=BLUE)
     for border in range(5):
         axes.plot([border - 0.5] * 2, [-0.12, 0], color=INK, linewidth=1)
@@ -177,7 +177,7 @@ def draw_row(axes: Axes) -> None:
     axes.text(-0.85, -0.2, "OpenGL, pyrender", ha="right", va="top", color=RED)
     axes.text(1.5, -0.85, "centre 2.0 = W/2", ha="center", va="top", color=RED)
     axes.plot([1.5, 1.5], [0, 0.8], color=INK, linewidth=1, linestyle="--")
-    axes.text(4.0, 0.4, "one row, W = 4: pixel centres are integers here,\nborders are integers there", va="center")
+    axes.text(4.0, 0.4, "one row, W = 4: integers are pixel centres (blue),\nor pixel borders (red)", va="center")
 
 
 def draw() -> Figure:
@@ -186,7 +186,7 @@ def draw() -> Figure:
     parts: tuple[tuple[str, tuple[float, float], tuple[float, float, float, float], tuple[Step, ...]], ...] = (
         ("The camera on its stage", (0.50, 0.465), (-6.6, 12.2, -2.3, 6.7), (draw_stage, draw_surface)),
         ("The image of the reference camera", (0.16, 0.325), (-3.4, 14.6, 7.7, -1.9), (draw_image,)),
-        ("Two ways to count the pixels of a row", (0.005, 0.12), (-4.6, 10.8, -1.3, 2.1), (draw_row,)),
+        ("Two definitions of pixel coordinates", (0.005, 0.12), (-4.6, 10.8, -1.3, 2.1), (draw_row,)),
     )
     for title, (bottom, height), limits, steps in parts:
         axes = figure.add_axes((0.02, bottom, 0.96, height))
@@ -200,7 +200,7 @@ def draw() -> Figure:
 
 
 def main(files: list[str]) -> None:
-    """Write the drawing to files; their suffixes say in which form."""
+    """Write the drawing to files in the formats of their suffixes."""
     mpl.rcParams.update({"svg.hashsalt": "scenetruth", "svg.fonttype": "path", "font.family": "DejaVu Sans",
                          "font.size": 10, "text.color": INK})  # fmt: skip
     for file in files or [str(Path(__file__).parents[1] / "reference" / "conventions.svg")]:

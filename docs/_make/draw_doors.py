@@ -1,4 +1,4 @@
-"""Draws the small pictures of the README: a data set, the accuracy of methods, a rig.
+"""Draw the small pictures of the README: a data set, the accuracy of methods, a rig.
 
 Run ``python docs/_make/draw_doors.py``.
 """
@@ -38,7 +38,7 @@ svg {{ background: #fff }} text {{ fill: {INK}; font: 13px "DejaVu Sans", sans-s
 
 
 def data_set() -> None:
-    """Draw some samples of a recipe: what the camera sees, and how the leaf grows."""
+    """Draw samples of a recipe: camera images and growth rate."""
     draws = st.load_recipe(RECIPE).sampler()
     figure, axes = plt.subplots(2, len(SAMPLES), figsize=(4.6, 1.6), layout="constrained")
     for column, number in enumerate(SAMPLES):
@@ -56,7 +56,7 @@ def data_set() -> None:
 
 
 def accuracy() -> None:
-    """Draw the error of disparity over the noise of images, method by method, and the bound."""
+    """Draw the error of disparity over image noise for each method, and the Cramér-Rao bound."""
     found = st.compare(list(METHODS), cases=["noise"]).to_dataframe()
     told = found[(found.case == "noise") & (found.quantity == "disparity") & (found.statistic == "noise_std")]
     figure, axes = plt.subplots(figsize=(4.6, 2.3), layout="constrained")

@@ -1,4 +1,4 @@
-"""Draws the picture of the README: a growing rosette, three of its true maps, and what an estimate is off by."""
+"""Draw the picture of the README: a growing rosette, three maps of its truth, and the error of an estimate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ METHOD = {"motion": "growing", "surface": "plane", "noise": "estimated"}
 
 
 def main() -> None:
-    """Render the rosette, estimate, and draw one image beside its truth and the error of depth."""
+    """Render the rosette, estimate, and draw one image with its truth and the error of depth."""
     scene = st.load_scene(ROOT / "scenes" / "rosette.yaml", overrides=FEW)
     recording, truth = st.simulate(scene)
     found = st.estimate(recording, "refined", METHOD).sel(t=0)
@@ -33,7 +33,7 @@ def main() -> None:
     figure, axes = plt.subplots(1, 5, figsize=(17, 3.72), layout="constrained")
     bright = image.values / recording.attrs["full_scale"]
     panel(axes[0], bright, "image", "share of full scale", "gray", (0.0, float(np.percentile(bright, 99.9))))
-    # The bench under the pot lies deeper; the scale is for the plant.
+    # The bench under the pot is deeper; the scale is chosen for the plant.
     depth = truth["depth"].values
     plant = depth[growth > 0]
     panel(axes[1], depth, "depth $Z$", "mm", "viridis_r", (float(plant.min()), float(plant.max()) + 10), "max")
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def around_zero(values: NDArray[np.float64], percentile: float = 99.5) -> tuple[float, float]:
-    """Return limits that are alike on both sides of zero and leave out what is beyond a percentile."""
+    """Return limits symmetric about zero that exclude values beyond a percentile."""
     limit = float(np.nanpercentile(np.abs(values), percentile))
     return -limit, limit
 
@@ -59,7 +59,7 @@ def panel(
     limits: tuple[float, float],
     beyond: str = "neither",
 ) -> None:
-    """Draw one map with its scale; ``beyond`` says on which sides values leave it."""
+    """Draw one map with its colour bar; ``beyond`` sets the sides on which values exceed it."""
     low, high = limits
     shown = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="antialiased")
     axes.set_title(title, fontsize=16)

@@ -16,13 +16,13 @@ from matplotlib.figure import Figure
 
 INK, GREY, BLUE, RED, GREEN = "#222222", "#767676", "#1f5fa8", "#b5322a", "#2c7a3f"
 
-# The drawn set-up, with the stage's five positions in mm and a point that comes nearer.
+# The drawn set-up, with five stage positions in mm and an approaching point.
 FOCAL_PX, BASELINE_MM, POSITIONS = 40.0, 5.0, np.arange(-2, 3)
 POINT_MM, VELOCITY_MM = np.array([6.0, 100.0]), np.array([2.0, -4.0])
 
 
 def image_of(s: np.ndarray | float, t: np.ndarray | float) -> np.ndarray:
-    """Return x in px of the drawn point, seen by camera s at time t."""
+    """Return x in px of the drawn point in camera s at time t."""
     x, z = POINT_MM[0] + VELOCITY_MM[0] * np.asarray(t), POINT_MM[1] + VELOCITY_MM[1] * np.asarray(t)
     return np.asarray(FOCAL_PX * (x - BASELINE_MM * np.asarray(s)) / z)
 
@@ -47,7 +47,7 @@ def draw_rig(axes: Axes) -> None:
 
 
 def draw_line(axes: Axes, over: str) -> None:
-    """Draw x of the point's images over s or over t, with the line that the linear model has."""
+    """Draw x of the image points over s or over t, with the line of the linear model."""
     numbers = np.linspace(-2.2, 2.2, 45)
     images = image_of(numbers, 0.0) if over == "s" else image_of(0.0, numbers)
     first = image_of(0.0, 0.0)
@@ -65,7 +65,7 @@ def draw_line(axes: Axes, over: str) -> None:
 
 
 def rig() -> Figure:
-    """Return the picture of the rig and of a point's images."""
+    """Return the picture of the rig and of the image points."""
     figure = Figure(figsize=(10.5, 3.7), layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.1, 1, 1])
     draw_rig(left)

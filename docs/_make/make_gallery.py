@@ -1,4 +1,4 @@
-"""Draws the gallery of scenes: what the reference camera sees, how far it is, how it moves and how it grows."""
+"""Draw the gallery of scenes: reference image, depth, velocity and growth."""
 
 from __future__ import annotations
 
@@ -28,16 +28,15 @@ ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs" / "reference" / "gallery"
 HEADER = """# Scene gallery
 
-Every scene of `scenes/`, as its comment describes it: the reference image, depth, the velocity along the camera's axis,
-and the velocity across it (colour: its size; arrows: its direction). Where nothing moves across the axis, the flow in
-the image takes the last place; where growth differs from place to place, the rate of the area's growth.
-`scenetruth run NAME -o outputs/NAME` runs a scene, from the checkout or once installed; `make gallery` draws the
-pictures anew.
+All bundled scenes. Each picture shows the reference image, depth, the velocity along the optical axis, and the velocity
+across it (colour: magnitude; arrows: direction). Without motion across the axis, the last panel shows the optical flow;
+where growth varies over the surface, it shows the areal growth rate. `scenetruth run NAME -o outputs/NAME` runs a
+scene, from the checkout or installed; `make gallery` redraws the pictures.
 """
 
 
 def comment_of(file: Path) -> str:
-    """Return the comment that a scene file opens with."""
+    """Return the leading comment of a scene file."""
     lines = []
     for line in file.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):
@@ -61,7 +60,7 @@ def see(scene: Scene) -> tuple[NDArray[np.float32], xr.Dataset]:
 
 
 def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, target: Path) -> None:
-    """Draw one scene's row of pictures."""
+    """Draw the row of pictures of a scene."""
     height, width = image.shape
     figure, axes = plt.subplots(1, 4, figsize=(12.8, 12.8 / 4 * height / width + 0.42), layout="constrained")
     panel(axes[0], image, "image", "gray", (0.0, float(np.percentile(image, 99.8))))
@@ -71,9 +70,9 @@ def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, 
     along = spread(velocity[2], largest)
     panel(axes[2], velocity[2], "U_Z, mm/frame", "RdBu_r", along)
     growth = truth["growth_rate"].values * 100
-    # Growth that is the same everywhere is no picture.
+    # Uniform growth is not shown as a map.
     if float(np.nanmax(growth) - np.nanmin(growth)) > max(1e-9, 0.01 * float(np.nanmax(np.abs(growth)))):
-        # What is watched by the second is strain rather than growth.
+        # At intervals of seconds, the quantity is strain rather than growth.
         slow = hours_per_frame >= 1 / 60
         growth, units = (growth / hours_per_frame, "%/h") if slow else (growth, "%/frame")
         panel(axes[3], growth, f"growth rate, {units}", "RdBu_r", spread(growth, 0.0))
@@ -86,7 +85,7 @@ def draw(image: NDArray[np.float32], truth: xr.Dataset, hours_per_frame: float, 
 
 
 def arrows(axes: plt.Axes, vectors: NDArray[np.float64], title: str) -> None:
-    """Draw a map of vectors: their lengths as colours, and their directions."""
+    """Draw a vector map: lengths as colours, directions as arrows."""
     height, width = vectors.shape[1:]
     lengths = np.hypot(*vectors)
     longest = float(np.nanmax(lengths))
@@ -96,14 +95,14 @@ def arrows(axes: plt.Axes, vectors: NDArray[np.float64], title: str) -> None:
     moving = lengths[y, x] > 0.05 * longest
     y, x = y[moving], x[moving]
     if len(x) and longest > 1e-9:
-        # A length in pixels that does not depend on how many move.
+        # A length in pixels that is independent of the number of moving pixels.
         size = {"angles": "xy", "scale_units": "xy", "scale": 0.8 / step}
         shown = vectors[:, y, x] / longest
         axes.quiver(x, y, *shown, **size, color="white", edgecolor="black", linewidth=0.4, width=0.005)
 
 
 def spread(values: NDArray[np.float64], largest: float) -> tuple[float, float]:
-    """Return limits that are alike on both sides of zero; those of the largest values where there are but roundings."""
+    """Return limits symmetric about zero; those of the largest values if the values are only rounding errors."""
     limit = float(np.nanpercentile(np.abs(values), 99.5))
     limit = limit if limit > 1e-6 * largest else max(largest, 1e-12)
     return -limit, limit
@@ -112,7 +111,7 @@ def spread(values: NDArray[np.float64], largest: float) -> tuple[float, float]:
 def panel(
     axes: plt.Axes, values: NDArray[np.floating], title: str, colours: str, limits: tuple[float, float] | None = None
 ) -> None:
-    """Draw one map with its scale."""
+    """Draw one map with its colour bar."""
     low, high = limits or (None, None)
     shown = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
     axes.set_title(title, fontsize=13)
@@ -125,7 +124,7 @@ def panel(
 
 
 def main(names: list[str]) -> None:
-    """Draw all scenes, or those that are named, and write the page."""
+    """Draw all scenes, or the given scenes, and write the page."""
     files = sorted((ROOT / "scenes").glob("*.yaml"))
     PICTURES.mkdir(exist_ok=True)
     for file in track([file for file in files if not names or file.stem in names], "gallery"):

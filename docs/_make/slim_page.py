@@ -1,6 +1,7 @@
-"""Takes plotly's bundle out of a page: the site's pages share one. ``python docs/_make/slim_page.py PAGE OUTPUT``.
+"""Remove the plotly bundle from a page, because the pages of the site share one bundle.
 
-The page then loads ``plotly.min.js`` from beside it, which the build of the site puts there.
+Run ``python docs/_make/slim_page.py PAGE OUTPUT``. The page then loads ``plotly.min.js`` from its own directory, where
+the build of the site writes it.
 """
 
 from __future__ import annotations
@@ -16,21 +17,21 @@ _SHARED = '<script src="plotly.min.js"></script>'
 
 
 def slim(page: str) -> str:
-    """Return a page that loads plotly from beside it.
+    """Return a page that loads plotly from its own directory.
 
     Parameters
     ----------
     page
-        HTML with the bundle in it.
+        HTML that contains the bundle.
 
     Raises
     ------
     ValueError
-        If it has no bundle in it, or several.
+        If it does not contain exactly one bundle.
     """
     found, count = _BUNDLE.subn(lambda _: _SHARED, page)
     if count != 1:
-        raise ValueError(f"the page has {count} bundles of plotly; expected one")
+        raise ValueError(f"page: has {count} plotly bundles; expected one")
     return found
 
 

@@ -159,7 +159,7 @@ _HOMES = {
 }
 
 _NAMESPACES = ("bound", "camera", "dataset", "design", "errors", "estimators", "testing")
-"""Packages with more names, which need not be imported by themselves."""
+"""Public subpackages, imported on access."""
 
 
 def __getattr__(name: str) -> Any:
@@ -176,13 +176,13 @@ def __getattr__(name: str) -> Any:
 
 
 def _installed_version() -> str:
-    """Return the version of the installation, which is made from the tag: docs/explanation/decisions/0052."""
+    """Return the installed version, which is derived from the tag (docs/explanation/decisions/0052)."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:
         return version("scenetruth")
     except PackageNotFoundError:
-        return "0+unknown"  # source files that nobody installed
+        return "0+unknown"  # source files without installation
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""``python -m scenetruth``: the same as the command ``scenetruth``."""
+"""Entry point of ``python -m scenetruth``, equivalent to the command ``scenetruth``."""
 
 from scenetruth.cli import main
 

@@ -1,4 +1,4 @@
-"""A cache of arrays on disk, shared by runs."""
+"""Cache of arrays on disk, shared by runs."""
 
 from __future__ import annotations
 
@@ -26,49 +26,49 @@ _MAGIC = b"scenetruth cache 1\n"
 _DIGEST = hashlib.sha256().digest_size
 _ALIGNMENT = 64
 _SUFFIX, _ASIDE = ".entry", ".aside"
-# What a writer left behind that was killed is taken away when it is so old.
+# Age at which temporary files of killed writers are removed.
 _ABANDONED_S = 3600.0
 
 Arrays = dict[str, NDArray[Any]]
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of the entries; None if there is none.
+    """Return the cache directory; None if caching is disabled.
 
-    It is what the environment variable ``SCENETRUTH_CACHE`` says, ``off`` for none; else ``scenetruth`` in
+    The environment variable ``SCENETRUTH_CACHE`` sets it (``off`` disables caching); the default is ``scenetruth`` in
     ``XDG_CACHE_HOME``, or in ``~/.cache``.
     """
     given = os.environ.get(_FOLDER, "").strip()
     if given:
         return None if given.lower() in _OFF else Path(given).expanduser().absolute()
     shared = os.environ.get("XDG_CACHE_HOME", "")
-    # The standard says that relative paths are to be ignored. Without a home, ~ stays as it is.
+    # The XDG standard requires that relative paths are ignored. Without a home directory, ~ is not expanded.
     base = shared if os.path.isabs(shared) else os.path.expanduser("~/.cache")
     return Path(base) / "scenetruth" if os.path.isabs(base) else None
 
 
 def entry_key(what: str, *parts: Any) -> str:
-    """Return the key of an entry: a hash of everything that its contents depend on.
+    """Return the key of an entry: a hash of everything that determines its contents.
 
-    The versions of NumPy and SciPy and the processor belong to every key: they may round otherwise.
+    Every key includes the versions of NumPy and SciPy and the processor, which affect rounding.
     """
     plain = json.dumps([what, _machine(), *parts], sort_keys=True, default=_plain)
     return f"{what}-{hashlib.sha256(plain.encode()).hexdigest()[:40]}"
 
 
 def _plain(value: Any) -> Any:
-    """Turn what JSON does not know into what it knows."""
+    """Convert a value that JSON does not support."""
     if isinstance(value, np.ndarray):
         return [value.dtype.str, value.tolist()]
     if isinstance(value, np.generic):
         return value.item()
-    message = f"a key cannot hold {type(value).__name__}"
+    message = f"a key cannot contain {type(value).__name__}"
     raise TypeError(message)
 
 
 @cache
 def _machine() -> list[Any]:
-    """Return what may make other roundings: versions of what computes, and the processor."""
+    """Return the properties that affect rounding: versions of numerical packages, and the processor."""
     import importlib.metadata
 
     core = getattr(getattr(np, "_core", None), "_multiarray_umath", None)
@@ -80,7 +80,7 @@ def _machine() -> list[Any]:
 
 @cache
 def source_hash(*folders: Path) -> str:
-    """Return a hash of all Python files of folders: work of a program that was changed has another key."""
+    """Return a hash of all Python files of directories, so that changed code has another key."""
     found = hashlib.sha256()
     for folder in folders:
         for file in sorted(folder.rglob("*.py")):
@@ -89,7 +89,7 @@ def source_hash(*folders: Path) -> str:
 
 
 def load_or_compute(key: str, make: Callable[[], Arrays]) -> Arrays:
-    """Return arrays from the cache, or make them and keep them there."""
+    """Return arrays from the cache, or compute and cache them."""
     found = read_entry(key)
     if found is None:
         found = make()
@@ -115,20 +115,20 @@ def read_entry(key: str) -> Arrays | None:
         if found is None:
             path.unlink()
         else:
-            os.utime(path)  # the least recently used go first
+            os.utime(path)  # for removal of the least recently used entries
     return found
 
 
 def has_entry(key: str) -> bool:
-    """Tell whether there is an entry; it may still turn out to be damaged."""
+    """Return whether an entry exists; it may be damaged."""
     folder = cache_folder()
     return folder is not None and (folder / f"{key}{_SUFFIX}").is_file()
 
 
 def write_entry(key: str, arrays: Arrays) -> None:
-    """Keep arrays, and take away the entries that were not used for longest, so that all stay within the limit.
+    """Cache arrays, and remove the least recently used entries beyond the size limit.
 
-    The environment variable ``SCENETRUTH_CACHE_MB`` sets the limit in megabytes; 1000 if it does not.
+    The environment variable ``SCENETRUTH_CACHE_MB`` sets the limit in megabytes; default: 1000.
     """
     folder = cache_folder()
     most = _max_bytes()
@@ -157,7 +157,7 @@ def _max_bytes() -> float:
 
 
 def _packed(arrays: Arrays) -> list[bytes | memoryview]:
-    """Return the pieces of an entry: what it is, a checksum of all that follows, what there is, and the arrays."""
+    """Return the parts of an entry: magic bytes, checksum of the rest, description, arrays."""
     whole = {name: np.asarray(values, order="C") for name, values in arrays.items()}
     head = json.dumps([[name, values.dtype.str, values.shape] for name, values in whole.items()]).encode()
     before = len(_MAGIC) + _DIGEST + 8
@@ -172,7 +172,7 @@ def _packed(arrays: Arrays) -> list[bytes | memoryview]:
 
 
 def _unpacked(raw: NDArray[np.uint8]) -> Arrays | None:
-    """Return the arrays of an entry; None if one bit of it is not as it was written."""
+    """Return the arrays of an entry; None if its checksum does not match."""
     first = len(_MAGIC) + _DIGEST
     start = raw[:first].tobytes()
     if len(raw) < first + 8 or start != _MAGIC + hashlib.sha256(raw[first:].data).digest():
@@ -188,10 +188,9 @@ def _unpacked(raw: NDArray[np.uint8]) -> Arrays | None:
 
 
 def _prune(folder: Path, most: float) -> None:
-    """Take away what is too much, and what killed writers left."""
     entries = []
     for path in folder.iterdir():
-        with contextlib.suppress(OSError):  # another process takes entries away at the same time
+        with contextlib.suppress(OSError):  # another process may remove entries simultaneously
             state = path.stat()
             if path.suffix == _SUFFIX:
                 entries.append((state.st_mtime, state.st_size, path))

@@ -1,4 +1,4 @@
-"""Compiled code of numba: where it is cached, and the number of threads."""
+"""Numba compilation: location of the cache, and number of threads."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _LAYERS = ("default", "safe", "forksafe", "threadsafe", "tbb", "omp", "workqueue
 
 
 def keep_compiled_code() -> None:
-    """Let numba keep compiled code in a temporary folder of this user where it finds no other place.
+    """Let numba cache compiled code in a temporary directory if no other location is writable.
 
-    numba keeps it beside the modules, or else in the user's cache folder. Where neither can be written to, as in an
-    installation for all users without a home folder, it would refuse to load them.
+    The default locations are next to the modules or in the user's cache; without a writable location, as in a shared
+    installation without home directory, numba raises an error.
     """
     if "NUMBA_CACHE_DIR" in os.environ or os.access(Path(__file__).parent, os.W_OK):
         return
@@ -48,7 +48,7 @@ def _can_be_made(folder: Path) -> bool:
 
 
 def _private_folder() -> Path | None:
-    """Return a folder that nobody else can put code into, or None."""
+    """Return a directory that is writable for this user only, or None."""
     owner = os.getuid()
     try:
         folder = Path(tempfile.gettempdir()) / f"scenetruth-{owner}"
@@ -61,16 +61,14 @@ def _private_folder() -> Path | None:
 
 
 def check_environment() -> None:
-    """Refuse environment variables with which numba could not work."""
+    """Raise if environment variables are invalid for numba."""
     problems = []
     threads = os.environ.get("NUMBA_NUM_THREADS")
     if threads is not None and not (threads.isascii() and threads.strip().isdigit() and int(threads) > 0):
-        problems.append(
-            Problem("NUMBA_NUM_THREADS", "must be a whole number from 1 on; set it so, or unset it", threads)
-        )
+        problems.append(Problem("NUMBA_NUM_THREADS", "must be a positive integer; correct it, or unset it", threads))
     layer = os.environ.get("NUMBA_THREADING_LAYER")
     if layer is not None and layer not in _LAYERS:
-        message = f"must be one of {', '.join(_LAYERS)}; set it so, or unset it"
+        message = f"must be one of {', '.join(_LAYERS)}; correct it, or unset it"
         problems.append(Problem("NUMBA_THREADING_LAYER", message, layer))
     if problems:
         raise MachineError(problems)
@@ -78,7 +76,7 @@ def check_environment() -> None:
 
 @contextmanager
 def announced_compilation(announce: Callable[[str, int], None]) -> Iterator[None]:
-    """Tell of every kernel that is compiled while the block runs; those that are read from disk are not told."""
+    """Announce every kernel that is compiled while the block runs, except those loaded from the cache."""
     from numba.core import event
 
     class Listener(event.Listener):  # type: ignore[misc]
@@ -100,10 +98,7 @@ def announced_compilation(announce: Callable[[str, int], None]) -> Iterator[None
 
 
 def thread_count() -> int:
-    """Return how many threads may work: numba's number (NUMBA_NUM_THREADS), or that of the processors.
-
-    numba is not imported for this.
-    """
+    """Return the number of threads: NUMBA_NUM_THREADS, or the number of processors; does not import numba."""
     if "numba" in sys.modules:
         import numba
 

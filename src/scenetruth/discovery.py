@@ -1,4 +1,4 @@
-"""Registries: the classes of a family are found in its modules, and a new member needs no other entry."""
+"""Registries: classes of a family are discovered in its modules, without further registration."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ __all__ = ["classes_in", "discriminated_union", "kind_in_lower_case", "kinds_in"
 
 
 def classes_in(base: type[Any], *names: str) -> Iterator[type[Any]]:
-    """Yield the classes derived from a base that some modules define, in the order of the files."""
+    """Yield the subclasses of a base that the given modules define, in the order of the files."""
     for name in names:
         module = import_module(name)
         inner = [f"{name}.{entry.name}" for entry in pkgutil.iter_modules(getattr(module, "__path__", ()))]
-        # A list: a module may register its own classes while it is being imported.
+        # A list, because a module may register its own classes during import.
         for value in list(vars(module).values()):
             if isinstance(value, type) and issubclass(value, base) and value.__module__ == name and value is not base:
                 yield value
@@ -25,14 +25,14 @@ def classes_in(base: type[Any], *names: str) -> Iterator[type[Any]]:
 
 
 def discriminated_union(base: type[BaseModel], *names: str) -> Any:
-    """Return the type of a field that holds any member of a family, selected by its ``kind``."""
+    """Return the type of a field for any member of a family, selected by its ``kind``."""
     models = tuple(kinds_in(base, *names).values())
     union: Any = Union[models]  # noqa: UP007
     return Annotated[union, Field(discriminator="kind"), BeforeValidator(kind_in_lower_case)]
 
 
 def kinds_in(base: type[BaseModel], *names: str) -> dict[str, type[BaseModel]]:
-    """Return the models derived from a base that some modules define, by their ``kind`` in alphabetical order."""
+    """Return the subclasses of a base in the given modules by ``kind``, in alphabetical order."""
     models: dict[str, type[BaseModel]] = {}
     for model in classes_in(base, *names):
         field = model.model_fields.get("kind")
@@ -40,14 +40,14 @@ def kinds_in(base: type[BaseModel], *names: str) -> dict[str, type[BaseModel]]:
             continue
         (kind,) = get_args(field.annotation)
         if kind in models:
-            msg = f"kind '{kind}' is taken twice: by {models[kind].__qualname__} and {model.__qualname__}"
+            msg = f"`kind` '{kind}' is used twice: by {models[kind].__qualname__} and {model.__qualname__}"
             raise TypeError(msg)
         models[kind] = model
     return dict(sorted(models.items()))
 
 
 def kind_in_lower_case(value: Any) -> Any:
-    """Return a mapping with its ``kind`` in lower case, and anything else unchanged: kinds may be in any case."""
+    """Return a mapping with its ``kind`` in lower case, and other values unchanged."""
     if isinstance(value, dict) and isinstance(value.get("kind"), str):
         return {**value, "kind": value["kind"].lower()}
     return value

@@ -1,4 +1,4 @@
-"""The exceptions and warnings of scenetruth."""
+"""Exceptions and warnings of scenetruth."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with an input.
+    """A single input error: path, message and offending value.
 
     Parameters
     ----------
     path
-        Where it is, inside the input: ``objects.0.mesh.file``.
+        Path inside the input, such as ``objects.0.mesh.file``.
     message
-        What is wrong and how to mend it.
+        The problem and its fix.
     value
-        The offending value, if there is one to show.
+        The offending value; None if there is none to show.
 
     See Also
     --------
-    SceneError : Holds them as ``problems``, as other errors with several causes do.
+    SceneError : Lists problems, as other errors with several causes do.
 
     Examples
     --------
@@ -70,7 +70,7 @@ _LONGEST_PATH = 400
 
 
 def visible(text: str, *, lines: bool = True) -> str:
-    r"""Return a text in which nothing can act on a terminal: control characters and the like are spelled out.
+    r"""Return a text with control characters and similar escaped, which is safe for a terminal.
 
     >>> print(visible("red: \x1b[31m, backwards: \u202e, half a character: \udc80"))
     red: \x1b[31m, backwards: \u202e, half a character: \udc80
@@ -84,7 +84,7 @@ def visible(text: str, *, lines: bool = True) -> str:
 
 
 def _shorten(value: Any, limit: int = 80) -> str:
-    """Return the beginning of a value's representation, without making the rest, which may be endless."""
+    """Return the beginning of a value's representation, without computing the rest, which may be endless."""
     text = ""
     for piece in _pieces(value, limit):
         text += piece
@@ -94,9 +94,9 @@ def _shorten(value: Any, limit: int = 80) -> str:
 
 
 def _pieces(value: Any, limit: int) -> Iterator[str]:
-    """Yield the representation of a value bit by bit; each bit is bounded."""
+    """Yield the representation of a value in bounded pieces."""
     if isinstance(value, str | bytes):
-        # One more than fits, so that what is left out shows.
+        # One more than the limit, so that an omission is visible.
         yield repr(value[: limit + 1])
     elif isinstance(value, int) and not isinstance(value, bool) and value.bit_length() > _LONGEST_INTEGER_BITS:
         yield f"an integer of {value.bit_length()} bits"
@@ -117,9 +117,9 @@ def _pieces(value: Any, limit: int) -> Iterator[str]:
         yield f",{closing}" if isinstance(value, tuple) and len(value) == 1 else closing
     else:
         try:
-            # What makes its own representation may make several lines, as arrays do.
+            # Representations of arrays, for example, may have several lines.
             yield " ".join(repr(value)[: 10 * limit].split())
-        except Exception:  # whatever a foreign class raises
+        except Exception:  # any exception of a foreign class
             yield f"a {type(value).__name__}"
 
 
@@ -127,15 +127,15 @@ _LONGEST_INTEGER_BITS = 260  # 78 digits
 
 
 class ScenetruthError(Exception):
-    """Base of every error that scenetruth raises on purpose.
+    """Base class of the exceptions of scenetruth.
 
     See Also
     --------
-    SceneError, RecordingError, EstimateError, StoreError : Some of the errors that derive from it.
+    SceneError, RecordingError, EstimateError, StoreError : Examples of derived exceptions.
 
     Examples
     --------
-    What goes wrong on purpose is caught by one name; slips in the calling code are not:
+    All exceptions of scenetruth are caught by one class; programming errors in the calling code are not:
 
     >>> import scenetruth as st
     >>> try:
@@ -147,9 +147,10 @@ class ScenetruthError(Exception):
 
 
 class _ProblemListError(ScenetruthError):
-    """An error that reports all problems of one input at once."""
+    """An exception that lists all problems of one input."""
 
     _noun = "input"
+    _of = "in"
 
     def __init__(self, problems: Sequence[Problem], source: str | Path | None = None) -> None:
         self.problems = tuple(problems)
@@ -158,7 +159,7 @@ class _ProblemListError(ScenetruthError):
 
     def __str__(self) -> str:
         count = len(self.problems)
-        where = f" in {visible(self.source, lines=False)}" if self.source else ""
+        where = f" {self._of} {visible(self.source, lines=False)}" if self.source else ""
         head = f"{count} problem{'s' if count != 1 else ''} with the {self._noun}{where}:"
         return "\n".join([head, *(f"  - {problem}" for problem in self.problems)])
 
@@ -167,16 +168,16 @@ class _ProblemListError(ScenetruthError):
 
 
 class SceneError(_ProblemListError):
-    """A scene that cannot be made; lists every problem with its path.
+    """An invalid scene; lists every problem with its path.
 
     See Also
     --------
-    Problem : One of its ``problems``.
+    Problem : Element of its ``problems``.
     scenetruth.load_scene, scenetruth.Scene.from_dict : Raise it.
 
     Examples
     --------
-    All that is wrong is told at once, each with the path of its field:
+    All problems are reported together, each with the path of its field:
 
     >>> import scenetruth as st
     >>> plain = st.load_scene("plane").to_dict()
@@ -195,7 +196,7 @@ class SceneError(_ProblemListError):
 
 
 class RecipeError(_ProblemListError):
-    """A recipe of a data set that cannot be followed; lists every problem with its path.
+    """An invalid recipe of a data set; lists every problem with its path.
 
     See Also
     --------
@@ -215,7 +216,7 @@ class RecipeError(_ProblemListError):
 
 
 class DesignSpecError(RecipeError):
-    """A design specification that cannot be followed; lists every problem with its path.
+    """An invalid design specification; lists every problem with its path.
 
     See Also
     --------
@@ -235,7 +236,7 @@ class DesignSpecError(RecipeError):
 
 
 class ArgumentError(_ProblemListError, ValueError):
-    """Arguments of a call that are impossible; lists every one.
+    """Invalid arguments of a call; lists every problem.
 
     See Also
     --------
@@ -251,11 +252,12 @@ class ArgumentError(_ProblemListError, ValueError):
     truth_views True
     """
 
-    _noun = "call"
+    _noun = "arguments"
+    _of = "of"
 
 
 class RecordingError(_ProblemListError):
-    """Images, or a data set, that do not have the agreed form.
+    """Images or a data set of invalid form.
 
     See Also
     --------
@@ -263,7 +265,7 @@ class RecordingError(_ProblemListError):
 
     Examples
     --------
-    Images are stacked as (s, t, y, x); a single one is not:
+    Images have the dimensions (s, t, y, x); a single image is rejected:
 
     >>> import numpy as np
     >>> import scenetruth as st
@@ -278,7 +280,7 @@ class RecordingError(_ProblemListError):
 
 
 class EstimateError(_ProblemListError):
-    """Settings or a recording that the estimator cannot work with.
+    """Settings or a recording that a method cannot use.
 
     See Also
     --------
@@ -329,7 +331,7 @@ class ScoreError(_ProblemListError):
 
 
 class ExportError(_ProblemListError):
-    """Data sets, or options, from which a format cannot be written.
+    """Data sets or options that are invalid for an export format.
 
     See Also
     --------
@@ -351,12 +353,12 @@ class ExportError(_ProblemListError):
 
 
 class MachineError(_ProblemListError):
-    """What the machine, its memory or its settings, does not allow.
+    """Insufficient resources, or invalid settings, of the machine.
 
     See Also
     --------
-    scenetruth.Limits : What may be taken of the machine.
-    scenetruth.run_scene : Raises it, before any work.
+    scenetruth.Limits : Resource limits.
+    scenetruth.run_scene : Raises it before any work.
 
     Examples
     --------
@@ -372,7 +374,7 @@ class MachineError(_ProblemListError):
 
 
 class MismatchError(_ProblemListError):
-    """Parts that were made from different recordings.
+    """Parts of different recordings.
 
     See Also
     --------
@@ -380,7 +382,7 @@ class MismatchError(_ProblemListError):
 
     Examples
     --------
-    Whoever knows better may allow it, as its message says:
+    The check can be disabled, as the message describes:
 
     >>> print(MismatchError([Problem("truth.zarr", "belongs to another recording")]))
     1 problem with the run:
@@ -395,14 +397,14 @@ class MismatchError(_ProblemListError):
 
 
 class StoreError(ScenetruthError):
-    """A store that is missing, not ours, damaged, or cannot be written.
+    """A store that is missing, foreign, damaged, or not writable.
 
     Parameters
     ----------
     path
         The store.
     message
-        What is wrong with it and how to mend it.
+        The problem and its fix.
 
     See Also
     --------
@@ -432,7 +434,7 @@ class OutputExistsError(StoreError):
 
     See Also
     --------
-    scenetruth.save_store, scenetruth.simulate, scenetruth.run_scene : Raise it; ``overwrite=True`` allows to replace.
+    scenetruth.save_store, scenetruth.simulate, scenetruth.run_scene : Raise it without ``overwrite=True``.
 
     Examples
     --------
@@ -454,11 +456,11 @@ class OutputExistsError(StoreError):
 
 
 class RenderError(ScenetruthError):
-    """A render that failed.
+    """A failure of the rendering.
 
     See Also
     --------
-    BackendUnavailableError : A backend that does not run here.
+    BackendUnavailableError : A backend that is unavailable on this machine.
     scenetruth.simulate : Raises it.
 
     Examples
@@ -469,20 +471,20 @@ class RenderError(ScenetruthError):
 
 
 class BackendUnavailableError(RenderError):
-    """A render backend that this machine cannot run.
+    """A render backend that is unavailable on this machine.
 
     Parameters
     ----------
     backend
-        Its name, with the platform where there is one: ``pyrender (osmesa)``.
+        Its name, with the platform if there is one: ``pyrender (osmesa)``.
     reason
-        Why it does not run here.
+        Reason for the failure.
     remedy
-        What would make it run.
+        Remedy.
 
     See Also
     --------
-    scenetruth.simulate : Raises it, unless the scene leaves the choice of the backend open (``render.backend: auto``).
+    scenetruth.simulate : Raises it if the scene specifies a backend (not with ``render.backend: auto``).
 
     Examples
     --------
@@ -501,7 +503,7 @@ class BackendUnavailableError(RenderError):
 
 
 class SceneWarning(UserWarning):
-    """A scene that can be made but will hardly serve its purpose.
+    """A valid scene with properties that impair its results.
 
     See Also
     --------
@@ -510,7 +512,7 @@ class SceneWarning(UserWarning):
 
     Examples
     --------
-    Python's own filters make an error of it, or silence it:
+    The filters of Python turn it into an exception, or silence it:
 
     >>> import warnings
     >>> with warnings.catch_warnings():
@@ -524,7 +526,7 @@ class SceneWarning(UserWarning):
 
 
 class EstimateWarning(UserWarning):
-    """An estimate that says less than the recording could tell.
+    """An estimate with less information than the recording or the method permits.
 
     See Also
     --------
@@ -536,7 +538,7 @@ class EstimateWarning(UserWarning):
     >>> import warnings
     >>> with warnings.catch_warnings(record=True) as caught:
     ...     warnings.simplefilter("always", EstimateWarning)
-    ...     warnings.warn("a single frame tells no motion", EstimateWarning)
+    ...     warnings.warn("a single frame contains no motion", EstimateWarning)
     >>> [str(one.message) for one in caught]
-    ['a single frame tells no motion']
+    ['a single frame contains no motion']
     """

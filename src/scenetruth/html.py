@@ -1,4 +1,4 @@
-"""HTML pages that need no network: templates, sortable tables, charts and plotly's script."""
+"""Self-contained HTML pages: templates, sortable tables, charts and the script of plotly."""
 
 from __future__ import annotations
 
@@ -27,16 +27,14 @@ __all__ = [
 
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F3C8D", "#6B6B00")
-"""Colours that people with colour blindness tell apart (M. Okabe and K. Ito, 2008), and two more."""
+"""Colours distinguishable with colour blindness (M. Okabe and K. Ito, 2008), and two more."""
 
 
 @dataclass(frozen=True)
 class Chart:
     """A chart.
 
-    ``name``: Its name within the page.
-    ``alt``: What it shows, in words, for those who do not see it.
-    ``data``, ``layout``: Traces and layout, as plotly has them.
+    ``name``: Its name within the page. ``alt``: Text alternative. ``data``, ``layout``: Traces and layout of plotly.
     """
 
     name: str
@@ -53,10 +51,8 @@ _NUMBER = re.compile(r"[-+]?(∞|\d+(\.\d*)?([eE][-+]?\d+)?)(?!\w)")
 class HtmlCell:
     """A cell of a table.
 
-    ``text``: What it says.
-    ``key``: The number by which it sorts; None to sort by what it says.
-    ``address``, ``saved_as``: Address of a file that it hands over, and what that is called when it is saved; empty if
-      there is none.
+    ``text``: Its text. ``key``: Number for sorting; None to sort by text. ``address``, ``saved_as``: Address of a file
+    for download, and its file name; empty if there is none.
     """
 
     text: str
@@ -66,7 +62,7 @@ class HtmlCell:
 
     @property
     def sorts_by(self) -> str:
-        """The key, as JavaScript reads it; empty if there is none."""
+        """The sort key as JavaScript; empty if there is none."""
         if self.key is None or math.isnan(self.key):
             return ""
         return repr(float(self.key)).replace("inf", "Infinity")
@@ -76,12 +72,8 @@ class HtmlCell:
 class HtmlTable:
     """A table.
 
-    ``name``: Its name within the page.
-    ``caption``: What it shows.
-    ``columns``: Heads.
-    ``lines``: Its lines.
-    ``marked``: Number of the line that stands out; None if none does.
-    ``foot``: Lines that stay below the others, such as sums.
+    ``name``: Its name within the page. ``caption``: Its caption. ``columns``: Column headings. ``lines``: Its rows.
+    ``marked``: Index of the highlighted row; None for none. ``foot``: Rows that stay at the bottom, such as sums.
     """
 
     name: str
@@ -93,7 +85,7 @@ class HtmlTable:
 
     @property
     def numeric(self) -> list[bool]:
-        """Which columns hold numbers, or dashes where there are none."""
+        """Whether each column contains only numbers, or dashes for missing values."""
         columns = [[line[place] for line in self.lines] for place in range(len(self.columns))]
         return [
             any(cell.key is not None for cell in cells) or (bool(cells) and all(cell.text == _NONE for cell in cells))
@@ -102,13 +94,13 @@ class HtmlTable:
 
 
 def make_table(name: str, caption: str, columns: Sequence[str], lines: Iterable[Iterable[Any]]) -> HtmlTable:
-    """Return a table of texts; those that begin with a number sort by it."""
+    """Return a table of texts; texts that begin with a number are sorted by it."""
     cells = [[HtmlCell(str(text), sort_key(str(text))) for text in line] for line in lines]
     return HtmlTable(name, caption, columns, cells)
 
 
 def sort_key(text: str) -> float | None:
-    """Return the number that a text begins with; None if it begins with none.
+    """Return the number at the beginning of a text; None if there is none.
 
     >>> [sort_key(text) for text in ("0.5", "-3 px", "1e-3 to 2", "−2", "∞", "leaf", "–", "3d")]
     [0.5, -3.0, 0.001, -2.0, inf, None, None, None]
@@ -117,12 +109,12 @@ def sort_key(text: str) -> float | None:
     return None if found is None else float(found[0].replace("∞", "inf"))
 
 
-# Plotly's own default has a button that uploads the chart.
+# The default of plotly includes a button that uploads the chart.
 _SETTINGS = '{responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: ""}'
 
 
 def plotly_script() -> str:
-    """Return plotly's script, set for pages that need no network: its buttons offer no upload.
+    """Return plotly's script, configured for self-contained pages: no button uploads data.
 
     >>> plotly_script().rstrip().endswith('showSendToCloud: false, plotlyServerURL: ""});')
     True
@@ -133,7 +125,7 @@ def plotly_script() -> str:
 
 
 def template_environment(package: str, *, autoescape: bool = True, **options: Any) -> Environment:
-    """Return what reads templates: those of a package, and those that all pages share."""
+    """Return the template environment of a package, including the shared templates."""
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     return Environment(
@@ -147,7 +139,7 @@ def template_environment(package: str, *, autoescape: bool = True, **options: An
 
 
 def render_page(package: str, template: str, charts: Any, **told: Any) -> str:
-    """Return a page."""
+    """Return a rendered page."""
     return (
         template_environment(package)
         .get_template(template)
@@ -161,7 +153,7 @@ def render_page(package: str, template: str, charts: Any, **told: Any) -> str:
 
 
 def script_json(values: Any) -> str:
-    r"""Return plain values as they may stand in a page's script, which nothing in them ends.
+    r"""Return plain values as JSON that is safe within a script element.
 
     >>> print(script_json({"title": "</script>"}))
     {"title": "\u003c/script>"}

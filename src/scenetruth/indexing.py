@@ -1,4 +1,4 @@
-"""The integer coordinates of cameras and frames."""
+"""Integer coordinates of cameras and frames."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["centred_indices"]
 
 
 def centred_indices(count: int) -> NDArray[np.int64]:
-    """Return ``count`` consecutive integers with 0 at the reference, the middle (the lower one of an even count).
+    """Return ``count`` consecutive integers with 0 at the centre (the lower centre for an even count).
 
     >>> centred_indices(5).tolist(), centred_indices(2).tolist()
     ([-2, -1, 0, 1, 2], [0, 1])

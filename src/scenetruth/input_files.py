@@ -1,4 +1,4 @@
-"""Fields of models that name input files, and the files that are bundled with the package."""
+"""Model fields that name input files, and the files bundled with the package."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
 
 
 def bundled_folder() -> Path | None:
-    """Return the folder of all that is shipped: in an installed package inside it, in a checkout ``scenes/``."""
+    """Return the directory of the bundled files: inside an installed package, or ``scenes/`` of a checkout."""
     from importlib.resources import files
 
     package = Path(str(files("scenetruth")))
@@ -34,7 +34,7 @@ def bundled_folder() -> Path | None:
 
 
 def bundled_files(folder: str = ".") -> dict[str, Path]:
-    """Return files that are shipped by their names, in order; none where nothing is shipped.
+    """Return the bundled files by name, in order; empty if there are none.
 
     >>> bundled_files()["cube"].name
     'cube.yaml'
@@ -44,13 +44,13 @@ def bundled_files(folder: str = ".") -> dict[str, Path]:
 
 
 def bundled_file(given: object, folder: Path | None = None, *, within: str = ".") -> Path | None:
-    """Return the file that is shipped under a plain name; None if there is none, or a file has that name.
+    """Return the bundled file of a plain name; None if there is none, or a file of that name exists.
 
     >>> bundled_file("cube").name, bundled_file("cube.yaml"), bundled_file("mine")
     ('cube.yaml', None, None)
     """
     name = str(given)
-    # Of names that no file can have, os.path says no.
+    # os.path returns False for invalid file names.
     if Path(name).name != name or Path(name).suffix or os.path.isfile((folder or Path()) / name):
         return None
     return bundled_files(within).get(name)
@@ -60,7 +60,7 @@ _FOLDER = "folder"
 
 
 class _NamesAFile:
-    """Marks the type of a path."""
+    """Marker of the type of a path."""
 
 
 _MARK = _NamesAFile()
@@ -77,28 +77,28 @@ def _of_scene(value: str, info: ValidationInfo) -> str:
 
 
 InputFile = Annotated[str, _MARK, AfterValidator(_absolute)]
-"""Path of a file that a model is made from; relative paths count from the folder of the validation's context."""
+"""Path of an input file; relative paths are resolved against the directory in the validation context."""
 SceneFile = Annotated[str, _MARK, AfterValidator(_of_scene)]
-"""The same of a scene, which may be the name of one that is shipped if no file has it."""
+"""Path of a scene file; a bundled scene is also accepted by name if no such file exists."""
 
 
 def regular_file_size(path: Path) -> int:
-    """Return the size of a regular file in bytes; nothing is opened, as opening a pipe may take for ever."""
+    """Return the size of a regular file in bytes without opening it, because opening a pipe may block."""
     found = os.stat(path)
     if not stat.S_ISREG(found.st_mode):
-        what = "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file (a pipe, a socket or a device)"
+        what = "a directory" if stat.S_ISDIR(found.st_mode) else "not a regular file (a pipe, a socket or a device)"
         msg = f"is {what}"
         raise ValueError(msg)
     return found.st_size
 
 
 def validation_context(folder: Path | None) -> dict[str, Any]:
-    """Return the context of a validation that makes relative paths absolute."""
+    """Return the validation context that resolves relative paths."""
     return {_FOLDER: folder}
 
 
 def collect_input_files(model: BaseModel) -> list[tuple[str, Path]]:
-    """Return every file that a validated model names."""
+    """Return every file named by a validated model."""
     return list(_files_of_model(model, ""))
 
 
@@ -122,5 +122,5 @@ def _files_in(value: Any, where: str, marked: bool) -> Iterator[tuple[str, Path]
 
 
 def _is_marked(annotation: Any) -> bool:
-    """Whether a type is, or is made from, that of a path."""
+    """Return whether a type is, or contains, that of a path."""
     return annotation is _MARK or any(_is_marked(part) for part in get_args(annotation))

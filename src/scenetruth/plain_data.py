@@ -20,15 +20,15 @@ __all__ = [
 ]
 
 MAX_DEPTH = 40
-"""Mappings and lists inside each other; scenes need about ten, and recursive code bears some hundreds."""
+"""Maximum nesting of mappings and lists; scenes need about ten levels, recursive code supports some hundreds."""
 MAX_VALUES = 100_000
-"""Values of a tree, each counted as often as it is there: what a second or two can go through."""
+"""Maximum number of values of a tree, including repeated references; validation takes 1 to 2 s."""
 LARGEST_INTEGER = 2**63 - 1
-"""What 64 bits hold, as files and arrays do."""
+"""Range of 64-bit integers, as in files and arrays."""
 
 
 def scalar_problem(value: Any) -> str:
-    r"""Return what is wrong with a value that is no mapping and no list, or an empty text.
+    r"""Return the problem of a scalar value, or an empty text.
 
     >>> scalar_problem(2**63), scalar_problem("a\0b"), scalar_problem(2**62)
     ('does not fit into 64 bits', 'holds the character NUL, which no name or text may have', '')
@@ -44,10 +44,10 @@ def scalar_problem(value: Any) -> str:
 
 
 def plain_problems(tree: Any, *, any_keys: bool = False) -> list[Problem]:
-    r"""Return what keeps a tree of plain values from being worked on; what it means is not looked at.
+    r"""Return the structural problems of a tree of plain values, regardless of its meaning.
 
-    Refused are keys that are no texts, texts that cannot be written, integers of more than 64 bits, trees that are too
-    deep or contain themselves, and those of more values than `MAX_VALUES`.
+    Invalid are keys that are not texts, texts that cannot be encoded, integers of more than 64 bits, trees that are too
+    deep or contain themselves, and trees of more values than `MAX_VALUES`.
 
     >>> endless = {"a": 1}
     >>> endless["b"] = [endless]
@@ -57,14 +57,14 @@ def plain_problems(tree: Any, *, any_keys: bool = False) -> list[Problem]:
     """
     problems: list[Problem] = []
     count = 0
-    # What is open: an iterator over what is left of a mapping or list, and the identity of it.
+    # Stack of iterators over the remaining items of mappings and lists, with their identities.
     path: list[str] = []
     around: list[int] = []
     open_: list[Iterator[tuple[Any, Any]]] = [iter([("", tree)])]
     while open_:
         try:
             key, value = next(open_[-1], (None, open_))
-        except RuntimeError:  # changed while it was gone through: by another thread
+        except RuntimeError:  # changed by another thread during iteration
             return [*problems, Problem(".".join(path), "changes while it is read")]
         if value is open_:
             open_.pop()
@@ -75,7 +75,7 @@ def plain_problems(tree: Any, *, any_keys: bool = False) -> list[Problem]:
         here = ".".join([*path[1:], str(key)]) if path else ""
         count += 1
         if count > MAX_VALUES:
-            return [*problems, Problem(here, f"makes more than {MAX_VALUES:,} values in all, which no scene needs")]
+            return [*problems, Problem(here, f"makes more than {MAX_VALUES:,} values in total, which no scene needs")]
         message = "" if isinstance(value, Mapping | list | tuple) else scalar_problem(value)
         if message:
             problems.append(Problem(here, message, value))
@@ -109,7 +109,7 @@ _MAX_SHOWN = 100
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Return what a JSON text says.
+    """Return the value of a JSON text.
 
     >>> parse_json('{"a": [1, 2.5]}')
     {'a': [1, 2.5]}
@@ -122,7 +122,7 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def argument_problems(progress: Any = None, **choices: tuple[Any, Any]) -> list[Problem]:
-    """Return what is wrong with arguments whose types nobody checks at a call.
+    """Return the problems of arguments whose types are not checked elsewhere.
 
     >>> from typing import Literal
     >>> print(*argument_problems(truth_views=("al", Literal["reference", "all"])))
@@ -138,7 +138,7 @@ def argument_problems(progress: Any = None, **choices: tuple[Any, Any]) -> list[
 
 
 def seed_problems(seeds: int | Sequence[int], most: int) -> list[Problem]:
-    r"""Return what is wrong with an argument ``seeds``: a number of seeds, at most ``most``, or the seeds themselves.
+    r"""Return the problems of an argument ``seeds``: a number of seeds, at most ``most``, or the seeds themselves.
 
     >>> print(*seed_problems([3, 3], 10), *seed_problems(0, 10), sep="\n")
     seeds: must be unique: equal seeds give equal images (got [3, 3])

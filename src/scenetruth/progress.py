@@ -1,4 +1,4 @@
-"""What is called as long work goes on, and messages for whoever runs it."""
+"""Progress callbacks, and messages for the user."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Callable
 __all__ = ["LOGGER", "Progress", "say"]
 
 Progress = Callable[[str, int, int], None]
-"""Called with (what is done, how much of it is done, how much there is in all)."""
+"""Called with (what, done, total)."""
 
 LOGGER = logging.getLogger("scenetruth")
-"""Where messages go; the command line prints them."""
+"""Logger of messages; the command line prints them."""
 
 
 def say(text: str) -> None:
-    """Log a message, as the backend that renders; nothing is printed unless logging is asked for level INFO."""
+    """Log a message, such as the rendering backend; it is printed only with log level INFO."""
     LOGGER.info("%s", text)

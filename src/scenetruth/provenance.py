@@ -47,11 +47,11 @@ _PACKAGES = (
     "PyOpenGL",
 )
 _WITHOUT_EFFECT = ("format", "description", "estimate", "score", "storage")
-"""Sections of a scene on which images and truth do not depend."""
+"""Sections of a scene without effect on images and truth."""
 
 
 def build_schedule(scene: Scene) -> Schedule:
-    """Return where and when a scene's images are planned, and where and when they are taken in fact."""
+    """Return the nominal and actual poses and times of a scene's images."""
     return Schedule(scene.stage, scene.frames, partial(generator_for, scene.seed, "stage"))
 
 
@@ -62,7 +62,7 @@ def intrinsics_from(scene: Scene) -> Intrinsics:
 
 
 def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, save_radiance: bool = False) -> xr.Dataset:
-    """Return the recording of a scene with images that take no memory: all of their pixels are one."""
+    """Return the recording of a scene with blank images that occupy no memory."""
     camera, stage, sensor = scene.camera, scene.stage, build_sensor_chain(scene.sensor)
     rows = (stage.rows,) if stage.rows > 1 else ()
     shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
@@ -82,9 +82,9 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
 
 
 def scene_hash(scene: Scene) -> str:
-    """Return a hash of everything in a scene that images and truth depend on, 16 hexadecimal digits.
+    """Return the hash of everything in a scene that determines images and truth, 16 hexadecimal digits.
 
-    How it is estimated, scored and described does not count. Files count by their content, not by their name or place.
+    Estimation, scoring and descriptions are excluded. Files are hashed by content, not by name or path.
     """
     plain = scene.to_dict()
     for where, file in collect_input_files(scene):
@@ -97,12 +97,12 @@ def scene_hash(scene: Scene) -> str:
 
 
 def recording_hash(scene_hash: str, backend: str) -> str:
-    """Return a hash of what the images depend on: the scene and the backend that rendered them."""
+    """Return the hash of everything that determines the images: scene and rendering backend."""
     return digest([scene_hash, backend])
 
 
 def provenance_attributes(scene: Scene) -> dict[str, Any]:
-    """Return the attributes that tell where a data set is from."""
+    """Return the attributes that describe the provenance of a data set."""
     versions = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:
@@ -118,18 +118,17 @@ def provenance_attributes(scene: Scene) -> dict[str, Any]:
 
 
 def own_release() -> str:
-    """Return the release that this version of scenetruth leads to or comes from: 0.2.0 for 0.2.0.dev7+g1a2b3c4.
+    """Return the base release of this version of scenetruth: 0.2.0 for 0.2.0.dev7+g1a2b3c4.
 
-    What was begun goes on, and what is kept is found, with any commit of the same release.
+    Interrupted work and caches are compatible between commits of the same release.
     """
     return re.sub(r"((\.post\d+)?\.dev\d+)?(\+.*)?$", "", version("scenetruth"))
 
 
 def content_hash(path: Path) -> str:
-    """Return a hash of the content of a file and of the files that it refers to, with the suffix that says its format.
+    """Return a hash of the content of a file, of the files that it references, and of its suffix.
 
-    A folder counts as all files in it, as of a zarr store. A file that is missing counts by its name: whoever needs it
-    will say so.
+    A directory is hashed with all its files, such as a zarr store; a missing file by its name.
     """
     if not path.exists():
         return f"missing: {path.name}"
@@ -144,7 +143,7 @@ def content_hash(path: Path) -> str:
 
 
 def _referred_to(path: Path) -> list[Path]:
-    """Return the files that a mesh file names: the materials of an OBJ and their images, the buffers of a glTF."""
+    """Return the files referenced by a mesh file: materials of an OBJ and their images, buffers of a glTF."""
     suffix = path.suffix.lower()
     if not os.path.isfile(path):
         return []
@@ -168,7 +167,6 @@ _MAPS = ("map_Kd", "map_Ka")
 
 
 def _names_after(file: Path, words: tuple[str, ...]) -> list[str]:
-    """Return what stands last in the lines of a text file that begin with one of some words."""
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     split = [line.split() for line in lines if line.startswith(words)]
     return [parts[-1] for parts in split if len(parts) > 1]

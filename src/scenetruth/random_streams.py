@@ -1,4 +1,4 @@
-"""Independent random streams, keyed by their purpose."""
+"""Independent random streams, identified by purpose."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 __all__ = ["GeneratorFor", "generator_for"]
 
 GeneratorFor = Callable[..., np.random.Generator]
-"""Gives a random generator of its own for every purpose: `generator_for` with a seed, and perhaps a first key."""
+"""Type of functions that return an independent random generator per purpose: `generator_for` with a seed."""
 
 
 def generator_for(seed: int, *purpose: str | int) -> np.random.Generator:
-    """Return a random generator of its own for one purpose: independent of every other, and of any order of calls.
+    """Return the random generator of one purpose, independent of all others and of the order of calls.
 
     >>> one, same = (generator_for(7, "texture", "cube").random() for _ in range(2))
     >>> one == same, one == generator_for(7, "texture", "box").random()

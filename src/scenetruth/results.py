@@ -1,4 +1,4 @@
-"""Results of computations: a value with its interval, and the methods that all results have in common."""
+"""Results of computations: a value with its interval, and the common methods of all results."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class QuantityValue:
     unit
         Its unit, for example ``mm/frame``.
     ci_low, ci_high
-        Ends of its 95 % interval; NaN if there is none.
+        Limits of its 95 % interval; NaN if there is none.
     statistic
         The statistic, for example ``rmse``.
     region
         The region of the image.
     n
-        Number of values behind it: pixels or seeds; None if not recorded.
+        Sample size: number of pixels or seeds; None if not recorded.
 
     See Also
     --------
@@ -77,13 +77,13 @@ class QuantityValue:
 
 
 class Result(ABC):
-    """Base of the results, which are frozen dataclasses.
+    """Base class of the results, which are frozen dataclasses.
 
-    Derived classes define `to_dataframe` and `summary`; fields are saved as JSON by their annotations.
+    Derived classes define `to_dataframe` and `summary`; fields are saved as JSON according to their annotations.
     """
 
     _FORMAT: ClassVar[int] = 1
-    """Version of the file format; raise it when fields change."""
+    """Version of the file format; to be incremented when fields change."""
     _UNSAVED: ClassVar[frozenset[str]] = frozenset()
     """Fields that are not saved; they have defaults."""
 
@@ -101,19 +101,19 @@ class Result(ABC):
         Returns
         -------
         dict
-            Values that JSON can hold: NaN is None, infinity is ``"inf"`` or ``"-inf"``.
+            JSON-compatible values: NaN is None, infinity is ``"inf"`` or ``"-inf"``.
         """
         saved = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in self._UNSAVED}  # type: ignore[arg-type]
         return {"type": type(self).__name__, "format": self._FORMAT, **to_plain_data(saved)}
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Self:
-        """Return the result that `to_dict` converted.
+        """Return the result of a mapping from `to_dict`.
 
         Raises
         ------
         ValueError
-            If the mapping is of another type of result, or of another version of the format.
+            If the mapping belongs to another class of results, or to another version of the format.
         KeyError, TypeError
             If fields are missing, or have values of another type.
         """
@@ -136,7 +136,7 @@ class Result(ABC):
         Parameters
         ----------
         path
-            The file to write; it appears when it is complete.
+            Path of the file, which is written atomically.
         overwrite
             Whether an existing file may be replaced.
 
@@ -160,7 +160,7 @@ class Result(ABC):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Load a result that `save` wrote.
+        """Load a result written by `save`.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class Result(ABC):
         Raises
         ------
         StoreError
-            If it is missing, damaged, of another type of result, or of another version of the format.
+            If it is missing, damaged, of another class of results, or of another version of the format.
         """
         file = Path(path)
         try:
@@ -187,7 +187,7 @@ class Result(ABC):
             raise StoreError(file, f"is not a saved {cls.__name__}: {error}") from error
 
     def _repr_html_(self) -> str:
-        """Return the summary and the table, as notebooks show them."""
+        """Return summary and table for display in notebooks."""
         table = self.to_dataframe()
         lines = "".join(f"<p>{escape(line)}</p>" for line in self.summary().splitlines())
         more = f"<p>{len(table)} rows, the first {_MAX_HTML_ROWS} shown.</p>" if len(table) > _MAX_HTML_ROWS else ""
@@ -197,7 +197,7 @@ class Result(ABC):
 
 
 def to_plain_data(value: Any) -> Any:
-    """Return plain values, as JSON has them.
+    """Return JSON-compatible plain values.
 
     >>> to_plain_data({"low": math.nan, "high": math.inf, "seeds": (1, 2)})
     {'low': None, 'high': 'inf', 'seeds': [1, 2]}
@@ -218,7 +218,7 @@ def to_plain_data(value: Any) -> Any:
 
 
 def from_plain_data(kind: Any, plain: Any) -> Any:
-    """Return the value of a type annotation that plain values stand for."""
+    """Return the value of an annotated type from plain values."""
     if kind is float:
         return math.nan if plain is None else float(plain)
     if is_dataclass(kind):

@@ -31,14 +31,14 @@ __all__ = ["Simulation", "simulate", "simulate_into"]
 
 
 class Simulation(NamedTuple):
-    """Recording and ground truth of a scene, as `simulate` returns them.
+    """Recording and ground truth of a scene, the result of `simulate`.
 
     Parameters
     ----------
     recording
-        Images with their metadata, as of `make_recording`.
+        Images with their metadata, as from `make_recording`.
     truth
-        Exact maps of depth, disparity, motion and more.
+        Exact maps of depth, disparity, motion and other quantities.
 
     See Also
     --------
@@ -71,57 +71,58 @@ def simulate(
     limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> Simulation:
-    """Render a scene as a camera on its stage would see it, and compute the exact truth.
+    """Simulate the images of a scene, and compute the exact ground truth.
 
     Parameters
     ----------
     scene
-        The scene, its values, its file, or the name of one that is shipped.
+        The scene, its values, its file, or the name of a bundled scene.
     overrides
-        Changes of the scene, as of `load_scene`.
+        Changed fields of the scene, as for `load_scene`.
     truth_views
-        ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
+        ``"reference"``: truth of the reference camera (s = 0) at every frame; ``"all"``: truth of every camera.
     truth_poses
-        ``"actual"``: truth at the time and pose at which each image was taken, with the errors of the stage;
-        ``"nominal"``: truth at the planned time and pose.
+        ``"actual"``: truth at the actual time and pose of each image, including stage errors; ``"nominal"``: truth at
+        the nominal time and pose.
     truth_content
-        ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
-        size, with acceleration, displacement and finite flow to t ± 1, slopes, curvatures,
-        rotation rate, principal growth, and coordinates on the surface.
+        ``"standard"``: the maps for scoring; ``"complete"``: all maps, at more than twice the size, with acceleration,
+        displacement and finite flow to t ± 1, slopes, curvatures, rotation rate, principal growth rates, and material
+        coordinates.
     save_radiance
-        Whether the recording also holds ``radiance``, the linear images without noise that the sensor was given.
+        Whether the recording also contains ``radiance``, the linear, noise-free input images of the sensor.
     limits
-        Bounds of what the scene may ask for (`scenetruth.Limits`); those by default if not given.
+        Resource limits (`scenetruth.Limits`); the default limits if not given.
     progress
-        Called with (what, done, total) as the work goes on.
+        Called with (what, done, total).
 
     Returns
     -------
     Simulation
-        Named tuple ``(recording, truth)``: the recording, ``image`` (s, t, y, x) and perhaps ``radiance``, and the
-        truth, maps (t, y, x) or (s, t, y, x), both in memory; `run_scene` with ``stages=("render",)`` writes them to
-        disk image by image. The recording holds the planned poses and times of the images, the truth the actual ones.
-        If the stage has rows, ``s_y`` comes before ``s``.
+        Named tuple ``(recording, truth)`` in memory: the recording with ``image`` (s, t, y, x) and optionally
+        ``radiance``, and the truth with maps (t, y, x) or (s, t, y, x). The recording contains the nominal poses and
+        times of the images, the truth the actual values. If the stage has rows, ``s_y`` precedes ``s``. `run_scene`
+        with
+        ``stages=("render",)`` writes both to disk image by image.
 
     Raises
     ------
     ArgumentError
-        If an argument is impossible; lists all that are.
+        If arguments are invalid; lists every problem.
     SceneError
-        If the scene cannot be made or passes a bound, or nothing of it can be seen.
+        If the scene is invalid or exceeds a limit, or no part of it is visible.
     BackendUnavailableError
-        If the scene names a render backend that does not run here.
+        If the specified render backend is unavailable.
 
     Warns
     -----
     SceneWarning
-        If textures are too fine, images saturated, or objects without pixels in the interior of which scores tell.
+        If textures are too fine, images are saturated, or objects have no pixels in the scored interior.
 
     See Also
     --------
-    make_truth : The truth alone.
-    run_scene : All stages, with their results in a folder.
-    make_recording : A recording from images of any origin.
+    make_truth : Compute the truth only.
+    run_scene : Run all stages, with results in a directory.
+    make_recording : Create a recording from images of any origin.
 
     Examples
     --------
@@ -153,7 +154,7 @@ def simulate(
 def simulate_into(
     folder: Path, scene: Scene, choice: TruthOptions, *, save_radiance: bool = False, progress: Progress | None = None
 ) -> tuple[str, str]:
-    """Render a scene and compute its truth into a folder that exists and is empty, image by image."""
+    """Simulate a scene into an empty directory, image by image."""
     import yaml
 
     text = yaml.safe_dump(scene.to_dict(), sort_keys=False, allow_unicode=True)
@@ -177,7 +178,7 @@ def _stores(folder: Path, scene: Scene) -> tuple[Path, Path]:
 
 
 class _Work:
-    """The work on one scene, whose images and maps go wherever they are put."""
+    """Simulation of one scene with arbitrary destinations of images and maps."""
 
     def __init__(self, scene: Scene, *, save_radiance: bool, progress: Progress | None) -> None:
         self.scene, self.save_radiance, self.progress = scene, save_radiance, progress
@@ -188,11 +189,11 @@ class _Work:
 
     @contextmanager
     def opened(self) -> Iterator[xr.Dataset]:
-        """Open the renderer, and give the recording with blank images."""
+        """Open the renderer, and yield the recording with blank images."""
         scene = self.scene
         choice = choose_renderer(scene, self.world)
         with choice.renderer as self.renderer:
-            # The truth belongs to these very images.
+            # Links the truth to these images.
             self.provenance["recording_hash"] = recording_hash(self.provenance["scene_hash"], self.renderer.name)
             attrs = {
                 **self.provenance,
@@ -204,14 +205,14 @@ class _Work:
             yield blank_recording(scene, attrs, save_radiance=self.save_radiance)
 
     def record(self, put: Put) -> None:
-        """Render all images, and read them out of the sensor."""
+        """Render all images, and apply the sensor model."""
         scene = self.scene
         stage, frames, camera = scene.stage, scene.frames, scene.camera
         sensor = build_sensor_chain(scene.sensor)
         opened = sensor.open((camera.height, camera.width), partial(generator_for, scene.seed, "sensor"))
         schedule = build_schedule(scene)
         places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
-        # In the order of the scan: some sensors need the image before.
+        # In the order of the scan, because some sensors depend on the previous image.
         order = [(n, t, *place) for n, t in enumerate(frames.t.tolist()) for place in places]
         order.sort(key=lambda at: (at[0], stage.number_in_scan(at[5], at[1], at[4])))
         moments = (schedule.moment(s, t, s_y) for _, t, _, _, s_y, s in order)
@@ -234,7 +235,7 @@ class _Work:
         self.warnings += _saturation_warnings(scene, brightest)
 
     def blank_truth(self, choice: TruthOptions) -> xr.Dataset:
-        """Give the truth with blank maps; after `opened`, whose recording it belongs to."""
+        """Return the truth with blank maps; requires `opened`, to whose recording it belongs."""
         return blank_truth(self.scene, choice, self.provenance)
 
     def measure(self, choice: TruthOptions, put: Put) -> None:
@@ -242,19 +243,18 @@ class _Work:
         self.warnings += fill_truth(self.scene, self.world, choice, put, self.progress)
 
     def warn(self, stacklevel: int) -> None:
-        """Warn of what was found."""
+        """Issue the collected warnings."""
         for message in self.warnings:
             warnings.warn(message, SceneWarning, stacklevel=stacklevel)
 
 
 def _saturation_warnings(scene: Scene, brightest: float) -> list[str]:
-    """Return a warning if images are brighter than the sensor can tell."""
     limit = build_sensor_chain(scene.sensor).saturation_radiance
-    # What is exactly as bright as full scale may have been rounded up.
+    # A value at full scale may result from rounding.
     if brightest <= limit * (1 + 1e-6):
         return []
     lit = scene.lighting != Lighting()
-    place, remedy = ("lighting", "reduce irradiance or ambient") if lit else ("sensor", "expose for a shorter time")
+    place, remedy = ("lighting", "reduce irradiance or ambient") if lit else ("sensor", "reduce the exposure time")
     return [
-        f"{place}: images reach a radiance of {brightest:.4g} where the sensor's full scale is {limit:.4g}; {remedy}"
+        f"{place}: images reach a radiance of {brightest:.4g}, but the sensor's full scale is {limit:.4g}; {remedy}"
     ]

@@ -1,4 +1,4 @@
-"""Work on bands of rows in threads."""
+"""Parallel execution of tasks and row bands in threads."""
 
 from __future__ import annotations
 
@@ -13,15 +13,12 @@ from scenetruth.compilation import thread_count
 
 __all__ = ["bands", "in_bands", "in_threads"]
 
-# Bands per thread: where some cost more than others, the threads still end at about the same time.
+# Bands per thread, to balance bands of different cost.
 _BANDS = 2
 
 
 def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
-    """Do all jobs, each in one of the threads, this one among them; an exception of any is raised.
-
-    Work may itself share its jobs out in this way.
-    """
+    """Perform all tasks in threads, including the calling thread, and re-raise any exception; calls may be nested."""
     left = deque(jobs)
 
     def take() -> None:
@@ -37,8 +34,9 @@ def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
     try:
         take()
     finally:
-        # All is taken, unless this thread was interrupted: then what has not begun is dropped. Helpers that have not
-        # begun find nothing to do, and are not waited for: the threads may all wait for work of their own.
+        # All tasks have started, unless this thread was interrupted: then pending tasks are dropped. Pending helpers
+        # have
+        # nothing to do and are not awaited: all threads may be waiting for tasks of their own.
         left.clear()
         begun = [helper for helper in started if not helper.cancel()]
         wait(begun)
@@ -47,11 +45,10 @@ def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
 
 
 def in_bands(kernel: Callable[..., None], count: int, *arguments: Any, least: int = 1024) -> None:
-    """Call a kernel on bands of the indices from 0 to ``count`` - 1 that cover each index once, in threads.
+    """Call a kernel in threads on bands that cover the indices from 0 to ``count`` - 1 once each.
 
     ``count``: Number of indices. With 0, the kernel is not called.
-    ``least``: Smallest number of indices that is worth a call in a thread of its own: some tens of microseconds of
-      work.
+    ``least``: Minimum number of indices per call, equivalent to some tens of microseconds.
     """
     threads = thread_count()
     parts = 1 if threads == 1 else max(min(_BANDS * threads, count // least), 1)
@@ -67,16 +64,16 @@ def in_bands(kernel: Callable[..., None], count: int, *arguments: Any, least: in
 
 @cache
 def _pool(count: int) -> ThreadPoolExecutor:
-    """Return threads that stay: their memory is warm when the next work comes."""
+    """Return persistent threads, whose memory is reused."""
     return ThreadPoolExecutor(count, thread_name_prefix="scenetruth")
 
 
-# A forked process has none of its parent's threads.
+# A forked process has none of the threads of its parent.
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def bands(count: int) -> list[tuple[int, int]]:
-    """Return first and last + 1 of as many runs of rows as threads."""
+    """Return first and last + 1 of as many bands of rows as threads."""
     parts = max(min(thread_count(), count), 1)
     return [(count * n // parts, count * (n + 1) // parts) for n in range(parts)]

@@ -1,4 +1,4 @@
-"""Validated models: their base class and field types, docstrings of fields, and presets."""
+"""Validated models: base class, field types, docstrings of fields, and presets."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = [
 
 
 def field_docstrings(cls: type) -> dict[str, str]:
-    """Return what the source of a class, and of those it is derived from, says of their fields.
+    """Return the docstrings of the fields of a class and its base classes, from their source.
 
     >>> from scenetruth.estimators.method_settings import StructureTensorSettings
     >>> field_docstrings(StructureTensorSettings)["window_sigma_frames"]
@@ -52,7 +52,7 @@ def field_docstrings(cls: type) -> dict[str, str]:
 
 @lru_cache(maxsize=256)
 def _docstrings_of_module(name: str) -> dict[str, dict[str, str]]:
-    """Return the docstrings of fields by class, as its ``__qualname__``."""
+    """Return the docstrings of fields by ``__qualname__`` of their class."""
     try:
         tree = ast.parse(inspect.getsource(sys.modules[name]))
     except (KeyError, OSError, TypeError, SyntaxError):
@@ -82,21 +82,21 @@ def _of_fields(node: ast.ClassDef) -> dict[str, str]:
 
 
 LARGEST, SMALLEST = 1e12, 1e-12
-"""Bounds of the size of every number, whatever its unit: products and quotients of several of them stay far inside of
-what float64 holds, squares of three inside of float32. A thousand million metres, a picometre: nothing here needs more.
+"""Limits of the magnitude of every number, in any unit: products and quotients of several numbers stay far within the
+range of float64, squares of three within that of float32.
 """
 
 
 def _not_lost(value: float) -> float:
     if value < SMALLEST:
-        msg = f"must be at least {SMALLEST:g}: smaller numbers get lost"
+        msg = f"must be at least {SMALLEST:g}: smaller numbers are lost in rounding"
         raise ValueError(msg)
     return value
 
 
 def _printable(value: str) -> str:
     if not value.isprintable():
-        msg = "must hold printable characters only: no line ends, tabs or control characters"
+        msg = "must contain printable characters only: no line breaks, tabs or control characters"
         raise ValueError(msg)
     return value
 
@@ -105,7 +105,7 @@ Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_not_lost)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
-"""What a thing is called, in messages, tables and file formats: printable characters only."""
+"""Name in messages, tables and file formats: printable characters only."""
 Vector3 = tuple[Finite, Finite, Finite]
 
 
@@ -114,19 +114,19 @@ def _nonzero(value: tuple[float, float, float]) -> tuple[float, float, float]:
         msg = "must not be the zero vector"
         raise ValueError(msg)
     if max(map(abs, value)) < SMALLEST:
-        msg = f"must have a component of at least {SMALLEST:g}: its length does not matter, but shorter ones get lost"
+        msg = f"must have a component of at least {SMALLEST:g}: its length is arbitrary, but shorter vectors underflow"
         raise ValueError(msg)
     return value
 
 
 Direction = Annotated[Vector3, AfterValidator(_nonzero)]
-"""A vector of any length but zero."""
+"""A nonzero vector of any length."""
 
 
 class FrozenModel(BaseModel):
-    """A pydantic model whose instances cannot change and whose keys are all known.
+    """An immutable pydantic model that rejects unknown keys.
 
-    Where a field takes one of some words, they may be written in any case; the field holds the word as it is declared.
+    Literal values are accepted in any case; the field holds the declared spelling.
 
     >>> class Filter(FrozenModel):
     ...     sides: Literal["upper", "lower"]
@@ -137,7 +137,7 @@ class FrozenModel(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    # It wraps the model, so that a model's own validators, which look up presets, find the words as they are declared.
+    # Wraps the model, so that its own validators, which look up presets, receive the declared spelling.
     @model_validator(mode="wrap")
     @classmethod
     def _words_in_any_case(cls, given: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
@@ -145,17 +145,18 @@ class FrozenModel(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Return the JSON Schema with the docstrings of fields as their descriptions.
+        """Return the JSON Schema with the docstrings of fields as descriptions.
 
-        pydantic's own option for that reads the source of every model when it is imported, a second for a scene.
+        The corresponding option of pydantic reads the source of every model at import, which takes a second for a
+        scene.
         """
         schema = handler(core_schema)
         told = field_docstrings(cls)
-        # The schema has fields by the names that files use.
+        # The schema uses the field names of files.
         told |= {field.alias: told[name] for name, field in cls.model_fields.items() if field.alias and name in told}
         whole = handler.resolve_ref_schema(schema)
         if "description" in whole:
-            # What a model means; where to read on, and examples, are for whoever reads the code.
+            # The description without See Also and Examples.
             whole["description"] = _FURTHER.split(whole["description"])[0]
         for name, field in whole.get("properties", {}).items():
             if name in told:
@@ -167,7 +168,7 @@ _FURTHER = re.compile(r"\n\n(?:See Also|Examples)\n---")
 
 
 def _as_declared(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[str, str]:
-    """Return the words among given values that are declared in another case, as they are declared."""
+    """Return the declared spelling of literal values given in another case."""
     changed = {}
     for name, words in _words_of_fields(model).items():
         value = given.get(name)
@@ -178,19 +179,19 @@ def _as_declared(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[str, 
 
 @lru_cache(maxsize=1024)
 def _words_of_fields(model: type[BaseModel]) -> dict[str, dict[str, str]]:
-    """Return the words that each field of a model takes, by what they are when case is ignored."""
+    """Return the literal values of each field by their case-folded spelling."""
     found = {}
     for name, field in model.model_fields.items():
         words = list(_words_in(field.annotation))
         by_folded = {word.casefold(): word for word in words if isinstance(word, str)}
-        # Where any text is good, or two words differ by case alone, case matters.
+        # Case matters for fields of any text, and for values that differ only in case.
         if by_folded and str not in words and len(by_folded) == len(set(words)):
             found[name] = by_folded
     return found
 
 
 def _words_in(annotation: Any) -> Iterator[str | type[str]]:
-    """Yield the literal words that a type takes, and ``str`` if it takes any."""
+    """Yield the literal values of a type, and ``str`` if it accepts any text."""
     if annotation is str:
         yield annotation
     elif get_origin(annotation) is Literal:
@@ -206,9 +207,8 @@ def _words_in(annotation: Any) -> Iterator[str | type[str]]:
 class Preset:
     """Fields of a model and their values.
 
-    ``title``: What it is: a product, a movement.
-    ``values``: Fields and their values, in the model's units.
-    ``sources``: Where each of them is from: the same keys.
+    ``title``: Name, such as a product. ``values``: Values by field, in the units of the model. ``sources``: Source of
+    each value, with the same keys.
     """
 
     title: str
@@ -217,7 +217,7 @@ class Preset:
 
 
 def preset(title: str, **fields: tuple[Any, str]) -> Preset:
-    """Return a preset of fields, each given as its value and its source."""
+    """Return a preset of fields, each given as value and source."""
     values = {name: value for name, (value, _) in fields.items()}
     sources = {name: source for name, (_, source) in fields.items()}
     return Preset(title, MappingProxyType(values), MappingProxyType(sources))

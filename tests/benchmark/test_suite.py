@@ -172,7 +172,7 @@ def test_what_cannot_be_is_told_at_once(tmp_path: Path) -> None:
         compare(lambda recording: {"depth": 1}, workers=2, **QUICK)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes").write_text("mine")
-    with pytest.raises(OutputExistsError, match="no folder of a comparison"):
+    with pytest.raises(OutputExistsError, match="not a directory of a comparison"):
         compare(nearest, output=tmp_path / "mine", **QUICK)
     compare(nearest, output=tmp_path / "c", **QUICK)
     with pytest.raises(OutputExistsError, match="another comparison"):

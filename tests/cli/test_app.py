@@ -111,7 +111,7 @@ def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Pa
         again = scenetruth(command, folder, *few)
         # The same estimate has the same score, and the same score the same report.
         assert again.returncode == (0 if command == "report" else 2)
-        assert ("is as new" if command == "report" else "exists already") in again.stderr
+        assert ("is up to date" if command == "report" else "exists already") in again.stderr
         assert scenetruth(command, folder, "--overwrite", *few[:2]).returncode == 0
     assert names(folder) == RESULTS
     for names_of in ({"image.png", "image.pdf"}, {"image.png"}):
@@ -296,7 +296,7 @@ def test_check_tells_what_lens_and_shutter_do(scene_file: Path) -> None:
     for words in (
         "px in the lower right corner",
         "gaussian, standard deviation 0.70 px",
-        "means of 48 sharp ones",
+        "means of 48 sharp images",
         "20.",
         "open for 0.25 s, last row 0.125 s after the first",
     ):

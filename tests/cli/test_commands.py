@@ -87,7 +87,7 @@ def test_real_images_are_estimated_and_reported(tmp_path: Path) -> None:
     for command in (("estimate", "--setting", "working_point_px=0"), ("report", "--figure", "image")):
         done = scenetruth(command[0], tmp_path, *command[1:])
         assert done.returncode == 0, done.stderr
-    assert "no truth" in (tmp_path / "report.html").read_text().lower()
+    assert "no ground truth" in (tmp_path / "report.html").read_text().lower()
     done = scenetruth("score", tmp_path)
     assert done.returncode == 2
     assert "truth.zarr: no such store" in done.stderr
@@ -214,9 +214,9 @@ def test_every_input_error_is_listed(run: Path) -> None:
         assert problem in done.stderr
     done = scenetruth("export", run, "--format", "flo", "-o", run.parent / "out", "--option", "lft=1")
     assert done.returncode == 2
-    assert "lft: is no option" in done.stderr
+    assert "lft: is not an option" in done.stderr
     done = scenetruth("export", run, "--format", "png", "-o", run.parent / "out")
-    assert "choose an estimate with --method" in done.stderr
+    assert "select an estimate with --method" in done.stderr
 
 
 def test_formats_are_listed() -> None:

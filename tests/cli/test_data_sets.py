@@ -46,7 +46,7 @@ def test_check_tells_what_varies_what_is_refused_and_what_it_takes(tmp_path: Pat
     assert "uniform: low 90, high 110" in output
     assert "rejected: " in output
     assert "one sample" in output
-    assert "licence: is not given" in output
+    assert "licence: is missing" in output
 
 
 @pytest.mark.parametrize("columns", ["50", "80"])
@@ -96,7 +96,7 @@ def test_what_is_wrong_with_a_recipe_names_its_file(tmp_path: Path, command: tup
 
 
 def test_other_folders_are_no_data_sets(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="is no data set"):
+    with pytest.raises(StoreError, match="is not a data set"):
         call("status", tmp_path)
 
 

@@ -45,7 +45,7 @@ def test_the_table_has_what_there_is_beside_what_can_be_known(tmp_path: Path) ->
         "design", "predict", file_of(tmp_path), "--method", "refined", "--model", "maps", "-o", str(output)
     )
     assert done.returncode == 0, done.stderr
-    for words in ("Depth", "Velocity in Z", "precision", "ratio", "noise of a grey value", "5 positions, 5 frames"):
+    for words in ("Depth", "Velocity in Z", "precision", "ratio", "grey-value noise", "5 positions, 5 frames"):
         assert words in done.stdout
     table = pd.read_csv(output / "prediction.csv")
     assert set(table["model"]) == {"maps"}
@@ -96,7 +96,7 @@ def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     done = scenetruth(*words)
     assert done.returncode == 0, done.stderr
     assert "2 points with 2 seeds: 4 simulations, 4 of them to run" in done.stderr
-    assert "least RMSE of each quantity, region interior" in done.stdout
+    assert "smallest RMSE of each quantity, region interior" in done.stdout
     assert "stage.baseline_mm = 1" in done.stdout
     assert {name for name in names(out) if not name.startswith(".")} == RESULTS
     assert "4 simulations, 0 of them to run" in scenetruth(*words).stderr
@@ -118,7 +118,7 @@ def test_what_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     given = ("--seeds", "few", "-o", tmp_path / "out")
     done = scenetruth("design", "sweep", file, "--vary", "stage.baseline_mm", *given)
     assert done.returncode == 2
-    assert done.stderr.startswith("error: 2 problems with the sweep")
+    assert done.stderr.startswith("error: 2 problems with the arguments of a sweep")
     for told in ("--vary: must have the form PATH=VALUES", "--seeds: must be a number"):
         assert told in done.stderr
     done = scenetruth("design", "sweep", file, "--vary", "stage.positons=3,5", "-o", tmp_path / "out")

@@ -85,7 +85,7 @@ def test_packages_that_are_missing_or_old_are_named_with_the_command_that_instal
     assert states(packages) == {"needed": "broken", "scipy": "broken", "typer": "broken"}
     assert packages[1].told == "scipy is not installed"
     assert packages[1].remedy.startswith("pip install 'scipy>=")
-    assert "typer 0.1 is there, and >=" in packages[2].told
+    assert "typer 0.1 is installed, but >=" in packages[2].told
     assert set(extras) == set(EXTRAS)
     assert extras["design"].state == extras["formats"].state == "missing"
     assert "h5py 0.1" in extras["formats"].told
@@ -157,9 +157,9 @@ def test_everything_in_json_and_as_a_table(monkeypatch: pytest.MonkeyPatch) -> N
     }
     assert {"numba", "numpy", "scenetruth"} <= set(content["packages"])
     table = scenetruth("doctor")
-    assert "scenes can be run here" in table.stdout
-    assert "of [this] test; not needed" in table.stdout
+    assert "scenes can be run" in table.stdout
+    assert "of [this] test; not required" in table.stdout
     monkeypatch.setattr("scenetruth.cli.diagnostics.render_alone", lambda name: (False, "broken"))
     done = scenetruth("doctor")
     assert done.returncode == 2
-    assert "scenes cannot be run here" in done.stdout
+    assert "scenes cannot be run" in done.stdout

@@ -84,7 +84,7 @@ def test_names_that_act_on_a_terminal_are_refused_and_told_harmlessly(tmp_path: 
     item = cube().to_dict()["objects"][0] | {"name": RED}
     done = scenetruth("check", scene_file(tmp_path, objects=[item]))
     assert done.returncode == 2
-    assert "objects.0.name: must hold printable characters only" in done.stderr
+    assert "objects.0.name: must contain printable characters only" in done.stderr
     assert "\x1b" not in done.stderr
 
 
@@ -141,7 +141,7 @@ def test_files_that_are_no_scene_end_with_a_message(tmp_path: Path, command: str
     [
         (MemoryError("Unable to allocate 9 TiB"), r"error: not enough memory \(Unable to allocate 9 TiB\)"),
         (RecursionError("maximum recursion depth"), "error: an input is nested too deeply"),
-        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "error: a text is not UTF-8"),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "error: a text is not valid UTF-8"),
         (PermissionError(13, "Permission denied", "a\x1bb"), r"error: a\\x1bb: Permission denied"),
     ],
 )

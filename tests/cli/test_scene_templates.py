@@ -148,7 +148,7 @@ def test_images_are_laid_on_meshes_with_texture_coordinates_alone(here: Path) ->
     Image.new("L", (8, 8), 128).save(here / "grey.png")
     done = scenetruth("init", "--mesh", write_mesh(here / "body.off"), "--texture", "grey.png")
     assert done.returncode == 2
-    for words in ("--texture: the mesh has no UV coordinates", "OBJ", "GLB", "leave out --texture", "grey.png"):
+    for words in ("--texture: the mesh has no UV coordinates", "OBJ", "GLB", "omit --texture", "grey.png"):
         assert words in done.stderr
     assert not (here / "scene.yaml").exists()
     (here / "wall.obj").write_text(
@@ -164,7 +164,7 @@ def test_images_are_laid_on_meshes_with_texture_coordinates_alone(here: Path) ->
 def test_options_of_meshes_are_refused_without_one(kind: str, option: str, here: Path) -> None:
     done = scenetruth("init", "--type", kind, option, "1")
     assert done.returncode == 2
-    assert f"{option}: belongs to a mesh; --type {kind} has" in done.stderr
+    assert f"{option}: applies to a mesh; --type {kind} has" in done.stderr
     assert list(here.iterdir()) == []
 
 
@@ -172,7 +172,7 @@ def test_names_that_yaml_takes_for_something_else_are_quoted(here: Path) -> None
     mesh = write_mesh(here / 'a: "b" #c {d}.off')
     done = scenetruth("init", "--mesh", mesh)
     assert done.returncode == 0, done.stderr
-    assert st.load_scene("scene.yaml").description == 'The mesh of a: "b" #c {d}.off that comes towards the camera'
+    assert st.load_scene("scene.yaml").description == 'The mesh of a: "b" #c {d}.off that moves towards the camera'
 
 
 def test_editors_are_pointed_to_a_schema_if_there_is_one(here: Path) -> None:
@@ -204,11 +204,11 @@ def test_all_that_is_wrong_is_told_together(here: Path) -> None:
     )
     done = scenetruth("init", "no/scene.txt", "--type", "leaf", *options)
     assert done.returncode == 2
-    for words in ("FILE: must end in .yaml", "--mesh: goes with", "--texture: a leaf", "--unit-mm", "--distance-mm"):
+    for words in ("FILE: must end in .yaml", "--mesh: requires", "--texture: a leaf", "--unit-mm", "--distance-mm"):
         assert words in done.stderr
-    assert "make it: scenetruth schema > no.json" in done.stderr
+    assert "create it: scenetruth schema > no.json" in done.stderr
     done = scenetruth("init", "no/scene.yaml", "--type", "mesh")
-    assert "its folder does not exist" in done.stderr
+    assert "its directory does not exist" in done.stderr
     assert "--mesh: is missing" in done.stderr
     done = scenetruth("init", "--mesh", "nothing.obj", "--texture", "nothing.png")
     assert "no such image file" in done.stderr

@@ -81,7 +81,7 @@ def test_a_method_that_is_mended_is_measured_again(
     assert estimate("100") == (0, 2, 0)
     messages.clear()
     assert estimate("120", [0]) == (1, 0, 0)
-    assert messages == ["the code of 'wall_of_datasets:f' has changed: 2 scores of what it was are made again"]
+    assert messages == ["the code of 'wall_of_datasets:f' has changed: 2 scores of the former code are recomputed"]
     assert np.isnan(biases()).tolist() == [False, True], "no table mixes both"
     assert estimate("120") == (1, 1, 0)
     np.testing.assert_allclose(np.array(biases()) - before, 20, atol=1e-3)

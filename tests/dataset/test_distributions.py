@@ -69,8 +69,8 @@ def test_columns_of_a_table_stay_together(sampler_with: Make, tmp_path: Path) ->
     [
         ("depth\n1\n", "is not in the table; its columns are depth"),
         ("", "is empty"),
-        ("a,b\n1\n", "line 2 has 1 values for 2 headings"),
-        ("across\n", "has no lines"),
+        ("a,b\n1\n", "line 2 has 1 values for 2 columns"),
+        ("across\n", "has no rows"),
         (None, "No such file"),
     ],
 )

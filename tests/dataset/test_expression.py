@@ -57,17 +57,17 @@ def test_it_computes_what_python_would(text: str, a: float, b: float) -> None:
     ],
 )
 def test_it_refuses_all_but_arithmetic(text: str) -> None:
-    with pytest.raises(ValueError, match=r"no arithmetic|formula|nested|characters"):
+    with pytest.raises(ValueError, match=r"not arithmetic|formula|nested|characters"):
         Expression(text)
 
 
 @pytest.mark.parametrize("text", ["1 / 0", "10.0 ** 400", "(-8) ** 0.5", "log(0)", "9**9**9**9", "a > 1"])
 def test_without_a_finite_value_it_says_so(text: str) -> None:
-    with pytest.raises(ValueError, match=r"has no value|no finite number"):
+    with pytest.raises(ValueError, match=r"has no value|not a finite number"):
         Expression(text).value({"a": 2.0})
 
 
 def test_names_are_those_of_values() -> None:
     assert Expression("sin(a) + pi * b_mm").names == {"a", "b_mm"}
-    with pytest.raises(ValueError, match="'b_mm' is no number"):
+    with pytest.raises(ValueError, match="'b_mm' is not a number"):
         Expression("b_mm").value({"b_mm": "wide"})

@@ -37,7 +37,7 @@ def test_a_worker_without_gl_is_told_and_no_sample_is_set_aside(
         monkeypatch.setenv("PYTHONPATH", python_path_without_gl(tmp_path))
     with (
         patch("scenetruth.render.backend_selection._pyrender", side_effect=missing),
-        pytest.raises(MachineError, match=r"workers: .* cannot make samples of this data set.*OSMesa|libosmesa6"),
+        pytest.raises(MachineError, match=r"workers: .* cannot render this data set.*OSMesa|libosmesa6"),
     ):
         run_dataset(sampler.recipe, output=folder.path, workers=workers)
     assert (read_status(folder.path).done, read_status(folder.path).failed) == (0, {})

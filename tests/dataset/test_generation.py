@@ -115,11 +115,11 @@ def test_more_samples_only_if_asked_for(made: Path, tmp_path: Path, sampler_with
     folder = tmp_path / "copy"
     shutil.copytree(made, folder)
     more = sampler_with(samples=4, paired_factors=PAIRED)
-    with pytest.raises(MismatchError, match="has 3 samples, and the recipe asks for more; allow it: --extend"):
+    with pytest.raises(MismatchError, match="has 3 samples, and the recipe has more; allow this with --extend"):
         run_dataset(more.recipe, output=folder)
     assert run_dataset(more.recipe, output=folder, workers=1, extend=True).made == 2
     assert contents(made).items() < contents(folder).items()
-    with pytest.raises(MismatchError, match="asks for fewer"):
+    with pytest.raises(MismatchError, match="recipe has fewer"):
         run_dataset(sampler_with(samples=3, paired_factors=PAIRED).recipe, output=folder)
 
 
@@ -166,7 +166,7 @@ def test_words_may_change(made: Path, sampler_with: Make) -> None:
 
 def test_foreign_folders_are_left_alone(tmp_path: Path, sampler_with: Make) -> None:
     (tmp_path / "thesis.tex").write_text("mine", encoding="utf-8")
-    with pytest.raises(StoreError, match="holds other things"):
+    with pytest.raises(StoreError, match="contains other files"):
         run_dataset(sampler_with().recipe, output=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 

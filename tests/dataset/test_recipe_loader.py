@@ -44,9 +44,9 @@ def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
     with pytest.raises(st.RecipeError) as caught:
         st.load_recipe(written(tmp_path, base=["rosette", "rosete", "cube.yaml"], samples=0)).sampler()
     told = str(caught.value)
-    assert "base.1: no such file, and no scene of this name is shipped; did you mean 'rosette'?" in told
+    assert "base.1: no such file or bundled scene; did you mean 'rosette'?" in told
     assert "base.2: cannot be read: No such file" in told
-    assert "a scene of this name is shipped, and called without folder and suffix: cube" in told
+    assert "use the bundled scene by name: cube" in told
     assert "base.0" not in told
     assert "samples: " in told
 
@@ -56,10 +56,10 @@ def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
     [
         (
             "leav",
-            "base.0: no such file, and no scene of this name is shipped; did you mean 'leaf'[?] `scenetruth list",
+            "base.0: no such file or bundled scene; did you mean 'leaf'[?] `scenetruth list",
         ),
-        ("qqqq", "is shipped; `scenetruth list scenes` lists all"),
-        ("../leaf.yaml", "base.0: cannot be read: No such file.*called without folder and suffix: leaf"),
+        ("qqqq", "bundled scene; `scenetruth list scenes` lists all"),
+        ("../leaf.yaml", "base.0: cannot be read: No such file.*use the bundled scene by name: leaf"),
         ("../qqqq.yaml", r"base.0: cannot be read: No such file or directory \(got"),
     ],
 )
@@ -80,25 +80,25 @@ def test_a_shipped_recipe_can_be_copied_anywhere(name: str, tmp_path: Path) -> N
     [
         (
             {"name": "tiny leaves"},
-            "  - name: must consist of the letters A to Z .* digit, as in tiny-leaves [(]got 'tiny leaves'[)]",
+            "  - name: must consist of the letters A to Z .* digit, such as tiny-leaves [(]got 'tiny leaves'[)]",
         ),
         ({"name": "  "}, "  - name: must consist of the letters A to Z and a to z, .* with a letter or a digit [(]got"),
         (
             {"set": {"objects[0].name": 1}},
-            "set.objects.0..name: is no path of a field: .*; write objects.0.name [(]got",
+            "set.objects.0..name: is not a field path: .*; write objects.0.name [(]got",
         ),
-        ({"set": {"a b": 1}}, "set.a b: is no path of a field: .* as objects.0.mesh.size_mm [(]got 'a b'[)]"),
+        ({"set": {"a b": 1}}, "set.a b: is not a field path: .* such as objects.0.mesh.size_mm [(]got 'a b'[)]"),
         (
             {"distributions": {"seed": {"kind": "integers", "low": 1, "high": 2, "name": "a-b"}}},
             "distributions.seed.name: must consist of the letters A to Z and a to z, digits and underscores",
         ),
         (
             {"distributions": {"seed": {"kind": "loguniform", "low": 1, "high": 2}}},
-            "distributions.seed: is of no known kind: .*; did you mean 'log_uniform'[?] [(]got",
+            "distributions.seed: is of unknown type: .*; did you mean 'log_uniform'[?] [(]got",
         ),
         (
             {"acceptance": [{"kind": "visibleshare"}]},
-            "acceptance.0: is of no known kind: .*did you mean 'visible_share'[?]",
+            "acceptance.0: is of unknown type: .*did you mean 'visible_share'[?]",
         ),
     ],
     ids=str,

@@ -140,15 +140,15 @@ BAD: list[tuple[dict[str, Any], list[str]]] = [
     ({"distributions": {"plants.*.name": "= 1"}}, ["distributions.plants.*.name: matches nothing"]),
     (
         {"distributions": {"camera.width": {"kind": "unifrm"}}},
-        ["distributions.camera.width: is of no known kind: 'unifrm'"],
+        ["distributions.camera.width: is of unknown type: 'unifrm'"],
     ),
     ({"distributions": {"camera.width": 3}}, ["distributions.camera.width: "]),
     (
         {"distributions": {"camera.width": {"kind": "uniform", "low": 3, "high": 1}}},
         ["distributions.camera.width: has no values"],
     ),
-    ({"distributions": {"camera.width": "= foo"}}, ["distributions.camera.width: uses what is no value: foo"]),
-    ({"parameters": {"a": "= b", "b": "= a"}}, ["parameters.a: these values need each other in a circle: a, b"]),
+    ({"distributions": {"camera.width": "= foo"}}, ["distributions.camera.width: uses undefined values: foo"]),
+    ({"parameters": {"a": "= b", "b": "= a"}}, ["parameters.a: these values depend on each other: a, b"]),
     ({"parameters": {"z": "= 1"}}, ["names of values must be unique; used more than once: z"]),
     ({"set": {DEPTH: 3}}, [f"is both set and varied: {DEPTH}"]),
     ({"paired_factors": {"sensor.noise": [1]}}, ["paired_factors.sensor.noise: unknown key"]),
@@ -157,7 +157,7 @@ BAD: list[tuple[dict[str, Any], list[str]]] = [
         ["paired_factors.sensor.noise_std: input should be greater than or equal"],
     ),
     ({"hold_out": {"camera.width": [3]}}, ["hold_out.camera.width: is neither the path nor the name"]),
-    ({"acceptance": [{"kind": "depth"}]}, ["acceptance.0: bounds nothing"]),
+    ({"acceptance": [{"kind": "depth"}]}, ["acceptance.0: has no limit"]),
     ({"acceptance": [{"kind": "depth", "min": 3, "max": 1}]}, ["acceptance.0: can never hold"]),
     (
         {

@@ -27,7 +27,7 @@ from scenetruth_site.api import API, api_in_markdown, documented_names
 from scenetruth_site.commands import command_names, commands_in_markdown
 from scenetruth_site.file_examples import examples_in
 from scenetruth_site.file_models import anchor_of, models_of
-from scenetruth_site.files import DESCRIBED, room_in_markdown, rooms_of
+from scenetruth_site.files import DESCRIBED, page_in_markdown, pages_of_file
 from scenetruth_site.generated import generated_parts
 from tests.test_public import sections_of
 
@@ -114,7 +114,7 @@ def test_examples_in_pages_use_names_that_exist() -> None:
 def test_pages_show_each_generated_part_once() -> None:
     shown = Counter(part for file in DOCS.rglob("*.md") for part in generated_parts(file.read_text(encoding="utf-8")))
     made = {"commands", *(f"api {page}" for page in API)}
-    made |= {f"{file} {room}" for file in DESCRIBED for room in rooms_of(file)}
+    made |= {f"{file} {page}" for file in DESCRIBED for page in pages_of_file(file)}
     assert shown == Counter(made)
 
 
@@ -148,15 +148,15 @@ def test_every_command_and_option_is_described() -> None:
 @pytest.mark.parametrize("file", DESCRIBED)
 def test_every_field_of_every_model_is_described_once(file: str) -> None:
     models = models_of(DESCRIBED[file].schema())
-    rooms = rooms_of(file)
-    assert sorted(name for room in rooms.values() for name in room) == sorted(models)
-    text = "".join(room_in_markdown(file, room) for room in rooms)
+    pages = pages_of_file(file)
+    assert sorted(name for page in pages.values() for name in page) == sorted(models)
+    text = "".join(page_in_markdown(file, page) for page in pages)
     anchors = Counter(re.findall(rf"\{{#({file}-[a-z0-9-]+)\}}|^\(({file}-[a-z0-9-]+)\)=", text, re.MULTILINE))
     assert set(anchors.values()) == {1}
     told = {first or second for first, second in anchors}
     for model in models.values():
         assert anchor_of(file, model.name) in told
-        fields = [one.name for one in model.fields if not (model.kind and one.name == model.kind[0])]
+        fields = [one.name for one in model.fields if not (model.selector and one.name == model.selector[0])]
         assert {anchor_of(file, model.name, name) for name in fields} <= told
     # Whatever is linked is there.
     assert set(re.findall(rf"\(#({file}-[a-z0-9-]+)\)", text)) <= told
@@ -186,6 +186,6 @@ def test_every_field_says_what_it_means() -> None:
         for file, described in DESCRIBED.items()
         for model in models_of(described.schema()).values()
         for one in model.fields
-        if not (one.node.get("description") or (model.kind and one.name == model.kind[0]))
+        if not (one.node.get("description") or (model.selector and one.name == model.selector[0]))
     ]
     assert silent == []

@@ -38,5 +38,5 @@ def test_generated_parts_are_filled_in() -> None:
     page = "# Errors\n\n<!-- generated: api errors -->\n"
     assert generated_parts(page) == ["api errors"]
     assert ".. autoexception:: SceneError" in fill_in(page)
-    with pytest.raises(ValueError, match="nothing makes the part 'scene dreams of'"):
+    with pytest.raises(ValueError, match="unknown generated part 'scene dreams of'"):
         fill_in("<!-- generated: scene dreams of -->")

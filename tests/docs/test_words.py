@@ -16,7 +16,7 @@ from scenetruth_site.commands import commands_in_markdown
 from scenetruth_site.field_words import default_of, range_of, type_of
 from scenetruth_site.file_examples import examples_in
 from scenetruth_site.file_models import models_of
-from scenetruth_site.file_pages import models_in_markdown, room_of
+from scenetruth_site.file_pages import models_in_markdown, page_of
 
 
 class Ball(BaseModel):
@@ -65,10 +65,10 @@ def test_models_are_found_with_their_places() -> None:
     models = models_of(SCHEMA)
     assert list(models) == ["Box", "Ball", "Brick"]
     assert models["Ball"].paths == ["first", "names.NAME", "things[]"]
-    assert models["Ball"].kind == ("kind", "ball")
+    assert models["Ball"].selector == ("kind", "ball")
     assert models["Ball"].description == "A round one."
     rooms = {"": "all", "first": "balls", "things": "bricks", "things[].size_mm": "never"}
-    assert [room_of(one, rooms) for one in models.values()] == ["all", "balls", "bricks"]
+    assert [page_of(one, rooms) for one in models.values()] == ["all", "balls", "bricks"]
 
 
 def test_sections_hold_examples_from_files(tmp_path: Path) -> None:

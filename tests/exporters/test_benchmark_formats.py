@@ -70,7 +70,7 @@ def test_parts_of_a_plant_have_it_as_supercategory(recording: xr.Dataset, truth:
 
 def test_estimates_know_no_objects(recording: xr.Dataset, tmp_path: str) -> None:
     estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
-    with pytest.raises(st.ExportError, match="object_id: is missing: only a truth tells"):
+    with pytest.raises(st.ExportError, match="object_id: is missing: only a truth contains"):
         st.export((recording, estimate), "coco", output=f"{tmp_path}/x")
 
 
@@ -139,7 +139,7 @@ def test_what_does_not_fit_becomes_unknown_and_is_told(
     changed["flow_next"] = truth.flow_next.copy(deep=True)
     changed.flow_next.loc[{"s": 0, "t": 0, "y": 10, "x": 20}] = 512.0
     done = st.export((recording, changed), "kitti", output=f"{tmp_path}/kitti")
-    assert "1 values do not fit" in done.notes[1]
+    assert "1 values out of range" in done.notes[1]
     flow = opencv_image(done.folder / "flow_occ" / "000001_10.png")
     assert not flow[10, 20].any()
 

@@ -163,7 +163,7 @@ def test_points_are_seen_from_where_the_truth_was_made_for(tmp_path: Path) -> No
 
 def test_real_poses_need_a_truth(recording: xr.Dataset, tmp_path: Path) -> None:
     estimate = st.make_estimate(depth=np.full((3, 48, 64), 90.0), recording=recording)
-    with pytest.raises(st.ExportError, match=r"poses: needs the poses that a truth tells.*[(]got 'actual'[)]"):
+    with pytest.raises(st.ExportError, match=r"poses: needs the actual poses of a truth.*[(]got 'actual'[)]"):
         st.export((recording, estimate), "opencv_yaml", output=tmp_path / "x", poses="actual")
     with pytest.raises(st.ExportError, match=r"frame: must be one of the frames \[-1, 0, 1\] \(got 5\)"):
         st.export((recording, estimate), "colmap", output=tmp_path / "x", frame=5)

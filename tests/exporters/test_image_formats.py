@@ -51,7 +51,7 @@ def test_colours_are_written_as_far_as_formats_take_them(tmp_path: str) -> None:
     images = np.random.default_rng(0).random((2, 1, 6, 8, 3)).astype(np.float32)
     recording = st.make_recording(images, focal_length_px=50, baseline_mm=2)
     estimate = st.make_estimate(depth=np.full((1, 6, 8), 90.0), recording=recording)
-    with pytest.raises(st.ExportError, match=r"image: has colours.*take tiff"):
+    with pytest.raises(st.ExportError, match=r"image: has colours.*use tiff"):
         st.export((recording, estimate), "png", output=f"{tmp_path}/png")
     with pytest.raises(st.ExportError, match="image_bits: must be 8 for colours"):
         st.export((recording, estimate), "pfm", output=f"{tmp_path}/pfm", image_bits=16)
@@ -111,7 +111,7 @@ def test_colours_are_named_red_green_blue(tmp_path: str) -> None:
 
 
 def test_a_map_that_is_not_there_is_refused(export: Export) -> None:
-    with pytest.raises(st.ExportError, match=r"layers: names no map of these data sets; they have depth, .*'shape'"):
+    with pytest.raises(st.ExportError, match=r"layers: is not a map of the data; available maps are depth, .*'shape'"):
         export("exr", layers=["depth", "shape"])
 
 

@@ -9,15 +9,18 @@ import signal
 import subprocess
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 from unittest import mock
+
+import typer
 
 from scenetruth.cli import options
 from scenetruth.cli.app import app
 from scenetruth.cli.console import guard
 
-__all__ = ["in_own_process", "names", "scenetruth"]
+__all__ = ["help_texts", "in_own_process", "names", "scenetruth"]
 
 
 def scenetruth(
@@ -60,3 +63,15 @@ def in_own_process(*arguments: str | Path, env: Mapping[str, str] | None = None)
 def names(folder: Path) -> set[str]:
     """Return the names of everything in a folder."""
     return {path.name for path in folder.iterdir()}
+
+
+def help_texts() -> dict[str, str]:
+    """Return the texts that ``--help`` shows, by command: its description and those of arguments and options."""
+
+    def visit(words: tuple[str, ...], command: Any) -> Iterator[tuple[str, str]]:
+        texts = [command.help or "", *(getattr(one, "help", None) or "" for one in command.params)]
+        yield " ".join(words) or "scenetruth", "\n".join(texts)
+        for name, inner in getattr(command, "commands", {}).items():
+            yield from visit((*words, name), inner)
+
+    return dict(visit((), typer.main.get_command(app)))

@@ -111,7 +111,7 @@ def test_it_pauses_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     notes = Notes()
     notes.drive(InThisProcess(), tmp_path, fine, pause=lambda: next(reasons)).run(range(5))
     assert sorted(found.number for found in notes.made) == [0, 1, 2, 3, 4]
-    assert notes.said == ["paused: disk full", "goes on"]
+    assert notes.said == ["paused: disk full", "resumed"]
 
 
 @nightly
@@ -130,7 +130,7 @@ def test_a_full_disk_is_no_fault_of_a_sample(tmp_path: Path, monkeypatch: pytest
     assert sorted(found.number for found in notes.made) == [0, 1, 2, 3, 4, 5]
     assert notes.failed == {}
     assert notes.said[0].startswith("paused: the disk is full")
-    assert notes.said[-1] == "goes on"
+    assert notes.said[-1] == "resumed"
 
 
 @nightly
@@ -174,7 +174,7 @@ def test_what_finds_the_disk_full_is_written_when_there_is_room(monkeypatch: pyt
 
     said: list[str] = []
     write_with_retry(write, "the catalogue", said.append)
-    assert [line.split(",")[0] for line in said] == ["paused: the disk is full", "goes on"]
+    assert [line.split(",")[0] for line in said] == ["paused: the disk is full", "resumed"]
 
     def refused() -> None:
         raise OSError(errno.EACCES, "denied")

@@ -274,7 +274,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path) -> None:
             make(place, "new")
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    with pytest.raises(st.StoreError, match="the disk is full; nothing was kept"):
+    with pytest.raises(st.StoreError, match="the disk is full; nothing was written"):
         fill()
     assert names(tmp_path) == ["x"]
     assert (tmp_path / "x" / "ours").read_text() == "old"
@@ -318,13 +318,13 @@ def test_places_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     for target, message in (
-        (tmp_path / "file" / "x", "cannot be made, because .*file is not a folder"),
-        (tmp_path / "dangling", "is a link to .*nothing, which is not there"),
-        (tmp_path / ("x" * 255), "has a name of 255 bytes, [0-9]+ more than a result may have"),
-        (tmp_path / "a\0b", "is no path that a result can have"),
-        (Path(), "is the current folder, or holds it"),
-        (tmp_path, "is the current folder, or holds it"),
-        (Path("/"), "is where a file system begins"),
+        (tmp_path / "file" / "x", "cannot be created, because .*file is not a directory"),
+        (tmp_path / "dangling", "is a link to .*nothing, which does not exist"),
+        (tmp_path / ("x" * 255), "has a name of 255 bytes, [0-9]+ more than the maximum"),
+        (tmp_path / "a\0b", "is not a valid output path"),
+        (Path(), "is the current directory, or contains it"),
+        (tmp_path, "is the current directory, or contains it"),
+        (Path("/"), "is the root of a file system"),
         (Path("/proc/x"), "cannot be (made|written)"),
     ):
         with pytest.raises(st.StoreError, match=message), write_atomically(target, overwrite=True):

@@ -46,7 +46,7 @@ def test_parts_of_another_run_are_named(finished: Path, tmp_path: Path) -> None:
 
 
 def test_nothing_to_verify(tmp_path: Path) -> None:
-    with pytest.raises(st.StoreError, match="holds no results of scenetruth"):
+    with pytest.raises(st.StoreError, match="contains no results of scenetruth"):
         st.verify(tmp_path)
-    with pytest.raises(st.StoreError, match="no such folder"):
+    with pytest.raises(st.StoreError, match="no such directory"):
         st.verify(tmp_path / "nothing")

@@ -28,7 +28,7 @@ def test_the_scenes_own_method_has_plain_names() -> None:
 
 
 def test_an_empty_folder_has_no_estimates(tmp_path: Path) -> None:
-    with pytest.raises(st.StoreError, match=r"estimate\.zarr: no such store; make it with `scenetruth estimate`"):
+    with pytest.raises(st.StoreError, match=r"estimate\.zarr: no such store; compute it with `scenetruth estimate`"):
         st.RunDirectory(tmp_path).estimated()
 
 
@@ -40,10 +40,10 @@ def test_only_our_own_files_of_a_run_are_claimed(finished: Path, tmp_path: Path)
     (run / "estimates.zarr").mkdir()
     assert claim_run(run) == OwnershipResult(foreign=("estimates.zarr", "thesis.txt"))
     (run / "figures" / "mine.png").write_bytes(b"\x89PNG drawn elsewhere")
-    assert "did not write (figures)" in claim_run(run).refusal
+    assert "not written by scenetruth (figures)" in claim_run(run).refusal
     (run / "figures" / "mine.png").unlink()
     (run / "truth.zarr" / "notes.txt").write_text("mine")
-    assert "did not write (truth.zarr)" in claim_run(run).refusal
+    assert "not written by scenetruth (truth.zarr)" in claim_run(run).refusal
     for other in (tmp_path, run / "thesis.txt", run / "figures"):
         assert claim_run(other).refusal
 

@@ -47,7 +47,7 @@ def test_stages_can_be_taken_up_later(finished: Path, tmp_path: Path) -> None:
     again = st.load_store(tmp_path / "x" / "estimate.zarr", "estimate")
     xr.testing.assert_identical(again, st.load_store(finished / "estimate.zarr", "estimate"))
     assert results.scores["structure_tensor"].metadata["recording_hash"] == again.attrs["recording_hash"]
-    with pytest.raises(st.MismatchError, match=r"recording\.zarr: was made from another scene"):
+    with pytest.raises(st.MismatchError, match=r"recording\.zarr: belongs to another scene"):
         run_scene(cube(**SMALL_CUBE, seed=9), output=tmp_path / "x", stages=("estimate",), overwrite=True)
 
 
@@ -141,7 +141,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
     before = {name: (folder / name).stat().st_ino for name in kept}
     messages.clear()
     results = run_scene(cube(**SMALL_CUBE), output=folder, **asked)
-    assert messages[0] == "goes on with the run that was interrupted: images and truth are there"
+    assert messages[0] == "resuming the interrupted run: images and truth exist"
     assert {name: (folder / name).stat().st_ino for name in kept} == before
     assert set(results.scores) == {"structure_tensor", "endless"}
     # Nothing is left to go on with.
@@ -198,7 +198,7 @@ def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path, m
         return (run / "report.html").stat().st_mtime_ns != before
 
     assert not report()
-    assert messages == [f"{run / 'report.html'} is as new"]
+    assert messages == [f"{run / 'report.html'} is up to date"]
     # Another choice of figures, or another score, makes another page, which replaces the old one only if allowed.
     with pytest.raises(st.OutputExistsError):
         report(figures=["depth"])
@@ -206,7 +206,7 @@ def test_a_report_that_is_as_new_is_left_alone(finished: Path, tmp_path: Path, m
     assert names(run / "figures") == {"depth.png"}
     assert not report(figures=["depth"])
     (run / "figures" / "notes.txt").write_text("mine")
-    with pytest.raises(st.OutputExistsError, match=r"did not write \(notes\.txt\)"):
+    with pytest.raises(st.OutputExistsError, match=r"not written by scenetruth \(notes\.txt\)"):
         report(overwrite=True)
 
 
@@ -229,10 +229,10 @@ def test_growth_that_is_smaller_than_its_error_is_told(
     changes |= {"frames": {"count": 9, "frame_interval_s": 7200}, "score": {"interior_margin_px": 2}}
     stages: Any = ("render", "estimate", "score")
     run_scene(cube(**changes), output=tmp_path / "x", methods=(method,), stages=stages)
-    notes = [line for line in messages if line.startswith(f"growth is not seen by '{method}'")]
+    notes = [line for line in messages if line.startswith(f"growth is not resolved by '{method}'")]
     assert bool(notes) is not seen
     for note in notes:
-        assert note.endswith("by more than 1 %/h, where 1 %/h are there (rms); --method refined sees more")
+        assert note.endswith("error is 1 %/h, the RMS growth rate 1 %/h; --method refined is more precise")
 
 
 @by_day

@@ -366,7 +366,7 @@ def test_what_is_no_file_is_not_opened(tmp_path: Path, suffix: str, what: str) -
     with pytest.raises(st.SceneError, match=r"no such .*file"):
         make(tmp_path / ("x" * 300 + suffix), what)
     os.mkfifo(file)
-    with pytest.raises(st.SceneError, match="is no regular file"):
+    with pytest.raises(st.SceneError, match="is not a regular file"):
         make(file, what)
     file.unlink()
     file.mkdir()

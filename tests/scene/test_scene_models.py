@@ -69,7 +69,7 @@ def test_numbers_without_measure_are_refused_by_their_fields(path: str, value: f
 @pytest.mark.parametrize("path", ["frames__frame_interval_s", "sensor"])
 def test_numbers_that_get_lost_are_refused(path: str, value: float) -> None:
     given = {"full_scale_radiance": value} if path == "sensor" else value
-    refuse(changed(**{path: given}), "must be at least 1e-12: smaller numbers get lost")
+    refuse(changed(**{path: given}), "must be at least 1e-12: smaller numbers are lost in rounding")
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_numbers_that_get_lost_are_refused(path: str, value: float) -> None:
         (changed(score__growth_window_px=1e9), r"score\.growth_window_px: .*less than or equal to 1000"),
         (changed(seed=2**63), "seed: does not fit into 64 bits"),
         (changed(seed=-1), "seed: .*greater than or equal to 0"),
-        (changed(objects__0__name="a\nb"), r"objects\.0\.name: must hold printable characters only"),
+        (changed(objects__0__name="a\nb"), r"objects\.0\.name: must contain printable characters only"),
     ],
 )
 def test_what_leads_to_no_scene_is_refused(plain: dict[str, Any], message: str) -> None:

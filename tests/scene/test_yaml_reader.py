@@ -164,9 +164,9 @@ def test_large_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
 def test_what_is_no_file_is_not_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", Path("/dev/zero")):
-        with pytest.raises(st.SceneError, match=r"is no regular file \(a pipe, a socket or a device\)"):
+        with pytest.raises(st.SceneError, match=r"is not a regular file \(a pipe, a socket or a device\)"):
             st.load_scene(path)
-    with pytest.raises(st.SceneError, match="is a folder; specify the path of a scene file"):
+    with pytest.raises(st.SceneError, match="is a directory; specify the path of a scene file"):
         st.load_scene(tmp_path)
 
 

@@ -67,10 +67,10 @@ def test_what_is_no_text(text: Any) -> None:
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="cannot be read"):
         Score.load(tmp_path / "score.json")
-    with pytest.raises(StoreError, match="is a folder"):
+    with pytest.raises(StoreError, match="is a directory"):
         Score.load(tmp_path)
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(StoreError, match="is no regular file"):
+    with pytest.raises(StoreError, match="is not a regular file"):
         Score.load(tmp_path / "pipe")
 
 

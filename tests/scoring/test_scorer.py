@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from scenetruth.errors import ScoreError
+from scenetruth.number_format import format_number
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import Score, score
-from scenetruth.scoring.number_format import format_number
 from scenetruth.scoring.statistics import RATES, STATISTICS
 from scenetruth.settings import ScoreSettings
 from tests.helpers.synthetic_case import (
@@ -108,12 +108,12 @@ def test_recording_that_does_not_belong_is_refused(case: Case) -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"slope_classes_deg": (0, 40, 30)}, "slope_classes_deg: must rise"),
-        ({"slope_classes_deg": (0, 100)}, "slope_classes_deg: must be two bounds or more between 0 and 90"),
-        ({"slope_classes_deg": (10,)}, "slope_classes_deg: must be two bounds"),
+        ({"slope_classes_deg": (0, 40, 30)}, "slope_classes_deg: must be in ascending order"),
+        ({"slope_classes_deg": (0, 100)}, "slope_classes_deg: must be two or more limits between 0 and 90"),
+        ({"slope_classes_deg": (10,)}, "slope_classes_deg: must be two or more limits"),
         ({"boundary_classes_px": ()}, "boundary_classes_px"),
         ({"boundary_classes_px": (-1, 2)}, "boundary_classes_px.0"),
-        ({"contrast_classes": (0.2, 0.1)}, "contrast_classes: must rise"),
+        ({"contrast_classes": (0.2, 0.1)}, "contrast_classes: must be in ascending order"),
         ({"contrast_window_px": math.inf}, "contrast_window_px"),
         ({"unknown": 1}, "unknown"),
         ({"interior_margin_px": -1.0}, "interior_margin_px"),
@@ -257,7 +257,7 @@ def test_json_and_pickle_round_trip(case: Case) -> None:
         ("{", "is not JSON"),
         ("[]", "must be a JSON object"),
         ('{"all": {}, "interior": {}}', "metadata: must be a JSON object"),
-        ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is not one of the keys"),
+        ('{"all": {}, "interior": {}, "metadata": {}, "more": 1}', "more: is neither one of the keys"),
         ('{"all": {}, "interior": {}, "metadata": {}, "nonoccluded": 1}', "nonoccluded: must be a JSON object"),
         (
             '{"all": {}, "interior": {}, "metadata": {}, "nonoccluded": {}}',

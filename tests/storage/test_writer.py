@@ -148,7 +148,7 @@ def test_only_stores_of_ours_are_replaced(data: dict[str, xr.Dataset], tmp_path:
             st.save_store(data["recording"], tmp_path / name, overwrite=True)
     st.save_store(data["recording"], tmp_path / "x.zarr")
     (tmp_path / "x.zarr" / "image" / "notes.txt").write_text("mine")
-    with pytest.raises(st.OutputExistsError, match=r"did not write \(image/notes\.txt\)"):
+    with pytest.raises(st.OutputExistsError, match=r"not written by scenetruth \(image/notes\.txt\)"):
         st.save_store(data["truth"], tmp_path / "x.zarr", overwrite=True)
     assert (tmp_path / "x.zarr" / "image" / "notes.txt").read_text() == "mine"
     assert (tmp_path / "thesis" / "chapter.txt").read_text() == "all my work"

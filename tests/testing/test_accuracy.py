@@ -41,7 +41,7 @@ def check(case: Case) -> Callable[..., st.Score]:
     """The assertion about the case, which looks for no slips."""
 
     def assert_case(**given: Any) -> st.Score:
-        options = {"margin_px": MARGIN_PX, "slips": False, **given}
+        options = {"margin_px": MARGIN_PX, "check_conventions": False, **given}
         return alone(case.estimate, case.truth, case.recording, **options)
 
     return assert_case

@@ -1,4 +1,4 @@
-"""What can be imported, grouped by what it is for, as pages of the reference."""
+"""Public names by topic, as pages of the reference."""
 
 from __future__ import annotations
 
@@ -121,15 +121,15 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         )
     },
 }
-"""Pages, each with modules and the names that are imported from them."""
+"""Pages, each with modules and their public names."""
 
 
 _FILES = {"Scene": "scene_file/scene", "DesignSpec": "design_specification"}
-"""Models that are files, and the pages that describe their fields."""
+"""Models of files, and the pages that describe their fields."""
 
 
 def documented_names() -> dict[str, str]:
-    """Return the full names of everything documented, by the last part; the first page that has it counts."""
+    """Return the full names of all documented objects by their last part; the first page takes precedence."""
     found: dict[str, str] = {}
     for modules in API.values():
         for module, names in modules.items():
@@ -166,7 +166,7 @@ def _module(module: str, names: tuple[str, ...]) -> Iterator[str]:
 
 def _thing(name: str, thing: Any) -> Iterator[str]:
     if inspect.isclass(thing) and issubclass(thing, BaseModel):
-        # Signatures of models are as long as files; what a file may say has pages of its own.
+        # The signature of a model lists all fields of a file, which separate pages describe.
         page = _FILES.get(name)
         hidden = ["model_config", *(thing.model_fields if page else ())]
         yield f".. autoclass:: {name}(**fields)\n   :members:\n   :member-order: bysource"

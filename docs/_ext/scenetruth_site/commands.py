@@ -1,4 +1,4 @@
-"""The commands of a typer app as Markdown: usage, arguments, options, defaults and help, nothing written by hand."""
+"""The commands of a typer app as Markdown: usage, arguments, options, defaults and help."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ __all__ = ["command_names", "commands_in_markdown"]
 
 
 def commands_in_markdown(app: typer.Typer, name: str) -> str:
-    """Return a section for every command of an app, those of groups under their group.
+    """Return a section for every command of an app; commands of a group follow their group.
 
     Parameters
     ----------
     app
         The app.
     name
-        What it is called on the command line.
+        Its name on the command line.
 
     Returns
     -------
@@ -31,12 +31,12 @@ def commands_in_markdown(app: typer.Typer, name: str) -> str:
 
 
 def command_names(app: typer.Typer, name: str) -> list[str]:
-    """Return the commands and groups of an app, as they are typed."""
+    """Return the commands and groups of an app, as typed on the command line."""
     return [" ".join(words) for words, _ in _commands(app, name)]
 
 
 def _commands(app: typer.Typer, name: str) -> Iterator[tuple[tuple[str, ...], Any]]:
-    # typer brings its own click and shows no type of a command.
+    # typer bundles click and exports no type of a command.
     def visit(words: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
         if not command.hidden:
             yield words, command
@@ -50,7 +50,7 @@ def _section(words: tuple[str, ...], command: Any) -> Iterator[str]:
     anchor = "-".join(("command", *words[1:])) if len(words) > 1 else "command-itself"
     yield f"({anchor})="
     yield f"{'##' if len(words) < 3 else '###'} {' '.join(words)}\n"
-    # A line that ends with \f ends what is shown.
+    # Help text is shown up to the form feed \f.
     yield f"{(command.help or '').partition(chr(12))[0].strip()}\n"
     arguments = [one for one in command.params if one.param_type_name == "argument"]
     options = [one for one in command.params if one.param_type_name == "option" and not one.hidden]
@@ -59,11 +59,11 @@ def _section(words: tuple[str, ...], command: Any) -> Iterator[str]:
     usage += ["COMMAND [ARGS]..." for _ in [0] if getattr(command, "commands", None)]
     yield f"```text\n{' '.join(usage)}\n```\n"
     for one in arguments:
-        yield f"`{_argument(one)}`\n: {_told(one)}\n"
+        yield f"`{_argument(one)}`\n: {_help_text(one)}\n"
     for one in options:
         names = ", ".join(f"`{text}`" for text in [*one.opts, *one.secondary_opts])
         short = max(one.opts, key=len)
-        yield f"[[{names}](#{anchor}{short})]{{#{anchor}{short}}}{_value(one)}\n: {_told(one)}\n"
+        yield f"[[{names}](#{anchor}{short})]{{#{anchor}{short}}}{_value(one)}\n: {_help_text(one)}\n"
 
 
 def _argument(argument: Any) -> str:
@@ -73,11 +73,11 @@ def _argument(argument: Any) -> str:
 
 
 def _value(option: Any) -> str:
-    """Return what stands behind an option: its value's name or its choices."""
+    """Return the placeholder of the value of an option, or its choices."""
     if getattr(option, "is_flag", False):
         return ""
     choices = _choices(option)
-    return f" `{'|'.join(choices)}`" if choices else f" `{option.metavar or _kind_of(option)}`"
+    return f" `{'|'.join(choices)}`" if choices else f" `{option.metavar or _type_name(option)}`"
 
 
 def _choices(option: Any) -> list[str]:
@@ -85,13 +85,13 @@ def _choices(option: Any) -> list[str]:
     return [str(one.value) for one in kind] if isinstance(kind, type) and issubclass(kind, Enum) else []
 
 
-def _kind_of(option: Any) -> str:
+def _type_name(option: Any) -> str:
     kind = option.type_descriptor.annotation
     names = {"int": "NUMBER", "float": "NUMBER", "Path": "PATH", "str": "TEXT"}
     return names.get(getattr(kind, "__name__", ""), "VALUE")
 
 
-def _told(parameter: Any) -> str:
+def _help_text(parameter: Any) -> str:
     help_ = " ".join((parameter.help or "").split())
     default = parameter.default
     if parameter.required and parameter.param_type_name == "option":
@@ -99,7 +99,7 @@ def _told(parameter: Any) -> str:
     if callable(default) or default in (None, "", (), []):
         return help_
     if getattr(parameter, "is_flag", False):
-        # Of a pair of flags, the one that holds; a lone flag is off.
+        # For a pair of flags, the default flag; a single flag is off by default.
         if not parameter.secondary_opts:
             return help_
         default = (parameter.opts if default else parameter.secondary_opts)[0]

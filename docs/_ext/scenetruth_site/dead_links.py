@@ -1,4 +1,4 @@
-"""Looks through a built site for what leads nowhere: ``python -m scenetruth_site.dead_links FOLDER``."""
+"""Find dead links in a built site: ``python -m scenetruth_site.dead_links FOLDER``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SCHEMES = ("http", "https", "mailto")
 
 @dataclass
 class BuiltPage:
-    """What a page of HTML leads to, and what can be led to in it.
+    """Links and anchors of an HTML page.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class BuiltPage:
     links
         Targets of ``a`` elements.
     loaded
-        Addresses of what the page loads by itself: pictures, scripts, style sheets, frames.
+        Addresses of resources loaded by the page: images, scripts, style sheets, frames.
     """
 
     anchors: set[str] = field(default_factory=set)
@@ -51,7 +51,7 @@ def read_site(folder: Path) -> dict[Path, BuiltPage]:
     """Return all pages of a built site by their files."""
     found = {}
     for file in sorted(folder.rglob("*.html")):
-        # Templates of the theme lie among its static files; they are no pages.
+        # Templates of the theme among its static files are not pages.
         if file.relative_to(folder).parts[0] == "_static":
             continue
         reader = _Reader()
@@ -61,17 +61,17 @@ def read_site(folder: Path) -> dict[Path, BuiltPage]:
 
 
 def dead_links(folder: Path) -> list[str]:
-    """Return what is wrong with the links of a site, one line each.
+    """Return the dead links of a site, one line each.
 
     Parameters
     ----------
     folder
-        The site. Links that begin with ``/`` count from it.
+        The site. Links that begin with ``/`` are relative to it.
 
     Returns
     -------
     list
-        Links to files or anchors that do not exist, and whatever a page would load from elsewhere.
+        Links to files or anchors that do not exist, and resources that a page would load from other hosts.
     """
     pages = read_site(folder)
     return [f"{file.relative_to(folder.resolve())}: {wrong}" for file in pages for wrong in _wrong(file, pages, folder)]
@@ -96,13 +96,13 @@ def _wrong(file: Path, pages: dict[Path, BuiltPage], folder: Path) -> Iterator[s
 
 
 def external_links(folder: Path) -> list[str]:
-    """Return the addresses outside of the site that it leads to."""
+    """Return the external addresses that the site links to."""
     links = {url for page in read_site(folder).values() for url in page.links if urlsplit(url).scheme in _SCHEMES}
     return sorted(links)
 
 
 def main(words: list[str]) -> int:
-    """Print what is wrong with a site, and what it leads to elsewhere; return 1 if anything is wrong."""
+    """Print the dead links of a site, and write its external links; return 1 if there are dead links."""
     folder = Path(words[0])
     found = dead_links(folder)
     print(*found, sep="\n", end="\n" if found else "")

@@ -1,4 +1,4 @@
-"""The site's own part of Sphinx: generated pages, links to public names and interactive pages, shared scripts."""
+"""Sphinx extension of the site: generated pages, links to public names and interactive pages, shared scripts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from scenetruth_site.site_text import site_text
 __all__ = ["setup"]
 
 INTERACTIVE = "results/worked_examples/pages"
-"""Pages of HTML that are copied as they are; plotly's bundle is put beside them."""
+"""HTML pages that are copied unchanged; the plotly bundle is written to the same directory."""
 MATHJAX = "mathjax/tex-svg.js"
 """MathJax with its fonts in one file, below the folder of static files."""
 
@@ -34,7 +34,7 @@ def _fill_in(app: Sphinx, name: str, source: list[str]) -> None:
 
 
 def _made_anew(app: Sphinx, env: BuildEnvironment, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
-    """Name the pages whose generated parts are not those of the last build; docstrings Sphinx looks after itself."""
+    """Return the pages whose generated parts have changed since the last build; Sphinx tracks docstrings itself."""
     before: dict[str, str] = getattr(env, "scenetruth_parts", {})
     now = {}
     for name in sorted(env.found_docs - removed):
@@ -48,7 +48,7 @@ def _made_anew(app: Sphinx, env: BuildEnvironment, added: set[str], changed: set
 
 
 def _public_name(app: Sphinx, env: BuildEnvironment, node: addnodes.pending_xref, inside: nodes.Element) -> Any:
-    """Resolve what is called by its last name, or by the module that it is made in, to where it is documented."""
+    """Resolve references by the last part of a name, or by its defining module, to the documented name."""
     if node.get("refdomain") != "py":
         return None
     name = documented_names().get(str(node["reftarget"]).rsplit(".", 1)[-1].rstrip("()"))
@@ -69,7 +69,7 @@ def _public_name(app: Sphinx, env: BuildEnvironment, node: addnodes.pending_xref
 def _name_or_code(
     name: str, rawtext: str, text: str, lineno: int, inliner: Any, options: Any = None, content: Any = ()
 ) -> tuple[list[nodes.Node], list[nodes.system_message]]:
-    """Take text in single backticks as code; if it is a public name, it becomes a link."""
+    """Format text in single backticks as code, with a link if it is a public name."""
     if text.rstrip("()").rsplit(".", 1)[-1] not in documented_names():
         return [nodes.literal(rawtext, text)], []
     reference = addnodes.pending_xref(
@@ -81,7 +81,7 @@ def _name_or_code(
 
 
 class InteractivePages(SphinxTransform):  # type: ignore[misc]
-    """Links to interactive pages lead to them, where they would be offered as files to be saved."""
+    """Link to interactive pages directly instead of offering them as downloads."""
 
     default_priority = 300
 
@@ -97,14 +97,14 @@ class InteractivePages(SphinxTransform):  # type: ignore[misc]
 
 
 def _no_empty_headings(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
-    """Take the empty corner of a table for a cell: it heads nothing."""
+    """Replace empty heading cells of tables by data cells."""
     for empty in ('<th class="head"><p></p></th>', "<th></th>"):
         if "body" in context:
             context["body"] = context["body"].replace(empty, "<td></td>")
 
 
 def _copy_shared(app: Sphinx, failure: Exception | None) -> None:
-    """Put beside the pages what they share and must not load from elsewhere."""
+    """Write the resources shared by the pages, which must not be loaded from other hosts."""
     if failure is not None or app.builder.format != "html":
         return
     script = Path(app.outdir, "_static", MATHJAX)
@@ -120,13 +120,13 @@ def _copy_shared(app: Sphinx, failure: Exception | None) -> None:
 
 
 def _redirect(app: Sphinx, failure: Exception | None) -> None:
-    """Write pages at the former addresses of pages."""
+    """Write redirects at the former addresses of pages."""
     if failure is None and app.builder.format == "html":
         write_redirects(Path(app.outdir))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register all of it."""
+    """Register the extension."""
     app.connect("source-read", _fill_in)
     app.connect("env-get-outdated", _made_anew)
     app.connect("missing-reference", _public_name)

@@ -1,4 +1,4 @@
-"""Types and ranges of fields in words, from their JSON Schema."""
+"""Descriptions of types and ranges of fields, from their JSON Schema."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ __all__ = ["default_of", "range_of", "type_of", "yaml_of"]
 _PLAIN = {"string": "text", "number": "number", "integer": "whole number", "boolean": "true or false", "null": "null"}
 _PLURAL = {"text": "texts", "number": "numbers", "whole number": "whole numbers"}
 _BEYOND = 1e12
-"""No number of a file is larger than this, whatever it is: not worth a word."""
+"""Limits beyond this value apply to every number of a file and are not printed."""
 
 
 def type_of(node: Schema, file: str, schema: Schema) -> str:
-    """Return the type of a field's value in words, as Markdown, with links to the models that it may be.
+    """Return the type of a field in words, as Markdown, with links to its models.
 
     Parameters
     ----------
     node
-        The field's JSON Schema.
+        The JSON Schema of the field.
     file
-        The sort of file, which anchors begin with.
+        The file type, used as the prefix of anchors.
     schema
         The JSON Schema of the whole file.
 
@@ -39,8 +39,8 @@ def type_of(node: Schema, file: str, schema: Schema) -> str:
     """
     node = resolved(schema, node)
     if "properties" in node:
-        name, (_, kind) = name_of(node), kind_of(node) or ("", "")
-        return f"[{f'`{kind}`' if kind else name}](#{anchor_of(file, name)})"
+        name, (_, value) = name_of(node), kind_of(node) or ("", "")
+        return f"[{f'`{value}`' if value else name}](#{anchor_of(file, name)})"
     if "const" in node:
         return f"`{node['const']}`"
     if "enum" in node:
@@ -63,10 +63,10 @@ def _either(parts: list[str]) -> str:
 
 def _array(node: Schema, file: str, schema: Schema) -> str:
     if "prefixItems" in node:
-        kinds = list(dict.fromkeys(type_of(inner, file, schema) for inner in node["prefixItems"]))
-        if len(kinds) == 1:
-            return f"{len(node['prefixItems'])} {_PLURAL.get(kinds[0], f'times {kinds[0]}')}"
-        return f"[{', '.join(kinds)}]"
+        types = list(dict.fromkeys(type_of(inner, file, schema) for inner in node["prefixItems"]))
+        if len(types) == 1:
+            return f"{len(node['prefixItems'])} {_PLURAL.get(types[0], f'times {types[0]}')}"
+        return f"[{', '.join(types)}]"
     inner = type_of(node.get("items", {}), file, schema)
     if node.get("minItems") is not None and node.get("minItems") == node.get("maxItems"):
         return f"{node['minItems']} {_PLURAL.get(inner, f'times {inner}')}"
@@ -74,7 +74,7 @@ def _array(node: Schema, file: str, schema: Schema) -> str:
 
 
 def range_of(node: Schema) -> str:
-    """Return what numbers of a field may be, or how many of its items or letters there may be; empty if all may.
+    """Return the range of the numbers of a field, or of its number of items; empty if unlimited.
 
     Examples
     --------
@@ -91,9 +91,9 @@ def _ranges(node: Schema, each: str) -> Iterator[str]:
         yield f"{each}{low:.6g} to {high:.6g}"
     else:
         bounds = [("≥", low), (">", above), ("≤", high), ("<", below)]
-        told = [f"{sign} {bound:.6g}" for sign, bound in bounds if bound is not None and abs(bound) < _BEYOND]
-        if told:
-            yield each + " and ".join(told)
+        limits = [f"{sign} {bound:.6g}" for sign, bound in bounds if bound is not None and abs(bound) < _BEYOND]
+        if limits:
+            yield each + " and ".join(limits)
     least, most = node.get("minItems"), node.get("maxItems")
     if least != most:
         yield " and ".join(
@@ -104,9 +104,9 @@ def _ranges(node: Schema, each: str) -> Iterator[str]:
 
 
 def default_of(node: Schema) -> str:
-    """Return the default of a field that need not be given, as Markdown."""
+    """Return the default of an optional field, as Markdown."""
     if "default" not in node:
-        # Made anew for every file: of these, the schema does not tell.
+        # The schema has no default for values that are created by a factory.
         return "empty" if node.get("type") in ("object", "array") else "that of each of its fields"
     value = node["default"]
     if value is None:
@@ -116,7 +116,7 @@ def default_of(node: Schema) -> str:
 
 
 def yaml_of(value: object) -> str:
-    """Return a value as it stands in a file, on one line.
+    """Return a value as YAML on one line.
 
     Examples
     --------

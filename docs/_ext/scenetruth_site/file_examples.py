@@ -1,4 +1,4 @@
-"""Examples of models and their fields, found in the files that come with the project."""
+"""Examples of models and their fields, from the bundled files."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["FileExamples", "examples_in"]
 
 @dataclass
 class FileExamples:
-    """What files say of models.
+    """Example values of models and fields.
 
     Parameters
     ----------
     of_models
-        The name of a model to (file, what it says there).
+        The name of a model to (file, its value there).
     of_fields
         The names of a model and a field to (file, its value there).
     """
@@ -31,13 +31,13 @@ class FileExamples:
 
 
 def examples_in(files: Iterable[Path], schema: Schema) -> FileExamples:
-    """Return the first value of every model and field that some files have.
+    """Return the first value of every model and field in the given files.
 
     Parameters
     ----------
     files
-        Files in YAML that are valid, each with one or several documents. Those in a folder ``examples`` stand for
-        themselves and have no name that a reader would know.
+        Valid YAML files, each with one or more documents. For files in a folder ``examples`` no file name is
+        given.
     schema
         The JSON Schema that they follow.
     """
@@ -50,7 +50,7 @@ def examples_in(files: Iterable[Path], schema: Schema) -> FileExamples:
 
 
 def _look(schema: Schema, node: Schema, value: Any, file: str, found: FileExamples) -> None:
-    """Note a value and all that is in it, as far as its schema can be told."""
+    """Record a value and all values in it whose schema can be determined."""
     node = resolved(schema, node)
     if "properties" in node:
         if not isinstance(value, Mapping):
@@ -73,7 +73,7 @@ def _look(schema: Schema, node: Schema, value: Any, file: str, found: FileExampl
 
 
 def _fits(schema: Schema, node: Schema, value: Any) -> bool:
-    """Tell whether a value may be of one of several schemas: whether it has its keys and its kind."""
+    """Return whether a value matches one of several schemas by its keys and its ``kind``."""
     node = resolved(schema, node)
     if "properties" not in node:
         return node.get("type") in (None, "array", "object")

@@ -1,4 +1,4 @@
-"""What a file may say, read off the JSON Schema of its models: every model with its fields, and where it stands."""
+"""The models of a file, from their JSON Schema: every model with its fields and paths."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ModelField:
     required
         Whether it must be given.
     unless
-        The fields of which one makes it needless, where it must be given without them.
+        Fields that replace it: it is required only if none of them is given.
     """
 
     name: str
@@ -50,31 +50,31 @@ class ModelField:
 
 @dataclass
 class FileModel:
-    """A model: a mapping that a file may hold.
+    """A model: a mapping in a file.
 
     Parameters
     ----------
     name
         The name of its class.
-    kind
-        What tells it from the others that may stand in its place, ``("kind", "box")``; None if nothing does.
+    selector
+        The key and value that distinguish it from its alternatives, ``("kind", "box")``; None without alternatives.
     description
         What it is.
     fields
-        Its fields, in their order.
+        Its fields, in order.
     paths
-        Where it may stand: ``camera``, ``objects[].mesh``; empty for the file itself.
+        Its paths: ``camera``, ``objects[].mesh``; empty for the file itself.
     """
 
     name: str
-    kind: tuple[str, str] | None
+    selector: tuple[str, str] | None
     description: str
     fields: tuple[ModelField, ...]
     paths: list[str] = field(default_factory=list)
 
 
 def anchor_of(file: str, model: str, name: str = "") -> str:
-    """Return the anchor of a model, or of a field of it, on the pages of one sort of file.
+    """Return the anchor of a model, or of a field of it, on the pages of a file type.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def anchor_of(file: str, model: str, name: str = "") -> str:
 
 
 def inner_nodes(node: Schema) -> Iterator[tuple[str, Schema]]:
-    """Yield the schemas that a value of a field may have inside, each with what its path goes on with."""
+    """Yield the inner schemas of a field, each with the continuation of its path."""
     for key in ("oneOf", "anyOf", "allOf"):
         for inner in node.get(key, ()):
             yield "", inner
@@ -100,12 +100,12 @@ def inner_nodes(node: Schema) -> Iterator[tuple[str, Schema]]:
 
 
 def models_of(schema: Schema) -> dict[str, FileModel]:
-    """Return every model of a file by its name, in the order in which a reader comes upon them.
+    """Return every model of a file by its name, in the order of their first use.
 
     Parameters
     ----------
     schema
-        The JSON Schema of the file, as ``model_json_schema()`` gives it.
+        The JSON Schema of the file, as returned by ``model_json_schema()``.
     """
     found: dict[str, FileModel] = {}
     waiting: list[tuple[str, Schema]] = [("", schema)]
@@ -121,7 +121,7 @@ def models_of(schema: Schema) -> dict[str, FileModel]:
                 found[name].paths.append(path)
             continue
         fields = tuple(ModelField(key, inner, *required_in(node, key)) for key, inner in node["properties"].items())
-        # What a model means; its examples and cross references are for whoever reads the code.
+        # The meaning of the model only; examples and cross references are for readers of the code.
         description = _SECTION.split(node.get("description", ""), maxsplit=1)[0]
         found[name] = FileModel(name, kind_of(node), description, fields, [path])
         waiting += [(f"{path}.{one.name}".lstrip("."), one.node) for one in fields]
@@ -129,7 +129,7 @@ def models_of(schema: Schema) -> dict[str, FileModel]:
 
 
 def required_in(node: Schema, key: str) -> tuple[bool, tuple[str, ...]]:
-    """Return whether a field must be given, and the fields of which one makes it needless.
+    """Return whether a field is required, and the fields that replace it.
 
     Examples
     --------
@@ -143,7 +143,7 @@ def required_in(node: Schema, key: str) -> tuple[bool, tuple[str, ...]]:
         return True, ()
     spellings = [set(one["required"]) for one in node.get("anyOf", ()) if "required" in one]
     of_key = [spelling for spelling in spellings if key in spelling]
-    # What has a default is short for the rest, as a preset is: it may be given.
+    # A field with a default, such as a preset, is optional.
     if not of_key or "default" in node.get("properties", {}).get(key, {}):
         return False, ()
     without = [spelling for spelling in spellings if key not in spelling]
@@ -151,7 +151,7 @@ def required_in(node: Schema, key: str) -> tuple[bool, tuple[str, ...]]:
 
 
 def resolved(schema: Schema, node: Schema) -> Schema:
-    """Return the schema that another one refers to, or itself if it does not."""
+    """Return the schema that a reference points to, or the schema itself."""
     if "$ref" in node:
         found: Schema = schema["$defs"][node["$ref"].rsplit("/", 1)[1]]
         return found
@@ -159,14 +159,14 @@ def resolved(schema: Schema, node: Schema) -> Schema:
 
 
 def name_of(node: Schema) -> str:
-    """Return what a model is called, from its JSON Schema: settings of methods after their method."""
+    """Return the name of a model from its JSON Schema; settings have the name of their method."""
     key, value = kind_of(node) or ("", "")
     title: str = node["title"]
     return value if key == "method" else title
 
 
 def kind_of(node: Schema) -> tuple[str, str] | None:
-    """Return what tells a model from those that may stand in its place, ``("kind", "box")``, from its JSON Schema."""
+    """Return the key and value that distinguish a model from its alternatives, ``("kind", "box")``."""
     for key in ("kind", "method"):
         value = node.get("properties", {}).get(key, {}).get("const")
         if isinstance(value, str):

@@ -1,4 +1,4 @@
-"""Reference pages of files as Markdown: the models of one part of a file, each field with all that is to be said."""
+"""Reference pages of files as Markdown: the models of one part of a file, with all fields."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from scenetruth_site.file_examples import FileExamples
 from scenetruth_site.file_models import FileModel, ModelField, Schema, anchor_of
 from scenetruth_site.units import unit_of
 
-__all__ = ["models_in_markdown", "room_of"]
+__all__ = ["models_in_markdown", "page_of"]
 
 _LONGEST = 70
-"""Letters of an example within a line; longer ones stand in the model's example only."""
+"""Maximum length of an example within a line; longer examples appear in the example of the model only."""
 _MOST_LINES = 16
 
 
-def room_of(model: FileModel, rooms: Mapping[str, str]) -> str:
-    """Return the part of the file that a model is described with: that of the longest path that its own begins with.
+def page_of(model: FileModel, pages: Mapping[str, str]) -> str:
+    """Return the page that describes a model: that of the longest prefix of its path.
 
     Parameters
     ----------
     model
         The model.
-    rooms
-        Paths, each with the part that is described there; the empty path stands for the file itself.
+    pages
+        Paths, each with its page; the empty path is the file itself.
     """
     path = model.paths[0]
-    starts = [start for start in rooms if path == start or path.startswith((f"{start}.", f"{start}["))]
-    return rooms[max(starts, key=len)] if starts else rooms[""]
+    starts = [start for start in pages if path == start or path.startswith((f"{start}.", f"{start}["))]
+    return pages[max(starts, key=len)] if starts else pages[""]
 
 
 def models_in_markdown(models: Mapping[str, FileModel], file: str, schema: Schema, examples: FileExamples) -> str:
@@ -42,11 +42,11 @@ def models_in_markdown(models: Mapping[str, FileModel], file: str, schema: Schem
     models
         The models, by name.
     file
-        The sort of file, which anchors begin with: ``scene``.
+        The file type, used as the prefix of anchors: ``scene``.
     schema
         The JSON Schema of the whole file.
     examples
-        What files that come with the project say.
+        Examples from the bundled files.
     """
     return "\n".join(line for model in models.values() for line in _section(model, file, schema, examples))
 
@@ -58,25 +58,25 @@ def _section(model: FileModel, file: str, schema: Schema, examples: FileExamples
         yield f"{model.description}\n"
     paths = [f"`{path}`" for path in model.paths if path]
     if paths:
-        more = [f"and {len(paths) - 4} more places"] if len(paths) > 4 else []
+        more = [f"and {len(paths) - 4} more paths"] if len(paths) > 4 else []
         yield f"*At* {', '.join([*paths[:4], *more])}\n"
     for one in model.fields:
-        if not (model.kind and one.name == model.kind[0]):
+        if not (model.selector and one.name == model.selector[0]):
             yield from _field(model, one, file, schema, examples)
     yield from _example(model, examples)
 
 
 def _title(model: FileModel) -> str:
-    return f"`{model.kind[0]}: {model.kind[1]}`" if model.kind else model.name
+    return f"`{model.selector[0]}: {model.selector[1]}`" if model.selector else model.name
 
 
 def _field(model: FileModel, one: ModelField, file: str, schema: Schema, examples: FileExamples) -> Iterator[str]:
-    told = [type_of(one.node, file, schema)]
-    told += [text for text in (unit_of(one.name), range_of(one.node)) if text]
-    told += [_needed(one)]
+    words = [type_of(one.node, file, schema)]
+    words += [text for text in (unit_of(one.name), range_of(one.node)) if text]
+    words += [_needed(one)]
     anchor = anchor_of(file, model.name, one.name)
     yield f"[[`{one.name}`](#{anchor})]{{#{anchor}}}"
-    yield f": {'; '.join(told)}"
+    yield f": {'; '.join(words)}"
     description = one.node.get("description", "")
     if description:
         yield "\n" + textwrap.indent(description, "  ")

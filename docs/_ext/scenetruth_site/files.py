@@ -1,4 +1,4 @@
-"""The three sorts of files that are described: scenes, recipes of data sets, design specifications."""
+"""The three documented file types: scenes, recipes of data sets, design specifications."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from pathlib import Path
 
 from scenetruth_site.file_examples import FileExamples, examples_in
 from scenetruth_site.file_models import FileModel, Schema, models_of
-from scenetruth_site.file_pages import models_in_markdown, room_of
+from scenetruth_site.file_pages import models_in_markdown, page_of
 
-__all__ = ["DESCRIBED", "DescribedFile", "room_in_markdown", "rooms_of"]
+__all__ = ["DESCRIBED", "DescribedFile", "page_in_markdown", "pages_of_file"]
 
 _ROOT = Path(__file__).parents[3]
 
 
 @dataclass(frozen=True)
 class DescribedFile:
-    """A sort of file.
+    """A file type.
 
     Parameters
     ----------
     schema
-        Makes its JSON Schema.
-    rooms
-        Paths, each with the part of the file that is described there.
+        Function that returns its JSON Schema.
+    pages
+        Paths, each with its page.
     examples
-        Files that come with the project, as a pattern from the root of the repository.
+        Bundled files, as a pattern relative to the root of the repository.
     """
 
     schema: Callable[[], Schema]
-    rooms: dict[str, str]
+    pages: dict[str, str]
     examples: str
 
 
@@ -81,12 +81,12 @@ DESCRIBED = {
     "recipe": DescribedFile(_recipe, {"": "recipe"}, "scenes/datasets/*.yaml"),
     "design": DescribedFile(_design, {"": "design"}, "scenes/designs/*.yaml"),
 }
-"""What each sort of file is called, and where it is from."""
+"""File types by name."""
 
 
 @lru_cache
-def rooms_of(file: str) -> dict[str, dict[str, FileModel]]:
-    """Return the models of a sort of file by the part that they are described with, and by name.
+def pages_of_file(file: str) -> dict[str, dict[str, FileModel]]:
+    """Return the models of a file type by page and by name.
 
     Parameters
     ----------
@@ -94,21 +94,21 @@ def rooms_of(file: str) -> dict[str, dict[str, FileModel]]:
         A key of ``DESCRIBED``.
     """
     described = DESCRIBED[file]
-    found: dict[str, dict[str, FileModel]] = {room: {} for room in described.rooms.values()}
+    found: dict[str, dict[str, FileModel]] = {page: {} for page in described.pages.values()}
     for name, model in models_of(described.schema()).items():
-        found[room_of(model, described.rooms)][name] = model
+        found[page_of(model, described.pages)][name] = model
     return found
 
 
-def room_in_markdown(file: str, room: str) -> str:
-    """Return the sections of one part of a sort of file, as Markdown."""
+def page_in_markdown(file: str, page: str) -> str:
+    """Return one page of a file type, as Markdown."""
     schema, examples = _read(file)
-    return models_in_markdown(rooms_of(file)[room], file, schema, examples)
+    return models_in_markdown(pages_of_file(file)[page], file, schema, examples)
 
 
 @lru_cache
 def _read(file: str) -> tuple[Schema, FileExamples]:
-    """Return the schema of a sort of file, and what the project's own files say."""
+    """Return the schema of a file type, and the examples from the bundled files."""
     described = DESCRIBED[file]
     schema = described.schema()
     files = [*sorted(_ROOT.glob(described.examples)), _ROOT / "docs" / "reference" / "examples" / f"{file}.yaml"]

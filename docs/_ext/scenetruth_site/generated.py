@@ -1,4 +1,4 @@
-"""Parts of pages that are made when the site is built: ``<!-- generated: scene camera -->`` stands for them."""
+"""Parts of pages that are generated when the site is built, marked by ``<!-- generated: scene camera -->``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 from scenetruth_site.api import api_in_markdown
 from scenetruth_site.commands import commands_in_markdown
-from scenetruth_site.files import DESCRIBED, room_in_markdown
+from scenetruth_site.files import DESCRIBED, page_in_markdown
 
 __all__ = ["fill_in", "generated_parts"]
 
@@ -14,17 +14,17 @@ _MARK = re.compile(r"^<!-- generated: (?P<what>[a-z_ ]+) -->$", re.MULTILINE)
 
 
 def generated_parts(page: str) -> list[str]:
-    """Return what is made for a page: ``api scenes``, ``commands``, ``scene camera``."""
+    """Return the generated parts of a page: ``api scenes``, ``commands``, ``scene camera``."""
     return [found["what"] for found in _MARK.finditer(page)]
 
 
 def fill_in(page: str) -> str:
-    """Return a page with the parts that are made for it.
+    """Return a page with its generated parts.
 
     Raises
     ------
     ValueError
-        If it asks for a part that nobody makes.
+        If it has the mark of an unknown part.
     """
     return _MARK.sub(lambda found: _make(found["what"]), page)
 
@@ -37,7 +37,7 @@ def _make(what: str) -> str:
             return commands_in_markdown(app, "scenetruth")
         case ["api", page]:
             return api_in_markdown(page)
-        case [file, room] if file in DESCRIBED:
-            return room_in_markdown(file, room)
-    msg = f"nothing makes the part '{what}'"
+        case [file, page] if file in DESCRIBED:
+            return page_in_markdown(file, page)
+    msg = f"unknown generated part '{what}'"
     raise ValueError(msg)

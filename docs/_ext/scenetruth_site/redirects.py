@@ -1,4 +1,4 @@
-"""Redirects from former addresses of pages: small pages that lead on to where each page is now."""
+"""Redirects from former addresses of pages to their present addresses."""
 
 from __future__ import annotations
 

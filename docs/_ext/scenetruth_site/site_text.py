@@ -1,4 +1,4 @@
-"""Pages of the repository as the site takes them: what is good on a code host, and not here, is put otherwise."""
+"""Conversion of pages of the repository for the site, where the syntax of the code host does not work."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ _MARKDOWN_ABOVE = re.compile(r"\]\(((?:\.\./)+[^)#\s]+\.md)\)")
 
 
 def site_text(docs: Path, page: str, text: str) -> str:
-    """Return a page as Sphinx is to read it.
+    """Return the source of a page for Sphinx.
 
     Parameters
     ----------
     docs
         The folder of all pages.
     page
-        The page's name: its path without the ending.
+        The name of the page: its path without the suffix.
     text
-        What its file holds.
+        The content of its file.
 
     Returns
     -------
     str
-        Generated parts are filled in. Links in headings stand below them, since tables of contents hold plain words.
-        Markdown that is no page of the site is offered as a file.
+        The page with its generated parts. Links in headings are moved below them, because tables of contents hold plain
+        text. Markdown files that are not pages of the site become downloads.
     """
     text = _LINKED_HEADING.sub(lambda found: f"{found[1]} {found[2]}\n\n[`{Path(found[3]).name}`]({found[3]})", text)
     folder = (docs / page).parent

@@ -1,4 +1,4 @@
-"""Tables of contents of the site: which page stands in which."""
+"""Tables of contents of the site."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path, PurePosixPath
 __all__ = ["ADDED", "added_toctree", "pages_of", "parents_of", "twice_or_never", "without_empty_globs"]
 
 ADDED = {"explanation/decisions/README": ("0*",)}
-"""Pages that get a hidden table of contents when the site is built, so that their files stay plain."""
+"""Pages that get a hidden table of contents when the site is built, to keep their files plain."""
 
 _TOCTREE = re.compile(r"^(?P<fence>`{3,}|:{3,})\{toctree\}\n(?P<body>.*?)^(?P=fence)$", re.MULTILINE | re.DOTALL)
 
 
 def pages_of(docs: Path) -> set[str]:
-    """Return the names of all pages in a folder: paths without their ending."""
+    """Return the names of all pages in a folder: paths without their suffix."""
     return {
         file.relative_to(docs).with_suffix("").as_posix()
         for file in docs.rglob("*.md")
@@ -23,13 +23,13 @@ def pages_of(docs: Path) -> set[str]:
 
 
 def added_toctree(page: str) -> str:
-    """Return what is added to a page: a table of contents that is not shown, or nothing."""
+    """Return the hidden table of contents that is added to a page, or an empty string."""
     entries = ADDED.get(page)
     return "\n\n```{toctree}\n:hidden:\n:glob:\n\n" + "\n".join(entries) + "\n```\n" if entries else ""
 
 
 def without_empty_globs(docs: Path, page: str, text: str) -> str:
-    """Return a page without the patterns in its tables of contents that match no page yet."""
+    """Return a page without the patterns in its tables of contents that match no page."""
     pages = pages_of(docs)
 
     def kept(table: re.Match[str]) -> str:
@@ -40,7 +40,7 @@ def without_empty_globs(docs: Path, page: str, text: str) -> str:
 
 
 def parents_of(docs: Path) -> dict[str, list[str]]:
-    """Return for every page the pages whose tables of contents it stands in, once for each time.
+    """Return for every page the pages whose tables of contents list it, once per entry.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def _entries(text: str) -> list[str]:
 def _named(page: str, entry: str, pages: set[str]) -> list[str]:
     path = _normal(PurePosixPath(page).parent / entry)
     if "*" in path:
-        # A table never holds the page that it stands on.
+        # A table of contents never lists its own page.
         others = pages - {page}
         return sorted(one for one in others if PurePosixPath(one).match(path) and one.count("/") == path.count("/"))
     if path not in pages:
@@ -91,6 +91,6 @@ def _normal(path: PurePosixPath) -> str:
 
 
 def twice_or_never(docs: Path) -> dict[str, list[str]]:
-    """Return the pages that do not stand in exactly one table of contents, but for the first page of the site."""
+    """Return the pages that are not listed in exactly one table of contents, except the home page."""
     found = parents_of(docs)
     return {page: parents for page, parents in found.items() if len(parents) != (page != "index")}

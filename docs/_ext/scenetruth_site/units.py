@@ -1,10 +1,10 @@
-"""Units of fields, read off their names: ``size_mm`` is in mm."""
+"""Units of fields, from their names: ``size_mm`` is in mm."""
 
 from __future__ import annotations
 
 __all__ = ["unit_of"]
 
-# The longest ending counts: mm_per_frame2 before frame2.
+# The longest suffix takes precedence: mm_per_frame2 before frame2.
 _UNITS = {
     "mm_per_frame2": "mm per frame²",
     "mm_per_frame": "mm per frame",
@@ -34,12 +34,12 @@ _UNITS = {
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that a field's name ends with, or nothing.
+    """Return the unit in the suffix of a field name, or an empty string.
 
     Parameters
     ----------
     name
-        The field's name.
+        The name of the field.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How long to look at a leaf that drifts while wind sways it: the computations of wind_sway.md.
+"""Measuring the drift of a leaf that sways in the wind: the computations of wind_sway.md.
 
 Run it from the top of the repository:
 ``python docs/results/worked_examples/wind_sway.py scan|rates|periods|plans|bursts``.
@@ -22,20 +22,20 @@ FILE = Path(__file__).parents[3] / "scenes" / "windy_leaf.yaml"
 RATE_HZ = 50.0
 """Frames per second of the scene file, whose curves count in frames."""
 PERIODS_S, ALL_PERIODS_S = (2.1, 0.73), (2.1, 1.3, 0.73)
-"""Periods that show in depth, and all; that of 1.3 s sways the leaf across."""
+"""Periods visible in depth, and all periods; the period of 1.3 s is lateral sway."""
 DRIFT = -0.1
 """mm per minute along Z: the leaf rises towards the camera."""
 SHOT_MM, BURST_MM, BURST_MM_PER_S = 0.17, 0.08, 2.7
-"""Standard deviations at a pixel, as ``scenetruth check`` predicts them: of depth from one shot (``frames.count=1``)
+"""Standard deviations at a pixel, predicted by ``scenetruth check``: of depth from one shot (``frames.count=1``)
 and from a burst of five frames, and of U_Z from a burst (0.055 mm per frame)."""
 SOIL_MM = 625.0
-"""What is farther is soil."""
+"""Depth beyond which a pixel shows soil."""
 
 Array = NDArray[np.float64]
 
 
 def windy(start_s: float = 0.0, rate_hz: float = RATE_HZ, seed: int = 11) -> Scene:
-    """Return the scene as it is from ``start_s`` on, with so many frames per second."""
+    """Return the scene from ``start_s`` on, at a frame rate."""
     plain = st.load_scene(FILE).to_dict() | {"seed": seed}
     plain["frames"]["frame_interval_s"] = 1 / rate_hz
     for motion in plain["objects"][0]["motion"]:
@@ -50,7 +50,7 @@ def windy(start_s: float = 0.0, rate_hz: float = RATE_HZ, seed: int = 11) -> Sce
 
 
 def tracked(seconds: Array) -> Array:
-    """Return where points of the leaf are at these times, shape (times, 3, points)."""
+    """Return the positions of points of the leaf at these times, shape (times, 3, points)."""
     scene = st.load_scene(FILE, overrides=["frames.count=1", "stage.positions=1"])
     truth = st.make_truth(scene).isel(y=slice(None, None, 8), x=slice(None, None, 8))
     points = st.track_points(scene, truth, seconds * RATE_HZ)
@@ -58,24 +58,24 @@ def tracked(seconds: Array) -> Array:
 
 
 def scan() -> None:
-    """Print how fast the leaf moves in the image, and what a stage takes sway for by its time per position."""
+    """Print the image speed of the leaf, and the depth error due to sway by time per position of a stage."""
     scene, starts = windy(), np.random.default_rng(1).uniform(0, 600, 100)
     f, baseline = scene.camera.focal_px, scene.stage.baseline_mm
     before, after = (f * p[:, :2] / p[:, 2:] for p in (tracked(starts - 0.001), tracked(starts + 0.001)))
     speed = np.hypot(*np.moveaxis(after - before, 1, 0)) / 0.002
-    print(f"motion in the image: {rms(speed):.3g} px/s (rms), {speed.max():.3g} at most")
-    print("s per position   depth off by, mm (rms)   misfit across, px (rms)")
+    print(f"motion in the image: {rms(speed):.3g} px/s (RMS), {speed.max():.3g} at most")
+    print("s per position   error of depth, mm (RMS)   lateral misfit, px (RMS)")
     for pause in (0.3, 0.03, 0.003, 0.0003):
         left, middle, right = (tracked(starts + step * pause) for step in (-1, 0, 1))
         x_left, x_right = f * (left[:, 0] + baseline) / left[:, 2], f * (right[:, 0] - baseline) / right[:, 2]
         depth = f * baseline / ((x_left - x_right) / 2)
         across = f * (right[:, 1] / right[:, 2] - left[:, 1] / left[:, 2]) / 2
-        print(f"{pause:<16g} {rms(depth - middle[:, 2]):<24.2g} {rms(across):.2g}")
+        print(f"{pause:<16g} {rms(depth - middle[:, 2]):<26.2g} {rms(across):.2g}")
 
 
 def rates() -> None:
-    """Print what the refined method tells of a burst, by frames per second."""
-    print("frames/s   motion, px/frame   told   depth off by, mm   U_Z off by, mm/s   (medians of sizes)")
+    """Print the errors of the refined method for a burst, by frame rate."""
+    print("frames/s   motion, px/frame   valid   error of depth, mm   error of U_Z, mm/s   (medians)")
     for rate in (100.0, 50.0, 25.0, 12.5, 6.25, 3.125):
         scene = windy(start_s=0.4, rate_hz=rate)
         recording, truth = st.simulate(scene)
@@ -84,13 +84,13 @@ def rates() -> None:
         off = (estimate["depth"] - true["depth"]).values[leaf]
         fast = (estimate["velocity"] - true["velocity"]).sel(component="Z").values[leaf] * rate
         moved = rms(np.hypot(*true["flow"].values[:, leaf]))
-        told = np.isfinite(fast)
-        middle = [np.median(np.abs(values[told])) if told.any() else np.nan for values in (off, fast)]
-        print(f"{rate:<10g} {moved:<18.2g} {told.mean():<6.2f} {middle[0]:<18.2g} {middle[1]:.2g}", flush=True)
+        valid = np.isfinite(fast)
+        middle = [np.median(np.abs(values[valid])) if valid.any() else np.nan for values in (off, fast)]
+        print(f"{rate:<10g} {moved:<18.2g} {valid.mean():<7.2f} {middle[0]:<20.2g} {middle[1]:.2g}", flush=True)
 
 
 def periods() -> None:
-    """Print the periods that twenty seconds of video tell, at one point of the leaf."""
+    """Print the periods determined from twenty seconds of video, at one point of the leaf."""
     from scipy.optimize import least_squares
 
     seconds = np.arange(0, 20, 1 / RATE_HZ)
@@ -110,11 +110,11 @@ def periods() -> None:
     errors = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)) * np.mean(found.fun**2))
     for frequency, error in zip(found.x, errors, strict=True):
         print(f"{1 / frequency:.4f} s +- {error / frequency**2:.4f}")
-    print(f"what is left: {rms(found.fun):.3f} mm")
+    print(f"residual: {rms(found.fun):.3f} mm")
 
 
 def design(seconds: Array, periods_s: Array | tuple[float, ...], rate: bool = False) -> Array:
-    """Return the columns of a straight line in minutes and of harmonics, or of their change per second."""
+    """Return the design matrix of a straight line in minutes and of harmonics, or its derivative per second."""
     columns = [np.full_like(seconds, not rate), np.full_like(seconds, 1 / 60) if rate else seconds / 60]
     for period in periods_s:
         turn = 2 * np.pi / period
@@ -124,15 +124,15 @@ def design(seconds: Array, periods_s: Array | tuple[float, ...], rate: bool = Fa
 
 
 def plans() -> None:
-    """Print by how much drift is off, for several plans, at points of the leaf and many starts."""
+    """Print the error of the drift for several plans, over points of the leaf and start times."""
     seconds = np.arange(0, 20, 0.1)
     z = tracked(seconds)[:, 2]
     model = design(seconds, ALL_PERIODS_S)
     sway = np.asarray(np.linalg.lstsq(model, z, rcond=None)[0], dtype=np.float64)
-    print(f"harmonics of three periods leave {rms(z - model @ sway):.1g} mm of the sway")
+    print(f"residual of the harmonics of three periods: {rms(z - model @ sway):.1g} mm")
     sway[:2] = 0.0
-    for title, steady in (("steady wind", True), ("wind that begins anew every minute", False)):
-        print(f"\n{title}: drift off by, mm/min (rms)\nminutes  " + "  ".join(PLANS))
+    for title, steady in (("steady wind", True), ("wind with a new phase every minute", False)):
+        print(f"\n{title}: error of drift, mm/min (RMS)\nminutes  " + "  ".join(PLANS))
         for minutes in (5, 10, 20, 60):
             errors = [tried(sway, minutes, steady, plan) for plan in PLANS.values()]
             print(
@@ -143,16 +143,16 @@ def plans() -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """When to look, and what is fitted to what is seen: a straight line, and harmonics."""
+    """Sampling plan, and the fitted model: a straight line, and harmonics."""
 
     every_s: float = 60.0
     at_random: bool = False
-    """Up to half of the interval later."""
+    """Random delay of up to half of the interval."""
     periods_s: tuple[float, ...] = ()
     burst: bool = False
-    """Five frames, which tell U_Z too."""
+    """Five frames, which also give U_Z."""
     shots: int = 1
-    """Whose mean is taken, 0.2 s apart."""
+    """Number of averaged shots, 0.2 s apart."""
 
 
 PLANS: Mapping[str, Plan] = {
@@ -166,7 +166,7 @@ PLANS: Mapping[str, Plan] = {
 
 
 def tried(sway: Array, minutes: float, steady: bool, plan: Plan) -> float:
-    """Return the rms error of the drift that a plan gives, in mm per minute."""
+    """Return the RMSE of the drift for a plan, in mm per minute."""
     generator, errors = np.random.default_rng(3), []
     for _ in range(200):
         begins = np.arange(0, 60 * minutes + 1, plan.every_s)
@@ -187,7 +187,7 @@ def tried(sway: Array, minutes: float, steady: bool, plan: Plan) -> float:
 
 
 def bursts() -> None:
-    """Simulate eleven bursts in ten minutes, estimate each by itself, and print the drift."""
+    """Simulate eleven bursts in ten minutes, estimate each separately, and print the drift."""
     seconds = 60.0 * np.arange(11) + np.random.default_rng(4).uniform(0, 30, 11)
     depths, speeds = [], []
     for number, start in enumerate(seconds):
@@ -212,7 +212,7 @@ def toward(one: xr.Dataset) -> tuple[Array, Array]:
 
 
 def fitted(title: str, seconds: Array, depths: Array, speeds: Array | None = None) -> None:
-    """Print the drift of a fit and its standard error, from what the fit leaves."""
+    """Print the drift of a fit and its standard error, from the residuals."""
     weight = BURST_MM / BURST_MM_PER_S
     periods_s = () if speeds is None else PERIODS_S
     rows, told = design(seconds, periods_s), depths
@@ -222,7 +222,7 @@ def fitted(title: str, seconds: Array, depths: Array, speeds: Array | None = Non
     found, *_ = np.linalg.lstsq(rows, told, rcond=None)
     left = told - rows @ found
     error = np.sqrt(np.linalg.inv(rows.T @ rows)[1, 1] * np.sum(left**2) / (len(told) - len(found)))
-    print(f"{title}: drift {found[1]:+.3f} +- {error:.3f} mm/min; left {rms(left[: len(seconds)]):.3f} mm")
+    print(f"{title}: drift {found[1]:+.3f} +- {error:.3f} mm/min; residual {rms(left[: len(seconds)]):.3f} mm")
 
 
 def rms(values: Array) -> float:

@@ -19,6 +19,7 @@ from scenetruth.benchmark.design_point import PICTURED_QUANTITIES, CaseErrorMaps
 from scenetruth.benchmark.error_statistics import INLIER_PX
 from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
 from scenetruth.html import render_page
+from scenetruth.number_format import format_number
 from scenetruth.output import write_atomically
 
 __all__ = ["WorstRegion", "write_benchmark_report"]
@@ -142,7 +143,15 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     rows = [row for row in found.rows if row.case == case.kind]
     values = sorted({row.level for row in rows if math.isfinite(row.level)})
     table = [
-        [row.method, case.label_of(row.level), row.quantity, row.pixels, row.statistic, _number(row.value), row.unit]
+        [
+            row.method,
+            case.label_of(row.level),
+            row.quantity,
+            row.pixels,
+            row.statistic,
+            format_number(row.value),
+            row.unit,
+        ]
         for row in rows
         if row.quantity and row.statistic in _SUMMARY_STATISTICS and row.method != BOUND
     ]
@@ -150,7 +159,7 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     named = [word for one in words for word in one]
     again = ["scenetruth", "compare", *named, *chosen, "--case", case.kind, "--level", "VALUE", "-o", "again"]
     concluded = [
-        (row.method, row.statistic.replace("_", " "), _number(row.value), row.unit)
+        (row.method, row.statistic.replace("_", " "), format_number(row.value), row.unit)
         for row in rows
         if not math.isfinite(row.level)
     ]
@@ -181,14 +190,15 @@ def _summary(found: BenchmarkResult) -> dict[str, Any]:
     lines = []
     for name, cells in frame.iterrows():
         numbers = [float(one) for one in cells]
-        lines.append([str(name), *(_number(one) for one in numbers)])
+        lines.append([str(name), *(format_number(one) for one in numbers)])
     return {"columns": [str(one) for one in frame.columns], "lines": lines}
 
 
 def _efficiency(found: BenchmarkResult) -> list[list[str]]:
     frame = found.efficiency()
     return [
-        [str(one) if isinstance(one, str) else _number(one) for one in cells] for cells in frame.itertuples(index=False)
+        [str(one) if isinstance(one, str) else format_number(one) for one in cells]
+        for cells in frame.itertuples(index=False)
     ]
 
 
@@ -197,9 +207,5 @@ def _efficiency_short(found: BenchmarkResult) -> dict[str, Any]:
     table = frame.pivot_table(
         index="quantity", columns="method", values="efficiency_percent", aggfunc="median", sort=False
     )
-    lines = [[str(name), *(_number(float(one)) for one in cells)] for name, cells in table.iterrows()]
+    lines = [[str(name), *(format_number(float(one)) for one in cells)] for name, cells in table.iterrows()]
     return {"columns": [str(one) for one in table.columns], "lines": lines}
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}" if math.isfinite(value) else ("–" if math.isnan(value) else "∞" if value > 0 else "-∞")

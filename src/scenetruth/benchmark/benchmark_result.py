@@ -206,7 +206,7 @@ class BenchmarkResult(Result):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields as plain values; cases by their kinds."""
+        """Return all fields as plain values; cases by name."""
         return {**super().to_dict(), "cases": [case.kind for case in self.cases]}
 
     @classmethod

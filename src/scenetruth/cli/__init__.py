@@ -1,4 +1,4 @@
-"""The command-line interface."""
+"""Command-line interface."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ def main() -> None:
         from scenetruth.cli.app import run_app
 
         run_app()
-    except KeyboardInterrupt:  # while modules are imported
+    except KeyboardInterrupt:  # during the import of modules
         raise SystemExit(130) from None

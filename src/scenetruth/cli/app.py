@@ -1,4 +1,4 @@
-"""The command-line application, to which every module adds its commands."""
+"""The command-line application, which collects the commands of all modules."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["app", "run_app"]
 app = typer.Typer(
     name="scenetruth",
     help="Rendered scenes with exact ground truth for measuring depth and 3D motion from a camera on a linear stage.",
-    # The option -h is that of all commands: they take these settings over.
+    # All commands inherit these settings, including the option -h.
     context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -36,7 +36,7 @@ def _show_version(wanted: bool) -> None:
 
 
 def _note_on_editable() -> str:
-    """Return what to say of an editable installation: its version is that of the day it was made, its code is not."""
+    """Return the note for an editable installation, whose version is that of its installation date, unlike its code."""
     import json
     from importlib import metadata
 

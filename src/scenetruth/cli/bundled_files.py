@@ -1,4 +1,4 @@
-"""Files that come with the package, found by their names, and shell completion of names."""
+"""Bundled files by name, and shell completion of names."""
 
 from __future__ import annotations
 
@@ -23,14 +23,11 @@ _SUFFIXES = (".yaml", ".yml")
 
 @dataclass(frozen=True)
 class BundledFiles:
-    """One sort of files that are shipped.
+    """One category of bundled files.
 
-    ``noun``: What each of them is.
-    ``metavar``: What the command line calls one.
-    ``command``: What is done with one most often.
-    ``folder``: Where they are, inside the folder of all.
-    ``takes_folders``: Whether a folder is a path of its own, and not merely the results of an earlier run that has a
-      file's name.
+    ``noun``: Name of a file of the category. ``metavar``: Its name on the command line. ``command``: Its main command.
+    ``folder``: Its directory within that of all bundled files. ``takes_folders``: Whether an existing directory is a
+    valid path, and not merely the results of an earlier run with the name of a file.
     """
 
     noun: str
@@ -40,13 +37,13 @@ class BundledFiles:
     takes_folders: bool = False
 
     def files(self) -> dict[str, Path]:
-        """Return the files by their names, in order; none where nothing is shipped."""
+        """Return the files by name, in order; empty if none are bundled."""
         from scenetruth.input_files import bundled_files
 
         return bundled_files(self.folder)
 
     def call(self, name: str) -> str:
-        """Return the command for one of them."""
+        """Return the command for a file."""
         return f"scenetruth {self.command} {name} -o DIR"
 
 
@@ -54,14 +51,14 @@ SCENES = BundledFiles("scene", "SCENE", "run")
 """Scenes."""
 
 RECIPES = BundledFiles("recipe", "RECIPE", "dataset run", "datasets", takes_folders=True)
-"""Recipes of data sets; a command that takes one takes the folder of a data set too."""
+"""Recipes of data sets; commands for recipes also accept the directory of a data set."""
 
 DESIGNS = BundledFiles("design", "SPEC", "design optimise", "designs")
 """Design specifications."""
 
 
 def resolve_file(shelf: BundledFiles, given: Path) -> Path:
-    """Return the file that is meant on the command line: a path if there is such a file, else what is shipped."""
+    """Return the file of a command-line argument: an existing path, otherwise a bundled file."""
     exists = os.path.exists(given) if shelf.takes_folders else os.path.exists(given) and not os.path.isdir(given)
     if exists or not given.name:
         return given
@@ -91,7 +88,6 @@ def _unknown(shelf: BundledFiles, name: str, bundled: list[str]) -> str:
 
 
 def _other_category(shelf: BundledFiles, name: str) -> BundledFiles | None:
-    """Return where else a name is shipped, if not on a shelf itself."""
     return next((other for other in (SCENES, RECIPES, DESIGNS) if other is not shelf and name in other.files()), None)
 
 
@@ -112,7 +108,7 @@ _ENTRY_POINTS = "scenetruth.estimators"
 
 
 def method_names(incomplete: str) -> list[str]:
-    """Return the installed methods whose names begin so, as `scenetruth list methods` lists them; none is loaded."""
+    """Return the installed methods that begin with a text, without loading them."""
     import pkgutil
     from importlib import metadata
 
@@ -122,9 +118,9 @@ def method_names(incomplete: str) -> list[str]:
 
 
 def file_completer(shelf: BundledFiles) -> Callable[[str], list[str]]:
-    """Return what completes the argument that takes a file, or the name of a shipped one.
+    """Return the completion of an argument that is a file or the name of a bundled file.
 
-    Where nothing is found, shells complete paths themselves, folders among them.
+    Without a result, shells complete paths.
     """
 
     def complete(incomplete: str) -> list[str]:

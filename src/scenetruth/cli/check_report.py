@@ -1,4 +1,4 @@
-"""What `scenetruth check` prints: contents of a scene, resources, expected precision."""
+"""Output of `scenetruth check`: contents of a scene, resources, predicted precision."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST_PRECISE = "refined"
 
 
 def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = False) -> None:
-    """Validate a scene and print the size of its results and the resources they need, as tables or as JSON."""
+    """Validate a scene, and print the size of its results and the required resources, as tables or as JSON."""
     from scenetruth.pipeline import STAGES, compute_method_workload, run_problems
     from scenetruth.resources import compute_workload, estimate_cost, inspect_machine, limited_objects, machine_problems
     from scenetruth.resources.limits import find_unit_errors
@@ -59,7 +59,7 @@ def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = Fal
     if without := without_interior(glimpse, scene.score.interior_margin_px):
         messages.append(_interior_warning(without, scene.score.interior_margin_px))
     if glimpse.left_out:
-        messages.append(f"objects: {_listed(glimpse.left_out)} not looked at, because that takes long; a run will")
+        messages.append(f"objects: {_listed(glimpse.left_out)} not analysed, to limit the time; a run checks them")
     messages += [f"cannot be estimated: {problem}" for problem in run_problems(scene, [scene.estimate])]
     if as_json:
         print(json.dumps(_to_dict(file, report, forecast, messages), indent=2))
@@ -72,7 +72,6 @@ def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = Fal
 
 
 def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload], *, shown: bool) -> list[str]:
-    """Print how precisely depth, motion and growth can be known, and return what that warns of."""
     from scenetruth.cli.design_analysis import precision_rows
     from scenetruth.design.prediction.method_models import all_method_models
     from scenetruth.design.prediction.predictor import predict_quickly, recommend
@@ -80,15 +79,15 @@ def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload], *, shown: bo
     own = scene.estimate.method
     try:
         found = predict_quickly(scene, parts, own if own in all_method_models() else _MOST_PRECISE)
-        # Of methods that do not tell growth, nothing is foretold of it; what is possible is.
+        # For methods without growth, the attainable precision is shown.
         growing = found if found.method == _MOST_PRECISE else predict_quickly(scene, parts, _MOST_PRECISE)
     except SceneError as error:
-        # A scene without noise, or without anything that is quickly looked at, may still be made.
+        # A scene without noise, or without a surface that can be analysed quickly, may still be valid.
         if shown:
             print(f"precision is not predicted: {'; '.join(map(str, error.problems))}", file=sys.stdout)
         return []
     table = Table(title=f"predicted precision per pixel, {found.method}", title_justify="left")
-    for heading in ("", "precision", "there is", "ratio"):
+    for heading in ("", "precision", "value", "ratio"):
         table.add_column(heading, justify="left" if not heading else "right")
     for region in _most_moving(found):
         name = region.removeprefix("object_")
@@ -109,7 +108,7 @@ def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload], *, shown: bo
 
 
 def _most_moving(found: Prediction) -> list[str]:
-    """Return the regions of the objects that move most, the first ones of those that are at rest."""
+    """Return the regions of the moving objects with the largest motion, or the first regions if none moves."""
     regions = [region for region in found.regions if region.startswith("object_")]
     quantity = next((name for name in ("velocity_epe", "flow_x") if name in found.quantities), None)
     if quantity is not None:
@@ -124,7 +123,6 @@ def _grows(found: Prediction, region: str) -> bool:
 
 
 def _to_dict(file: Path, report: SceneReport, forecast: Forecast, warnings: Sequence[str]) -> dict[str, object]:
-    """Return the content of the tables for `--json`."""
     return {
         "scene": str(file),
         "valid": True,
@@ -146,8 +144,8 @@ def _to_dict(file: Path, report: SceneReport, forecast: Forecast, warnings: Sequ
 
 def _interior_warning(names: Sequence[str], margin_px: float) -> str:
     return (
-        f"objects: {_listed(names)} hardly with interior pixels: all that is seen at the reference frame is less than "
-        f"about {margin_px:g} px from an edge, so that scores of the interior say little of it; use a nearer camera, a "
+        f"objects: {_listed(names)} with hardly any interior pixels: nearly all their pixels are less than "
+        f"{margin_px:g} px from an edge, so that scores of the interior are not representative; use a nearer camera, a "
         "longer focal length or a smaller score.interior_margin_px"
     )
 
@@ -230,7 +228,6 @@ def _positions(stage: Stage) -> str:
 
 
 def _stage_rows(stage: Stage, frames: Frames) -> dict[str, str]:
-    """Say what distinguishes the stage from one that is perfect and takes no time."""
     rows, errors = {}, stage.errors
     if stage.time_per_position_s > 0:
         rows["scan"] = (
@@ -248,7 +245,6 @@ def _stage_rows(stage: Stage, frames: Frames) -> dict[str, str]:
 
 
 def _lens_rows(scene: Scene, report: SceneReport) -> dict[str, str]:
-    """Say what distinguishes lens and shutter from a pinhole that is open for no time."""
     rows, camera, optics, shutter = {}, scene.camera, scene.optics, scene.shutter
     if camera.distortion is not None:
         corner = np.array([[camera.width - 1, camera.height - 1]], dtype=np.float64)
@@ -261,7 +257,7 @@ def _lens_rows(scene: Scene, report: SceneReport) -> dict[str, str]:
     if optics.defocus is not None:
         depths = np.array([item.depth_mm for item in report.objects])
         blur = optics.defocus.blur_diameter_px(depths, camera.focal_px)
-        rows["defocus"] = f"discs of up to {blur.max():.2f} px; images are means of {optics.defocus.samples} sharp ones"
+        rows["defocus"] = f"discs of up to {blur.max():.2f} px; means of {optics.defocus.samples} sharp images"
     if optics.vignetting is not None:
         rows["vignetting"] = f"{100 * (1 - optics.vignetting.factor(camera)[-1, -1]):.1f} % in the lower right corner"
     if shutter.exposure_time_s > 0 or shutter.readout_time_s > 0:

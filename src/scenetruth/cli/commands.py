@@ -1,4 +1,4 @@
-"""The commands outside a group: those that read a scene or a run directory, and those about the installation."""
+"""Commands outside a group: those that read a scene or a run directory, and those about the installation."""
 
 from __future__ import annotations
 
@@ -157,14 +157,13 @@ def estimate(
         if stale:
             fix = "run `scenetruth score` and `scenetruth report` with --overwrite"
             echo(
-                f"warning: {run}: {', '.join(stale)} are out of date, they are of the previous estimate; {fix}",
+                f"warning: {run}: {', '.join(stale)} are out of date and belong to the previous estimate; {fix}",
                 err=True,
             )
     _raise_failures(runner.results())
 
 
 def _estimate_fields(settings: Sequence[str] | None) -> list[str]:
-    """Return settings NAME=VALUE as fields of the scene's section `estimate`."""
     return [f"estimate.{setting}" for setting in settings or ()]
 
 
@@ -287,24 +286,24 @@ def _run(
     helpers: int = 0,
     **wanted: Any,
 ) -> RunResult:
-    """Load a scene, and take it through stages; what else is ``wanted`` is told to `run_pipeline`."""
+    """Load a scene, and run its stages; further arguments are passed to `run_pipeline`."""
     from scenetruth.cli.console import reporting
     from scenetruth.errors import EstimateError, Problem, SceneError
     from scenetruth.pipeline import open_figure_worker
 
     options.read_settings(settings)
     if settings and len(methods) > 1:
-        raise EstimateError([Problem("--setting", "is ambiguous with several methods; give --method once", settings)])
+        raise EstimateError([Problem("--setting", "is ambiguous with several methods; use --method once", settings)])
     form: Literal["png", "tiff"] | None = None if save_images is None else save_images.value
     with reporting() as reporter, open_figure_worker(helpers) as helper:
-        # Libraries take seconds to load when they are read from disk for the first time: both processes do so at once.
+        # The first import of the libraries takes seconds: both processes import them simultaneously.
         from scenetruth.pipeline import run_pipeline
         from scenetruth.resources.limits import limits_from
         from scenetruth.scene import load_scene
 
         changes = [*(overrides or ()), *_estimate_fields(settings)]
         chosen: list[MethodLike] = list(dict.fromkeys(methods))
-        # A field of the section `estimate` is a setting of the method that is given.
+        # A field of the section `estimate` is a setting of the specified method.
         if len(methods) == 1 and ":" in methods[0]:
             fields = [change for change in changes if change.startswith("estimate.")]
             changes = [change for change in changes if change not in fields]
@@ -328,7 +327,7 @@ def _run(
 
 
 def _with_settings(method: str, fields: Sequence[str]) -> MethodSpec:
-    """Return code, which no scene may name, with its settings."""
+    """Return user code, which a scene cannot name, with its settings."""
     from scenetruth.estimators import MethodSpec
     from scenetruth.scene.scene_loader import apply_overrides
 
@@ -361,7 +360,6 @@ def _print_scores(results: RunResult, region: str) -> None:
 
 
 def _print_results(results: RunResult) -> None:
-    """Print what a run has found, in short, with a picture where the terminal shows one, and name its pages."""
     from scenetruth.cli.console import make_console, print_main_figures
     from scenetruth.cli.terminal_preview import print_picture
 
@@ -374,7 +372,7 @@ def _print_results(results: RunResult) -> None:
 
 
 def _raise_failures(results: RunResult) -> None:
-    """Tell what went wrong; one failure as it is, several one after the other."""
+    """Raise a single failure unchanged, and several failures as one error."""
     from scenetruth.errors import ScenetruthError
 
     failures = list(results.failures.values())

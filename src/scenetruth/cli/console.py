@@ -57,10 +57,9 @@ _START, _COMPILE = "start", "compile"
 
 @dataclass
 class ProgressReporter:
-    """Shows progress, and measures how long each kind of work takes.
+    """Shows progress, and measures the duration of each type of task.
 
-    ``progress``: The bars.
-    ``timings_s``: Seconds spent on each kind of work so far.
+    ``progress``: The progress bars. ``timings_s``: Accumulated seconds per type of task.
     """
 
     progress: Progress
@@ -71,7 +70,7 @@ class ProgressReporter:
     _told_s: float = field(default_factory=lambda: time.monotonic())
 
     def __call__(self, what: str, done: int, total: int) -> None:
-        """Show that ``done`` of ``total`` pieces of some work are done."""
+        """Show that ``done`` of ``total`` steps of a task are complete."""
         if _interrupted:
             raise _Interrupted
         self._show(what, done, total)
@@ -84,23 +83,23 @@ class ProgressReporter:
         self.progress.update(self._tasks[what], completed=done, total=total)
 
     def begin_start(self) -> None:
-        """Show that something is going on before any work tells of itself: libraries are loaded."""
+        """Show activity while libraries are loaded, before the first task reports progress."""
         self._tasks[_START] = self.progress.add_task(_START, total=None)
 
     def end_start(self) -> None:
-        """Take that away."""
+        """Remove the display of activity."""
         if _START in self._tasks:
             self.progress.remove_task(self._tasks.pop(_START))
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:
-        """Measure the time of one kind of work."""
+        """Measure the duration of one type of task."""
         start = time.perf_counter()
         yield
         self.timings_s[what] = round(time.perf_counter() - start, 3)
 
     def compiles(self, name: str, before: int) -> None:
-        """Show that a kernel is being compiled, and how many have been before it."""
+        """Show that a kernel is being compiled, and the number of kernels compiled before."""
         if before == 0:
             self.say(
                 "compiling for this machine, which takes 1 to 2 min once; later runs read the result from disk "
@@ -115,16 +114,16 @@ class ProgressReporter:
         self.progress.console.print(visible(text), highlight=False, markup=False, emoji=False, soft_wrap=True)
 
     def break_silence(self) -> None:
-        """Print how far the work is if nothing was printed for seconds, or for a tenth of the time if that is more."""
+        """Print the progress after some seconds, or a tenth of the elapsed time, without output."""
         now = time.monotonic()
         passed = now - self._begun_s
-        # Whoever waits for it to end the first time has not seen yet that it does.
+        # The final state is not reported as progress.
         patience = 0.0 if self._state.startswith(_COMPILE) else _SILENT_PART * passed
         if now - self._told_s >= max(_SILENT_S - _POLL_INTERVAL_S, patience):
             self.say(f"after {passed:.0f} s, {self._state}")
 
     def finish(self) -> None:
-        """Leave no bar behind that runs on."""
+        """Stop all bars."""
         self.end_start()
         if verbosity() is Verbosity.verbose:
             self._print_run_times()
@@ -132,13 +131,12 @@ class ProgressReporter:
             task = self._tasks[_COMPILE]
             self.progress.update(task, total=self.progress.tasks[self.progress.task_ids.index(task)].completed)
         if not self.progress.task_ids:
-            # Where no bar was, none is printed, nor an empty line after it.
+            # Without a bar, nothing is printed, not even an empty line.
             self.progress.live.transient = True
             self.progress.live.stop()
             self.progress.disable = True
 
     def _print_run_times(self) -> None:
-        """Print the run time of each stage that reported progress, and of all."""
         for task in self.progress.tasks:
             if task.elapsed is not None:
                 self.say(f"{task.description}: {task.completed:,.0f} in {task.elapsed:.2f} s")
@@ -147,7 +145,7 @@ class ProgressReporter:
 
 @contextmanager
 def reporting() -> Iterator[ProgressReporter]:
-    """Show progress bars on standard error while the block runs; where that is no terminal, a line now and then.
+    """Show progress bars on standard error while the block runs, or occasional lines without a terminal.
 
     With --quiet nothing is shown.
     """
@@ -171,7 +169,7 @@ def reporting() -> Iterator[ProgressReporter]:
 
 
 class _ReporterHandler(logging.Handler):
-    """Prints messages of the package above the bars."""
+    """Print messages of the package above the bars."""
 
     def __init__(self, reporter: ProgressReporter) -> None:
         super().__init__(logging.INFO)
@@ -183,7 +181,6 @@ class _ReporterHandler(logging.Handler):
 
 @contextmanager
 def _printed_messages(reporter: ProgressReporter) -> Iterator[None]:
-    """Let the package's messages be printed while the block runs."""
     handler, before = _ReporterHandler(reporter), LOGGER.level
     LOGGER.addHandler(handler)
     LOGGER.setLevel(logging.INFO)
@@ -196,7 +193,7 @@ def _printed_messages(reporter: ProgressReporter) -> Iterator[None]:
 
 @contextmanager
 def _no_silence(reporter: ProgressReporter) -> Iterator[None]:
-    """Let a reporter say how far the work is while the block runs, where no bars move because there is no terminal."""
+    """Let a reporter print the progress regularly while the block runs, for output without a terminal."""
     if reporter.progress.console.is_terminal:
         yield
         return
@@ -216,13 +213,13 @@ def _no_silence(reporter: ProgressReporter) -> Iterator[None]:
 
 
 def guard(run: Callable[[], None]) -> None:
-    """Run a command; turn errors that are ours into messages and exit codes.
+    """Run a command; convert exceptions of scenetruth to messages and exit codes.
 
-    Exit code 2: an input or the machine does not allow it. 130: interrupted. What nobody foresaw keeps its traceback.
+    Exit code 2: invalid input or insufficient resources. 130: interrupted. Unexpected exceptions keep their traceback.
     """
     warnings.showwarning = _show_warning
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that cannot show a character shows its number.
+        # Characters that a terminal cannot show are replaced by their codes.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -234,10 +231,10 @@ def guard(run: Callable[[], None]) -> None:
         try:
             run()
         finally:
-            # What is left in the buffer may find that nobody reads it, or that the disk is full.
+            # Writing the buffer may fail because of a closed pipe or a full disk.
             _flush()
     except BaseException as error:
-        # Compiled code may turn the interrupt that reaches it into an error of its own.
+        # Compiled code may convert an interrupt to another exception.
         if _interrupted:
             _print_error(
                 "interrupted; incomplete results were removed, finished results remain; run the same command to resume"
@@ -257,21 +254,20 @@ def _flush() -> None:
         try:
             sys.stdout.flush()
         except OSError:
-            # Python would try again when it ends, and fail again.
+            # Otherwise Python would try and fail again at exit.
             sys.stdout = None
             raise
 
 
 def _error_message(error: BaseException) -> str | None:
-    """Return what to tell a user of an error; None for one that only who mends the program can understand."""
     if isinstance(error, ScenetruthError):
         return str(error)
     if isinstance(error, MemoryError):
-        return f"not enough memory ({error}); make images, meshes, textures or the number of frames smaller"
+        return f"not enough memory ({error}); reduce the size of images, meshes or textures, or the number of frames"
     if isinstance(error, RecursionError):
         return f"an input is nested too deeply ({error})"
     if isinstance(error, UnicodeError):
-        return f"a text is not UTF-8, or cannot be written in it: {error}"
+        return f"a text is not valid UTF-8, or cannot be encoded in it: {error}"
     if isinstance(error, OSError) and error.strerror:
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror}"
@@ -279,7 +275,7 @@ def _error_message(error: BaseException) -> str | None:
 
 
 class _Interrupted(BaseException):
-    """Somebody wants the command to end; not a KeyboardInterrupt, which the command line library would swallow."""
+    """Request to end the command; not a KeyboardInterrupt, which the command-line library would catch."""
 
 
 _interrupted: list[int] = []
@@ -291,7 +287,7 @@ def _interrupt(number: int, frame: object) -> None:
 
 
 def _again_if_swallowed(unraisable: sys.UnraisableHookArgs) -> None:
-    """Interrupt again where compiled code, as the compiler's own, could not hand the interrupt on to its caller."""
+    """Interrupt again where compiled code could not pass the interrupt to its caller."""
     if isinstance(unraisable.exc_value, _Interrupted):
         signal.signal(signal.SIGALRM, _interrupt)
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
@@ -304,7 +300,7 @@ def _print_error(text: str) -> None:
 
 
 def _print_plainly(text: str, style: str) -> None:
-    """Print on standard error; nothing in the text acts on the terminal."""
+    """Print on standard error, with control characters escaped."""
     console = Console(stderr=True, highlight=False, markup=False, emoji=False)
     console.print(visible(text), style=style, soft_wrap=True)
 
@@ -327,9 +323,9 @@ def print_warning(text: str) -> None:
 
 
 def make_console() -> Console:
-    """Return a console on standard output; brackets are no markup.
+    """Return a console on standard output, without markup.
 
-    Where it is no terminal, and ``COLUMNS`` says no width, it is wide enough for tables.
+    Without a terminal, and without ``COLUMNS``, it is wide enough for tables.
     """
     from rich.console import Console
 
@@ -379,15 +375,15 @@ _MAIN = (
     ("velocity_z",),
     ("growth_rate_windowed", "growth_rate"),
 )
-"""Of each of these, the first that a score has is a main figure."""
+"""Groups of quantities; the first available quantity of each group is a main figure."""
 
 
 _ALL_FIGURES = 72
-"""So many letters of a line have room for all columns."""
+"""Console width required for all columns."""
 
 
 def print_main_figures(scored: Score, method: str) -> None:
-    """Print how large the errors of depth, motion and growth are in the interior; all else is in the page and files."""
+    """Print the errors of depth, motion and growth in the interior; report and files contain all statistics."""
     from rich.table import Table
 
     from scenetruth.errors import visible
@@ -397,7 +393,7 @@ def print_main_figures(scored: Score, method: str) -> None:
     shown, interior = select_summary_quantities(scored.regions, grows=scored.grows), scored.regions["interior"]
     table = Table(title=visible(f"errors of {method}, region interior", lines=False), title_justify="left")
     table.add_column("quantity", min_width=13)
-    # What finds no room is left out: no figure loses digits.
+    # Columns are omitted rather than digits.
     headings = ("RMSE", "median", "unit", "RMSE, rel.", "density")[: 5 if make_console().width >= _ALL_FIGURES else 3]
     for heading in headings:
         table.add_column(heading, justify="left" if heading == "unit" else "right", no_wrap=True)
@@ -417,7 +413,6 @@ _GROWTH = ("growth_rate", "growth_rate_windowed")
 
 
 def _print_regions(scored: Score) -> None:
-    """Print the RMSE of some quantities in every region that has any pixel scored."""
     from rich.table import Table
 
     from scenetruth.errors import visible
@@ -429,7 +424,7 @@ def _print_regions(scored: Score) -> None:
         name
         for name in ("depth", "normal", "flow_x", "velocity_z", "velocity_epe", *_GROWTH)
         if name in shown
-        # Flow stands for motion where there is nothing better.
+        # Flow is shown where no better motion is available.
         and (name != "flow_x" or "velocity_z" not in scored.regions["all"])
     ]
     table = Table(title="all regions, RMSE", title_justify="left")

@@ -207,7 +207,6 @@ def card(
 
 
 def _load(recipe: Path, overrides: Sequence[str] | None = None) -> Sampler:
-    """Load a recipe with changed fields; the directory of a data set stands for the recipe in it."""
     from scenetruth.dataset.layout import DatasetFolder
     from scenetruth.dataset.recipe_loader import load_recipe
 
@@ -217,7 +216,6 @@ def _load(recipe: Path, overrides: Sequence[str] | None = None) -> Sampler:
 
 @contextmanager
 def _naming(recipe: Path) -> Iterator[None]:
-    """Name the recipe's file in errors of what is inside it."""
     from scenetruth.errors import RecipeError, SceneError
 
     try:

@@ -1,4 +1,4 @@
-"""What `scenetruth dataset check` prints."""
+"""Output of `scenetruth dataset check`."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _MOST_FIELDS = 40
 
 
 def print_recipe(sampler: Sampler, trial: DrawReport, forecast: Forecast) -> None:
-    """Print what a recipe makes, and what that takes."""
+    """Print the contents of a data set and the required resources."""
     recipe = sampler.recipe
     table = Table(title=visible(recipe.description or recipe.name), show_header=False, title_justify="left")
     for heading in ("what", "value"):
-        # Ends of long paths tell fields apart.
+        # Long paths are truncated at the start, because their ends differ.
         table.add_column(heading, overflow="fold")
     table.add_row("samples", f"{recipe.count:,}" + (f" ({recipe.samples:,} draws)" if recipe.steps > 1 else ""))
     table.add_row("base", visible(", ".join(str(base) for base in sampler.bases)))
@@ -32,7 +32,7 @@ def print_recipe(sampler: Sampler, trial: DrawReport, forecast: Forecast) -> Non
     if len(sampler.varied) > _MOST_FIELDS:
         table.add_row(f"and {len(sampler.varied) - _MOST_FIELDS} more", "")
     for path, steps in recipe.paired_factors.items():
-        table.add_row(visible(f"ladder {path}"), visible(", ".join(map(str, steps))))
+        table.add_row(visible(f"paired factor {path}"), visible(", ".join(map(str, steps))))
     table.add_row("draws", visible(str(trial)))
     console = Console(highlight=False, markup=False, emoji=False)
     console.print(table)
@@ -51,7 +51,7 @@ def print_recipe(sampler: Sampler, trial: DrawReport, forecast: Forecast) -> Non
     if trial.problems:
         raise RecipeError(trial.problems)
     if not recipe.licence:
-        print_warning("licence: is not given; nobody may use a data set without one")
+        print_warning("licence: is missing; a data set without a licence may not be used")
 
 
 def _size(count: float) -> str:

@@ -81,7 +81,6 @@ def budget(
 
 
 def _method_of(scene: Scene, method: str | None, settings: Mapping[str, Any]) -> MethodSpec:
-    """Return a method with settings, beyond those of the scene if it is the method of the scene."""
     from scenetruth.estimators import MethodSpec
 
     if method is not None and method != scene.estimate.method:
@@ -94,8 +93,9 @@ def _print_budget(found: Budget, region: str) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.design.uncertainty.budget_report import SHOWN_QUANTITIES
-    from scenetruth.design.uncertainty.uncertainty_budget import number, unit_text
+    from scenetruth.design.uncertainty.uncertainty_budget import unit_text
     from scenetruth.errors import visible
+    from scenetruth.number_format import format_two_digits
     from scenetruth.scoring.quantities import get_title
 
     for quantity in (one for one in SHOWN_QUANTITIES if found.contributions(one, region)):
@@ -107,10 +107,16 @@ def _print_budget(found: Budget, region: str) -> None:
         for name in ("part", "predicted", "simulated"):
             table.add_column(name, justify="right")
         for one in found.contributions(quantity, region):
-            cells = (one.title, one.size, number(one.value), number(one.predicted), number(one.simulated))
+            cells = (
+                one.title,
+                one.size,
+                format_two_digits(one.value),
+                format_two_digits(one.predicted),
+                format_two_digits(one.simulated),
+            )
             table.add_row(*(visible(cell, lines=False) for cell in cells))
-        table.add_row("root of the sum of squares", "", number(total.root_sum_square), "", "")
-        table.add_row("everything on", "", "", "", number(total.simulated))
+        table.add_row("root of the sum of squares", "", format_two_digits(total.root_sum_square), "", "")
+        table.add_row("all sources", "", "", "", format_two_digits(total.simulated))
         make_console().print(table)
     for line in (*found.summary(region).splitlines(), *found.failures):
         typer.echo(visible(line))
@@ -165,13 +171,12 @@ _MOTIONS = ("translation", "rigid", "growing", "affine")
 
 
 def _prediction_settings(given: list[str] | None) -> dict[str, Any]:
-    """Return the settings of a method that change a prediction."""
     from scenetruth.errors import EstimateError, Problem
 
     settings = options.read_settings(given)
     allowed = ("window_sigma_px", "motion")
     problems = [
-        Problem(f"--setting {name}", f"does not change a prediction; use {' or '.join(allowed)}", value)
+        Problem(f"--setting {name}", f"does not affect a prediction; use {' or '.join(allowed)}", value)
         for name, value in settings.items()
         if name not in allowed
     ]
@@ -186,7 +191,7 @@ def _prediction_settings(given: list[str] | None) -> dict[str, Any]:
 
 
 def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, str, str]]:
-    """Return quantity, precision, what there is to be measured, and how many standard deviations that is."""
+    """Return quantity, precision, measured value, and their ratio."""
     from scenetruth.design.prediction.prediction_result import TITLES
 
     rows = []
@@ -197,7 +202,7 @@ def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, 
         there = "" if signal is None else f"{signal:.3g}"
         times = "" if ratio is None or not signal else f"{ratio:.3g}"
         unit = "" if figure.value_unit == "1" else f" {figure.value_unit}"
-        precision = f"{figure.value:.3g}{unit}" if figure.valid_fraction else "not known"
+        precision = f"{figure.value:.3g}{unit}" if figure.valid_fraction else "invalid"
         rows.append((TITLES[quantity], precision, there, times))
     return rows
 
@@ -212,29 +217,29 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
     from scenetruth.errors import visible
 
     causes = prediction.causes
-    of = "least standard deviation" if prediction.method == "refined" else "standard deviation"
+    of = "minimum standard deviation" if prediction.method == "refined" else "standard deviation"
     table = Table(title=visible(f"{region}: {of} per pixel, {prediction.method}", lines=False), title_justify="left")
     table.add_column("quantity")
-    for heading in ("precision", "there is", "ratio"):
+    for heading in ("precision", "value", "ratio"):
         table.add_column(heading, justify="right")
     for row in precision_rows(prediction, region):
         table.add_row(*map(visible, row))
     make_console().print(table)
     rows = {
-        "noise of a grey value": f"{100 * causes.noise_std:.3g} % of full scale, and "
-        f"{100 * causes.pattern_std:.2g} % that stay with the pixels",
+        "grey-value noise": f"{100 * causes.noise_std:.3g} % of full scale, and "
+        f"{100 * causes.pattern_std:.2g} % fixed-pattern noise",
         "texture": f"contrast {100 * causes.contrast:.3g} % of full scale, gradient "
-        f"{100 * causes.gradient_x:.3g} and {100 * causes.gradient_y:.3g} % per px along x and y, waves of about "
+        f"{100 * causes.gradient_x:.3g} and {100 * causes.gradient_y:.3g} % per px along x and y, wavelength about "
         f"{causes.wavelength_px:.3g} px",
-        "lens, pixels, motion": f"leave {100 * causes.transfer:.3g} % of its contrast; while an image is taken, "
+        "lens, pixels, motion": f"transfer {100 * causes.transfer:.3g} % of the contrast; during exposure, "
         + (
-            f"what moves moves by up to {causes.blur_px:.2g} px (95 % of it)" if causes.blur_px > 0 else "nothing moves"
+            f"points move by up to {causes.blur_px:.2g} px (95th percentile)" if causes.blur_px > 0 else "nothing moves"
         ),
         "rig": f"{causes.positions} positions, {causes.frames} frames at a time, {causes.disparity_px:.3g} px per step "
         f"at {causes.depth_mm:.4g} mm",
         "window": f"standard deviation {causes.window_sigma_px:g} px; motion {causes.motion}",
     }
-    table = Table(title="what goes into it, medians over all that is seen", title_justify="left", show_header=False)
+    table = Table(title="inputs, medians over all visible pixels", title_justify="left", show_header=False)
     for name, text in rows.items():
         table.add_row(name, text)
     make_console().print(table)
@@ -308,7 +313,7 @@ def _print_best(found: Sweep, region: str) -> None:
         raise ArgumentError(
             [Problem("--region", f"must be one of {', '.join(sorted(regions))}", region)], source="a sweep"
         )
-    table = Table(title=f"least RMSE of each quantity, region {region}", title_justify="left")
+    table = Table(title=f"smallest RMSE of each quantity, region {region}", title_justify="left")
     for heading in ("quantity", "RMSE", "95 %", "unit", "at", "method"):
         table.add_column(heading, overflow="fold")
     for quantity in list_plotted_quantities(found):

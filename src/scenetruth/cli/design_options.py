@@ -272,19 +272,19 @@ Platform = Annotated[OpenGLPlatform, typer.Option("--platform", help="OpenGL pla
 
 
 def parse_seeds(given: str, problems: list[Problem]) -> int | list[int]:
-    """Return a number of seeds, or a list of seeds that are separated by commas; add a problem if it is neither."""
+    """Return a number of seeds, or a list of seeds separated by commas; add a problem if it is neither."""
     from scenetruth.errors import Problem
 
     try:
         numbers = [int(text) for text in given.split(",")]
     except ValueError:
-        problems.append(Problem("--seeds", "must be a number of seeds, or a list of them as 1,2,3", given))
+        problems.append(Problem("--seeds", "must be a number of seeds, or a list such as 1,2,3", given))
         return 0
     return numbers if "," in given else numbers[0]
 
 
 def read_seeds(given: str | None) -> int | list[int] | None:
-    """Return the seeds that the option --seeds gives."""
+    """Return the seeds of the option --seeds."""
     from scenetruth.errors import ArgumentError
 
     problems: list[Problem] = []

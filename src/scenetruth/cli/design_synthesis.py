@@ -136,9 +136,9 @@ def pattern(
     }
     size = _numbers(problems, "size_mm", size_mm, "x")
     if overrides and scene is None:
-        problems.append(Problem("--set", "changes a scene; give SCENE", overrides))
+        problems.append(Problem("--set", "changes a scene; specify SCENE", overrides))
     if mm_per_px is not None and not reference_images:
-        problems.append(Problem("--mm-per-px", "applies to a photograph; give --reference-image", mm_per_px))
+        problems.append(Problem("--mm-per-px", "applies to a photograph; specify --reference-image", mm_per_px))
     if problems:
         raise ArgumentError(problems, source="a pattern")
     claim = claim_folder(
@@ -183,7 +183,7 @@ def _numbers(problems: list[Any], name: str, text: str | None, between: str) -> 
     try:
         first, second = (float(part) for part in text.casefold().split(between))
     except ValueError:
-        problems.append(Problem(name, f"must be two numbers with {between!r} between", text))
+        problems.append(Problem(name, f"must be two numbers with {between!r} between them", text))
         return None
     return first, second
 
@@ -205,18 +205,18 @@ def _rig(
 
 _ROWS = {
     "contrast": ("contrast (standard deviation)", "% of full scale", 100.0),
-    "gradient_x": ("gradient along x, rms", "% per px", 100.0),
-    "gradient_y": ("gradient along y, rms", "% per px", 100.0),
-    "theory_gradient": ("the same from theory", "% per px", 100.0),
-    "wavelength_px": ("wavelength of equal worth", "px", 1.0),
+    "gradient_x": ("gradient along x, RMS", "% per px", 100.0),
+    "gradient_y": ("gradient along y, RMS", "% per px", 100.0),
+    "theory_gradient": ("gradient, theory", "% per px", 100.0),
+    "wavelength_px": ("equivalent wavelength", "px", 1.0),
     "size_px": ("speckle size (autocorrelation)", "px", 1.0),
-    "aliased_share": ("too fine for the pixels", "% of variance", 100.0),
+    "aliased_share": ("aliased power", "% of variance", 100.0),
     "noise_std": ("noise", "% of full scale", 100.0),
-    "disparity_px": ("disparity, at best", "px/step", 1.0),
-    "depth_mm": ("depth, at best", "mm", 1.0),
-    "flow_px": ("flow, at best", "px/frame", 1.0),
-    "velocity_lateral_mm": ("U_X, at best", "mm/frame", 1.0),
-    "velocity_depth_mm": ("U_Z, at best", "mm/frame", 1.0),
+    "disparity_px": ("disparity, bound", "px/step", 1.0),
+    "depth_mm": ("depth, bound", "mm", 1.0),
+    "flow_px": ("flow, bound", "px/frame", 1.0),
+    "velocity_lateral_mm": ("U_X, bound", "mm/frame", 1.0),
+    "velocity_depth_mm": ("U_Z, bound", "mm/frame", 1.0),
 }
 
 
@@ -226,7 +226,7 @@ def _print_assessments(worths: Sequence[PatternAssessment]) -> None:
     from scenetruth.cli.console import make_console
     from scenetruth.errors import visible
 
-    table = Table(title="what the rig sees, and standard deviations at best", title_justify="left")
+    table = Table(title="imaged pattern, and lower bounds of standard deviations", title_justify="left")
     table.add_column("quantity")
     table.add_column("unit")
     for worth in worths:
@@ -245,8 +245,8 @@ def _print_sizes(rig: PatternRig, coverage: float) -> None:
     from scenetruth.cli.console import make_console
     from scenetruth.design.patterns.assessment import compute_size_table
 
-    table = Table(title="dots of other sizes, anywhere (theory)", title_justify="left")
-    for heading in ("px", "mm", "noise over that of 4 px", "too fine, % of variance"):
+    table = Table(title="other dot sizes, random positions (theory)", title_justify="left")
+    for heading in ("px", "mm", "noise relative to 4 px", "aliased, % of variance"):
         table.add_column(heading, justify="right")
     for px, mm, noise, aliased in compute_size_table(rig, coverage):
         table.add_row(f"{px:g}", f"{mm:.3f}", f"{noise:.2f}", f"{100 * aliased:.1f}")

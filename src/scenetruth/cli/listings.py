@@ -70,7 +70,6 @@ def _bundled_files(files: BundledFiles) -> list[dict[str, Any]]:
 
 
 def _size(plain: Mapping[str, Any]) -> str:
-    """Return the size of a scene, recipe or design specification; empty if its file has none."""
     if "camera" in plain:
         camera, stage = plain["camera"], plain["stage"]
         across = stage.get("positions") or len(stage.get("positions_mm") or [0])
@@ -105,7 +104,6 @@ def _methods() -> list[dict[str, Any]]:
 
 
 def _missing_packages(method: Estimator) -> list[str]:
-    """Return the requirements of a method that no recording can meet: a recording with all variables is checked."""
     import numpy as np
 
     from scenetruth.schema import make_recording
@@ -114,7 +112,7 @@ def _missing_packages(method: Estimator) -> list[str]:
     try:
         images = np.zeros((max(needs.cameras, 3), max(needs.frames, 3), 64, 64), dtype=np.uint8)
         problems = method.requirements(make_recording(images, 100.0, 5.0), method.settings())
-    except Exception:  # settings without a default, or a fault of a plugin: its estimates report it
+    except Exception:  # settings without a default, or a bug of a plugin: estimation reports it
         return []
     return [f"cannot be used: {problem.message}" for problem in problems if problem.path == "method"]
 

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options of several commands."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ __all__ = [
 
 
 def helpers() -> int:
-    """Return how many further processes a command may take: one, if there is a processor for it."""
+    """Return the number of additional processes of a command: one, if a processor is available."""
     return int(len(os.sched_getaffinity(0)) > 1) if hasattr(os, "sched_getaffinity") else int((os.cpu_count() or 1) > 1)
 
 
@@ -176,7 +176,7 @@ class TemplateType(StrEnum):
 
 
 class ListKind(StrEnum):
-    """What `scenetruth list` lists."""
+    """Categories of `scenetruth list`."""
 
     scenes = "scenes"
     recipes = "recipes"
@@ -589,7 +589,7 @@ CardUrl = Annotated[str, option("--url", metavar="URL", help="Address of the pub
 
 
 def add_command(app: typer.Typer, function: Callable[..., None], name: str | None = None) -> None:
-    """Add a command with the options that every command has: --quiet and --verbose."""
+    """Add a command with the common options --quiet and --verbose."""
     hints = get_type_hints(function, include_extras=True)
     given = inspect.signature(function)
     parameters = [each.replace(annotation=hints[each.name]) for each in given.parameters.values()]
@@ -612,7 +612,7 @@ def add_command(app: typer.Typer, function: Callable[..., None], name: str | Non
 
 
 def parse_assignments(option: str, given: Iterable[str] | None) -> tuple[dict[str, Any], list[Problem]]:
-    """Return the values of an option NAME=VALUE, each read as YAML, and every assignment that is spelled wrongly."""
+    """Return the values of an option NAME=VALUE, parsed as YAML, and the problems of invalid assignments."""
     import yaml
 
     from scenetruth.errors import Problem
@@ -634,7 +634,7 @@ def parse_assignments(option: str, given: Iterable[str] | None) -> tuple[dict[st
 
 
 def read_settings(given: Iterable[str] | None) -> dict[str, Any]:
-    """Return the settings of a method that the option --setting gives."""
+    """Return the settings of the option --setting."""
     from scenetruth.errors import EstimateError
 
     settings, problems = parse_assignments("--setting", given)
@@ -652,7 +652,7 @@ def with_settings(methods: Iterable[str], settings: Iterable[str] | None) -> lis
     if not added:
         return specs
     return [
-        # A label that consists of the name and the settings is made anew.
+        # A label that consists of name and settings is rebuilt.
         MethodSpec(spec.method, {**spec.settings, **added}, "" if spec.label == spec.spelled else spec.label)
         for spec in specs
     ]

@@ -1,6 +1,6 @@
-"""A script that renders a triangle of a few pixels and reports success; `diagnostics` runs it in a process of its own.
+"""Script that renders a small triangle; `diagnostics` runs it in a separate process, which system libraries may abort.
 
-A system library that fails to start may abort the whole process. Nothing of scenetruth is imported.
+Nothing of scenetruth is imported.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ import os
 import sys
 
 ANSWER = "scenetruth: it renders"
-"""What is printed if it does, before what with."""
+"""Prefix of the output on success, followed by the renderer."""
 
 _CORNERS = [[-1.0, -1.0, -2.0], [1.0, -1.0, -2.0], [0.0, 1.0, -2.0]]
-"""A triangle before a camera that looks along -Z."""
+"""A triangle in front of a camera that faces -Z."""
 _SIZE_PX = 8
 
 
@@ -35,7 +35,7 @@ def _by_opengl(platform: str) -> str:
         renderer.delete()
     middle, corner = depth[_SIZE_PX // 2, _SIZE_PX // 2], depth[0, 0]
     if not abs(middle - 2) < 1e-3 or corner != 0:
-        sys.exit(f"it draws a triangle at a depth of 2 as {middle:g}, and nothing as {corner:g}")
+        sys.exit(f"the triangle at a depth of 2 is rendered at {middle:g}, and the background at {corner:g}")
     return f"OpenGL {version}"
 
 
@@ -47,13 +47,13 @@ def _by_rays() -> str:
     from embreex.rtcore_scene import EmbreeScene
 
     scene = EmbreeScene(robust=True)
-    # It is freed with the name.
+    # Keeps the object alive.
     mesh = TriangleMesh(scene, np.array(_CORNERS, dtype=np.float32), np.array([[0, 1, 2]], dtype=np.int32))
     rays = np.array([[0, 0, -1], [0, 0, 1]], dtype=np.float32)
     met = scene.run(np.zeros((2, 3), dtype=np.float32), rays).tolist()
     del mesh
     if met != [0, -1]:
-        sys.exit(f"rays at a triangle and away from it meet faces {met}, and not 0 and -1")
+        sys.exit(f"rays towards the triangle and away from it hit faces {met}, and not 0 and -1")
     return f"embreex {version('embreex')}"
 
 

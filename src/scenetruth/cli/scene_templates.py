@@ -1,4 +1,4 @@
-"""The command `init` and the commented scene files it writes: a cube, a leaf, or a mesh of the user."""
+"""The command `init` and its commented scene files: a cube, a leaf, or a user-defined mesh."""
 
 from __future__ import annotations
 
@@ -25,17 +25,13 @@ __all__ = ["PlacedMesh", "SceneTemplate", "mesh_template", "place_mesh", "regist
 
 @dataclass(frozen=True)
 class SceneTemplate:
-    """What distinguishes one scene to start from among others.
+    """Parameters of a scene template.
 
-    ``summary``: What the scene shows, in one line.
-    ``first``: What to change first, a line each.
-    ``objects``: The list of objects, in YAML with comments.
-    ``focal_length_px``, ``focal_note``: Focal length of the camera in px, and what that makes of the scene.
-    ``baseline_mm``, ``baseline_note``: Way of the stage from position to position in mm, and what that makes of the
-      scene.
-    ``frame_interval_s``: Time from frame to frame in s.
-    ``blocks``: Further blocks, in YAML with comments.
-    ``sensor``, ``estimate``: Fields of the sensor and of the method, in YAML.
+    ``summary``: One-line description of the scene. ``first``: Fields to change first, one per line. ``objects``: The
+    list of objects, in commented YAML. ``focal_length_px``, ``focal_note``: Focal length in px, with a comment.
+    ``baseline_mm``, ``baseline_note``: Distance of stage positions in mm, with a comment. ``frame_interval_s``: Frame
+    interval in s. ``blocks``: Further blocks, in commented YAML. ``sensor``, ``estimate``: Fields of the sensor and of
+    the method, in YAML.
     """
 
     summary: str
@@ -55,39 +51,39 @@ _TEXT = """\
 {schema}
 # {summary}
 #
-# Lengths are in mm, times in s, images in px. X points to the right, Y down, Z away from the camera, which looks along
-# +Z from the origin. All fields with their defaults: scenetruth schema. Scenes to copy from: scenetruth list scenes.
+# Lengths are in mm, times in s, images in px. X points to the right, Y down, Z away from the camera, which is at the
+# origin and faces +Z. All fields with their defaults: scenetruth schema. Bundled scenes: scenetruth list scenes.
 #
-# What to change first:
+# Fields to change first:
 {first}
 #
-#     scenetruth check {file}                        what will be made of it, and what that takes
+#     scenetruth check {file}                        validate the scene, predict resources and precision
 #     scenetruth run {file} -o outputs/first         images, truth, estimate, score, report
 
-# What the scene is for, in one line; pages show it.
+# One-line description, shown in reports.
 description: {description}
 
-# The camera: size of the images in px, and focal length in px, which is the one in mm divided by the distance of two
-# pixels on the sensor in mm: 25 mm and 3.45 um are 7246 px.
+# The camera: image size in px, and focal length in px, which is the focal length in mm divided by the pixel pitch of
+# the sensor in mm: 25 mm and 3.45 um are 7246 px.
 camera:
   width: 640
   height: 480
   focal_length_px: {focal_length_px:g}        # {focal_note}
 
-# The stage carries the camera along X: so many images of every frame, so many mm from one to the next. A longer way
-# tells depth better, as far as all images still show the same.
+# The stage moves the camera along X: number of images per frame, and distance between them in mm. A longer baseline
+# improves the precision of depth, provided that all images show the same surface.
 stage:
   positions: 5
   baseline_mm: {baseline_mm:g}        # {baseline_note}
 
-# Frames: how often the stage takes its images, and how many seconds pass from one frame to the next. Motions are told
-# per frame, growth per hour.
+# Frames: number of scans of the stage, and time between them in s. Each frame contains the images of all positions.
+# Motions are specified per frame, growth per hour.
 frames:
   count: 9
   frame_interval_s: {frame_interval_s:g}
 
-# What stands before the camera. Each object has a name, a mesh (its shape), a texture (what is seen on it: radiance
-# from 0 to 1), a pose (where it stands at the reference frame, t = 0, the middle one), and may deform and move.
+# The objects. Each has a name, a mesh (its shape), a texture (the radiance of its surface, from 0 to 1), a pose (at
+# the reference frame, t = 0, the middle frame), and optionally deformation and motion.
 objects:
 {objects}
 {blocks}
@@ -96,27 +92,27 @@ objects:
 sensor:
 {sensor}
 
-# How images are made: OpenGL where it runs, else ray casting; every pixel is a mean of 4 x 4 samples.
+# Rendering: OpenGL where available, otherwise ray casting; every pixel is the mean of 4 x 4 samples.
 render:
   backend: auto
   supersampling: 4
 
-# How depth and motion are estimated from the images: any of `scenetruth list methods`, with its settings.
+# Estimation of depth and motion from the images: a method of `scenetruth list methods`, with its settings.
 estimate:
 {estimate}
 
-# Scores of the interior leave out what is nearer to an edge than this, in px.
+# Scores of the interior exclude pixels closer to an edge than this, in px.
 score:
   interior_margin_px: 20
 
-# All random numbers, of textures and noise, follow from this one.
+# Seed of all random numbers, of textures and noise.
 seed: 1
 """
 
 _SCHEMA = "# yaml-language-server: $schema={}"
 _NO_SCHEMA = """\
-# Editors complete and check this file if a line `# yaml-language-server: $schema=scene.schema.json` stands above all
-# others (not behind this text), and that file lies beside it: scenetruth schema > scene.schema.json"""
+# Editors complete and check this file if the line `# yaml-language-server: $schema=scene.schema.json` precedes all
+# others (including this text), and that file is in the same directory: scenetruth schema > scene.schema.json"""
 
 
 def scene_text(start: SceneTemplate, file: str, schema: str = "") -> str:
@@ -124,7 +120,7 @@ def scene_text(start: SceneTemplate, file: str, schema: str = "") -> str:
     return _TEXT.format(
         schema=_SCHEMA.format(schema) if schema else _NO_SCHEMA,
         summary=start.summary,
-        # Names of files may hold what YAML takes for something else.
+        # File names may contain special characters of YAML.
         description=json.dumps(start.summary, ensure_ascii=False),
         first="\n".join(f"# - {line}" for line in start.first),
         file=visible(file, lines=False),
@@ -142,9 +138,9 @@ def scene_text(start: SceneTemplate, file: str, schema: str = "") -> str:
 
 _CUBE = """
 - name: cube
-  # A box about its own origin, X x Y x Z. Others: plane, sphere, cylinder, torus, relief, leaf, file, ...
+  # A box centred at its own origin, X x Y x Z. Others: plane, sphere, cylinder, torus, relief, leaf, file, ...
   mesh: {{kind: box, size_mm: [49, 49, 49]}}
-  # Turned about fixed axes one after the other (degrees, X towards Y about Z), then moved: position of its origin.
+  # Successive rotations about fixed axes (degrees, X towards Y about Z), then translation: position of its origin.
   pose:
     position_mm: [0, 0, 692.56]
     rotations:
@@ -152,7 +148,7 @@ _CUBE = """
       - {{axis: [1, 0, 0], angle_deg: 20}}
   # {texture_note}
   texture: {texture}
-  # Constant velocity in mm per frame, along X, Y, Z: this one comes nearer. Others: rotation, waves, splines, ...
+  # Constant velocity in mm per frame, along X, Y, Z, here towards the camera. Others: rotation, waves, splines, ...
   motion:
     - {{kind: velocity, velocity_mm_per_frame: [0, 0, -1]}}
 """
@@ -172,18 +168,18 @@ _LEAF = """
     bend_across_deg: -35
     fold_deg: 20
     resolution_mm: 0.8
-  # Veins and mottling, as a green leaf has them in one channel of a camera: red, green or nir.
+  # Veins and mottling of a green leaf, in one channel of a camera: red, green or nir.
   texture: {kind: leaf, channel: green}
   pose:
     position_mm: [2, 13.5, 600]
     rotations:
       - {axis: [0, 1, 0], angle_deg: 10}
       - {axis: [0, 0, 1], angle_deg: -100}
-  # Growth of the area per hour: 0.03 are 3 %/h. At the base one and a half times as much as in the middle, at the tip
-  # half as much: from X = base_mm to X = tip_mm.
+  # Growth rate of the area per hour: 0.03 is 3 %/h. At the base (X = base_mm) 1.5 times as much as in the middle,
+  # at the tip (X = tip_mm) half as much.
   deformation:
     - {kind: growth, rate_per_hour: 0.03, base_to_tip: [1.5, 0.5], base_mm: -25, tip_mm: 57}
-    # And it rises by 0.2 degrees per frame, about the end of its petiole.
+    # It also rises by 0.2 degrees per frame, about the end of its petiole.
     - {kind: hinge, axis: [0, 1, 0], point_mm: [-30, 0, 0], angle_deg: {kind: linear, rate_per_frame: 0.2}}
 - name: soil
   mesh: {kind: plane, size_mm: [200, 160]}
@@ -192,8 +188,8 @@ _LEAF = """
 """
 
 _LIGHT = """
-# The light: as much from everywhere, and lamps; a directional one shines along its direction. Without this block, what
-# textures say is what the camera sees.
+# The illumination: ambient light, and lamps; a directional lamp shines along its direction. Without this block, the
+# texture values are the radiance.
 lighting:
   ambient: 0.25
   lights:
@@ -202,77 +198,74 @@ lighting:
 
 
 def image_block(file: str) -> str:
-    """Return the texture that lays an image file on a mesh, in YAML."""
+    """Return the YAML of a texture that maps an image file onto a mesh."""
     return f"{{kind: image, file: {json.dumps(file)}, encoding: srgb}}"
 
 
 def cube_template(image: str = "") -> SceneTemplate:
-    """Return a cube that comes towards the camera, with noise on it or an image."""
+    """Return a cube that moves towards the camera, with a noise texture or an image."""
     noise = "{kind: noise, wavelength_mm: [0.8, 4.0], mean: 0.5, rms_contrast: 0.25}"
-    told = "Noise with waves of these lengths, here 6 to 30 px, of this mean and contrast (standard deviation / mean)."
+    told = "Noise with wavelengths in this range, here 6 to 30 px, with mean and contrast (standard deviation / mean)."
     if image:
-        told = "An image, laid on each face; its grey values are sRGB, or linear."
+        told = "An image, mapped onto each face; its grey values are sRGB, or linear."
     return SceneTemplate(
-        summary="A textured cube that comes towards the camera",
+        summary="A textured cube that moves towards the camera",
         first=(
-            "objects: the shape, where it stands and how it moves; what is seen on it",
+            "objects: shape, pose, motion and texture",
             "camera.focal_length_px and stage.baseline_mm: those of your rig",
             "sensor.noise_std: that of your camera",
         ),
         objects=_CUBE.format(texture=image_block(image) if image else noise, texture_note=told),
         focal_length_px=5016,
-        focal_note="84 x 63 mm are seen at 660 mm",
+        focal_note="field of view 84 x 63 mm at 660 mm",
         baseline_mm=5,
-        baseline_note="38 px of disparity from image to image, at 660 mm",
+        baseline_note="disparity of 38 px per step at 660 mm",
     )
 
 
 def leaf_template() -> SceneTemplate:
-    """Return a growing leaf in front of soil, one frame a minute."""
+    """Return a growing leaf in front of soil, one frame per minute."""
     return SceneTemplate(
-        summary="A growing leaf that rises, one frame a minute",
+        summary="A growing leaf that rises, one frame per minute",
         first=(
-            "objects.0.mesh: the form of the leaf; objects.0.deformation: how fast it grows",
+            "objects.0.mesh: shape of the leaf; objects.0.deformation: growth rate",
             "camera.focal_length_px and stage.baseline_mm: those of your rig",
-            "frames.frame_interval_s: how often you take images; sensor.noise_std: that of your camera",
+            "frames.frame_interval_s: time between frames; sensor.noise_std: that of your camera",
         ),
         objects=_LEAF,
         focal_length_px=3200,
-        focal_note="120 x 90 mm are seen at 600 mm",
+        focal_note="field of view 120 x 90 mm at 600 mm",
         baseline_mm=5,
-        baseline_note="27 px of disparity from image to image, at 600 mm",
+        baseline_note="disparity of 27 px per step at 600 mm",
         frame_interval_s=60,
         blocks=_LIGHT,
         sensor="bit_depth: 12\nnoise_std: 0.002",
-        estimate="# Sees slow growth, and takes a minute or two; structure_tensor takes a second, and does not.\n"
+        estimate="# Resolves slow growth in 1 to 2 min; structure_tensor takes 1 s and does not resolve it.\n"
         "method: refined",
     )
 
 
 _WIDTH_PX, _HEIGHT_PX = 640, 480
 _SHARE = 0.75
-"""Part of the image that the mesh takes: the rest is for the stage's way and for motion."""
+"""Fraction of the image covered by the mesh, with a margin for stage travel and motion."""
 _DISPARITY_PX = 30.0
-"""Disparity from image to image at the nearest point: twice that, to either side, is less than the margin of 80 px."""
+"""Disparity per step at the nearest point; twice that, on either side, is less than the margin of 80 px."""
 _FAR = 10.0
-"""Distance, where none is given, in sizes of the mesh across the line of sight."""
+"""Default distance, in sizes of the mesh perpendicular to the optical axis."""
 _NEARER = 1 / 660
-"""Part of its distance by which the mesh comes nearer from frame to frame, as the noise cube does."""
+"""Fraction of its distance by which the mesh approaches per frame, as for the noise cube."""
 _WAVES_PX = (6.0, 30.0)
 
 
 @dataclass(frozen=True)
 class PlacedMesh:
-    """A mesh file as read, and where it was placed.
+    """A mesh file with its placement in the scene.
 
-    ``vertices``, ``faces``: How many it has.
-    ``size_mm``: Its size along X, Y and Z.
-    ``position_mm``: Where its origin stands: its middle on the camera's axis, its nearest point at the distance.
-    ``distance_mm``: Distance of its nearest point from the camera, along Z.
-    ``focal_length_px``: Focal length with which it takes three quarters of the image.
-    ``baseline_mm``: Way of the stage with 30 px of disparity at the nearest point.
-    ``has_image``: Whether the file brings a texture image or colours of its own.
-    ``has_uv``: Whether an image can be laid on it.
+    ``vertices``, ``faces``: Number of vertices and faces. ``size_mm``: Size along X, Y and Z. ``position_mm``: Position
+    of its origin, with its centre on the optical axis. ``distance_mm``: Distance of its nearest point from the camera,
+    along Z. ``focal_length_px``: Focal length for which it covers three quarters of the image. ``baseline_mm``:
+    Distance of stage positions with a disparity of 30 px at the nearest point. ``has_image``: Whether the file contains
+    a texture image or colours. ``has_uv``: Whether it has UV coordinates for an image.
     """
 
     vertices: int
@@ -287,7 +280,7 @@ class PlacedMesh:
 
     @property
     def words(self) -> str:
-        """What was read, and where it was placed, in one sentence."""
+        """Description of mesh and placement, in one sentence."""
         size = " x ".join(f"{value:.4g}" for value in self.size_mm)
         return (
             f"{self.vertices:,} vertices and {self.faces:,} faces, {size} mm; its nearest point {self.distance_mm:g} "
@@ -296,11 +289,10 @@ class PlacedMesh:
 
 
 def place_mesh(file: Path, unit_mm: float = 1.0, distance_mm: float | None = None) -> PlacedMesh:
-    """Read a mesh file, and find place, focal length and baseline with which the camera sees all of it.
+    """Read a mesh file, and choose position, focal length and baseline such that all of it is visible.
 
-    ``unit_mm``: Length of the file's unit in mm.
-    ``distance_mm``: Distance of the nearest point in mm; ten times the mesh's size across the line of sight if not
-      given.
+    ``unit_mm``: Length unit of the file in mm.
+    ``distance_mm``: Distance of the nearest point in mm; default: ten times the size perpendicular to the optical axis.
     """
     from scenetruth.scene.mesh.mesh_file import load_mesh_file
 
@@ -308,13 +300,13 @@ def place_mesh(file: Path, unit_mm: float = 1.0, distance_mm: float | None = Non
 
 
 def _placed(read: TriangleMesh, distance_mm: float | None) -> PlacedMesh:
-    # Vertices that no face uses are not seen.
+    # Unused vertices are ignored.
     used = read.vertices_mm[read.faces.ravel()]
     low, high = used.min(axis=0), used.max(axis=0)
     size = high - low
     across = float(max(size[0], size[1], 1e-3 * size[2]))
     distance = _rounded(_FAR * across) if distance_mm is None else distance_mm
-    # At the depth of its nearest point the whole of it would still fit.
+    # Computed as if the whole mesh were at the depth of its nearest point.
     focal = (
         _SHARE
         * distance
@@ -337,19 +329,19 @@ def _placed(read: TriangleMesh, distance_mm: float | None) -> PlacedMesh:
 
 
 def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str = "") -> SceneTemplate:
-    """Return a mesh file that comes towards the camera, with noise on it or an image.
+    """Return a mesh file that moves towards the camera, with a noise texture or an image.
 
-    ``unit_mm``: Length of the file's unit in mm.
+    ``unit_mm``: Length unit of the file in mm.
     """
     per_px = found.distance_mm / found.focal_length_px
     waves = [_rounded(px * per_px) for px in _WAVES_PX]
     texture = f"{{kind: noise, wavelength_mm: [{waves[0]:g}, {waves[1]:g}], mean: 0.5, rms_contrast: 0.25}}"
-    told = "Noise with waves of these lengths, here 6 to 30 px, of this mean and contrast (standard deviation / mean)."
+    told = "Noise with wavelengths in this range, here 6 to 30 px, with mean and contrast (standard deviation / mean)."
     if image:
         texture = image_block(image)
-        told = "An image, laid on the surface by the mesh's UV coordinates; its grey values are sRGB, or linear."
+        told = "An image, mapped by the UV coordinates of the mesh; its grey values are sRGB, or linear."
     own = (
-        "  # What the file brings along is seen with `texture: {kind: embedded, encoding: srgb}`.\n"
+        "  # The texture of the file itself is used with `texture: {kind: embedded, encoding: srgb}`.\n"
         if found.has_image
         else ""
     )
@@ -361,21 +353,21 @@ def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str
   # {found.vertices:,} vertices and {found.faces:,} faces, {size} mm. The file's X points to the right, its Y down,
   # its Z away from the camera; unit_mm is the length of its unit in mm.
   mesh: {{kind: file, file: {json.dumps(file)}, unit_mm: {unit_mm:g}}}
-  # Its nearest point is {found.distance_mm:g} mm from the camera, its middle on the camera's axis. If its Y points up,
-  # turn it about X by 180 degrees, and see `scenetruth check` for its new depth.
+  # Its nearest point is {found.distance_mm:g} mm from the camera, its centre on the optical axis. If its Y points up,
+  # rotate it about X by 180 degrees, and check its new depth with `scenetruth check`.
   pose:
     position_mm: [{position}]
     rotations: []        # - {{axis: [1, 0, 0], angle_deg: 180}}
   # {told}
 {own}  texture: {texture}
-  # Constant velocity in mm per frame, along X, Y, Z: this one comes nearer. Others: rotation, waves, splines, ...
+  # Constant velocity in mm per frame, along X, Y, Z, here towards the camera. Others: rotation, waves, splines, ...
   motion:
     - {{kind: velocity, velocity_mm_per_frame: [0, 0, {-_rounded(_NEARER * found.distance_mm):g}]}}
 """
     return SceneTemplate(
-        summary=f"The mesh of {visible(Path(file).name, lines=False)} that comes towards the camera",
+        summary=f"The mesh of {visible(Path(file).name, lines=False)} that moves towards the camera",
         first=(
-            "objects.0.pose: how the mesh is turned, and how far away it is; objects.0.motion: how it moves",
+            "objects.0.pose: rotation and distance of the mesh; objects.0.motion: its motion",
             "camera.focal_length_px and stage.baseline_mm: those of your rig",
             "sensor.noise_std: that of your camera",
         ),
@@ -388,23 +380,21 @@ def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str
 
 
 def _rounded(value: float, *, down: bool = False) -> float:
-    """Return a positive number with three digits; no larger than it was if ``down``."""
     near = float(f"{value:.3g}")
     return near if not down or near <= value else float(f"{0.995 * value:.3g}")
 
 
 def _tidy(value: float, across: float) -> float:
-    """Return a position to a hundred-thousandth of the mesh's size; what is less counts as zero."""
     step = 1e-5 * across
     return float(f"{round(value / step) * step:.9g}")
 
 
 _BESIDE = "scene.schema.json"
 _SMALL_MM = 1.0
-"""What is smaller, in a file whose unit was not given, is most likely in metres, as glTF is."""
+"""Size below which a file of unspecified unit is probably in metres, such as glTF."""
 _NO_UV = (
-    "the mesh has no UV coordinates, by which an image is laid on it; OBJ, PLY and GLB (glTF) can carry them, STL and "
-    "OFF never do: export it with them, or leave out --texture for noise, which needs none"
+    "the mesh has no UV coordinates, which an image requires; OBJ, PLY and GLB (glTF) can contain them, STL and "
+    "OFF cannot: export the mesh with UV coordinates, or omit --texture for a noise texture"
 )
 
 
@@ -466,32 +456,29 @@ def _problems(
     distance_mm: float | None,
     schema: Path | None,
 ) -> list[Problem]:
-    """Return all that is wrong with the command, before anything is read or written."""
     from scenetruth.errors import Problem
 
     found = []
     if file.suffix not in (".yaml", ".yml"):
         found.append(Problem("FILE", "must end in .yaml", str(file)))
     elif os.path.lexists(file):
-        found.append(Problem("FILE", "exists already; give another name, or put it away", str(file)))
+        found.append(Problem("FILE", "exists already; use another name, or move it", str(file)))
     elif not file.absolute().parent.is_dir():
-        found.append(Problem("FILE", "its folder does not exist", str(file)))
+        found.append(Problem("FILE", "its directory does not exist", str(file)))
     if kind is TemplateType.mesh and mesh is None:
         found.append(Problem("--mesh", "is missing: the mesh file that the scene shows"))
     if kind is not TemplateType.mesh and mesh is not None:
-        found.append(Problem("--mesh", f"goes with --type mesh, not with --type {kind.value}", str(mesh)))
+        found.append(Problem("--mesh", f"requires --type mesh, not --type {kind.value}", str(mesh)))
     if texture is not None:
         found += _texture_problems(kind, texture)
     for name, value in (("--unit-mm", unit_mm), ("--distance-mm", distance_mm)):
         if value is not None and kind is not TemplateType.mesh:
-            message = (
-                f"belongs to a mesh; --type {kind.value} has a size and a place of its own: leave it out, and change"
-            )
-            found.append(Problem(name, f"{message} objects in the file that is written", value))
+            message = f"applies to a mesh; --type {kind.value} has a fixed size and position: omit it, and change"
+            found.append(Problem(name, f"{message} objects in the written file", value))
         elif value is not None and not 0 < value < float("inf"):
             found.append(Problem(name, "must be a positive number of mm", value))
     if schema is not None and not schema.is_file():
-        found.append(Problem("--schema", f"no such file; make it: scenetruth schema > {schema}", str(schema)))
+        found.append(Problem("--schema", f"no such file; create it: scenetruth schema > {schema}", str(schema)))
     return found
 
 
@@ -500,7 +487,7 @@ def _texture_problems(kind: TemplateType, texture: Path) -> list[Problem]:
     from scenetruth.scene.texture.image_textures import read_image_header
 
     if kind is TemplateType.leaf:
-        return [Problem("--texture", "a leaf has its own texture; give an image with a cube or a mesh", str(texture))]
+        return [Problem("--texture", "a leaf has its own texture; use an image with a cube or a mesh", str(texture))]
     try:
         read_image_header(texture)
     except SceneError as error:
@@ -515,12 +502,10 @@ def _of_option(option: str, problem: Problem) -> Problem:
 
 
 def _seen_from(file: Path, other: Path) -> str:
-    """Return the path of another file as it is seen from the folder of a file."""
     return Path(os.path.relpath(other.resolve(), file.absolute().parent.resolve())).as_posix()
 
 
 def _write(start: SceneTemplate, file: Path, schema: Path | None) -> None:
-    """Write the scene if it is one, and only where nothing is."""
     import yaml
 
     from scenetruth.scene import Scene

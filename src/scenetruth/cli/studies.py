@@ -82,15 +82,10 @@ def compare(
 
 
 def _labelled(option: str, given: Sequence[str] | None) -> list[tuple[str, str]]:
-    """Return what options of the form LABEL=REST say."""
     from scenetruth.errors import EstimateError, Problem
 
     pairs = [one.partition("=") for one in given or ()]
-    problems = [
-        Problem(option, "must be LABEL=..., a name before it", "".join(pair))
-        for pair in pairs
-        if not (pair[0] and pair[2])
-    ]
+    problems = [Problem(option, "must be LABEL=...", "".join(pair)) for pair in pairs if not (pair[0] and pair[2])]
     if problems:
         raise EstimateError(problems)
     return [(label.strip(), rest.strip()) for label, _, rest in pairs]
@@ -108,7 +103,7 @@ def _print_summary(found: BenchmarkResult) -> None:
 
     frame = found.ranking()
     labels = [visible(str(label), lines=False) for label in frame.columns]
-    # So many fit beside each other into a terminal of 80 columns.
+    # Maximum number of columns in a terminal of 80 characters.
     for first in range(0, len(labels), _BESIDE):
         table = Table(title="median over the values of each case")
         table.add_column("case", max_width=30)
@@ -121,7 +116,7 @@ def _print_summary(found: BenchmarkResult) -> None:
     for line in found.convention_mismatches:
         typer.echo(f"possible convention error: {visible(line, lines=False)}", err=True)
     for line in found.failures:
-        # Lines of a method are indented, so that they differ from messages of the command.
+        # Lines of a method are indented to distinguish them from messages of the command.
         typer.echo("no estimate: " + visible(line).replace("\n", "\n    "), err=True)
 
 
@@ -198,10 +193,10 @@ def _print_fidelity(results: Sequence[RenderingAccuracy]) -> None:
 
     from scenetruth.cli.console import make_console
 
-    table = Table(title="rendered against exact images, subsets of 25 x 25 px", title_justify="left")
+    table = Table(title="rendered and exact images, subsets of 25 x 25 px", title_justify="left")
     for heading in ("wavelengths", "backend"):
         table.add_column(heading)
-    for heading in ("samples", "shift rms, px", "max, px", "bound, px", "grey rms / std", "ms per image"):
+    for heading in ("samples", "shift RMS, px", "max, px", "bound, px", "grey RMS / std", "ms per image"):
         table.add_column(heading, justify="right")
     for result in results:
         bound = result.bound_px

@@ -1,4 +1,4 @@
-"""The depth map and the reference image of a run, drawn with coloured characters."""
+"""Preview of the depth map and the reference image of a run, drawn with coloured characters."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _COLOURS = ("truecolor", "256")
 _MOST_COLUMNS, _LEAST_COLUMNS, _GAP = 100, 40, 2
 _UPPER, _LOWER = "▀", "▄"
 _TAILS = (2, 98)
-"""Percentiles of the depths that have the darkest and the brightest colour."""
+"""Percentiles of depth for the darkest and the brightest colour."""
 
 
 def shows_pictures(console: Console) -> bool:
-    """Tell whether a console is a terminal, and no pipe, that says it has the colours and the characters."""
+    """Return whether a console is a terminal that supports the required colours and characters."""
     if not (console.is_terminal and sys.stdout.isatty()) or console.no_color:
         return False
     return console.color_system in _COLOURS and "utf" in console.encoding.lower() and console.width >= _LEAST_COLUMNS
 
 
 def print_picture(folder: RunDirectory, method: str, console: Console) -> None:
-    """Print the image of the reference camera at the reference frame, and the depth that a method finds there."""
+    """Print the image of the reference camera at the reference frame, and the estimated depth."""
     if not shows_pictures(console):
         return
     from matplotlib import colormaps
@@ -58,14 +58,14 @@ def print_picture(folder: RunDirectory, method: str, console: Console) -> None:
 
 
 def downsample(picture: NDArray[np.floating[Any]], columns: int) -> NDArray[np.float64]:
-    """Return a picture with so many columns, or its own if it has fewer: means of what each of its pixels covers.
+    """Return an image downsampled to at most ``columns`` columns, by means over pixels.
 
-    ``picture``: Values, shape (height, width, channels); NaN where there is nothing.
+    ``picture``: Values, shape (height, width, channels); NaN where invalid.
     """
     height, width, _ = picture.shape
     columns = min(columns, width)
     lines = max(round(height * columns / width), 1)
-    # A pixel belongs to the one that its centre falls into.
+    # Each pixel is assigned by its centre.
     down, across = (np.arange(height) * lines // height, np.arange(width) * columns // width)
     cells = (down[:, None] * columns + across[None]).ravel()
     there = np.isfinite(picture).all(axis=2).ravel()
@@ -78,7 +78,7 @@ def downsample(picture: NDArray[np.floating[Any]], columns: int) -> NDArray[np.f
 
 
 def render_rows(picture: NDArray[np.float64]) -> list[Text]:
-    """Return lines of characters, each of which is two pixels, one above the other; NaN is left as the terminal is.
+    """Return lines of characters with two vertically adjacent pixels each; NaN keeps the terminal's background.
 
     ``picture``: Red, green and blue in [0, 1], shape (height, width, 3).
     """
@@ -109,7 +109,6 @@ def _nearest_zero(times: NDArray[Any]) -> int:
 
 
 def _plane(images: Any, t: float) -> NDArray[np.float64]:
-    """Return the image nearest to the reference camera at a frame."""
     found = images.sel(t=t, method="nearest")
     for name in ("s", "s_y"):
         if name in found.dims:
@@ -118,7 +117,6 @@ def _plane(images: Any, t: float) -> NDArray[np.float64]:
 
 
 def _grey(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an image as red, green and blue, its brightest percent white."""
     values = image - min(float(np.nanmin(image)), 0.0)
     part = np.clip(values / max(float(np.nanpercentile(values, 99)), 1e-300), 0, 1)
     return np.repeat(part[..., None], 3, axis=2)

@@ -25,16 +25,15 @@ __all__ = ["GeometryPreview"]
 
 
 _WIDTH_PX = 160
-"""Most pixels along a side: shares of an object of a tenth of the image's width are then known to a few per cent."""
+"""Maximum size in pixels: fractions of an object of a tenth of the image width are accurate to a few per cent."""
 _FARTHEST = 4.0
-"""How far beyond the image, in its sizes, silhouettes are followed."""
+"""Distance beyond the image, in image sizes, to which silhouettes extend."""
 
 
 class GeometryPreview:
-    """What the reference camera sees of a scene at the reference frame.
+    """Low-resolution truth of the reference camera at the reference frame.
 
-    Meshes, motions and rays are those of the truth; the image has at most 160 px along a side, pixels count by their
-    centres.
+    Meshes, motions and rays equal those of the truth; the image has at most 160 px per side, sampled at pixel centres.
 
     ``scene``: The scene.
     """
@@ -43,22 +42,22 @@ class GeometryPreview:
         self.scene = scene
         self._small = scene.shrunk_to(_WIDTH_PX)
         self.scale = scene.camera.width / self._small.camera.width
-        """Pixels of the camera per pixel of this picture."""
+        """Pixels of the camera per pixel of the preview."""
         self.world = build_scene(scene, painted=False)
         with warnings.catch_warnings():
-            # Of textures; they are told of when the sample is made.
+            # Warnings of textures are issued when the sample is generated.
             warnings.simplefilter("ignore")
             check_scene(scene, self.world)
         self.names = [body.name for body in self.world.bodies]
 
     def truth(self, name: str) -> NDArray[Any]:
-        """Return a map of the truth, lengths in its small pixels: times `scale` they are the camera's."""
+        """Return a truth map with lengths in preview pixels; multiply by `scale` for camera pixels."""
         found: NDArray[Any] = self._truth[name].values[..., 0, :, :]
         return found
 
     @property
     def object_id(self) -> NDArray[Any]:
-        """Which object every pixel shows, -1 for none."""
+        """Object index of every pixel, -1 for none."""
         return self.truth("object_id")
 
     @cached_property
@@ -68,17 +67,17 @@ class GeometryPreview:
         return filling.dataset()
 
     def visible_share(self, number: int) -> float:
-        """Return how much of an object's silhouette is seen, from 0 to 1."""
+        """Return the visible fraction of an object's silhouette, from 0 to 1."""
         alone = self._silhouette(number)
         return float(np.count_nonzero(self.object_id == number) / alone) if alone else 0.0
 
     def wavelengths_mm(self, number: int) -> tuple[float, float] | None:
-        """Return the shortest and longest wavelength of an object's texture; None for one without."""
+        """Return the shortest and longest wavelength of an object's texture; None for an object without texture."""
         items = {item.name: item for _, item in self.scene.parts}
         return items[self.names[number]].texture.shortest_and_longest_mm
 
     def _silhouette(self, number: int) -> int:
-        """Return how many pixels an object would cover alone, in an image that is as large as it needs."""
+        """Return the pixel count of an object rendered alone, in an image that contains its silhouette."""
         body, camera = self.world.bodies[number], self._small.camera
         vertices = body.vertices_mm
         pixels = camera.project(vertices)
@@ -94,7 +93,7 @@ class GeometryPreview:
 
 
 def _moved(camera: Camera, low: NDArray[np.int_], high: NDArray[np.int_]) -> Camera:
-    """Return the camera with an image that reaches from one pixel to another, outside of its own too."""
+    """Return the camera with an image that spans the given pixels, also outside its own image."""
     x, y = camera.principal_point
     width, height = (int(b - a + 1) for a, b in zip(low, high, strict=True))
     return camera.model_copy(
@@ -109,32 +108,32 @@ __all__ = ["AcceptanceCriterion", "ObjectCriterion"]
 
 
 class AcceptanceCriterion(FrozenModel):
-    """Bounds of something that geometry tells."""
+    """Limits of a quantity of the geometry."""
 
     unit: ClassVar[str] = ""
-    """Unit of what is measured, with a space before it, for messages."""
+    """Unit with a leading space, for messages."""
 
     min: Finite | None = None
-    """It must not be less."""
+    """Lower limit."""
     max: Finite | None = None
-    """It must not be more."""
+    """Upper limit."""
 
     @model_validator(mode="after")
     def _some_bound(self) -> Self:
         if self.min is None and self.max is None:
-            msg = "bounds nothing: give min, max, or both"
+            msg = "has no limit: specify min, max, or both"
             raise ValueError(msg)
         if self.min is not None and self.max is not None and self.min > self.max:
-            msg = f"can never hold: min = {self.min:g} is more than max = {self.max:g}"
+            msg = f"can never hold: min = {self.min:g} is greater than max = {self.max:g}"
             raise ValueError(msg)
         return self
 
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
-        """Return what is measured: each value with what it is of, as ``("visible share of leaf-3", 0.2)``."""
+        """Return measured values with their names, such as ``("visible share of leaf-3", 0.2)``."""
         raise NotImplementedError
 
     def refusal(self, look: GeometryPreview) -> str:
-        """Return why a draw is refused, the same text for the same cause; empty if it is not."""
+        """Return the reason for rejection, the same text for the same cause; empty if the draw is accepted."""
         for what, value in self.measured(look):
             if self.min is not None and not value >= self.min:
                 return f"{what} under {self.min:g}{self.unit}"
@@ -144,10 +143,10 @@ class AcceptanceCriterion(FrozenModel):
 
 
 class ObjectCriterion(AcceptanceCriterion):
-    """Bounds of something that geometry tells of single objects."""
+    """Limits of a geometric quantity of single objects."""
 
     object: Name = "*"
-    """Names of the objects; ``*`` stands for any letters."""
+    """Names of the objects; ``*`` matches any characters."""
 
     def _matching(self, look: GeometryPreview) -> list[int]:
         return [number for number, name in enumerate(look.names) if fnmatchcase(name, self.object)]
@@ -160,14 +159,14 @@ __all__ = ["DepthRangeCriterion"]
 
 
 class DepthRangeCriterion(ObjectCriterion):
-    """Depth of everything that the reference camera sees of an object at the reference frame, in mm."""
+    """Depth of the visible surface of an object in the reference camera at the reference frame, mm."""
 
     unit: ClassVar[str] = " mm"
 
     kind: Literal["depth"] = "depth"
 
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
-        """Return the least and the largest depth of every object that is seen."""
+        """Return the smallest and largest depth of every visible object."""
         for number in self._matching(look):
             seen = look.truth("depth")[look.object_id == number]
             if seen.size:
@@ -182,14 +181,14 @@ __all__ = ["ImageMotionCriterion"]
 
 
 class ImageMotionCriterion(ObjectCriterion):
-    """Largest motion in the image of what is seen of an object at the reference frame, px per frame."""
+    """Largest optical flow of the visible surface of an object at the reference frame, px per frame."""
 
     unit: ClassVar[str] = " px per frame"
 
     kind: Literal["image_motion"] = "image_motion"
 
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
-        """Return the length of the fastest flow of every object that is seen."""
+        """Return the magnitude of the largest flow of every visible object."""
         speed = np.hypot(*look.truth("flow")) * look.scale
         for number in self._matching(look):
             seen = speed[look.object_id == number]
@@ -204,12 +203,12 @@ __all__ = ["OccludedFractionCriterion"]
 
 
 class OccludedFractionCriterion(AcceptanceCriterion):
-    """Share of what the reference camera sees, at the reference frame, that is hidden from another camera, 0 to 1."""
+    """Fraction of the surface visible to the reference camera that is occluded in another camera, from 0 to 1."""
 
     kind: Literal["occluded_share"] = "occluded_share"
 
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
-        """Return the share."""
+        """Return the occluded fraction."""
         seen = look.object_id >= 0
         yield "occluded share", float(np.mean(look.truth("occluded_across_cameras")[seen])) if seen.any() else 0.0
 
@@ -221,14 +220,14 @@ __all__ = ["ResidualDisparityCriterion"]
 
 
 class ResidualDisparityCriterion(AcceptanceCriterion):
-    """Largest disparity that remains after registration by the whole number nearest to the mean, px per step."""
+    """Largest absolute disparity after registration by the rounded mean, px per step."""
 
     unit: ClassVar[str] = " px per step"
 
     kind: Literal["residual_disparity"] = "residual_disparity"
 
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
-        """Return the largest absolute value over all that is seen."""
+        """Return the largest absolute value over all visible pixels."""
         disparity = look.truth("disparity")[look.object_id >= 0] * look.scale
         yield "residual disparity", float(np.abs(disparity - np.round(disparity.mean())).max(initial=0.0))
 
@@ -240,15 +239,15 @@ __all__ = ["VisibleFractionCriterion"]
 
 
 class VisibleFractionCriterion(ObjectCriterion):
-    """Share of an object's silhouette that the reference camera sees at the reference frame, from 0 to 1.
+    """Visible fraction of an object's silhouette in the reference camera at the reference frame, from 0 to 1.
 
-    What other objects hide and what lies outside the image is not seen; what the object hides of itself does not count.
+    Parts outside the image or hidden by other objects are not visible; self-occlusion is ignored.
     """
 
     kind: Literal["visible_share"] = "visible_share"
 
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
-        """Return the share of every object."""
+        """Return the fraction of every object."""
         for number in self._matching(look):
             yield f"visible share of {look.names[number]}", look.visible_share(number)
 
@@ -260,14 +259,14 @@ __all__ = ["TextureWavelengthCriterion"]
 
 
 class TextureWavelengthCriterion(ObjectCriterion):
-    """Shortest and longest wavelength of an object's texture in the image, px, where it is farthest and nearest."""
+    """Shortest and longest wavelength of an object's texture in the image, px, at its largest and smallest depth."""
 
     unit: ClassVar[str] = " px"
 
     kind: Literal["wavelength"] = "wavelength"
 
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
-        """Return both ends for every object that is seen and whose texture has them; foreshortening does not count."""
+        """Return both limits for every visible textured object; foreshortening is ignored."""
         for number in self._matching(look):
             ends, seen = look.wavelengths_mm(number), look.truth("depth")[look.object_id == number]
             if ends is not None and seen.size:

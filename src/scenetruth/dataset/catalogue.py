@@ -37,13 +37,13 @@ __all__ = [
 
 
 FILES = {SCENE: "scene", RECORDING: "recording", TRUTH: "truth"}
-"""Files of a sample, and what columns call them."""
+"""Files of a sample, and their names in columns."""
 
 _OBJECT_COLUMNS = ("image_share", "seen_by_all", "depth_min_mm", "depth_max_mm", "growth_median_per_hour")
 
 
 def build_catalogue_schema(sampler: Sampler) -> pyarrow.Schema:
-    """Return the columns of a recipe's catalogue."""
+    """Return the schema of a recipe's catalogue."""
     import pyarrow as pa
 
     text, number, whole = pa.string(), pa.float64(), pa.int64()
@@ -79,7 +79,7 @@ def build_catalogue_schema(sampler: Sampler) -> pyarrow.Schema:
 def build_catalogue_table(rows: Iterable[Mapping[str, Any]], sampler: Sampler) -> pyarrow.Table:
     """Return rows of the catalogue as a table.
 
-    ``rows``: What ``sample.json`` says of samples, perhaps with ``seconds``.
+    ``rows``: Contents of ``sample.json`` of samples, optionally with ``seconds``.
     """
     import pyarrow as pa
 
@@ -88,7 +88,6 @@ def build_catalogue_table(rows: Iterable[Mapping[str, Any]], sampler: Sampler) -
 
 
 def _values(sampler: Sampler) -> dict[str, bool]:
-    """Return the keys of all values, and whether each is always a number."""
     found = {item.key: item.distribution.is_number for item in sampler.varied}
     for factor, _, value in sampler.ladders:
         number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -120,7 +119,7 @@ _STATISTICS = ("bias", "rmse", "median_abs_error", "density", "rms_z", "coverage
 
 
 def flatten_score(score: Score) -> dict[str, Any]:
-    """Return a score as columns: ``interior.depth.rmse``, and so on."""
+    """Return a score as columns, such as ``interior.depth.rmse``."""
     return {
         f"{region}.{quantity}.{name}": found.get(name)
         for region in _REGIONS
@@ -131,12 +130,12 @@ def flatten_score(score: Score) -> dict[str, Any]:
 
 
 def score_file(folder: DatasetFolder, method: str, number: int) -> Path:
-    """Return the file that holds the score of one sample."""
+    """Return the score file of one sample."""
     return folder.scores(method) / f"{number // 1000:05d}" / f"{number:08d}.json"
 
 
 def write_scores(folder: DatasetFolder, method: str) -> None:
-    """Put the scores of all samples into one table."""
+    """Merge the scores of all samples into one table."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -157,7 +156,7 @@ def write_scores(folder: DatasetFolder, method: str) -> None:
 
 
 def load_scores(folder: DatasetFolder) -> dict[str, pd.DataFrame]:
-    """Return the tables of all methods, by the method's name, with ``sample`` as index."""
+    """Return the tables of all methods by name, indexed by ``sample``."""
     import pandas as pd
 
     return {
@@ -168,16 +167,15 @@ def load_scores(folder: DatasetFolder) -> dict[str, pd.DataFrame]:
 
 
 _ROWS, _SECONDS = 1000, 60.0
-"""A part is written when it has so many rows, or so long after the one before."""
+"""Limits of rows and of seconds after which a part is written."""
 _PART = re.compile(r"part-[0-9a-z-]+\.parquet")
 
 
 class CatalogueWriter:
-    """Writes rows of the catalogue in parts.
+    """Writer of the catalogue in parts.
 
-    ``folder``: The data set.
-    ``sampler``: Its recipe.
-    ``label``: What distinguishes the parts of this run from those of others that work on the same data set.
+    ``folder``: Directory of the data set. ``sampler``: Its recipe. ``label``: Label of the parts of this run among
+    those of concurrent runs.
     """
 
     def __init__(self, folder: DatasetFolder, sampler: Sampler, label: str = "1of1") -> None:
@@ -187,13 +185,13 @@ class CatalogueWriter:
         self._next = 1 + max((int(name.rpartition("-")[2][:-8]) for name in self._own_parts()), default=-1)
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Take a row; it is on disk after `flush`, or when enough have come together and there is room."""
+        """Add a row; it is written by `flush`, or when enough rows have accumulated and the disk has space."""
         self._rows.append(row)
         if len(self._rows) >= _ROWS or time.monotonic() - self._written > _SECONDS:
             self.flush_if_there_is_room()
 
     def flush(self) -> None:
-        """Write what has come together."""
+        """Write the accumulated rows."""
         if self._rows:
             _write(
                 build_catalogue_table(self._rows, self._sampler),
@@ -203,7 +201,7 @@ class CatalogueWriter:
         self._written = time.monotonic()
 
     def flush_if_there_is_room(self) -> None:
-        """Write what has come together, or keep it if the disk is full."""
+        """Write the accumulated rows, or keep them if the disk is full."""
         try:
             self.flush()
         except (OSError, StoreError) as error:
@@ -216,7 +214,7 @@ class CatalogueWriter:
 
 
 def list_catalogued(folder: DatasetFolder) -> set[int]:
-    """Return the numbers of the samples that are in the catalogue."""
+    """Return the numbers of the samples in the catalogue."""
     import pyarrow.parquet as pq
 
     found: set[int] = set()
@@ -224,7 +222,7 @@ def list_catalogued(folder: DatasetFolder) -> set[int]:
         try:
             found.update(pq.read_table(path, columns=["sample"])["sample"].to_pylist())
         except (OSError, ValueError, KeyError) as error:
-            raise StoreError(path, f"is damaged: {error}; remove it, it is made again from the samples") from error
+            raise StoreError(path, f"is damaged: {error}; remove it, it is rebuilt from the samples") from error
     return found
 
 
@@ -239,13 +237,13 @@ def read_catalogue(folder: DatasetFolder, sampler: Sampler) -> pyarrow.Table:
         try:
             tables.append(pq.read_table(path).select(schema.names).cast(schema))
         except (OSError, ValueError, KeyError) as error:
-            raise StoreError(path, f"is damaged: {error}; remove it, it is made again from the samples") from error
+            raise StoreError(path, f"is damaged: {error}; remove it, it is rebuilt from the samples") from error
     whole = pa.concat_tables([schema.empty_table(), *tables]).sort_by("sample")
     return whole.take(_first_of_each(whole["sample"].to_pylist()))
 
 
 def merge_parts(folder: DatasetFolder, sampler: Sampler) -> None:
-    """Put all parts together into one file, and remove them."""
+    """Merge all parts into one file, and remove them."""
     parts = _parts(folder)
     if not parts and folder.catalogue.exists():
         return

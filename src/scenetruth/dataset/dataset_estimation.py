@@ -42,10 +42,9 @@ def estimate_dataset(
 ) -> ParallelResult:
     """Estimate samples of a data set by a method, and score them.
 
-    Estimates and scores lie in the samples' folders as those of runs do; of samples in tar files, the score alone is
-    kept. Scores come into the catalogue as columns ``score.METHOD.REGION.QUANTITY.STATISTIC``. What has a score
-    already is not estimated again, unless the code of a method of your own has changed since: then all of its scores
-    are removed first.
+    Estimates and scores are stored in the directories of the samples; for samples in tar files, only the scores are
+    stored. The catalogue gains the columns ``score.METHOD.REGION.QUANTITY.STATISTIC``. Existing scores are reused,
+    unless the code of a user-defined method has changed: then all of its scores are removed first.
     """
     resolve_workers(workers)
     places = DatasetFolder(dataset)
@@ -83,13 +82,13 @@ def estimate_dataset(
 def _choice(own: MethodChoice, method: str | MethodSpec | None, settings: Mapping[str, Any]) -> MethodChoice:
     spec = read_method(own.method if method is None else method)
     if not isinstance(spec.method, str):
-        message = "must be named: every sample may be estimated by another process"
+        message = "must be named: samples may be estimated by different processes"
         raise EstimateError([Problem("method", message, spec.label)])
     return MethodSpec(spec.method, {**spec.settings, **settings}).choice(own)
 
 
 def _remove_scores_of_other_code(places: DatasetFolder, method: str, code: str) -> None:
-    """Remove the scores of a method of one's own that were made by other code than it has now."""
+    """Remove the scores of a user-defined method whose code has changed."""
     folder = places.scores(method)
     file = folder / "made_of.txt"
     if not code or (file.exists() and file.read_text(encoding="utf-8").strip() == code):
@@ -97,8 +96,8 @@ def _remove_scores_of_other_code(places: DatasetFolder, method: str, code: str) 
     scores = sorted(folder.glob("*/*.json"))
     if scores:
         changed = "has changed" if file.exists() else "may have changed"
-        say(f"the code of '{method}' {changed}: {len(scores):,} scores of what it was are made again")
-    # The mark comes last: whoever is interrupted before removes the rest.
+        say(f"the code of '{method}' {changed}: {len(scores):,} scores of the former code are recomputed")
+    # The marker is written last, so that an interrupted removal is completed by the next run.
     for one in (places.scores_table(method), folder / "settings.json", *scores):
         one.unlink(missing_ok=True)
     folder.mkdir(parents=True, exist_ok=True)
@@ -107,12 +106,11 @@ def _remove_scores_of_other_code(places: DatasetFolder, method: str, code: str) 
 
 
 def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
-    """Refuse to mix scores of one method with different settings."""
     file = places.scores(chosen.method) / "settings.json"
     text = json.dumps(chosen.settings.model_dump(mode="json"), sort_keys=True, indent=1) + "\n"
     if file.exists():
         if file.read_text(encoding="utf-8") != text:
-            message = f"has scores with other settings in {file.parent}; remove that folder to estimate anew"
+            message = f"has scores with other settings in {file.parent}; remove that directory to estimate again"
             raise EstimateError([Problem("settings", message)])
         return
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -121,9 +119,9 @@ def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
 
 
 def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: int) -> TaskResult:
-    """Estimate and score one sample, for whoever works through many: what goes wrong is returned.
+    """Estimate and score one sample in a worker; exceptions are returned.
 
-    ``anew``: an estimate that lies there may be of other code, and is not used.
+    ``anew``: whether an existing estimate may result from other code and is ignored.
     """
     places, given = DatasetFolder(folder), json.loads(choice)
     chosen = choose({"method": given["method"], **{key: value for key, value in given.items() if key != "method"}})

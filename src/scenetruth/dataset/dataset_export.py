@@ -25,7 +25,7 @@ from scenetruth.progress import Progress, say
 __all__ = ["export", "export_dataset", "verify"]
 
 _Arguments = tuple[str, str, str, str | None, int, str]
-"""What `try_export` is given beside the number."""
+"""Arguments of `try_export` other than the number."""
 
 
 def export(
@@ -40,24 +40,23 @@ def export(
     progress: Progress | None = None,
     **options: Any,
 ) -> ExportResult:
-    """Write a recording and its truth, or an estimate, in a format of others.
+    """Write a recording and its truth, or an estimate, in another format.
 
     Parameters
     ----------
     source
-        The directory of a run, the directory of a data set, every sample of which is written, or a recording with its
-        truth or an estimate. A truth holds displacements to other frames only if it is complete
-        (``truth_content="complete"``).
+        The directory of a run, the directory of a data set (every sample is written), or a recording with its truth
+        or an estimate. Displacements to other frames require a complete truth (``truth_content="complete"``).
     format
         Name of the format; see `export_formats` and ``docs/how_to/export.md``.
     output
-        Directory to make; of a data set, it gets one for each sample: ``OUTPUT/00000417``.
+        Output directory; for a data set, with one subdirectory per sample: ``OUTPUT/00000417``.
     method
-        Write the estimate of this method; the truth if not given.
+        Export the estimate of this method; default: the truth.
     row
-        Of a grid of cameras, the row ``s_y``.
+        Row ``s_y`` of a camera grid.
     overwrite
-        Whether an earlier export may be replaced; what it did not write stays.
+        Whether an earlier export may be replaced; other files are kept.
     workers
         Processes for the samples of a data set; -1 for all processors.
     progress
@@ -68,22 +67,22 @@ def export(
     Returns
     -------
     ExportResult
-        The files (of a data set, the directories of the samples), and what a user should know of them. The same stands
-        in the file ``export.json``.
+        The files (for a data set, the directories of the samples) and the notes of the export. The same information
+        is in the file ``export.json``.
 
     Raises
     ------
     ExportError
-        If the format, its options or the data sets do not fit together; lists everything that is wrong.
+        If the format, its options or the data sets are incompatible; lists every problem.
     MismatchError
-        If recording and maps are of different runs.
+        If recording and maps belong to different runs.
     StoreError
-        If a store is missing or damaged, ``output`` exists and is not to be replaced, or it cannot be written.
+        If a store is missing or damaged, or ``output`` exists or cannot be written.
 
     See Also
     --------
-    export_formats : The formats.
-    verify : Checks what is in a directory.
+    export_formats : List the formats.
+    verify : Verify a directory.
 
     Examples
     --------
@@ -100,7 +99,7 @@ def export(
     if isinstance(source, tuple):
         recording, maps = source
         wrong = [
-            Problem(name, "is for directories of runs and data sets", value)
+            Problem(name, "applies only to directories of runs and data sets", value)
             for name, value in (("method", method), ("row", row))
             if value is not None
         ]
@@ -127,33 +126,33 @@ def export(
 def verify(
     path: str | Path, *, regenerate: int = 0, seed: int = 0, progress: Progress | None = None
 ) -> list[VerificationResult]:
-    """Check every result of a run, of a data set, or a single store, down to the last byte of its data.
+    """Verify the checksums of every result of a run, of a data set, or of a single store.
 
     Parameters
     ----------
     path
         The directory, or the store.
     regenerate
-        Of a data set: how many samples, drawn at random, are made again, to the same bytes.
+        Number of randomly selected samples of a data set that are regenerated and compared bit by bit.
     seed
-        Seed of that draw.
+        Seed of the selection.
     progress
         Called with (what, done, total).
 
     Returns
     -------
     list of VerificationResult
-        Of a run, one for every scene, store and score; of parts that do not belong together, one more. Of a data set,
-        one for each sample that is damaged or missing.
+        For a run: one result per scene, store and score, and one for inconsistent parts. For a data set: one result
+        per damaged or missing sample.
 
     Raises
     ------
     StoreError
-        If there are no results of scenetruth.
+        If the path contains no results of scenetruth.
 
     See Also
     --------
-    load_store : It checks what it reads.
+    load_store : Loads a store and verifies it.
 
     Examples
     --------
@@ -188,7 +187,7 @@ def export_dataset(
     progress: Progress | None = None,
     **options: Any,
 ) -> ParallelResult:
-    """Write every sample of a data set in a format of others, each into a folder of its own: ``OUT/00000417``.
+    """Write every sample of a data set in another format, each into its own directory: ``OUT/00000417``.
 
     Existing samples are reused, so that an interrupted export resumes when it is repeated; with ``overwrite`` every
     sample is exported again.
@@ -197,7 +196,7 @@ def export_dataset(
     choose_format(format, options)
     places, target = DatasetFolder(folder), Path(out)
     if target.resolve().is_relative_to(places.path.resolve()):
-        raise StoreError(target, "is inside the data set; give a folder elsewhere")
+        raise StoreError(target, "is inside the data set; specify a directory outside it")
     identity, sampler = read_fingerprint(places), open_sampler(places)
     there = SampleStore.of(places, sampler, identity).present(range(identity.count))
     wanted = sorted(there if numbers is None else there.intersection(numbers))
@@ -224,9 +223,9 @@ def export_dataset(
 
 
 def _refuse_all(numbers: Sequence[int], arguments: _Arguments) -> set[int]:
-    """Refuse what none of the samples can be written as; return the sample that was written to know it.
+    """Raise if no sample can be exported; return the numbers of the samples that were exported for this test.
 
-    Samples of one recipe have data sets of one kind: where the first and the last lack the same, the others do too.
+    Samples of one recipe have the same structure: what the first and the last lack, all lack.
     """
     lacking = []
     for number in dict.fromkeys([*numbers[:1], *numbers[-1:]]):
@@ -234,7 +233,7 @@ def _refuse_all(numbers: Sequence[int], arguments: _Arguments) -> set[int]:
             _export(*arguments, number)
         except ExportError as error:
             lacking.append(error)
-        except Exception:  # it is met, and told, once more
+        except Exception:  # raised and reported again by the export
             return set()
         else:
             return {number}
@@ -256,7 +255,7 @@ def _export(folder: str, out: str, format: str, method: str | None, per_shard: i
 def try_export(
     folder: str, out: str, format: str, method: str | None, per_shard: int, options: str, number: int
 ) -> TaskResult:
-    """Write one sample, for whoever works through many: what goes wrong is returned."""
+    """Export one sample in a worker; exceptions are returned."""
 
     def work() -> dict[str, Any]:
         _export(folder, out, format, method, per_shard, options, number)

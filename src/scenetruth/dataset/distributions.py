@@ -47,54 +47,54 @@ ValueName = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length
 
 
 class Distribution(FrozenModel):
-    """What the values of a varied field are, from sample to sample."""
+    """Distribution of a varied field over the samples."""
 
     name: ValueName | None = None
-    """What formulas call the value; the fields of ``values`` have their names already."""
+    """Name of the value in formulas; the fields of ``values`` are named already."""
     together: bool = False
-    """Whether all places that a path with wildcards stands for have one value; if not, each has its own."""
+    """Whether all fields matched by a path with wildcards share one value; otherwise each has its own."""
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return values, with the fields that they come from, that show whether all values fit: ends, every choice."""
+        """Return (field, value) pairs that cover the distribution: the limits of a range or every choice."""
         raise NotImplementedError
 
     def problems(self) -> list[Problem]:
-        """Return what is wrong beyond what single fields tell, such as a file that cannot be read."""
+        """Return problems that involve more than one field or a file, such as an unreadable table."""
         return []
 
     @property
     def is_number(self) -> bool:
-        """Whether every value is a number, so that a column of numbers holds them."""
+        """Whether every value is a number and fits a numeric column."""
         return all(isinstance(value, float | int) and not isinstance(value, bool) for _, value in self.trials())
 
 
 class RandomDistribution(Distribution):
-    """A random value, made from numbers that are uniform between 0 and 1."""
+    """A random value computed from uniform numbers in [0, 1)."""
 
     uniforms: ClassVar[int] = 1
-    """How many uniform numbers make one value."""
+    """Number of uniform numbers per value."""
 
     sampling: SamplingPlan = "independent"
-    """Where the uniform numbers come from: each sample's own, or points that fill the space evenly over all samples
-    (Sobol's sequence, a Latin hypercube)."""
+    """Source of the uniform numbers: independent for each sample, or a space-filling sequence over all samples (Sobol
+    sequence or Latin hypercube)."""
 
     def value(self, uniforms: Sequence[float]) -> Any:
-        """Return the value that uniform numbers make."""
+        """Return the value for the given uniform numbers."""
         raise NotImplementedError
 
     @property
     def middle(self) -> Any:
-        """A value in the middle."""
+        """The value at the centre of the distribution."""
         return self.value([0.5] * self.uniforms)
 
 
 class RangeDistribution(RandomDistribution):
-    """A random number between two ends."""
+    """A random number between two limits."""
 
     low: Finite
-    """Lower end."""
+    """Lower limit."""
     high: Finite
-    """Upper end."""
+    """Upper limit."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -104,48 +104,47 @@ class RangeDistribution(RandomDistribution):
         return self
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return both ends."""
+        """Return both limits."""
         return [("low", self.low), ("high", self.high)]
 
 
 class IndexedDistribution(Distribution):
-    """A value that the number of the sample alone decides."""
+    """A value determined by the sample number alone."""
 
     period: ClassVar[bool] = False
-    """Whether grids multiply: the next field moves on when this one has gone through its values."""
+    """Whether fields are combined as a grid: the next field advances after each full cycle of this field."""
 
     def __len__(self) -> int:
-        """Return after how many samples the values repeat."""
         raise NotImplementedError
 
     def value(self, place: int) -> Any:
-        """Return the value at a place from 0 to the length."""
+        """Return the value at an index from 0 to the length."""
         raise NotImplementedError
 
 
 class DerivedDistribution(Distribution):
-    """A value that other values decide."""
+    """A value computed from other values."""
 
     def needs(self) -> frozenset[str]:
-        """Return the names, or paths, of the values that it is made from."""
+        """Return the names or paths of the values that this value depends on."""
         raise NotImplementedError
 
     def value(self, values: Mapping[str, Any]) -> Any:
-        """Return the value that others make."""
+        """Return the value computed from the other values."""
         raise NotImplementedError
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return nothing: only samples show what comes of others."""
+        """Return an empty list: the values depend on other fields."""
         return []
 
     @property
     def is_number(self) -> bool:
-        """Whether it is always a number."""
+        """Whether the value is always a number."""
         return False
 
 
 class ChoiceDistribution(RandomDistribution):
-    """One of several values; each may be a whole part of a scene, such as another texture, lamp or sensor.
+    """One of several values; each may be a whole section of a scene, such as a texture, lamp or sensor.
 
     >>> ChoiceDistribution(values=["ovate", "cordate"], weights=[3, 1]).value([0.8])
     'cordate'
@@ -155,12 +154,12 @@ class ChoiceDistribution(RandomDistribution):
     values: Annotated[tuple[Any, ...], Field(min_length=1)]
     """The values."""
     weights: tuple[NonNegative, ...] | None = None
-    """How likely each is, in any unit; all alike if not given."""
+    """Relative weights of the values; default: equal."""
 
     @model_validator(mode="after")
     def _weighted(self) -> Self:
         if self.weights is not None and len(self.weights) != len(self.values):
-            msg = f"has {len(self.values)} values and {len(self.weights)} weights; give one for each"
+            msg = f"has {len(self.values)} values and {len(self.weights)} weights; specify one weight per value"
             raise ValueError(msg)
         if self.weights is not None and not sum(self.weights) > 0:
             msg = "has no values: all weights are zero"
@@ -168,9 +167,9 @@ class ChoiceDistribution(RandomDistribution):
         return self
 
     def value(self, uniforms: Sequence[float]) -> Any:
-        """Return the value at a share of all weights."""
+        """Return the value at a quantile of the cumulative weights."""
         ends = list(accumulate(self.weights or [1.0] * len(self.values)))
-        # What has no weight has no width, and is never met.
+        # Values of zero weight are never selected.
         return self.values[min(bisect_right(ends, uniforms[0] * ends[-1]), self._last)]
 
     @property
@@ -184,7 +183,7 @@ class ChoiceDistribution(RandomDistribution):
 
 
 class ConeDistribution(RandomDistribution):
-    """A unit vector within an angle of an axis, equally likely everywhere on the cap of the sphere (Archimedes).
+    """A unit vector within an angle of an axis, uniformly distributed over the spherical cap (Archimedes).
 
     >>> ConeDistribution(axis=[0, 0, 2], half_angle_deg=90).value([0.5, 0.0])
     [0.8660254037844386, 0.0, 0.5]
@@ -194,18 +193,18 @@ class ConeDistribution(RandomDistribution):
 
     kind: Literal["cone"] = "cone"
     axis: Direction
-    """Direction in the middle, of any length."""
+    """Central direction; its length is arbitrary."""
     half_angle_deg: Annotated[float, Field(gt=0, le=180)]
     """Largest angle between the axis and a direction; 180 for all directions."""
 
     def value(self, uniforms: Sequence[float]) -> list[float]:
-        """Return the direction: the first number says how far from the axis, the second where around it."""
+        """Return the direction: the first number sets the polar angle, the second the azimuth."""
         cosine = 1 - uniforms[0] * (1 - np.cos(np.deg2rad(self.half_angle_deg)))
         return self._direction(float(cosine), 2 * np.pi * uniforms[1])
 
     def _direction(self, cosine: float, around: float) -> list[float]:
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
-        # Two directions square to the axis, from the unit vector that is least like it.
+        # Two directions orthogonal to the axis, from the unit vector that is least parallel to it.
         first = np.cross(axis, np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis))
         first /= np.linalg.norm(first)
         second = np.cross(axis, first)
@@ -214,7 +213,7 @@ class ConeDistribution(RandomDistribution):
         return [float(part) for part in found]
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return the axis and some directions on the rim."""
+        """Return the axis and four directions on the rim."""
         cosine = float(np.cos(np.deg2rad(self.half_angle_deg)))
         rim = [self._direction(cosine, np.pi / 2 * quarter) for quarter in range(4)]
         return [("axis", list(self.axis)), *(("half_angle_deg", one) for one in rim)]
@@ -226,7 +225,7 @@ def _readable(text: str) -> str:
 
 
 class FormulaDistribution(DerivedDistribution):
-    """A number computed from named values; in a recipe also written as a text that begins with an equals sign.
+    """A number computed from named values; the short form in a recipe is a string that begins with an equals sign.
 
     >>> FormulaDistribution(formula="distance_mm * tan(pi / 6)").value({"distance_mm": 600.0})
     346.41016151377545
@@ -237,7 +236,7 @@ class FormulaDistribution(DerivedDistribution):
     """The formula: numbers, names of values, + - * / // % **, comparisons, ``a if b else c``, and the functions of
     `scenetruth.dataset.expression`."""
     integer: bool = False
-    """Whether the result is rounded to a whole number."""
+    """Whether the result is rounded to an integer."""
 
     def needs(self) -> frozenset[str]:
         """Return the names in the formula."""
@@ -250,15 +249,14 @@ class FormulaDistribution(DerivedDistribution):
 
     @property
     def is_number(self) -> bool:
-        """Whether it is always a number: it is."""
+        """Always true."""
         return True
 
 
 class GridDistribution(IndexedDistribution):
-    """One axis of a grid: all fields of this kind together go through every combination of their values.
+    """One axis of a grid: all fields of this type together run through every combination of their values.
 
-    The first field in the recipe changes with every sample, the next when the first has gone through its values, and
-    so on.
+    The first field in the recipe varies fastest.
 
     >>> [GridDistribution(low=1, high=2, count=3).value(place) for place in range(3)]
     [1.0, 1.5, 2.0]
@@ -268,13 +266,13 @@ class GridDistribution(IndexedDistribution):
 
     kind: Literal["grid"] = "grid"
     values: tuple[Any, ...] | None = None
-    """The values; or give low, high and count."""
+    """The values; alternatively specify low, high and count."""
     low: Finite | None = None
-    """The first of evenly spaced values."""
+    """First of the evenly spaced values."""
     high: Finite | None = None
-    """The last."""
+    """Last of the evenly spaced values."""
     count: Annotated[int, Field(ge=2, le=1_000_000)] | None = None
-    """How many."""
+    """Number of evenly spaced values."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -290,18 +288,17 @@ class GridDistribution(IndexedDistribution):
         return self
 
     def __len__(self) -> int:
-        """Return how many values the axis has."""
         return len(self.values) if self.values is not None else int(self.count or 0)
 
     def value(self, place: int) -> Any:
-        """Return the value at a place."""
+        """Return the value at an index."""
         if self.values is not None:
             return self.values[place]
         low, high, count = self.low or 0.0, self.high or 0.0, self.count or 2
         return low + (high - low) * place / (count - 1)
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return every given value, or both ends."""
+        """Return every listed value, or both limits."""
         if self.values is not None:
             return [(f"values.{place}", value) for place, value in enumerate(self.values)]
         return [("low", self.low), ("high", self.high)]
@@ -311,7 +308,7 @@ _Integer = Annotated[int, Field(ge=-(2**53), le=2**53)]
 
 
 class IntegersDistribution(RandomDistribution):
-    """A whole number, each between two ends equally likely, the ends among them.
+    """A uniformly distributed integer; both limits are included.
 
     >>> [IntegersDistribution(low=1, high=3).value([u]) for u in (0.1, 0.5, 0.9)]
     [1, 2, 3]
@@ -319,9 +316,9 @@ class IntegersDistribution(RandomDistribution):
 
     kind: Literal["integers"] = "integers"
     low: _Integer
-    """The least."""
+    """Smallest value."""
     high: _Integer
-    """The largest."""
+    """Largest value."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -331,16 +328,16 @@ class IntegersDistribution(RandomDistribution):
         return self
 
     def value(self, uniforms: Sequence[float]) -> int:
-        """Return the number at a share of all."""
+        """Return the integer at a quantile."""
         return min(self.low + int((self.high - self.low + 1) * uniforms[0]), self.high)
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return both ends."""
+        """Return both limits."""
         return [("low", self.low), ("high", self.high)]
 
 
 class SequenceDistribution(IndexedDistribution):
-    """The values of a list in their order: sample n has the n-th, and after the last comes the first again.
+    """The values of a list in order, repeated after the last: sample n has the n-th value.
 
     >>> SequenceDistribution(values=[3, 5]).value(1)
     5
@@ -351,11 +348,10 @@ class SequenceDistribution(IndexedDistribution):
     """The values."""
 
     def __len__(self) -> int:
-        """Return how many values there are."""
         return len(self.values)
 
     def value(self, place: int) -> Any:
-        """Return the value at a place."""
+        """Return the value at an index."""
         return self.values[place]
 
     def trials(self) -> list[tuple[str, Any]]:
@@ -364,7 +360,7 @@ class SequenceDistribution(IndexedDistribution):
 
 
 class LogUniformDistribution(RangeDistribution):
-    """A number whose logarithm is equally likely anywhere between two ends: each factor of two as likely as the next.
+    """A number whose logarithm is uniformly distributed between two limits.
 
     >>> round(LogUniformDistribution(low=0.01, high=1).value([0.5]), 12)
     0.1
@@ -372,23 +368,23 @@ class LogUniformDistribution(RangeDistribution):
 
     kind: Literal["log_uniform"] = "log_uniform"
     low: Positive
-    """Lower end."""
+    """Lower limit."""
     high: Positive
-    """Upper end."""
+    """Upper limit."""
 
     def value(self, uniforms: Sequence[float]) -> float:
-        """Return the number at a share of the way from low to high, on a logarithmic scale."""
+        """Return the number at a quantile of the logarithmic scale."""
         found = self.low * math.exp(math.log(self.high / self.low) * uniforms[0])
         return min(max(found, self.low), self.high)
 
 
 _FAR = 6.0
-"""Standard deviations that are looked at where nothing is cut off: two of a thousand million lie beyond."""
+"""Range of trial values in standard deviations without truncation; 2e-9 of the values lie outside."""
 _RARE = 1e-9
 
 
 class NormalDistribution(RandomDistribution):
-    """A normally distributed number; of values outside the ends, none.
+    """A normally distributed number, optionally truncated.
 
     >>> NormalDistribution(mean=5, std=2).value([0.5]), round(NormalDistribution(mean=0, std=1, low=0).value([0.5]), 4)
     (5.0, 0.6745)
@@ -396,13 +392,13 @@ class NormalDistribution(RandomDistribution):
 
     kind: Literal["normal"] = "normal"
     mean: Finite
-    """Mean, before anything is cut off."""
+    """Mean before truncation."""
     std: Positive
-    """Standard deviation, before anything is cut off."""
+    """Standard deviation before truncation."""
     low: Finite | None = None
-    """No value lies below; None: nothing is cut off."""
+    """Lower truncation limit; None for no limit."""
     high: Finite | None = None
-    """No value lies above; None: nothing is cut off."""
+    """Upper truncation limit; None for no limit."""
 
     @model_validator(mode="after")
     def _has_values(self) -> Self:
@@ -411,19 +407,18 @@ class NormalDistribution(RandomDistribution):
             raise ValueError(msg)
         below, above = self._shares()
         if above - below < _RARE:
-            msg = f"has hardly any values between its ends: {above - below:.2g} of the normal ones; move mean or ends"
+            msg = f"has hardly any values between its limits (probability {above - below:.2g}); adjust mean or limits"
             raise ValueError(msg)
         return self
 
     def _shares(self) -> tuple[float, float]:
-        """Return the shares of the whole distribution that lie below both ends."""
         from scipy.special import ndtr
 
         ends = [None if end is None else (end - self.mean) / self.std for end in (self.low, self.high)]
         return (0.0 if ends[0] is None else float(ndtr(ends[0]))), (1.0 if ends[1] is None else float(ndtr(ends[1])))
 
     def value(self, uniforms: Sequence[float]) -> float:
-        """Return the number below which the given share of all values lies."""
+        """Return the quantile of the truncated distribution."""
         from scipy.special import ndtri
 
         below, above = self._shares()
@@ -432,16 +427,16 @@ class NormalDistribution(RandomDistribution):
         return found if self.high is None else min(found, self.high)
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return both ends, or what lies very far out."""
+        """Return both limits, or distant quantiles without truncation."""
         low = ("low", self.low) if self.low is not None else ("std", self.mean - _FAR * self.std)
         high = ("high", self.high) if self.high is not None else ("std", self.mean + _FAR * self.std)
         return [low, high]
 
 
 class RotationDistribution(RandomDistribution):
-    """Any rotation, all equally likely, as a pose's list of ``rotations``.
+    """A uniformly distributed rotation, as a pose's list of ``rotations``.
 
-    From three uniform numbers as K. Shoemake, Uniform random rotations, Graphics Gems III (1992), makes a quaternion.
+    Quaternion from three uniform numbers (K. Shoemake, Uniform random rotations, Graphics Gems III, 1992).
 
     >>> RotationDistribution().value([0.5, 0.125, 0.25])
     [{'axis': [0.57735026919, 0.816496580928, 0.0], 'angle_deg': 120.0}]
@@ -452,7 +447,7 @@ class RotationDistribution(RandomDistribution):
     kind: Literal["rotation"] = "rotation"
 
     def value(self, uniforms: Sequence[float]) -> list[dict[str, Any]]:
-        """Return the rotation as one turn about one axis."""
+        """Return the rotation as one axis and angle."""
         share, one, other = uniforms
         sine, cosine = np.sqrt([1 - share, share])
         x, y = sine * np.sin(2 * np.pi * other), sine * np.cos(2 * np.pi * other)
@@ -465,7 +460,7 @@ class RotationDistribution(RandomDistribution):
         return [{"axis": [round(float(part), 12) + 0.0 for part in vector / length], "angle_deg": round(angle, 12)}]
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return one rotation: where one is allowed, all are."""
+        """Return one rotation: if a field accepts one, it accepts all."""
         return [("kind", self.value([0.3, 0.4, 0.5]))]
 
 
@@ -473,7 +468,7 @@ _NO_ROTATION = 1e-12
 
 
 class LinkedDistribution(DerivedDistribution):
-    """The value that another field, or another named value, has in the same sample.
+    """The value of another field or named value in the same sample.
 
     >>> LinkedDistribution(of="distance_mm").value({"distance_mm": 600.0})
     600.0
@@ -484,7 +479,7 @@ class LinkedDistribution(DerivedDistribution):
     """Name or path of the other value."""
 
     def needs(self) -> frozenset[str]:
-        """Return the other value's name."""
+        """Return the name of the other value."""
         return frozenset({self.of})
 
     def value(self, values: Mapping[str, Any]) -> Any:
@@ -496,31 +491,30 @@ _MAX_BYTES = 100_000_000
 
 
 class TableDistribution(IndexedDistribution):
-    """The values of one column of a CSV file with a line of headings: sample n has those of the n-th line.
+    """The values of one column of a CSV file with a header line: sample n uses the n-th row.
 
-    Fields that name the same file move through it together. After the last line comes the first again.
+    Fields that name the same file use the same row. After the last row the first follows.
     """
 
     kind: Literal["table"] = "table"
     file: InputFile
-    """The CSV file; a relative path counts from the recipe's folder."""
+    """The CSV file; a relative path is resolved against the directory of the recipe."""
     column: Name
-    """Heading of the column."""
+    """Header of the column."""
 
     def __len__(self) -> int:
-        """Return how many lines there are."""
         return len(self._values())
 
     def value(self, place: int) -> Any:
-        """Return the value in a line: a number where it reads as one."""
+        """Return the value of a row, as a number where possible."""
         return self._values()[place]
 
     def trials(self) -> list[tuple[str, Any]]:
-        """Return every value, with its line."""
+        """Return every value with its line number."""
         return [(f"column (line {line})", value) for line, value in enumerate(self._values(), start=2)]
 
     def problems(self) -> list[Problem]:
-        """Return why the file or its column cannot be used."""
+        """Return the reasons why the file or its column cannot be used."""
         try:
             if regular_file_size(Path(self.file)) > _MAX_BYTES:
                 return [Problem("file", f"has more than {_MAX_BYTES:,} bytes", self.file)]
@@ -531,7 +525,7 @@ class TableDistribution(IndexedDistribution):
         if self.column not in columns:
             return [Problem("column", f"is not in the table; its columns are {', '.join(columns)}", self.column)]
         if not columns[self.column]:
-            return [Problem("file", "has no lines below its headings", self.file)]
+            return [Problem("file", "has no rows below its header", self.file)]
         return []
 
     def _values(self) -> tuple[Any, ...]:
@@ -548,7 +542,7 @@ def _columns_of(file: str) -> dict[str, tuple[Any, ...]]:
     headings = [heading.strip() for heading in lines[0]]
     wrong = next((number for number, line in enumerate(lines, start=1) if len(line) != len(headings)), None)
     if wrong is not None:
-        msg = f"line {wrong} has {len(lines[wrong - 1])} values for {len(headings)} headings"
+        msg = f"line {wrong} has {len(lines[wrong - 1])} values for {len(headings)} columns"
         raise ValueError(msg)
     return {heading: tuple(_read_table(line[place]) for line in lines[1:]) for place, heading in enumerate(headings)}
 
@@ -564,7 +558,7 @@ def _read_table(text: str) -> Any:
 
 
 class UniformDistribution(RangeDistribution):
-    """A number that is equally likely anywhere between two ends.
+    """A number uniformly distributed between two limits.
 
     >>> UniformDistribution(low=2, high=4).value([0.25])
     2.5
@@ -573,5 +567,5 @@ class UniformDistribution(RangeDistribution):
     kind: Literal["uniform"] = "uniform"
 
     def value(self, uniforms: Sequence[float]) -> float:
-        """Return the number at a share of the way from low to high."""
+        """Return the number at a quantile."""
         return self.low + (self.high - self.low) * uniforms[0]

@@ -1,4 +1,4 @@
-"""Expressions of formula distributions: parsed once, evaluated without running code."""
+"""Expressions of formula distributions, evaluated without executing code."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
     "sqrt": math.sqrt,
     "tan": math.tan,
 }
-"""Functions of formulas; angles are in radians."""
+"""Functions available in formulas; angles are in radians."""
 _CONSTANTS = {"pi": math.pi, "e": math.e}
 _BINARY: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
@@ -52,7 +52,7 @@ _LONGEST, _DEEPEST = 1000, 50
 
 
 class Expression:
-    """A formula with named values.
+    """A formula of named values.
 
     ``text``: The formula.
 
@@ -78,14 +78,14 @@ class Expression:
 
     @property
     def names(self) -> frozenset[str]:
-        """Names of the values that it is made from."""
+        """Names of the values in the formula."""
         return frozenset(self._names)
 
     def value(self, values: Mapping[str, Any]) -> float:
         """Return the result, a finite number."""
         wrong = [name for name in sorted(self._names) if not _is_number(values.get(name))]
         if wrong:
-            msg = f"'{wrong[0]}' is no number (got {values.get(wrong[0])!r})"
+            msg = f"'{wrong[0]}' is not a number (got {values.get(wrong[0])!r})"
             raise ValueError(msg)
         try:
             found = self._of(self._tree, values)
@@ -93,12 +93,11 @@ class Expression:
             msg = f"'{self.text}' has no value: {error}"
             raise ValueError(msg) from error
         if not _is_number(found) or not math.isfinite(found):
-            msg = f"'{self.text}' is no finite number: {found!r}"
+            msg = f"'{self.text}' is not a finite number: {found!r}"
             raise ValueError(msg)
         return float(found) if isinstance(found, float) else int(found)
 
     def _refuse(self, node: ast.AST, depth: int) -> None:
-        """Refuse what is no arithmetic."""
         if depth > _DEEPEST:
             msg = f"is nested more than {_DEEPEST} deep"
             raise ValueError(msg)
@@ -124,7 +123,7 @@ class Expression:
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 parts = [test, body, orelse]
             case _:
-                msg = f"'{ast.unparse(node)}' is no arithmetic"
+                msg = f"'{ast.unparse(node)}' is not arithmetic"
                 raise ValueError(msg)
         for part in parts:
             self._refuse(part, depth + 1)
@@ -132,7 +131,7 @@ class Expression:
     def _of(self, node: ast.AST, values: Mapping[str, Any]) -> Any:
         match node:
             case ast.Constant(value=value):
-                # Of whole numbers, powers could grow without end.
+                # Powers of integers could grow without limit.
                 return float(value) if isinstance(value, int) and abs(value) > _LARGEST else value
             case ast.Name(id=name):
                 return _CONSTANTS[name] if name in _CONSTANTS else values[name]

@@ -1,4 +1,4 @@
-"""The fingerprint of a data set: everything that its samples depend on, and the refusal to mix two."""
+"""The fingerprint of a data set: everything that determines its samples, and the test for equal recipes."""
 
 from __future__ import annotations
 
@@ -26,23 +26,20 @@ from scenetruth.schema import digest
 __all__ = ["DatasetFingerprint", "begin_dataset", "compute_fingerprint", "open_sampler", "read_fingerprint"]
 
 _WORDS = ("name", "description", "licence", "citation", "creators", "format", "samples", "set")
-"""What no sample depends on: words, and how many there are; what is set for all is in the base scenes already."""
+"""Fields without effect on samples: descriptions and counts; shared settings are part of the base scenes."""
 _STORED = ("description", "estimate", "score", "storage")
-"""Sections of a scene that images do not depend on, but that lie in every sample's files."""
+"""Sections of a scene without effect on images that are stored in the files of every sample."""
 FORMAT = 1
 
 
 @dataclass(frozen=True)
 class DatasetFingerprint:
-    """What all samples of a data set share.
+    """Properties shared by all samples of a data set.
 
-    ``recipe_hash``: Hash of everything that samples depend on: the recipe without its words and the number of samples,
-      base scenes, contents of files.
-    ``samples``: How many samples are drawn.
-    ``count``: How many samples there are, with those of ladders.
-    ``backend``, ``platform``: What renders them all.
-    ``versions``: Versions of what made them.
-    ``format``: Version of the format of data sets.
+    ``recipe_hash``: Hash of everything that determines samples: the recipe without descriptions and sample count, base
+    scenes, contents of files. ``samples``: Number of draws. ``count``: Number of samples, including paired series.
+    ``backend``, ``platform``: Rendering backend. ``versions``: Versions of the software. ``format``: Version of the
+    data-set format.
     """
 
     recipe_hash: str
@@ -54,28 +51,28 @@ class DatasetFingerprint:
     format: int = FORMAT
 
     def to_json(self) -> str:
-        """Return the identity as JSON."""
+        """Return the fingerprint as JSON."""
         return json.dumps(asdict(self), indent=2) + "\n"
 
 
 def compute_fingerprint(sampler: Sampler, backend: tuple[str, str] | None = None) -> DatasetFingerprint:
-    """Return what a data set of a recipe is."""
+    """Return the fingerprint of a recipe."""
     name, on = backend or select_backend(sampler)
     recipe = sampler.recipe
     return DatasetFingerprint(compute_recipe_hash(sampler), recipe.samples, recipe.count, name, on, collect_versions())
 
 
 def compute_recipe_hash(sampler: Sampler) -> str:
-    """Return a hash of everything that samples depend on but their number, 16 hexadecimal digits."""
+    """Return the hash of everything that determines samples except their number, 16 hexadecimal digits."""
     recipe = sampler.recipe
     plain = {name: value for name, value in recipe.to_dict().items() if name not in _WORDS}
     plain["base"] = [[_base_hash(scene), entry.weight] for scene, entry in zip(sampler.bases, recipe.base, strict=True)]
-    # Their order is that of the dimensions of Sobol's sequence, and of the axes of grids.
+    # The order of fields determines the dimensions of the Sobol sequence and the axes of grids.
     plain["order"] = [item.key for item in sampler.varied]
     plain["files"] = [content_hash(file) for _, file in collect_input_files(recipe) if file.suffix.lower() == ".csv"]
     entries = (*plain["distributions"].values(), *plain["parameters"].values())
     for entry in entries:
-        # Tables count by what they hold, not by where they lie.
+        # Tables are hashed by content, not by path.
         entry.pop("file", None)
     if any(entry.get("sampling") == "latin_hypercube" for entry in entries):
         plain["samples"] = recipe.samples
@@ -88,7 +85,7 @@ def _base_hash(scene: Scene) -> str:
 
 
 def select_backend(sampler: Sampler) -> tuple[str, str]:
-    """Return the backend, and its platform, that renders every base scene on this machine."""
+    """Return a backend and its platform that render every base scene on this machine."""
     from scenetruth.render import choose_renderer
     from scenetruth.scene.built_scene import build_scene
 
@@ -104,12 +101,12 @@ def select_backend(sampler: Sampler) -> tuple[str, str]:
 
 
 def read_fingerprint(folder: DatasetFolder) -> DatasetFingerprint:
-    """Return what the data set in a folder is."""
+    """Return the fingerprint of an existing data set."""
     try:
         found = parse_json(folder.identity.read_bytes())
         identity = DatasetFingerprint(**found)
     except FileNotFoundError as error:
-        raise StoreError(folder.path, "is no data set: it has no dataset.json") from error
+        raise StoreError(folder.path, "is not a data set: it has no dataset.json") from error
     except (OSError, ValueError, TypeError) as error:
         raise StoreError(folder.identity, f"is damaged: {error}") from error
     if identity.format > FORMAT:
@@ -118,7 +115,7 @@ def read_fingerprint(folder: DatasetFolder) -> DatasetFingerprint:
 
 
 def open_sampler(folder: DatasetFolder) -> Sampler:
-    """Return the recipe of the data set in a folder."""
+    """Return the sampler of an existing data set."""
     try:
         text = folder.recipe.read_text(encoding="utf-8")
         plain, problems = read_yaml(text)
@@ -130,13 +127,13 @@ def open_sampler(folder: DatasetFolder) -> Sampler:
 
 
 def begin_dataset(folder: DatasetFolder, sampler: Sampler, *, extend: bool = False) -> DatasetFingerprint:
-    """Put recipe and identity into the folder of a data set, or check that they are the same as before."""
+    """Write recipe and fingerprint of a new data set, or check them against those of an existing data set."""
     place = folder.identity
-    # Several parts may begin at once.
+    # Several partitions may start simultaneously.
     with lock_output(place):
         if not folder.identity.exists():
             if folder.path.is_dir() and any(not entry.name.startswith(".") for entry in folder.path.iterdir()):
-                raise StoreError(folder.path, "holds other things than a data set; give another folder")
+                raise StoreError(folder.path, "contains other files than a data set; specify another directory")
             return _write(folder, sampler, compute_fingerprint(sampler))
         found = read_fingerprint(folder)
         wanted = compute_fingerprint(sampler, (found.backend, found.platform))
@@ -149,7 +146,7 @@ def begin_dataset(folder: DatasetFolder, sampler: Sampler, *, extend: bool = Fal
 
 
 class _OtherRecipeError(MismatchError):
-    """A folder that holds another data set."""
+    """A directory that contains another data set."""
 
     _noun = "data set"
 
@@ -164,15 +161,15 @@ def _differences(
     if found.recipe_hash != wanted.recipe_hash:
         changed = _changed(folder, sampler)
         told = f": {', '.join(changed)} changed" if changed else ""
-        message = f"holds a data set of another recipe ({found.recipe_hash}, not {wanted.recipe_hash}){told}"
+        message = f"contains a data set of another recipe ({found.recipe_hash}, not {wanted.recipe_hash}){told}"
         if extend and changed == ["samples"]:
             message += "; a Latin hypercube has a fixed number of samples, and cannot be extended"
-        problems.append(Problem(str(folder.path), f"{message}; give another folder, or the former recipe"))
+        problems.append(Problem(str(folder.path), f"{message}; specify another directory, or the former recipe"))
     elif wanted.samples < found.samples:
-        message = f"has {found.samples:,} samples, and the recipe asks for fewer; give another folder"
+        message = f"has {found.samples:,} samples, and the recipe has fewer; specify another directory"
         problems.append(Problem(str(folder.path), message, wanted.samples))
     elif wanted.samples > found.samples and not extend:
-        message = f"has {found.samples:,} samples, and the recipe asks for more; allow it: --extend"
+        message = f"has {found.samples:,} samples, and the recipe has more; allow this with --extend"
         problems.append(Problem(str(folder.path), message, wanted.samples))
     recipe = sampler.recipe
     if (
@@ -182,17 +179,16 @@ def _differences(
         and found.count % recipe.samples_per_shard
     ):
         message = f"has {found.count:,} samples, and its last tar file is not full: it cannot be extended"
-        problems.append(Problem(str(folder.path), f"{message}; make the others a data set of their own"))
+        problems.append(Problem(str(folder.path), f"{message}; generate the other samples as a separate data set"))
     for name, one in found.versions.items():
         other = wanted.versions.get(name)
         if other != one:
-            message = f"was begun with {name} {one}, and this is {other}: samples would differ; install the former"
+            message = f"was started with {name} {one}, and this is {other}: samples would differ; install the former"
             problems.append(Problem(str(folder.path), message))
     return problems
 
 
 def _changed(folder: DatasetFolder, sampler: Sampler) -> list[str]:
-    """Return the sections of the recipe that differ from those in a folder."""
     try:
         former = open_sampler(folder)
     except (StoreError, RecipeError):
@@ -205,13 +201,13 @@ def _changed(folder: DatasetFolder, sampler: Sampler) -> list[str]:
 
 
 def resolve_recipe(sampler: Sampler) -> dict[str, Any]:
-    """Return the recipe with its base scenes in it, as plain values: it makes the same samples anywhere."""
+    """Return the recipe with its base scenes as plain values, independent of other files."""
     plain = {name: value for name, value in sampler.recipe.to_dict().items() if value not in ({}, [], "")}
     plain["base"] = [
         {"scene": scene.to_dict(), "weight": entry.weight}
         for scene, entry in zip(sampler.bases, sampler.recipe.base, strict=True)
     ]
-    # What all samples share is in the scenes already.
+    # Shared settings are already part of the scenes.
     plain.pop("set", None)
     return plain
 

@@ -51,12 +51,10 @@ __all__ = [
 
 @dataclass
 class DatasetRunResult:
-    """What a run has made.
+    """Result of a run.
 
-    ``folder``: The data set.
-    ``made``: How many samples it has made.
-    ``present``: How many of its part were there before.
-    ``failed``: Numbers of the samples that failed.
+    ``folder``: Directory of the data set. ``made``: Number of samples generated. ``present``: Number of existing
+    samples of the partition. ``failed``: Numbers of the failed samples.
     """
 
     folder: DatasetFolder
@@ -67,11 +65,10 @@ class DatasetRunResult:
 
 @dataclass(frozen=True)
 class DatasetStatus:
-    """How far a data set is.
+    """Progress of a data set.
 
-    ``count``: Samples in all.
-    ``done``: Samples that are there.
-    ``failed``: Numbers of those that failed, with what went wrong.
+    ``count``: Total number of samples. ``done``: Number of existing samples. ``failed``: Error messages by number of
+    the failed sample.
     """
 
     count: int
@@ -80,7 +77,7 @@ class DatasetStatus:
 
     @property
     def missing(self) -> int:
-        """Samples that are not there."""
+        """Number of missing samples."""
         return self.count - self.done
 
 
@@ -99,59 +96,59 @@ def run_dataset(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> DatasetRunResult:
-    """Make what is missing of a data set.
+    """Generate the missing samples of a data set.
 
-    Samples appear whole, or not at all; what is there stays. It can be killed at any moment, and run again.
+    Samples are written atomically and existing samples are kept: an interrupted run resumes when it is repeated.
 
     Parameters
     ----------
     recipe
-        The recipe, its values, its file, or the name of one that is shipped; None to continue with the one in the
-        folder.
+        The recipe, its values, its file, or the name of a bundled recipe; None to use the recipe in the directory.
     output
-        The folder of the data set.
+        Directory of the data set.
     overrides
-        Changes of the recipe, as of `load_scene`.
+        Changed fields of the recipe, as for `load_scene`.
     partition
-        Which part to make, for several machines that share the folder; all if not given.
+        Partition to generate, for several machines that share the directory; default: all samples.
     retries
-        How often a sample that failed is tried again.
+        Number of retries of a failed sample.
     threads
-        Threads of each process that is started.
+        Threads per worker process.
     scheduler
-        Address of a Dask scheduler, whose workers are taken instead. They must see the folder by the same path.
+        Address of a Dask scheduler, used instead of local processes. Its workers must reach the directory by
+        the same path.
     max_tasks_per_worker
-        Samples after which a process is started anew.
+        Number of samples after which a worker process is replaced.
     extend
-        Whether the data set may get more samples than it had.
+        Whether the sample count may exceed that of an existing data set.
     limits
-        Bounds of what a sample may ask for and take; those by default if not given.
+        Resource limits of a sample; the default limits if not given.
     workers
-        Processes of this machine: 1, the default, for none besides this process, -1 for all processors.
+        Processes on this machine: 1, the default, for this process only, -1 for all processors.
     progress
         Called with (what, done, total).
 
     Returns
     -------
     Outcome
-        How many samples were made, and which failed; why is told by their files in ``failed/``.
+        Numbers of generated and of failed samples; the errors are in the files of ``failed/``.
 
     Raises
     ------
     RecipeError
-        If the recipe makes no samples, as far as ranges and the first draws tell; before any work.
+        If the ranges or the first draws yield no valid sample; raised before any work.
     MachineError
-        If a sample takes more than the machine has; before any work.
+        If a sample exceeds the resources of the machine; raised before any work.
     ArgumentError
-        If the number of workers is impossible.
+        If the number of workers is invalid.
     MismatchError
-        If the folder holds a data set of another recipe.
+        If the directory contains a data set of another recipe.
     OutputExistsError
-        If another run makes this part.
+        If another run generates this partition.
 
     See Also
     --------
-    load_recipe : A recipe from a file.
+    load_recipe : Load a recipe from a file.
     open_dataset : Read a data set.
 
     Examples
@@ -225,7 +222,7 @@ def run_dataset(
 def estimate_sample_cost(
     sampler: Sampler, identity: DatasetFingerprint | None, limits: Limits, folder: Path
 ) -> Forecast:
-    """Return what one sample takes, and refuse more than the machine has."""
+    """Return the resources of one sample; raise if they exceed those of the machine."""
     draw = sampler.draw(0)
     scene = draw.scene() if identity is None else build_sample_scene(sampler, identity, draw)
     truth = sampler.recipe.truth
@@ -276,14 +273,14 @@ def check_recipe(
     limits: Limits | None = None,
     workers: int = 1,
 ) -> RecipeReport:
-    """Validate a recipe, draw some samples, and predict the resources of one.
+    """Validate a recipe, draw samples, and predict the resources of one sample.
 
     Parameters
     ----------
     recipe
         The recipe, its values, its file, or the name of a bundled recipe.
     overrides
-        Changed fields, as of `scenetruth.load_scene`.
+        Changed fields, as for `scenetruth.load_scene`.
     samples
         Number of samples to draw.
     limits
@@ -322,7 +319,7 @@ def check_recipe(
 
 
 def read_status(folder: str | Path) -> DatasetStatus:
-    """Return how far a data set is, from what lies in its folder."""
+    """Return the progress of the data set in a directory."""
     places = DatasetFolder(folder)
     identity = read_fingerprint(places)
     done = SampleStore.of(places, open_sampler(places), identity).present(range(identity.count))
@@ -339,7 +336,6 @@ def _message(path: Path) -> str:
 
 
 def _catalogue_missing(shelf: SampleStore, writer: CatalogueWriter, done: set[int]) -> None:
-    """Put samples into the catalogue whose run was killed before it did."""
     for row in shelf.rows(done - list_catalogued(shelf.folder)):
         writer.add(row)
     writer.flush()
@@ -347,7 +343,7 @@ def _catalogue_missing(shelf: SampleStore, writer: CatalogueWriter, done: set[in
 
 @dataclass
 class _Work:
-    """Takes what workers have made; a sample is in the catalogue, or still to be told of, before its folder goes."""
+    """Collect results of workers; a sample is recorded before its directory is removed."""
 
     places: DatasetFolder
     shelf: SampleStore
@@ -386,10 +382,9 @@ class _Work:
 
 @dataclass(frozen=True)
 class VerificationFailure:
-    """A sample that is not as it was made.
+    """A damaged or missing sample.
 
-    ``number``: Its number.
-    ``problem``: What is wrong.
+    ``number``: Number of the sample. ``problem``: Description of the problem.
     """
 
     number: int
@@ -399,12 +394,12 @@ class VerificationFailure:
 def verify_dataset(
     folder: str | Path, *, regenerate: int = 3, seed: int = 0, progress: Progress | None = None
 ) -> list[VerificationFailure]:
-    """Hash every file of a data set, and make a few samples again, to the same bytes."""
+    """Verify the checksums of a data set, and regenerate randomly selected samples bit-identically."""
     places = DatasetFolder(folder)
     identity, sampler = read_fingerprint(places), open_sampler(places)
     rows = {row["sample"]: row for row in read_catalogue(places, sampler).to_pylist()}
     found = [
-        VerificationFailure(number, "is not in the catalogue: it was never made, or its run was killed")
+        VerificationFailure(number, "is not in the catalogue: it is missing, or its run was interrupted")
         for number in range(identity.count)
         if number not in rows
     ]
@@ -420,10 +415,10 @@ def verify_dataset(
     chosen = _some(rows, regenerate, seed)
     for done, number in enumerate(chosen):
         if progress is not None:
-            progress("make again", done, len(chosen))
+            progress("regenerate", done, len(chosen))
         found += [VerificationFailure(number, problem) for problem in _differs(sampler, identity, number, rows[number])]
     if progress is not None:
-        progress("make again", len(chosen), len(chosen))
+        progress("regenerate", len(chosen), len(chosen))
     return sorted(found, key=lambda one: one.number)
 
 
@@ -436,7 +431,6 @@ def _some(numbers: Iterable[int], count: int, seed: int) -> list[int]:
 
 
 def _changed(places: DatasetFolder, sampler: Sampler, number: int, row: dict[str, Any]) -> list[str]:
-    """Return which files of a sample are not those of the catalogue."""
     shard = places.shard(compute_shard_number(number, sampler.recipe.samples_per_shard))
     if shard.exists():
         with extract_sample(shard, number) as files:
@@ -456,21 +450,20 @@ def _unlike(folder: Path, row: dict[str, Any]) -> list[str]:
             problems.append(f"{file} cannot be read: {error.strerror}; remove the sample, and run the data set again")
             continue
         if found != row[f"{name}_sha256"]:
-            problems.append(f"{file} is not as it was made; remove the sample, and run the data set again")
+            problems.append(f"{file} has changed; remove the sample, and run the data set again")
     if not (folder / SAMPLE).is_file():
         problems.append(f"{SAMPLE} is missing; remove the sample, and run the data set again")
     return problems
 
 
 def _differs(sampler: Sampler, identity: DatasetFingerprint, number: int, row: dict[str, Any]) -> list[str]:
-    """Return what differs if a sample is made again."""
     with TemporaryDirectory(prefix="scenetruth-") as scratch:
         try:
             made = make_sample(sampler, identity, number, Path(scratch) / "again")
         except (StoreError, ScenetruthError) as error:
-            return [f"cannot be made again: {error}"]
+            return [f"cannot be regenerated: {error}"]
     return [
-        f"{file} has other bytes when it is made again"
+        f"{file} differs when regenerated"
         for file, name in FILES.items()
         if made["files"][file]["sha256"] != row[f"{name}_sha256"]
     ]

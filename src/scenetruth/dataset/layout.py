@@ -1,4 +1,4 @@
-"""The folder of a data set: names of files and folders, and shards that hold many samples."""
+"""Directory layout of a data set: names of files and directories, and shards of many samples."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ SAMPLE, SCENE, RECORDING, TRUTH = "sample.json", "scene.yaml", "recording.zarr.z
 
 
 class DatasetFolder:
-    """The folder of a data set.
+    """Directory layout of a data set.
 
-    Samples lie a thousand to a folder, each with a number of eight digits: ``samples/00000/00000417``. The folder of a
-    sample is that of a run (`scenetruth.RunDirectory`) with zip files as stores, and a ``sample.json`` that says what
-    was drawn and what came of it.
+    Directories of samples are grouped by the thousand, with eight-digit names: ``samples/00000/00000417``. The
+    directory of a sample is a run directory (`scenetruth.RunDirectory`) with zip stores and a ``sample.json`` of drawn
+    values and results.
 
-    ``path``: The folder; it need not exist.
+    ``path``: The directory; it need not exist.
 
     >>> DatasetFolder("outputs/leaves").sample(1417).relative_to("outputs").as_posix()
     'leaves/samples/00001/00001417'
@@ -58,99 +58,99 @@ class DatasetFolder:
 
     @property
     def recipe(self) -> Path:
-        """The recipe with its base scenes in it."""
+        """The recipe, including its base scenes."""
         return self.path / "dataset.yaml"
 
     @property
     def identity(self) -> Path:
-        """What the data set is: hash of the recipe, backend, versions."""
+        """The fingerprint: hash of the recipe, backend, versions."""
         return self.path / "dataset.json"
 
     @property
     def samples(self) -> Path:
-        """The samples, layout ``folder``."""
+        """The samples of layout ``folder``."""
         return self.path / "samples"
 
     @property
     def shards(self) -> Path:
-        """The tar files, layout ``shards``."""
+        """The tar files of layout ``shards``."""
         return self.path / "shards"
 
     @property
     def catalogue(self) -> Path:
-        """The catalogue, one row per sample, when it is whole."""
+        """The complete catalogue, one row per sample."""
         return self.path / "catalogue.parquet"
 
     @property
     def parts(self) -> Path:
-        """Parts of the catalogue, as they are written."""
+        """Parts of the catalogue during generation."""
         return self.path / "catalogue"
 
     @property
     def failed(self) -> Path:
-        """What went wrong, one file per sample that was set aside."""
+        """Errors, one file per failed sample."""
         return self.path / "failed"
 
     def scores(self, method: str) -> Path:
-        """Return the folder of a method's scores, one file for each sample."""
+        """Return the directory of a method's scores, one file per sample."""
         # A plain function is named module:function.
         return self.path / "scores" / re.sub(r"[^\w-]", "-", method)
 
     def scores_table(self, method: str) -> Path:
-        """Return the table of a method's scores, one row for each sample."""
+        """Return the table of a method's scores, one row per sample."""
         return self.scores(method) / "scores.parquet"
 
     def scored(self) -> list[str]:
-        """Return the names of the methods that have scores."""
+        """Return the names of the methods with scores."""
         return sorted(name for name in _names(self.path / "scores") if not name.startswith("."))
 
     @property
     def card(self) -> Path:
-        """What it is, for people."""
+        """The card as HTML."""
         return self.path / "card.html"
 
     @property
     def card_text(self) -> Path:
-        """The same as Markdown."""
+        """The card as Markdown."""
         return self.path / "card.md"
 
     @property
     def card_pictures(self) -> Path:
-        """Pictures of the card."""
+        """Directory of the figures of the card."""
         return self.path / "card"
 
     @property
     def croissant(self) -> Path:
-        """What it is, for machines."""
+        """The Croissant metadata."""
         return self.path / "croissant.json"
 
     def sample(self, number: int) -> Path:
-        """Return the folder of a sample."""
+        """Return the directory of a sample."""
         return self.samples / f"{number // _PER_GROUP:05d}" / f"{number:08d}"
 
     def shard(self, number: int) -> Path:
-        """Return a tar file."""
+        """Return the tar file of a shard."""
         return self.shards / f"{number:08d}.tar"
 
     def failure(self, number: int) -> Path:
-        """Return the file that tells why a sample failed."""
+        """Return the error file of a failed sample."""
         return self.failed / f"{number:08d}.json"
 
     def done(self) -> Iterator[int]:
-        """Yield the numbers of the samples that lie in folders, in no order: what has its name is whole."""
+        """Yield the numbers of the samples in directories, unordered; writes are atomic, so all are complete."""
         for group in _names(self.samples):
             yield from (int(name) for name in _names(self.samples / group) if _NAME.fullmatch(name))
 
     def done_shards(self) -> Iterator[int]:
-        """Yield the numbers of the tar files."""
+        """Yield the numbers of the shards."""
         yield from (int(name[:-4]) for name in _names(self.shards) if re.fullmatch(r"[0-9]{8}\.tar", name))
 
     def failures(self) -> list[int]:
-        """Return the numbers of the samples that failed, in order."""
+        """Return the numbers of the failed samples in order."""
         return sorted(int(name[:-5]) for name in _names(self.failed) if re.fullmatch(r"[0-9]{8}\.json", name))
 
     def groups_with_leftovers(self) -> Iterator[Path]:
-        """Yield the folders in which a writer that was killed may have left something."""
+        """Yield the directories that may contain incomplete output of an interrupted run."""
         folders = [self.path, self.samples, self.shards, self.failed, self.parts]
         for folder in [*folders, *(self.samples / group for group in _names(self.samples))]:
             if any(name.startswith(".") for name in _names(folder)):
@@ -166,27 +166,27 @@ def _names(folder: Path) -> list[str]:
 
 
 def claim_sample(path: Path) -> OwnershipResult:
-    """Claim the folder of a sample."""
+    """Claim the directory of a sample."""
     if path.is_dir() and (path / SAMPLE).is_file():
         return OwnershipResult()
-    return OwnershipResult("is no sample that scenetruth wrote")
+    return OwnershipResult("is not a sample written by scenetruth")
 
 
 _FILES = (SAMPLE, SCENE, RECORDING, TRUTH)
 
 
 def compute_shard_number(number: int, per_shard: int) -> int:
-    """Return the number of the shard that a sample belongs to."""
+    """Return the number of the shard of a sample."""
     return number // per_shard
 
 
 def list_shard_samples(shard: int, per_shard: int, count: int) -> range:
-    """Return the numbers of the samples of a shard, of so many in all."""
+    """Return the sample numbers of a shard, for ``count`` samples in total."""
     return range(shard * per_shard, min((shard + 1) * per_shard, count))
 
 
 def pack_shard(folder: DatasetFolder, shard: int, numbers: range) -> None:
-    """Put samples into one tar file, the same bytes each time, and remove their folders."""
+    """Pack samples into one tar file with reproducible bytes, and remove their directories."""
     target = folder.shard(shard)
     if not target.exists():
         with write_atomically(target) as aside, tarfile.open(aside, "w", format=tarfile.USTAR_FORMAT) as archive:
@@ -194,7 +194,7 @@ def pack_shard(folder: DatasetFolder, shard: int, numbers: range) -> None:
                 for name in _FILES:
                     _add(archive, folder.sample(number) / name, f"{number:08d}.{name}")
     for number in numbers:
-        # What is whole in the tar file is not needed twice; a sample loses what makes it one first.
+        # Directories are redundant once the tar file is complete; sample.json is removed first.
         (folder.sample(number) / SAMPLE).unlink(missing_ok=True)
         shutil.rmtree(folder.sample(number), ignore_errors=True)
 
@@ -207,7 +207,7 @@ def _add(archive: tarfile.TarFile, file: Path, name: str) -> None:
 
 
 def read_shard_records(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield what ``sample.json`` says of every sample of a tar file."""
+    """Yield the contents of ``sample.json`` of every sample of a shard."""
     try:
         with tarfile.open(path, "r:") as archive:
             for entry in archive:
@@ -221,7 +221,7 @@ def read_shard_records(path: Path) -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def extract_sample(path: Path, number: int) -> Iterator[Path]:
-    """Give a folder with the files of one sample of a tar file; it vanishes when the block ends."""
+    """Yield a temporary directory with the files of one sample of a shard."""
     wanted = {f"{number:08d}.{name}": name for name in _FILES}
     with TemporaryDirectory(prefix="scenetruth-") as scratch:
         found = 0
@@ -238,5 +238,5 @@ def extract_sample(path: Path, number: int) -> Iterator[Path]:
         except (OSError, tarfile.TarError) as error:
             raise StoreError(path, f"cannot be read: {error}") from error
         if found < len(wanted):
-            raise StoreError(path, f"does not hold sample {number}")
+            raise StoreError(path, f"does not contain sample {number}")
         yield Path(scratch)

@@ -35,10 +35,8 @@ _VALUE = "value."
 class Sample:
     """One sample of a data set.
 
-    ``number``: Its number in the data set.
-    ``folder``: The data set.
-    ``shard``: The tar file that holds it; None if it has a folder of its own.
-    ``row``: What the catalogue tells of it.
+    ``number``: Its number in the data set. ``folder``: Directory of the data set. ``shard``: The tar file that contains
+    it; None if it has its own directory. ``row``: Its row of the catalogue.
     """
 
     number: int
@@ -48,24 +46,24 @@ class Sample:
 
     @property
     def run(self) -> RunDirectory:
-        """Its folder, which is that of a run."""
+        """Its run directory."""
         if self.shard is not None:
-            raise StoreError(self.shard, "holds many samples; this one has no folder of its own")
+            raise StoreError(self.shard, "contains many samples; this sample has no directory of its own")
         return RunDirectory(self.folder.sample(self.number))
 
     @property
     def values(self) -> dict[str, Any]:
-        """What was drawn, by path or name."""
+        """Drawn values by path or name."""
         return {key.removeprefix(_VALUE): value for key, value in self.row.items() if key.startswith(_VALUE)}
 
     @cached_property
     def recording(self) -> xr.Dataset:
-        """The recording; images are read when they are used, of a tar file all at once."""
+        """The recording; images are loaded on access, or all together from a tar file."""
         return self._opened(RECORDING, "recording")
 
     @cached_property
     def truth(self) -> xr.Dataset:
-        """The truth; maps are read when they are used, of a tar file all at once."""
+        """The truth; maps are loaded on access, or all together from a tar file."""
         return self._opened(TRUTH, "truth")
 
     @property
@@ -77,7 +75,7 @@ class Sample:
             return load_scene(files / SCENE)
 
     def estimate(self, method: str | None = None) -> xr.Dataset:
-        """Return the estimate of a method, made by ``scenetruth dataset estimate``."""
+        """Return the estimate of a method, computed by ``scenetruth dataset estimate``."""
         run = self.run
         return open_store(run.of(method or run.own_method).estimate, "estimate")
 
@@ -97,7 +95,7 @@ __all__ = []
 def stack_lazily(
     variable: str, of: Literal["recording", "truth"], samples: Sequence[Sample], source: Path
 ) -> xr.DataArray:
-    """Return a variable of samples in one array; see `SceneDataset.stack`."""
+    """Return a variable of all samples as one lazy array; see `SceneDataset.stack`."""
     if not samples:
         raise StoreError(source, "has no samples to stack")
     first = getattr(samples[0], of)
@@ -112,14 +110,14 @@ def stack_lazily(
 
 
 class _Stack(BackendArray):
-    """The values of one variable of many samples."""
+    """Lazy array of one variable of many samples."""
 
     def __init__(self, variable: str, of: str, samples: Sequence[Sample], source: Path, like: xr.DataArray) -> None:
         self._variable, self._of, self._samples, self._source = variable, of, samples, source
         self.shape, self.dtype = (len(samples), *like.shape), np.dtype(like.dtype)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> NDArray[Any]:
-        """Read what a selection of xarray's asks for."""
+        """Return the values of an xarray selection."""
         support = indexing.IndexingSupport.OUTER
         return np.asarray(indexing.explicit_indexing_adapter(key, self.shape, support, self._read))
 
@@ -137,18 +135,17 @@ class _Stack(BackendArray):
         found = getattr(sample, self._of)[self._variable]
         if found.shape != self.shape[1:]:
             message = f"sample {sample.number} has a '{self._variable}' of shape {found.shape}, and the first "
-            raise StoreError(self._source, f"{message}{self.shape[1:]}: select samples that are alike first")
+            raise StoreError(self._source, f"{message}{self.shape[1:]}: select samples of equal shape first")
         return np.asarray(found.isel({found.dims[axis]: one for axis, one in inside.items()}).values)
 
 
 class SceneDataset(Sequence[Any]):
     """The samples of a data set, in the order of their numbers.
 
-    It has a length, is indexed and sliced, and can be pickled: what PyTorch calls a map-style data set.
+    A sequence with a length, indices and slices that can be pickled, as required for a map-style data set of PyTorch.
 
-    ``folder``: The data set.
-    ``catalogue``: Its samples, one row for each.
-    ``transform``: What is made of every sample that is asked for by its index; the sample itself if not given.
+    ``folder``: Directory of the data set. ``catalogue``: Its samples, one row per sample. ``transform``: Function
+    applied to every sample that is accessed by index; default: none.
     """
 
     def __init__(
@@ -169,7 +166,7 @@ class SceneDataset(Sequence[Any]):
     def __getitem__(self, index: slice) -> SceneDataset: ...
 
     def __getitem__(self, index: SupportsIndex | slice) -> Any:
-        """Return a sample, or what the transform makes of it; of a slice, those samples."""
+        """Return a sample after the transform, or the samples of a slice."""
         if isinstance(index, slice):
             return SceneDataset(self.folder, self.catalogue.iloc[index], self._transform)
         sample = self.sample(index)
@@ -179,20 +176,20 @@ class SceneDataset(Sequence[Any]):
         return (self[index] for index in range(len(self)))
 
     def sample(self, index: SupportsIndex) -> Sample:
-        """Return a sample by its place in the sequence, negative from the end."""
+        """Return a sample by index; negative indices count from the end."""
         place = range(len(self))[int(index)]
         row: dict[str, Any] = {str(key): value for key, value in self.catalogue.iloc[place].to_dict().items()}
         number = int(row["sample"])
         shard = self.folder.shard(compute_shard_number(number, self._per_shard))
-        # What still lies in a folder beside its tar file is about to be removed.
+        # A directory whose tar file exists is about to be removed.
         return Sample(number, self.folder, shard if shard.exists() else None, row)
 
     def select(self, query: str) -> SceneDataset:
-        r"""Return the samples that a query of the catalogue finds."""
+        r"""Return the samples that match a query of the catalogue."""
         try:
             found = self.catalogue.query(query)
-        except Exception as error:  # pandas raises many kinds
-            message = f"cannot be understood: {error}; columns: {', '.join(map(str, self.catalogue.columns[:60]))}"
+        except Exception as error:  # pandas raises exceptions of several classes
+            message = f"is an invalid query: {error}; columns: {', '.join(map(str, self.catalogue.columns[:60]))}"
             raise RecipeError([Problem("query", message, query)]) from error
         return SceneDataset(self.folder, cast("pd.DataFrame", found), self._transform)
 
@@ -201,12 +198,12 @@ class SceneDataset(Sequence[Any]):
         return SceneDataset(self.folder, self.catalogue[self.catalogue["split"] == name], self._transform)
 
     def stack(self, variable: str, of: Literal["recording", "truth"] = "truth") -> xr.DataArray:
-        """Return a variable of all samples in one array, whose samples are read when they are used."""
+        """Return a variable of all samples as one array whose samples are loaded on access."""
         return stack_lazily(variable, of, [self.sample(index) for index in range(len(self))], self.folder.path)
 
     @cached_property
     def identity(self) -> DatasetFingerprint:
-        """What the data set is."""
+        """Fingerprint of the data set."""
         return read_fingerprint(self.folder)
 
     @cached_property
@@ -215,19 +212,19 @@ class SceneDataset(Sequence[Any]):
 
 
 def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | None = None) -> SceneDataset:
-    """Open a data set that ``scenetruth dataset run`` has made, or is making.
+    """Open a data set of ``scenetruth dataset run``; it may be incomplete.
 
     Parameters
     ----------
     folder
-        Its folder.
+        Directory of the data set.
     transform
-        What is made of every sample that is asked for by its index, such as a pair of arrays to learn from.
+        Function applied to every sample that is accessed by index, for example to return a pair of arrays.
 
     Returns
     -------
     SceneDataset
-        The samples that are in the catalogue, with the scores of methods: ``score.METHOD.interior.depth.rmse``.
+        The samples in the catalogue, with the scores of methods: ``score.METHOD.interior.depth.rmse``.
 
     Raises
     ------
@@ -236,7 +233,7 @@ def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | Non
 
     See Also
     --------
-    run_dataset : Make a data set.
+    run_dataset : Generate a data set.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Loading of recipes from files and from plain values, with every problem listed."""
+"""Loading of recipes from files and plain values, with every problem listed."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _MAPPING = "a mapping of name, base, samples, distributions, ..."
 
 
 class Recipe(RecipeModel):
-    """Everything that a data set is made from.
+    """Recipe: the specification of a data set.
 
     See Also
     --------
-    load_recipe : A recipe from a file in YAML.
-    run_dataset : Makes the data set.
+    load_recipe : Load a recipe from a YAML file.
+    run_dataset : Generate the data set.
 
     Examples
     --------
@@ -44,8 +44,8 @@ class Recipe(RecipeModel):
     ('leaves', True)
     """
 
-    # The schema of recipes says no more than it needs to.
-    model_config = ConfigDict(json_schema_extra={"description": "Everything that a data set is made from."})
+    # Replaces the docstring in the JSON schema.
+    model_config = ConfigDict(json_schema_extra={"description": "Specification of a data set."})
 
     _bases: tuple[Scene, ...] | None = PrivateAttr(default=None)
 
@@ -53,16 +53,16 @@ class Recipe(RecipeModel):
     def from_dict(
         cls, values: Mapping[str, Any], *, source: str | Path | None = None, folder: Path | None = None
     ) -> Recipe:
-        """Validate a recipe given by its values.
+        """Validate a recipe given as plain values.
 
         Parameters
         ----------
         values
             The values, as in a file.
         source
-            Where they are from, for messages.
+            Origin of the values, for messages.
         folder
-            Folder that relative paths of files count from; None leaves them as they are.
+            Directory against which relative paths are resolved; None leaves them unchanged.
 
         Returns
         -------
@@ -72,11 +72,11 @@ class Recipe(RecipeModel):
         Raises
         ------
         RecipeError
-            With every problem and its path.
+            If the recipe is invalid; lists every problem with its path.
 
         See Also
         --------
-        load_recipe : A recipe from a file in YAML.
+        load_recipe : Load a recipe from a YAML file.
 
         Examples
         --------
@@ -110,33 +110,33 @@ class Recipe(RecipeModel):
             raise RecipeError(problems, source=source)
         recipe._bases = tuple(base for base in bases if base is not None)
         try:
-            # What only the base scenes show is reported too.
+            # Problems that depend on the base scenes are reported too.
             recipe.sampler()
         except RecipeError as error:
             raise RecipeError(error.problems, source=source) from error
         return recipe
 
     def sampler(self) -> Sampler:
-        """Return what draws the samples."""
+        """Return the sampler of the recipe."""
         if self._bases is None:
             return Recipe.from_dict(self.to_dict()).sampler()
         return Sampler(self, self._bases)
 
 
 RecipeLike = RecipeModel | Mapping[str, Any] | str | PathLike[str]
-"""A recipe, its values as in a file, the path of its file, or the name of a recipe that is shipped."""
+"""A recipe, its values, the path of its file, or the name of a bundled recipe."""
 
 
 def load_recipe(recipe: RecipeLike, *, overrides: Overrides = ()) -> Recipe:
-    """Load a recipe of a data set.
+    """Load the recipe of a data set.
 
     Parameters
     ----------
     recipe
-        The YAML file, or the name of a recipe that is shipped, as ``"leaves"``, if no file has it. Relative paths in it
-        count from its folder. Also its values as a mapping, or a recipe.
+        The YAML file, or the name of a bundled recipe, such as ``"leaves"``, if no such file exists. Relative
+        paths are resolved against its directory. Also a mapping of values, or a recipe.
     overrides
-        Changes to apply first, as of `load_scene`.
+        Changed fields, as for `load_scene`.
 
     Returns
     -------
@@ -146,11 +146,11 @@ def load_recipe(recipe: RecipeLike, *, overrides: Overrides = ()) -> Recipe:
     Raises
     ------
     RecipeError
-        If the file cannot be read, or with every problem that its content, or a base scene, has.
+        If the file cannot be read, or the recipe or a base scene is invalid; lists every problem.
 
     See Also
     --------
-    Recipe.from_dict : A recipe from its values.
+    Recipe.from_dict : Validate a recipe given as plain values.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def load_recipe(recipe: RecipeLike, *, overrides: Overrides = ()) -> Recipe:
 
 
 def _base(recipe: RecipeModel, number: int, folder: Path | None, problems: list[Problem]) -> Scene | None:
-    """Return a base scene with the changes that all samples share, or add what is wrong with it."""
+    """Return a base scene with the shared changes applied, or add its problems."""
     given = recipe.base[number].scene
     where = f"base.{number}"
     try:
@@ -198,7 +198,6 @@ def _base(recipe: RecipeModel, number: int, folder: Path | None, problems: list[
 
 
 def _missing_bases(plain: Mapping[str, Any], folder: Path | None) -> list[Problem]:
-    """Return which files of base scenes are missing in a recipe that cannot be validated as a whole."""
     given = plain.get("base")
     entries = given if isinstance(given, list | tuple) else [given]
     files = [entry.get("scene") if isinstance(entry, Mapping) else entry for entry in entries]
@@ -210,17 +209,15 @@ def _missing_bases(plain: Mapping[str, Any], folder: Path | None) -> list[Proble
 
 
 def _no_such_scene(given: str) -> str:
-    """Return why a base scene is not there, and which of those that are shipped may be meant."""
+    """Return the message for a missing base scene, with suggestions of bundled scenes."""
     path, shipped = Path(given), bundled_files()
     if path.suffix:
         known = path.suffix in (".yaml", ".yml") and path.stem in shipped
-        remedy = (
-            f"; a scene of this name is shipped, and called without folder and suffix: {path.stem}" if known else ""
-        )
+        remedy = f"; use the bundled scene by name: {path.stem}" if known else ""
         return f"{_NOT_THERE}{remedy}"
     near = [f"'{name}'" for name in difflib.get_close_matches(path.name.lower(), shipped, n=3)]
     question = f"; did you mean {' or '.join(near)}?" if near else ";"
-    return f"no such file, and no scene of this name is shipped{question} `scenetruth list scenes` lists all"
+    return f"no such file or bundled scene{question} `scenetruth list scenes` lists all"
 
 
 def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
@@ -250,38 +247,38 @@ def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> Sequence[P
             message = "is missing"
         elif entry["type"] == "union_tag_invalid":
             tag, kinds = entry["ctx"]["tag"], entry["ctx"]["expected_tags"]
-            message = f"is of no known kind: '{tag}' is none of {kinds}" + suggest_word(tag, kinds)
+            message = f"is of unknown type: '{tag}' is none of {kinds}" + suggest_word(tag, kinds)
         elif entry["type"] == "union_tag_not_found":
-            message = "needs a kind, such as {kind: uniform, low: 1, high: 2}"
+            message = "needs `kind`, such as {kind: uniform, low: 1, high: 2}"
         elif entry["type"] == "string_pattern_mismatch":
             message = _letters_allowed(path, str(entry["input"]))
             path = path.removesuffix(f".{_KEY}")
-        # Of a recipe as a whole nothing can be shown.
+        # The value of the whole recipe is not shown.
         value = None if entry["type"] == "missing" or not path else entry.get("input")
         problem = Problem(path, message[:1].lower() + message[1:], value)
         found.setdefault((path, problem.message), problem)
     problems = list(found.values())
     if any(problem.message == "is missing" for problem in problems):
-        # What is missing may stand there under a wrong name, which is what is to be mended.
+        # A missing key is often misspelt, and the misspelling is the error to correct.
         problems.sort(key=lambda problem: not problem.message.startswith("unknown key; did you mean"))
     return problems
 
 
 _MAX_LISTED = 100
 _KEY = "[key]"
-"""What pydantic calls the key of a mapping."""
+"""Location part that pydantic uses for a key of a mapping."""
 
 
 def _letters_allowed(path: str, given: str) -> str:
-    """Say in words of which letters a name, or a path of a field, is made, and how the given one would be spelled."""
+    """Return a message with the permitted characters of a name or path, and a corrected spelling."""
     if path == "name":
         spelled = re.sub(r"[^A-Za-z0-9_.-]+", "-", given).strip("-._")
         allowed = "must consist of the letters A to Z and a to z, digits, points, dashes and underscores, and begin "
-        return f"{allowed}with a letter or a digit" + (f", as in {spelled:.100}" if spelled else "")
+        return f"{allowed}with a letter or a digit" + (f", such as {spelled:.100}" if spelled else "")
     if path.endswith(_KEY):
         spelled = re.sub(r"\[(\d+|\*)\]", r".\1", given)
         remedy = f"; write {spelled:.200}" if spelled != given and re.fullmatch(PATH_PATTERN, spelled) else ""
-        return f"is no path of a field: keys and indices with dots between them, as objects.0.mesh.size_mm{remedy}"
+        return f"is not a field path: keys and indices separated by dots, such as objects.0.mesh.size_mm{remedy}"
     return "must consist of the letters A to Z and a to z, digits and underscores, and not begin with a digit"
 
 
@@ -289,11 +286,11 @@ def _suggest_key(key: str, loc: Sequence[Any]) -> str:
     if len(loc) != 1:
         return ""
     near = difflib.get_close_matches(key, list(Recipe.model_fields), n=1)
-    return f"; did you mean '{near[0]}'?" if near else f"; known here: {', '.join(Recipe.model_fields)}"
+    return f"; did you mean '{near[0]}'?" if near else f"; valid keys: {', '.join(Recipe.model_fields)}"
 
 
 def _path_in(plain: Any, loc: Sequence[Any]) -> str:
-    """Spell a location as keys of the file, leaving out the kinds that pydantic puts in between."""
+    """Return a location as a path in the file, without the type names inserted by pydantic."""
     keys, here = list[str](), plain
     for index, key in enumerate(loc):
         inside = isinstance(here, Mapping) and key in here
@@ -307,5 +304,5 @@ def _path_in(plain: Any, loc: Sequence[Any]) -> str:
 
 
 def _is_kind(here: Any, key: Any) -> bool:
-    """Whether the last part of a location names the kind of what is wrong as a whole, and no key of it."""
+    """Return whether the last part of a location is an error type rather than a key."""
     return isinstance(here, Mapping) and str(here.get("kind", "")).lower() == key

@@ -18,7 +18,7 @@ __all__ = ["PATH_PATTERN", "BaseScene", "RecipeModel", "TruthSettings"]
 
 
 def _formula(value: Any) -> Any:
-    """Return what a text that begins with an equals sign stands for."""
+    """Return the formula distribution for a string that begins with an equals sign."""
     if isinstance(value, str) and value.startswith("="):
         return {"kind": "formula", "formula": value[1:]}
     return value
@@ -35,41 +35,41 @@ else:
 
 PATH_PATTERN = r"^[A-Za-z0-9_*-]+(\.[A-Za-z0-9_*-]+)*$"
 FieldPath = Annotated[str, Field(pattern=PATH_PATTERN, max_length=300)]
-"""Path of a field of the scene, keys and indices with dots between them; ``*`` stands for every one."""
+"""Path of a field of the scene: keys and indices separated by dots; ``*`` matches every key or index."""
 
 
 def _also_alone(schema: dict[str, Any]) -> None:
-    """Tell in a JSON Schema of a list that its only item may stand alone, as a scene or its file."""
+    """Extend the JSON Schema of a list: a single item may be given without the list, as a scene or its file."""
     schema["anyOf"] = [{"type": "string"}, {"type": "object"}, {"type": "array", "items": schema.pop("items")}]
     schema.pop("type", None)
     schema.pop("minItems", None)
 
 
 def _also_formulas(schema: dict[str, Any]) -> None:
-    """Tell in a JSON Schema of distributions that a formula may be a text."""
+    """Extend the JSON Schema of distributions: a formula may be a string."""
     for path, values in schema.get("patternProperties", {}).items():
         schema["patternProperties"][path] = {"anyOf": [values, {"type": "string", "pattern": "^="}]}
 
 
 class BaseScene(FrozenModel):
-    """A scene that samples are made from."""
+    """A base scene, from which samples are derived."""
 
     scene: SceneFile | dict[str, Any]
-    """The scene's file, the name of one that is shipped, or the scene itself; a relative path counts from the recipe's
-    folder."""
+    """The scene's file, the name of a bundled scene, or the scene itself; a relative path is resolved against the
+    directory of the recipe."""
     weight: Positive = 1.0
-    """How likely it is, in any unit."""
+    """Relative weight of the base scene."""
 
 
 class TruthSettings(FrozenModel):
-    """Which truth every sample gets."""
+    """Truth that is computed for every sample."""
 
     views: Literal["reference", "all"] = "reference"
-    """Cameras that it is made for."""
+    """Cameras with truth."""
     poses: Literal["actual", "nominal"] = "actual"
-    """Where the camera stood, or where it should have stood."""
+    """Camera poses: actual or nominal."""
     content: Literal["standard", "complete"] = "standard"
-    """What estimates are scored against, or everything known of the surface."""
+    """Maps for scoring, or all available maps of the surface."""
 
 
 def _one_line(value: str) -> str:
@@ -83,57 +83,56 @@ _Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
 
 
 class RecipeModel(FrozenModel):
-    """Everything that a data set is made from."""
+    """Specification of a data set."""
 
     format: Literal[1] = 1
-    """Version of the format of recipes."""
+    """Version of the recipe format."""
     name: Annotated[Name, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
-    """What the data set is called: letters, digits, points, dashes and underscores."""
+    """Name of the data set: letters, digits, points, dashes and underscores."""
     description: Annotated[str, Field(max_length=10_000)] = ""
-    """What it is for."""
+    """Description and purpose of the data set."""
     licence: _Line = ""
-    """Under which licence it may be used, an SPDX name such as CC-BY-4.0, or an address."""
+    """Licence: an SPDX identifier such as CC-BY-4.0, or a URL."""
     citation: Annotated[str, Field(max_length=10_000)] = ""
-    """How to cite it."""
+    """Citation."""
     creators: tuple[_Line, ...] = ()
-    """Who made it."""
+    """Creators."""
     base: Annotated[tuple[BaseScene, ...], Field(min_length=1, json_schema_extra=_also_alone)]
-    """The scene that samples are variations of, or several."""
+    """One or several base scenes, from which samples are derived."""
     set: dict[FieldPath, Any] = Field(default_factory=dict)
-    """Changes of the base scenes that all samples share: values by path."""
+    """Changes of the base scenes shared by all samples: values by path."""
     samples: Annotated[int, Field(ge=1, le=1_000_000_000)]
-    """How many samples are drawn; of ladders, each has several steps."""
+    """Number of draws; paired series add samples to each draw."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    """Seed of every draw."""
+    """Seed of all draws."""
     scene_seed: Literal["per_sample", "as_in_scene"] = "per_sample"
-    """Whether textures, noise and stage errors differ from sample to sample, or have the base scene's seed."""
+    """Whether the seed of textures, noise and stage errors differs between samples or is that of the base scene."""
     parameters: dict[FieldPath, AnyDistribution] = Field(default_factory=dict, json_schema_extra=_also_formulas)
-    """Parameters: distributions of values that formulas use, by name; they go into no field themselves."""
+    """Distributions of named values for formulas; they are not assigned to fields themselves."""
     distributions: dict[FieldPath, AnyDistribution] = Field(default_factory=dict, json_schema_extra=_also_formulas)
     """Distributions of the varied fields, by path."""
     paired_factors: dict[FieldPath, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)
-    """Paired factors: every sample again with one factor changed, value by value, all else to the bit alike."""
+    """Paired factors: every sample is repeated for each value of one factor, with all other values identical."""
     acceptance: tuple[AnyBound, ...] = ()
     """Acceptance criteria for the geometry of a draw; a rejected draw is drawn again."""
     max_draws: Annotated[int, Field(ge=1, le=100_000)] = 200
-    """Draws of one sample, after which it is given up."""
+    """Maximum number of draws per sample."""
     splits: dict[Name, Positive] = Field(default_factory=dict)
-    """Shares of samples by the name of their split, in any unit."""
+    """Relative weights of the splits by name."""
     hold_out: dict[FieldPath, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)
-    """Values, by path or name, whose samples go to the split ``held_out``."""
+    """Values by path or name; samples with these values form the split ``held_out``."""
     truth: TruthSettings = TruthSettings()
-    """Which truth every sample gets."""
+    """Truth that is computed for every sample."""
     save_radiance: bool = False
-    """Whether recordings hold the linear images before the sensor too."""
+    """Whether recordings include the linear images before the sensor."""
     layout: Literal["folder", "shards"] = "folder"
-    """One folder for each sample, or many samples in one tar file."""
+    """One directory per sample, or many samples per tar file."""
     samples_per_shard: Annotated[int, Field(ge=1, le=100_000)] = 100
-    """Samples in one tar file."""
+    """Number of samples per tar file."""
 
     @field_validator("base", mode="before")
     @classmethod
     def _listed(cls, value: Any) -> Any:
-        """Return one scene as a list of one."""
         entries = value if isinstance(value, list | tuple) else [value]
         return [{"scene": entry} if isinstance(entry, str) or _is_scene(entry) else entry for entry in entries]
 
@@ -156,12 +155,12 @@ class RecipeModel(FrozenModel):
 
     @property
     def steps(self) -> int:
-        """How many samples a draw makes: itself, and every step of every ladder."""
+        """Number of samples per draw: one plus the steps of all paired factors."""
         return 1 + sum(len(values) for values in self.paired_factors.values())
 
     @property
     def count(self) -> int:
-        """How many samples the data set has in all."""
+        """Total number of samples of the data set."""
         return self.samples * self.steps
 
     def to_dict(self) -> dict[str, Any]:

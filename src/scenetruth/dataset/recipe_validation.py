@@ -1,4 +1,4 @@
-"""Trial draws of a recipe: ranges that the fields of a scene forbid, and counts of rejected draws."""
+"""Trial draws of a recipe: values that violate constraints of the scene, and counts of rejected draws."""
 
 from __future__ import annotations
 
@@ -21,17 +21,15 @@ __all__ = ["AcceptedDraws", "DrawReport", "draw_samples", "refuse_recipe", "sele
 
 
 _TRIED = 16
-"""Draws that are made into scenes before the first sample: what ends of single ranges do not show."""
+"""Number of trial draws before the first sample, for errors that the limits of single ranges do not show."""
 _MAX_LISTED = 40
 
 
 @dataclass(frozen=True)
 class DrawReport:
-    """What became of some draws.
+    """Result of trial draws.
 
-    ``accepted``: How many samples were accepted.
-    ``drawn``: How many draws that took.
-    ``reasons``: Why draws were refused, and how many.
+    ``accepted``: Number of accepted samples. ``drawn``: Number of draws. ``reasons``: Counts by reason for rejection.
     ``problems``: Samples that cannot be drawn.
     """
 
@@ -56,14 +54,14 @@ _REASONS = 6
 
 
 def refuse_recipe(sampler: Sampler, *, tried: int = _TRIED) -> None:
-    """Refuse a recipe of which single values, or some of the first samples, make no scene."""
+    """Raise if single values or the first samples of a recipe yield invalid scenes."""
     problems = range_problems(sampler) or _first_problems(sampler, tried)
     if problems:
         raise RecipeError(problems)
 
 
 def range_problems(sampler: Sampler) -> list[Problem]:
-    """Return what scenes' fields forbid of what they may be given: both ends of ranges, every choice, every step."""
+    """Return the problems of scenes for both limits of ranges, every choice and every step."""
     problems: dict[tuple[str, str], Problem] = {}
 
     def add(where: str, message: str, value: Any) -> None:
@@ -106,11 +104,11 @@ def try_draws(
     workers: int = 1,
     scheduler: str | None = None,
 ) -> DrawReport:
-    """Draw some samples, and count what is accepted."""
+    """Draw samples, and count the accepted samples."""
     drawn, reasons, problems = 0, Counter[str](), list[Problem]()
     numbers = range(min(samples, sampler.recipe.samples)) if isinstance(samples, int) else samples
     count = len(numbers)
-    # Without bounds a draw takes less time than handing it to a process.
+    # Without acceptance criteria a draw takes less time than its transfer to a process.
     drawings = ordered_map(_drawn, sampler, numbers, *((workers, scheduler) if sampler.recipe.acceptance else ()))
     for done, (draw, found) in enumerate(zip(numbers, drawings, strict=True)):
         if progress is not None:
@@ -139,7 +137,6 @@ def _drawn(sampler: Sampler, draw: int) -> Draw | RecipeError | SceneError:
 
 
 def _problems_with(middle: Mapping[str, Any], places: tuple[str, ...], value: Any) -> tuple[Problem, ...]:
-    """Return what is wrong with a scene in which some fields have a value."""
     plain = copy.deepcopy(dict(middle))
     try:
         for place in places:
@@ -162,14 +159,13 @@ def _scene_problems(plain: Mapping[str, Any]) -> tuple[Problem, ...]:
 
 
 def _first_problems(sampler: Sampler, tried: int) -> list[Problem]:
-    """Return what is wrong with the scenes of the first samples."""
     problems: list[Problem] = []
     for draw in range(min(tried, sampler.recipe.samples)):
         try:
             for step in range(sampler.recipe.steps):
                 sampler.draw(draw * sampler.recipe.steps + step).scene()
         except RecipeError as error:
-            # One that cannot be accepted is as good as many.
+            # The first sample that cannot be accepted suffices.
             return [*problems, *error.problems]
         except SceneError as error:
             problems += [_sample_problems(draw, one) for one in error.problems]
@@ -181,15 +177,14 @@ def _sample_problems(draw: int, problem: Problem) -> Problem:
 
 
 _FREE, _BOUNDED = 500, 48
-"""Draws that are shown if not given: looking at the geometry of each takes a thousand times as long."""
+"""Default number of draws; evaluation of the geometry of a draw takes a thousand times as long as the draw."""
 
 
 @dataclass(frozen=True)
 class AcceptedDraws:
-    """Some draws that were accepted, and what became of the others.
+    """Accepted draws, and the statistics of the others.
 
-    ``trial``: How many draws it took, and why others were refused.
-    ``draws``: Those that were accepted, by number.
+    ``trial``: Number of draws, and reasons for rejections. ``draws``: Accepted draws by number.
     """
 
     trial: DrawReport
@@ -208,7 +203,7 @@ def draw_samples(
     workers: int = 1,
     scheduler: str | None = None,
 ) -> AcceptedDraws:
-    """Draw some samples of a recipe, the same each time."""
+    """Draw samples of a recipe; the selection is reproducible."""
     wanted = count or (_BOUNDED if sampler.recipe.acceptance else _FREE)
     draws: list[Draw] = []
     chosen = select_numbers(sampler.recipe.samples, wanted)
@@ -217,7 +212,7 @@ def draw_samples(
 
 
 def select_numbers(total: int, wanted: int) -> list[int]:
-    """Return some of the numbers from 0 to a total in order: at random, so that no grid or list is met in step.
+    """Return ``wanted`` random sorted numbers below ``total``; a random choice avoids the periods of grids and lists.
 
     >>> select_numbers(3, 5), select_numbers(10**9, 3) == select_numbers(10**9, 3)
     ([0, 1, 2], True)

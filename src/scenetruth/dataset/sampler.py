@@ -1,4 +1,4 @@
-"""Sampling: the sampling plan, and the draw of each sample by its index alone."""
+"""Sampling: the sampling plan, and the draw of each sample from its number alone."""
 
 from __future__ import annotations
 
@@ -28,22 +28,21 @@ from scenetruth.scene.field_paths import PathError, assign, expand
 __all__ = ["HELD_OUT", "Draw", "Sampler", "UniformDraws", "VariedField"]
 
 
-# More are a sequence that SciPy cannot go forward in.
+# SciPy cannot advance a longer sequence.
 _BITS = 32
-# Points of Sobol's sequence that are made, and kept, together.
+# Number of points of the Sobol sequence that are computed and cached together.
 _BLOCK = 4096
 
 
 class UniformDraws:
-    """Uniform numbers between 0 and 1 for the random values of a recipe.
+    """Uniform numbers in (0, 1) for the random values of a recipe.
 
-    Each number depends on the seed, the value's key, the sample and the draw alone. A plan adds that those of the
-    first draws of all samples lie evenly; what is drawn again lies in the same stratum of a Latin hypercube, and
-    anywhere in place of a point of Sobol's sequence.
+    Each number depends only on the seed, the key of the value, the sample and the draw. A sampling plan makes the
+    first draws of all samples space-filling; a repeated draw stays in the stratum of a Latin hypercube, but is
+    independent for the Sobol sequence.
 
-    ``seed``: Seed of the recipe.
-    ``samples``: How many samples a Latin hypercube has to fill.
-    ``fields``: The random values by key, in the order of the recipe: the order of the dimensions of Sobol's sequence.
+    ``seed``: Seed of the recipe. ``samples``: Number of strata of a Latin hypercube. ``fields``: The random values by
+    key; their order is that of the dimensions of the Sobol sequence.
     """
 
     def __init__(self, seed: int, samples: int, fields: Mapping[str, RandomDistribution]) -> None:
@@ -56,7 +55,7 @@ class UniformDraws:
                 dimensions += value.uniforms
 
     def of(self, key: str, field: RandomDistribution, sample: int, attempt: int) -> list[float]:
-        """Return the numbers of one value of one draw of a sample, each above 0 and below 1."""
+        """Return the uniform numbers of one value of one draw, each above 0 and below 1."""
         own = generator_for(self._seed, "value", sample, attempt, key).random(field.uniforms)
         plan: SamplingPlan = field.sampling
         if plan == "sobol" and attempt == 0:
@@ -67,7 +66,7 @@ class UniformDraws:
         return _open(own.tolist())
 
     def _shifted(self, key: str, number: int, sample: int) -> float:
-        """Return a point of Sobol's sequence with a random digital shift of its own, which keeps it even."""
+        """Return a point of the Sobol sequence with a random digital shift, which preserves its uniformity."""
         block, place = divmod(sample, _BLOCK)
         point = int(_sobol_block(self._sobol[key] + number, block)[place] * 2**_BITS)
         shift = int(generator_for(self._seed, "sobol", key, number).integers(2**_BITS))
@@ -75,13 +74,13 @@ class UniformDraws:
 
 
 def _open(numbers: Sequence[float]) -> list[float]:
-    """Keep numbers off both ends, where some distributions are infinite."""
+    """Clip numbers to the open interval, because some distributions are infinite at the limits."""
     return [min(max(number, 2.0**-60), 1 - 2.0**-53) for number in numbers]
 
 
 @lru_cache(maxsize=256)
 def _sobol_block(dimension: int, block: int) -> NDArray[np.float64]:
-    """Return some points along one dimension of Sobol's sequence; they depend on no other dimension."""
+    """Return a block of points along one dimension of the Sobol sequence; it depends on no other dimension."""
     from scipy.stats import qmc
 
     engine = qmc.Sobol(dimension + 1, scramble=False, bits=_BITS)
@@ -93,23 +92,20 @@ def _sobol_block(dimension: int, block: int) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=64)
 def _strata(seed: int, key: str, number: int, samples: int) -> NDArray[np.int64]:
-    """Return which of as many strata as samples each sample lies in."""
     return generator_for(seed, "latin_hypercube", key, number).permutation(samples)
 
 
 HELD_OUT = "held_out"
-"""Split of the samples whose values are held out."""
+"""Name of the split of held-out values."""
 
 
 @dataclass(frozen=True)
 class VariedField:
-    """A value that varies, and where it goes.
+    """A varied value and its fields.
 
-    ``key``: Its path, or its name if it goes nowhere.
-    ``distribution``: What it may be.
-    ``places``: Paths of the fields that it goes to.
-    ``name``: What formulas call it; empty if it has no name.
-    ``where``: Where in the recipe it stands.
+    ``key``: Its path, or its name if it is assigned to no field. ``distribution``: Its distribution. ``places``: Paths
+    of the fields that receive it. ``name``: Its name in formulas; empty if it has none. ``where``: Its location in the
+    recipe.
     """
 
     key: str
@@ -121,18 +117,13 @@ class VariedField:
 
 @dataclass(frozen=True)
 class Draw:
-    """What was drawn for a sample.
+    """Draw of a sample.
 
-    ``number``: Number of the sample in the data set, from 0.
-    ``draw``: Number of the draw that it belongs to; all steps of its ladders belong to the same.
-    ``step``: 0 for the sample as it was drawn, then the steps of the ladders.
-    ``factor``: What the step changes; empty for step 0.
-    ``base``: Which of the base scenes.
-    ``values``: All values by key.
-    ``attempts``: How many draws it took.
-    ``rejected``: Why those before were refused.
-    ``split``: Its split; empty if there are none.
-    ``plain``: The scene as plain values.
+    ``number``: Number of the sample in the data set, from 0. ``draw``: Number of the draw; all steps of a paired series
+    share it. ``step``: 0 for the sample as drawn, then the steps of the paired series. ``factor``: Factor changed by
+    the step; empty for step 0. ``base``: Index of the base scene. ``values``: All values by key. ``attempts``: Number
+    of draws until acceptance. ``rejected``: Reasons for the rejected draws. ``split``: Its split; empty if there are
+    none. ``plain``: The scene as plain values.
     """
 
     number: int
@@ -152,10 +143,9 @@ class Draw:
 
 
 class Sampler:
-    """Draws the samples of a recipe, each by itself.
+    """Draws the samples of a recipe independently of each other.
 
-    ``recipe``: The recipe.
-    ``bases``: Its base scenes, with the changes that all samples share.
+    ``recipe``: The recipe. ``bases``: Its base scenes, with the shared changes applied.
     """
 
     def __init__(self, recipe: RecipeModel, bases: Sequence[Scene]) -> None:
@@ -175,11 +165,10 @@ class Sampler:
         self._by_key = {item.key: item for item in self.varied}
 
     def __len__(self) -> int:
-        """Return how many samples there are."""
         return self.recipe.count
 
     def draw(self, number: int) -> Draw:
-        """Draw a sample, the same for the same number wherever and whenever."""
+        """Return the draw of a sample; it depends on the number alone."""
         if not 0 <= number < len(self):
             msg = f"there is no sample {number}: they are numbered 0 to {len(self) - 1}"
             raise IndexError(msg)
@@ -188,7 +177,7 @@ class Sampler:
         return accepted if step == 0 else self._stepped(accepted, step)
 
     def attempt(self, draw: int, attempt: int) -> Draw:
-        """Return one draw of a sample, whether it is accepted or not."""
+        """Return one draw of a sample before the acceptance test."""
         base = self._base_of(draw, attempt)
         values: dict[str, Any] = {}
         named: dict[str, Any] = {}
@@ -204,7 +193,7 @@ class Sampler:
         return Draw(number, draw, 0, "", base, values, attempt + 1, (), self._split_of(draw, named), plain)
 
     def middle(self, base: int) -> dict[str, Any]:
-        """Return a scene with every varied field at a value in the middle of its range, as plain values."""
+        """Return a scene as plain values, with every varied field at the centre of its distribution."""
         named: dict[str, Any] = {}
         for item in self._order:
             named[item.key] = value = self._middle_of(item, named)
@@ -220,7 +209,7 @@ class Sampler:
         found = self._last_accepted.get(draw)
         if found is None:
             found = self._search(draw)
-            # The steps of a ladder are asked for one after the other.
+            # The steps of a paired series are requested consecutively.
             self._last_accepted.clear()
             self._last_accepted[draw] = found
         return found
@@ -238,13 +227,11 @@ class Sampler:
     def _impossible(self, draw: int, rejected: Sequence[str]) -> Problem:
         reasons = {reason: rejected.count(reason) for reason in rejected}
         told = "; ".join(f"{reason}: {count}" for reason, count in sorted(reasons.items(), key=lambda one: -one[1])[:5])
-        message = (
-            f"sample {draw}: none of {len(rejected)} draws was accepted ({told}); widen the bounds, or what varies"
-        )
+        message = f"sample {draw}: none of {len(rejected)} draws was accepted ({told}); relax criteria or distributions"
         return Problem("acceptance", message)
 
     def refusal(self, found: Draw) -> str:
-        """Return why the geometry of a draw is not accepted; an empty text if it is."""
+        """Return why the geometry of a draw is rejected; empty if it is accepted."""
         from scenetruth.dataset.acceptance import GeometryPreview
 
         try:
@@ -307,7 +294,6 @@ class Sampler:
         return self._value_of(item, 0, 0, named)
 
     def _place_of(self, item: VariedField, draw: int) -> int:
-        """Return how far a field that goes by the sample's number has gone."""
         own = item.distribution
         assert isinstance(own, IndexedDistribution)
         if not own.period:
@@ -344,7 +330,7 @@ class Sampler:
                 yield VariedField(path, distribution, tuple(places), name, where)
                 continue
             if name:
-                message = f"'{path}' stands for {len(places)} places with a value each; add together: true, or no name"
+                message = f"'{path}' matches {len(places)} fields with separate values; add together: true, or no name"
                 problems.append(Problem(f"{where}.name", message, name))
             yield from (VariedField(place, distribution, (place,), "", where) for place in places)
 
@@ -372,18 +358,17 @@ class Sampler:
             matching = [one for one in keys if one == names.get(key, key) or _matches(one, key)]
             self._held[key] = tuple(matching)
             if not matching:
-                message = f"is neither the path nor the name of a value that varies; these vary: {', '.join(keys)}"
+                message = f"is neither the path nor the name of a varied value; varied values: {', '.join(keys)}"
                 problems.append(Problem(f"hold_out.{key}", message))
 
     def _sorted(self, problems: list[Problem]) -> list[VariedField]:
-        """Return all values so that each comes after those that it needs."""
         known = {item.key for item in self.varied} | {item.name for item in self.varied if item.name}
         left, done, order = list(self.varied), set[str](), list[VariedField]()
         for item in left:
             if isinstance(item.distribution, DerivedDistribution):
                 unknown = sorted(item.distribution.needs() - known)
                 if unknown:
-                    message = f"uses what is no value: {', '.join(unknown)}; values with names: "
+                    message = f"uses undefined values: {', '.join(unknown)}; defined values: "
                     message += ", ".join(sorted(one.name for one in self.varied if one.name)) or "none"
                     problems.append(Problem(item.where, message))
                     return []
@@ -395,7 +380,7 @@ class Sampler:
             ]
             if not ready:
                 circle = ", ".join(item.key for item in left)
-                problems.append(Problem(left[0].where, f"these values need each other in a circle: {circle}"))
+                problems.append(Problem(left[0].where, f"these values depend on each other: {circle}"))
                 return []
             order += ready
             done |= {item.key for item in ready} | {item.name for item in ready if item.name}
@@ -404,6 +389,5 @@ class Sampler:
 
 
 def _matches(path: str, pattern: str) -> bool:
-    """Whether a path is one of those that a path with wildcards stands for."""
     one, other = path.split("."), pattern.split(".")
     return len(one) == len(other) and all(b in ("*", a) for a, b in zip(one, other, strict=True))

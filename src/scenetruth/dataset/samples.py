@@ -60,26 +60,26 @@ __all__ = [
 
 
 STATISTICS = {
-    "depth_min_mm": "least depth that the reference camera sees at the reference frame",
+    "depth_min_mm": "smallest depth visible to the reference camera at the reference frame",
     "depth_max_mm": "largest depth",
-    "disparity_min_px": "least disparity, px per step",
+    "disparity_min_px": "smallest disparity, px per step",
     "disparity_max_px": "largest disparity, px per step",
-    "flow_rms_px_per_frame": "root mean square of the flow of all that is seen, px per frame",
+    "flow_rms_px_per_frame": "RMS optical flow of the visible surfaces, px per frame",
     "flow_max_px_per_frame": "largest flow, px per frame",
-    "velocity_z_median_mm_per_frame": "median of U_Z over the objects that move, mm per frame; 0 if none does",
-    "growth_median_per_hour": "median growth rate of areas over the objects that grow, 1 per hour; 0 if none does",
-    "seen_share": "share of the image that shows a surface",
-    "occluded_share": "share of what is seen that another camera does not see",
-    "mixed_share": "share of the image whose pixels show an edge",
+    "velocity_z_median_mm_per_frame": "median of U_Z over the moving objects, mm per frame; 0 if none moves",
+    "growth_median_per_hour": "median growth rate of area over the growing objects, 1 per hour; 0 if none grows",
+    "seen_share": "fraction of the image that shows a surface",
+    "occluded_share": "fraction of the visible surface that is occluded in another camera",
+    "mixed_share": "fraction of mixed pixels in the image",
 }
-"""Columns, and what they mean; all of the reference camera at the reference frame."""
+"""Descriptions of the columns; all values refer to the reference camera at the reference frame."""
 _HOUR_S = 3600.0
 _STILL = 1e-9
-"""Rounding makes what does not grow grow by less than this per frame, and what rests move by less in mm."""
+"""Upper limit of rounding errors of growth per frame and of displacement in mm."""
 
 
 def compute_truth_statistics(truth: xr.Dataset) -> dict[str, Any]:
-    """Return a truth in a few numbers."""
+    """Return statistics of a truth."""
     at = {name: 0 for name in ("t", "s", "s_y") if name in truth["depth"].dims}
     names = ("depth", "disparity", "flow", "velocity", "growth_rate", "object_id", "occluded_across_cameras", "mixed")
     here = truth[[name for name in names if name in truth]].sel(at).load()
@@ -131,7 +131,7 @@ def _median(values: NDArray[Any]) -> float:
 
 
 def _mask_objects_with(amount: NDArray[Any], object_id: NDArray[Any]) -> NDArray[np.bool_]:
-    """Tell where objects are seen that have any of an amount: most of an image may be what stands still behind them."""
+    """Return the mask of the objects with a nonzero amount, because static background may cover most of the image."""
     return np.isin(object_id, np.unique(object_id[(object_id >= 0) & (amount > _STILL)]))
 
 
@@ -140,7 +140,7 @@ def _masked_median(values: NDArray[Any], these: NDArray[np.bool_], seen: NDArray
 
 
 def build_sample_scene(sampler: Sampler, identity: DatasetFingerprint, draw: Draw) -> Scene:
-    """Return the scene of a sample as it is rendered: by the data set's backend, into zip files."""
+    """Return the scene of a sample as rendered, with the backend of the data set and zip stores."""
     plain = dict(draw.plain)
     plain["render"] = {**plain["render"], "backend": identity.backend, "platform": identity.platform}
     plain["storage"] = {**plain["storage"], "form": "zip"}
@@ -148,7 +148,7 @@ def build_sample_scene(sampler: Sampler, identity: DatasetFingerprint, draw: Dra
 
 
 def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, target: Path) -> dict[str, Any]:
-    """Make a sample in a folder that does not exist yet; it appears whole, or not at all."""
+    """Generate a sample in a new directory, written atomically."""
     from scenetruth.simulation import simulate_into
     from scenetruth.truth import TruthOptions
 
@@ -202,7 +202,7 @@ def _json(row: dict[str, Any]) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """Return plain values with nothing in place of what is no number: JSON has no word for it."""
+    """Return plain values with None for non-finite numbers, which JSON does not support."""
     if isinstance(value, dict):
         return {key: _finite(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
@@ -211,7 +211,7 @@ def _finite(value: Any) -> Any:
 
 
 def read_sample(folder: Path) -> dict[str, Any]:
-    """Return what ``sample.json`` says."""
+    """Return the contents of ``sample.json``."""
     try:
         found = parse_json((folder / SAMPLE).read_bytes())
         return dict(found)
@@ -220,7 +220,7 @@ def read_sample(folder: Path) -> dict[str, Any]:
 
 
 def try_sample(folder: str, number: int) -> TaskResult:
-    """Make a sample of the data set in a folder, for whoever works through many: what goes wrong is returned."""
+    """Generate a sample in a worker; exceptions are returned."""
     places = DatasetFolder(folder)
     target = places.sample(number)
     if target.exists():
@@ -237,17 +237,17 @@ def try_sample(folder: str, number: int) -> TaskResult:
 
 
 def _explain_missing_backend(error: BackendUnavailableError) -> MachineError:
-    """Return what to tell of a machine that cannot render a data set; nothing is wrong with its samples."""
+    """Return the error of a machine that lacks the backend of the data set; the sample itself is valid."""
     message = (
-        f"{platform.node()} cannot make samples of this data set, whose backend was found out when it began: {error}; "
-        "mend that or take this machine out, and go on with the same command"
+        f"{platform.node()} cannot render this data set with the backend selected at its start: {error}; "
+        "repair or remove this machine, and repeat the command to resume"
     )
     return MachineError([Problem("workers", message)])
 
 
 @lru_cache(maxsize=4)
 def _opened(folder: str, version: int) -> tuple[Sampler, DatasetFingerprint]:
-    """Return recipe and identity of a data set; read again when its files have changed."""
+    """Return recipe and fingerprint of a data set; they are read again after a change of the files."""
     places = DatasetFolder(folder)
     identity = read_fingerprint(places)
     refuse_other_versions(identity.versions)
@@ -259,23 +259,23 @@ def _failure(folder: str, number: int, error: Exception) -> dict[str, Any]:
     try:
         places = DatasetFolder(folder)
         values = dict(_opened(folder, places.identity.stat().st_mtime_ns)[0].draw(number).values)
-    except Exception:  # what it was made from may be what is wrong
+    except Exception:  # the recipe itself may be the cause
         values = {}
     return {
         "sample": number,
         **describe_error(error),
         "values": values,
         "again": f"scenetruth dataset sample {DatasetFolder(folder).recipe} {number} -o sample_{number:08d}",
-        # Of errors that are ours, the message tells all.
+        # For errors of this package the message suffices.
         "traceback": "" if isinstance(error, ScenetruthError) else traceback.format_exc(),
     }
 
 
 @dataclass(frozen=True)
 class Partition:
-    """Which part of a data set a run makes.
+    """Partition of a data set that a run generates.
 
-    ``number``, ``count``: The number-th of count parts, from 1.
+    ``number``, ``count``: Index, from 1, and number of partitions.
 
     >>> [number for number in range(10) if number in Partition(2, 3).numbers(10)]
     [3, 4, 5]
@@ -288,31 +288,30 @@ class Partition:
 
     @staticmethod
     def read(text: str) -> Partition:
-        """Return the part that a text such as ``3/10`` names."""
+        """Parse a partition such as ``3/10``."""
         first, separator, second = text.partition("/")
         if separator and first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second) <= 1_000_000:
             return Partition(int(first), int(second))
-        raise RecipeError([Problem("--partition", "must read NUMBER/PARTS, as 3/10", text)])
+        raise RecipeError([Problem("--partition", "must have the form NUMBER/COUNT, such as 3/10", text)])
 
     def numbers(self, count: int, together: int = 1) -> range:
-        """Return the numbers of the samples of this part, of so many in all, of which some stay together."""
+        """Return the sample numbers of this partition of ``count`` samples, in groups of ``together``."""
         groups = -(-count // together)
         first, last = groups * (self.number - 1) // self.count, groups * self.number // self.count
         return range(min(first * together, count), min(last * together, count))
 
     @property
     def label(self) -> str:
-        """What distinguishes it in names of files."""
+        """Label in file names."""
         return f"{self.number}of{self.count}"
 
 
 @dataclass(frozen=True)
 class SampleStore:
-    """The samples of a data set, wherever they lie.
+    """The samples of a data set, in directories or shards.
 
-    ``folder``: The data set.
-    ``count``: How many samples it has when it is whole.
-    ``per_shard``: Samples in a tar file; 0 if each has a folder of its own.
+    ``folder``: Directory of the data set. ``count``: Number of samples of the complete data set. ``per_shard``: Samples
+    per shard; 0 for one directory per sample.
     """
 
     folder: DatasetFolder
@@ -321,16 +320,16 @@ class SampleStore:
 
     @staticmethod
     def of(folder: DatasetFolder, sampler: Sampler, identity: DatasetFingerprint) -> SampleStore:
-        """Return the samples of a data set."""
+        """Return the sample store of a data set."""
         per_shard = sampler.recipe.samples_per_shard if sampler.recipe.layout == "shards" else 0
         return SampleStore(folder, identity.count, per_shard)
 
     def numbers(self, part: Partition) -> range:
-        """Return the numbers of the samples of a part; those of a tar file stay together."""
+        """Return the sample numbers of a partition; shards are not divided."""
         return part.numbers(self.count, max(self.per_shard, 1))
 
     def present(self, among: range) -> set[int]:
-        """Return the numbers of the samples that are there."""
+        """Return the numbers of the existing samples."""
         found = {number for number in self.folder.done() if number in among}
         if self.per_shard:
             for shard in self.folder.done_shards():
@@ -338,7 +337,7 @@ class SampleStore:
         return found
 
     def rows(self, numbers: Iterable[int]) -> Iterator[dict[str, Any]]:
-        """Yield what ``sample.json`` says of some samples, in order."""
+        """Yield the contents of ``sample.json`` of samples, in order."""
         wanted = sorted(numbers)
         packed: dict[int, dict[str, Any]] = {}
         for number in wanted:
@@ -351,7 +350,7 @@ class SampleStore:
             yield packed[number]
 
     def pack(self, among: range) -> None:
-        """Put samples into tar files where all of one are there, and finish what a run that was killed had begun."""
+        """Pack complete groups of samples into shards, and finish interrupted packing."""
         if not self.per_shard:
             return
         lying = {number for number in self.folder.done() if number in among}
@@ -361,7 +360,7 @@ class SampleStore:
                 pack_shard(self.folder, shard, numbers)
 
     def added(self, number: int) -> None:
-        """Put the samples of a tar file into it if a new one was the last that it waited for."""
+        """Pack the shard of a new sample once its last sample exists."""
         if self.per_shard:
             shard = compute_shard_number(number, self.per_shard)
             if all(self.folder.sample(one).is_dir() for one in self._in_shard(shard)):

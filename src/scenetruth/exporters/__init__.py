@@ -1,4 +1,4 @@
-"""Recordings, truths and estimates in the formats of other programs: one class for each format."""
+"""Export of recordings, truths and estimates: one class per file format."""
 
 from scenetruth.exporters.export_source import CameraPair, ExportSource, FlowKind
 from scenetruth.exporters.export_writer import (

@@ -22,12 +22,11 @@ __all__ = ["Coco", "Kitti", "Sintel", "Spring", "hidden_next"]
 
 
 def hidden_next(source: ExportSource, s: int, t: int) -> NDArray[np.bool_]:
-    """Tell which points of a frame the camera does not see a frame later: hidden, or outside of the image.
+    """Return the mask of the points of a frame that are not visible to the camera in the next frame.
 
-    A truth tells exactly what is not seen a frame earlier or later (``occluded_in_time``), so it tells it of the first
-    frame, which has no earlier one; and what of the reference camera's t = 0 other images show (``visible``). In other
-    frames, points that are marked are looked for in the next one: they are seen there if the nearest pixel sees a
-    surface whose plane they lie in, to within the footprint of a pixel. So outlines are known to half a pixel.
+    Exact for the first frame of a truth (``occluded_in_time``) and for t = 0 of the reference camera (``visible``). In
+    other frames, marked points are projected into the next frame: a point is visible if it lies in the plane of the
+    surface at the nearest pixel, within the footprint of a pixel. Outlines are accurate to half a pixel.
     """
     marked = source.raw("occluded_in_time", s, t).astype(bool)
     if t - 1 not in source.recording["t"].values:
@@ -64,7 +63,7 @@ def _is_seen(
     normal, nearest = source.map("normal", *place)[:, row, column], source.depth(*place)[row, column]
     with np.errstate(divide="ignore", invalid="ignore"):
         towards = (normal * ray(column.astype(float), row.astype(float))).sum(axis=0)
-        # Where the ray of the point meets the plane of the surface that the pixel sees.
+        # Intersection of the ray of the point with the plane of the surface at the pixel.
         on_plane = nearest * towards / (normal * ray(x, y)).sum(axis=0)
         return np.asarray(inside & (np.abs(on_plane - depth) < depth / own.focal_length_px))
 
@@ -72,13 +71,13 @@ def _is_seen(
 class Coco(PictureOptions):
     """Instance masks of every frame as COCO's JSON, with the images.
 
-    ``images/s+0_t+0.png`` and ``annotations.json``: one annotation for every object that an image shows, with
-    ``segmentation`` as run lengths (uncompressed: ``counts`` of pixels outside and inside in turn, down the columns,
-    from the left one on; ``size`` is height, width), ``area`` in pixels, ``bbox`` (left, top, width, height) from edge
-    to edge of the pixels, ``iscrowd`` 0. A pixel belongs to the object at its centre. Categories are the names of the
-    objects (of ``plant/leaf-1``, the supercategory is ``plant``); ``category_id`` counts them from 1, as COCO keeps 0
-    for the background, and ``object_id`` is the truth's, from 0. Masks end where something nearer begins: they are
-    visible parts. Lost: depth, motion, shares of pixels.
+    ``images/s+0_t+0.png`` and ``annotations.json``: one annotation for every object visible in an image, with
+    ``segmentation`` as run lengths (uncompressed: ``counts`` of pixels alternately outside and inside, column by column
+    from the left; ``size`` is height, width), ``area`` in pixels, ``bbox`` (left, top, width, height) between the outer
+    edges of the pixels, ``iscrowd`` 0. A pixel belongs to the object at its centre. Categories are the names of the
+    objects (the supercategory of ``plant/leaf-1`` is ``plant``); ``category_id`` counts from 1, because COCO reserves 0
+    for the background, and ``object_id`` from 0, as in the truth. Masks contain visible parts. Lost: depth, motion,
+    fractional pixels.
     """
 
     kind: Literal["coco"] = "coco"
@@ -86,10 +85,10 @@ class Coco(PictureOptions):
     summary: ClassVar[str] = "instance masks of every frame as COCO's JSON, with the images"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         if "object_id" not in source.maps:
-            yield Problem("object_id", "is missing: only a truth tells which object a pixel sees; export the truth")
+            yield Problem("object_id", "is missing: only a truth contains the objects of pixels; export the truth")
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write images and masks."""
@@ -97,7 +96,7 @@ class Coco(PictureOptions):
         images: list[dict[str, Any]] = []
         annotations: list[dict[str, Any]] = []
         names = read_object_names(source.maps)
-        # Objects of one name are instances of one category; those without a name have their number.
+        # Objects of one name are instances of one category; unnamed objects are named by number.
         categories: dict[str, int] = {}
         for s in source.views:
             for t in source.frames:
@@ -141,7 +140,7 @@ def _annotation(mask: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def _run_lengths(mask: NDArray[np.bool_]) -> list[int]:
-    """Return lengths of runs down the columns, the first one outside of the mask."""
+    """Return run lengths along the columns, beginning outside the mask."""
     flat = np.concatenate([[False], mask.ravel(order="F")])
     ends = np.flatnonzero(flat[1:] != flat[:-1])
     return [int(length) for length in np.diff(np.concatenate([[0], ends, [mask.size]]))]
@@ -153,17 +152,16 @@ _DISPARITY_STEPS, _FLOW_STEPS, _FLOW_ZERO, _LARGEST = 256, 64, 2**15, 2**16 - 1
 class Kitti(FlowOptions, PairOptions, PictureOptions):
     """Scene flow as 16-bit PNG, in the layout of KITTI 2015.
 
-    For the n-th frame t, of which t + 1 is recorded: ``image_2/00000n_10.png`` and ``_11.png`` (left camera, frames t
+    For the n-th frame t with a recorded frame t + 1: ``image_2/00000n_10.png`` and ``_11.png`` (left camera, frames t
     and t + 1), ``image_3/`` (right camera), ``disp_occ_0/00000n_10.png`` (disparity at t), ``disp_occ_1/00000n_10.png``
-    (disparity that the same points have at t + 1, at their pixels of frame t), ``flow_occ/00000n_10.png``, and
+    (disparity of the same points at t + 1, at their pixels of frame t), ``flow_occ/00000n_10.png``, and
     ``calib_cam_to_cam/00000n.txt`` with KITTI's P_rect_02 and P_rect_03, whose baseline is in metres. Rows run from the
-    top down. Disparity is uint16 = round(256 d), d = x_left - x_right in px, positive; 0 where it is not known. Flow is
-    three uint16, (round(64 u) + 2^15, round(64 v) + 2^15, 1) in the order red, green, blue, with u positive to the
-    right, v downwards, from frame t to t + 1 in px; the third is 0, and the others too, where it is not known. Points
-    that are hidden in other images are in (``occ``); the last frame has no files. Lost: everything finer than the steps
-    of 1/256 px of disparity (0.0011 px rms) and 1/64 px of flow (0.0045 px rms); disparities of 256 px or more and
-    flows beyond 512 px do not fit and become unknown. With ``flow: instantaneous``, flow is dx/dt, and disp_occ_1 is
-    that after one frame of the present velocity.
+    top down. Disparity is uint16 = round(256 d), d = x_left - x_right in px, positive; 0 where invalid. Flow is three
+    uint16, (round(64 u) + 2^15, round(64 v) + 2^15, 1) in the order red, green, blue, with u positive to the right, v
+    downwards, from frame t to t + 1 in px; all three are 0 where invalid. Points that are occluded in other images are
+    included (``occ``); the last frame has no files. Lost: resolution below 1/256 px of disparity (0.0011 px rms) and
+    1/64 px of flow (0.0045 px rms); disparities of 256 px or more and flows beyond 512 px become invalid. With ``flow:
+    instantaneous``, flow is dx/dt, and disp_occ_1 is extrapolated by one frame at the present velocity.
     """
 
     kind: Literal["kitti"] = "kitti"
@@ -172,12 +170,12 @@ class Kitti(FlowOptions, PairOptions, PictureOptions):
     packages: ClassVar[tuple[str, ...]] = ("cv2",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         yield from self.motion_problems(source, ("displacement_next",), ("velocity",))
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
-        """Write one number for every frame but the last."""
+        """Write the files of every frame except the last."""
         pair = self.pair_of(source)
         lost = 0
         for number, t in enumerate(source.pairs_of_frames):
@@ -194,14 +192,14 @@ class Kitti(FlowOptions, PairOptions, PictureOptions):
             file.write_text(_kitti_calibration(source, pair), encoding="ascii")
         notes = ["disparities have steps of 1/256 px (0.0011 px rms), flow has steps of 1/64 px (0.0045 px rms)"]
         if lost:
-            notes.append(f"{lost} values do not fit (disparity under 256 px, flow within 512 px) and became unknown")
+            notes.append(f"{lost} values out of range (disparity under 256 px, flow within 512 px) became invalid")
         return [*notes, *self.flow_notes(), *self.pair_notes(source)]
 
 
 def _write_kitti_disparity(file: Path, disparity: NDArray[np.float64]) -> int:
-    """Write a disparity map; return how many known values did not fit."""
+    """Write a disparity map; return the number of valid values outside the range of the format."""
     steps = np.rint(_DISPARITY_STEPS * np.nan_to_num(disparity, nan=0.0, posinf=0.0))
-    # 0 stands for unknown: what is rounded to it does not fit.
+    # 0 marks invalid pixels: values that round to 0 are outside the range.
     fits = (steps >= 1) & (steps <= _LARGEST)
     _write_kitti(file, np.where(fits, steps, 0).astype(np.uint16))
     return int((np.isfinite(disparity) & ~fits).sum())
@@ -212,7 +210,7 @@ def _write_kitti_flow(file: Path, flow: NDArray[np.float64]) -> int:
     steps = np.rint(_FLOW_STEPS * np.where(known, flow, 0)) + _FLOW_ZERO
     fits = known & ((steps >= 0) & (steps <= _LARGEST)).all(axis=0)
     u, v = np.where(fits, steps, 0).astype(np.uint16)
-    # OpenCV takes blue, green, red.
+    # OpenCV expects the order blue, green, red.
     _write_kitti(file, np.stack([fits.astype(np.uint16), v, u], axis=-1))
     return int((known & ~fits).sum())
 
@@ -223,7 +221,7 @@ def _write_kitti(file: Path, values: NDArray[np.uint16]) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     found, coded = cv2.imencode(".png", values)
     if not found:
-        msg = f"OpenCV could not code {file.name}"
+        msg = f"OpenCV could not encode {file.name}"
         raise OSError(msg)
     file.write_bytes(coded.tobytes())
 
@@ -246,19 +244,19 @@ def _kitti_calibration(source: ExportSource, pair: CameraPair) -> str:
 class Sintel(FlowOptions, PictureOptions):
     """Flow, depth, cameras and occlusions in the binary files of MPI Sintel.
 
-    Under ``training/``, for frame number n (from 0001 on, in order of t) of one camera:
+    Under ``training/``, for frame number n (from 0001, in order of t) of one camera:
     ``clean/SEQUENCE/frame_0001.png``, ``flow/SEQUENCE/frame_0001.flo``, ``depth/SEQUENCE/frame_0001.dpt``,
     ``camdata_left/SEQUENCE/frame_0001.cam``, ``occlusions/SEQUENCE/frame_0001.png``,
     ``invalid/SEQUENCE/frame_0001.png``. Binary files start with the tag 202021.25 as float32, little endian; rows run
-    from the top down. .flo is as of Middlebury: u to the right, v downwards, from frame t to t + 1 in px, 1e10 where no
-    surface is seen. .dpt holds width, height and Z in mm as float32, NaN where no surface is seen (Sintel itself has a
-    surface everywhere, and no mark). .cam holds M (3 x 3) and N (3 x 4) as float64 with x = M N X, X in the world in
-    mm, x in px with integer pixel centres. Occlusions are 255 where a point is not seen in frame t + 1, hidden or
-    outside the image. Invalid is 255 where there is no flow, or in the last frame no depth. The last frame has no flow
-    and no occlusions; estimates have no occlusions. How occlusions are found: where a point is seen both a frame
-    earlier and later, in the first frame, and at t = 0 of the reference camera, the truth tells exactly; else the point
-    is looked for in the depth of frame t + 1, which tells outlines to half a pixel. Lost: motion in depth, digits
-    beyond float32. With ``flow: instantaneous``, flow is dx/dt per frame, and there are no occlusions.
+    from the top down. .flo as in Middlebury: u to the right, v downwards, from frame t to t + 1 in px, 1e10 where no
+    surface is visible. .dpt contains width, height and Z in mm as float32, NaN where no surface is visible (Sintel
+    itself has no marker, because every pixel shows a surface). .cam contains M (3 x 3) and N (3 x 4) as float64 with x
+    = M N X, X in the world in mm, x in px with integer pixel centres. Occlusions are 255 where a point is not visible
+    in frame t + 1: occluded or outside the image. Invalid is 255 where there is no flow, or in the last frame no depth.
+    The last frame has no flow and no occlusions; estimates have no occlusions. Occlusions are exact where a point is
+    visible both a frame earlier and later, in the first frame, and at t = 0 of the reference camera; elsewhere they
+    follow from the depth of frame t + 1, with outlines accurate to half a pixel. Lost: motion in depth, digits beyond
+    float32. With ``flow: instantaneous``, flow is dx/dt per frame, and there are no occlusions.
     """
 
     kind: Literal["sintel"] = "sintel"
@@ -266,17 +264,17 @@ class Sintel(FlowOptions, PictureOptions):
     camera: Annotated[int, Field(ge=-100_000, le=100_000)] = 0
     """Position s of the camera."""
     sequence: Annotated[str, Field(pattern=r"^\w[\w-]{0,99}$")] = "scene"
-    """Name of the folder that Sintel calls the sequence: letters, digits, _ and -."""
+    """Name of the sequence directory: letters, digits, _ and -."""
     summary: ClassVar[str] = "flow, depth, camera, occlusions as .flo, .dpt, .cam, PNG (MPI Sintel)"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         if self.camera not in source.views:
             remedy = "; render with `--truth-views all` for the others" if len(source.views) == 1 else ""
             yield Problem("camera", f"must be a position with maps, one of {source.views}{remedy}", self.camera)
         if "depth" not in source.maps and "disparity" not in source.maps:
-            yield Problem("depth", "is missing; take the format flo for flow alone")
+            yield Problem("depth", "is missing; use the format flo for flow alone")
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write all frames."""
@@ -301,7 +299,7 @@ class Sintel(FlowOptions, PictureOptions):
                     write_mask(file("occlusions", "png"), hidden_next(source, s, t))
             write_mask(file("invalid", "png"), unknown)
         notes = (
-            ["the lens distorts, and .cam files know pinholes only: x = M N X does not hold"]
+            ["the lens has distortion, which .cam files do not support: x = M N X does not hold"]
             if source.distortion
             else []
         )
@@ -331,17 +329,17 @@ def _sintel_matrix(source: ExportSource) -> NDArray[np.float64]:
 class Spring(FlowOptions, PairOptions, PictureOptions):
     """Scene flow as HDF5, in the layout of the Spring benchmark.
 
-    For frame number n (from 0001 on, in order of t): ``frame_left/frame_left_0001.png``, ``frame_right/``,
-    ``disp1_left/disp1_left_0001.dsp5`` (disparity at t), ``disp2_FW_left/`` and ``disp2_BW_left/`` (disparity that the
-    same points have at t + 1 and at t - 1, at their pixels of frame t), ``flow_FW_left/flow_FW_left_0001.flo5`` and
-    ``flow_BW_left/`` (flow to t + 1 and to t - 1), ``cam_data/intrinsics.txt`` (fx fy cx cy, one line for each frame,
-    pixel centres as integers), ``cam_data/extrinsics.txt`` (world to camera, 16 numbers, mm) and
-    ``cam_data/baseline_mm.txt``. .dsp5 holds the dataset ``disparity`` (y, x), .flo5 the dataset ``flow`` (y, x, 2),
+    For frame number n (from 0001, in order of t): ``frame_left/frame_left_0001.png``, ``frame_right/``,
+    ``disp1_left/disp1_left_0001.dsp5`` (disparity at t), ``disp2_FW_left/`` and ``disp2_BW_left/`` (disparity of the
+    same points at t + 1 and at t - 1, at their pixels of frame t), ``flow_FW_left/flow_FW_left_0001.flo5`` and
+    ``flow_BW_left/`` (flow to t + 1 and to t - 1), ``cam_data/intrinsics.txt`` (fx fy cx cy, one line per frame,
+    integer pixel centres), ``cam_data/extrinsics.txt`` (world to camera, 16 numbers, mm) and
+    ``cam_data/baseline_mm.txt``. .dsp5 contains the dataset ``disparity`` (y, x), .flo5 the dataset ``flow`` (y, x, 2),
     float32, rows from the top down. Disparity is positive, x_left - x_right in px; flow u is positive to the right, v
-    downwards. NaN where no surface is seen; points that are hidden in other images have values. There is no forward
-    file for the last frame and no backward file for the first. Maps are as large as images (those of the benchmark have
-    twice its images' resolution). Lost: digits beyond float32. With ``flow: instantaneous``, flow is dx/dt per frame,
-    backward its negative, and disp2 is that after one frame of the present velocity.
+    downwards. NaN where no surface is visible; points that are occluded in other images have values. There is no
+    forward file for the last frame and no backward file for the first. Maps have the resolution of the images (the
+    benchmark doubles it). Lost: digits beyond float32. With ``flow: instantaneous``, flow is dx/dt per frame, backward
+    its negative, and disp2 is extrapolated by one frame at the present velocity.
     """
 
     kind: Literal["spring"] = "spring"
@@ -350,7 +348,7 @@ class Spring(FlowOptions, PairOptions, PictureOptions):
     packages: ClassVar[tuple[str, ...]] = ("h5py",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         finite = ("flow_previous", "displacement_next", "displacement_previous")
         yield from self.motion_problems(source, finite, ("velocity",))
@@ -377,7 +375,6 @@ class Spring(FlowOptions, PairOptions, PictureOptions):
 
 
 def _write_hdf5(folder: Path, what: str, number: int, values: NDArray[np.float64]) -> None:
-    """Write a map as the dataset that its name tells; all components are NaN where one is."""
     import h5py
 
     flow = values.ndim > 2

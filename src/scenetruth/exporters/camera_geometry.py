@@ -1,4 +1,4 @@
-"""Rays, points and poses: from a pixel to the world, and back."""
+"""Camera geometry: transformations between pixels, rays and points of the world."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _MOST_STEPS, _REACHED = 500, 1e-13
 
 @dataclass(frozen=True, eq=False)
 class CameraPose:
-    """Where a camera is.
+    """Pose of a camera.
 
-    ``centre_mm``: Its projection centre in the world, shape (3,).
-    ``axes``: Its axes X, Y, Z in the world, the columns of a matrix, shape (3, 3).
+    ``centre_mm``: Projection centre in the world, shape (3,).
+    ``axes``: Axes X, Y, Z in the world as columns, shape (3, 3).
     """
 
     centre_mm: Array
@@ -32,12 +32,12 @@ class CameraPose:
 
     @property
     def translation_mm(self) -> Array:
-        """The t of x = R X + t, where R is the transposed of `axes`."""
+        """Translation t of x = R X + t, where R is the transpose of `axes`."""
         return np.asarray(-self.axes.T @ self.centre_mm)
 
 
 def poses_are_real(source: ExportSource) -> bool:
-    """Tell whether the maps hold for poses that cameras had in fact."""
+    """Return whether the maps refer to the actual camera poses."""
     return "camera_position_mm" in source.maps and source.maps.attrs.get("truth_poses", "actual") == "actual"
 
 
@@ -50,24 +50,24 @@ def compute_pose(source: ExportSource, s: int, t: int, *, real: bool | None = No
         axes = np.asarray(Rotation.from_rotvec(np.asarray(turn, dtype=np.float64)).as_matrix())
         return CameraPose(np.asarray(place, dtype=np.float64), axes)
     along = float(source.recording["stage_x_mm"].sel(s=s))
-    # Of a grid, the row that was chosen.
+    # Row of a camera grid.
     down = float(source.recording["stage_y_mm"]) if "stage_y_mm" in source.recording.coords else 0.0
     return CameraPose(np.array([along, down, 0.0]), np.eye(3))
 
 
 def point_problems(source: ExportSource) -> Iterator[Problem]:
-    """Give what keeps pixels from being points of the world."""
+    """Yield the reasons why pixels have no points in the world."""
     if "depth" not in source.maps and "disparity" not in source.maps:
         yield Problem("depth", "is missing, and disparity too: there are no points")
     shutter = (read_scene(source.recording) or {}).get("shutter") or {}
     speed = shutter.get("stage_speed_mm_per_s") or 0.0
     if source.is_truth and speed and shutter.get("readout_time_s"):
-        message = "with a readout time: every row was taken from another place, and poses tell that of the middle row"
-        yield Problem("shutter.stage_speed_mm_per_s", f"moves the camera, {message}; export exr or npz", speed)
+        message = "during readout: every row has a different camera position, and poses refer to the middle row"
+        yield Problem("shutter.stage_speed_mm_per_s", f"moves the camera {message}; export exr or npz", speed)
 
 
 def points_in_world(source: ExportSource, s: int, t: int) -> Array:
-    """Return the points that the pixels of a camera see, in the world, in mm, shape (3, y, x); NaN where none."""
+    """Return the surface points at the pixels of a camera, in the world, mm, shape (3, y, x); NaN where none."""
     height, width = source.size
     own = source.intrinsics
     c_x, c_y = own.principal_point_px
@@ -81,7 +81,7 @@ def points_in_world(source: ExportSource, s: int, t: int) -> Array:
 
 
 def project(source: ExportSource, points_mm: Array, pose: CameraPose) -> Array:
-    """Return where a camera sees points of the world, in columns and rows."""
+    """Return the projections of points of the world into a camera, in columns and rows."""
     x, y, z = pose.axes.T @ (points_mm - pose.centre_mm[:, None])
     z = np.where(z > 0, z, np.nan)
     plane = distort(np.stack([x / z, y / z]), source.distortion)
@@ -90,7 +90,7 @@ def project(source: ExportSource, points_mm: Array, pose: CameraPose) -> Array:
 
 
 def distort(points: Array, coefficients: Mapping[str, float]) -> Array:
-    """Return where a lens after Brown and Conrady images points (x, y) at unit distance, shape (2, ...)."""
+    """Return points (x, y) at unit distance after Brown-Conrady distortion, shape (2, ...)."""
     if not coefficients:
         return points
     radial, shift = _lens(points, coefficients)
@@ -109,7 +109,7 @@ def _lens(points: Array, coefficients: Mapping[str, float]) -> tuple[Array, Arra
 
 
 def _undistort(points: Array, coefficients: Mapping[str, float]) -> Array:
-    """Return the inverse of `distort`; NaN where it is not found, as where a lens folds the image."""
+    """Return the inverse of `distort`; NaN without convergence, for example where a lens folds the image."""
     found = points.copy()
     with np.errstate(all="ignore"):
         for _ in range(_MOST_STEPS):

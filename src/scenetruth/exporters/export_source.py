@@ -1,7 +1,6 @@
-"""The data that a format writes: a recording with the maps of its truth or of an estimate.
+"""Input of an export: a recording with its truth or an estimate.
 
-Disparities, flow and depth follow the conventions of other data sets here: positive disparities of a camera
-pair, and displacements from frame to frame.
+Conventions are those of public data sets: positive disparities of a camera pair, displacements between frames.
 """
 
 from __future__ import annotations
@@ -28,8 +27,7 @@ FlowKind = Literal["finite", "instantaneous"]
 class CameraPair:
     """Two neighbouring cameras.
 
-    ``left``, ``right``: Their positions s.
-    ``baseline_mm``: How far the right one stands to the right of the left one, positive.
+    ``left``, ``right``: Their positions s. ``baseline_mm``: Distance from the left to the right camera, positive.
     """
 
     left: int
@@ -39,11 +37,10 @@ class CameraPair:
 
 @dataclass(frozen=True)
 class ExportSource:
-    """A recording and the maps that belong to it; both have been checked.
+    """A validated recording with its maps.
 
-    ``recording``: The recording, without rows (``s_y``).
-    ``maps``: Its truth, or an estimate.
-    ``is_truth``: Whether it is a truth.
+    ``recording``: The recording, without rows (``s_y``). ``maps``: Its truth, or an estimate. ``is_truth``: Whether the
+    maps are a truth.
     """
 
     recording: xr.Dataset
@@ -52,18 +49,18 @@ class ExportSource:
 
     @cached_property
     def cameras(self) -> list[int]:
-        """Positions s that the recording has."""
+        """Positions s of the recording."""
         return [int(s) for s in self.recording["s"].values]
 
     @cached_property
     def views(self) -> list[int]:
-        """Positions s that have maps: all, or the reference alone."""
+        """Positions s with maps: all, or the reference only."""
         everywhere = any("s" in item.dims for name, item in self.maps.data_vars.items() if name in _SURFACE)
         return [int(s) for s in self.maps["s"].values] if everywhere else [0]
 
     @cached_property
     def frames(self) -> list[int]:
-        """Frames t that have both images and maps."""
+        """Frames t with both images and maps."""
         recorded = set(self.recording["t"].values.tolist())
         return [int(t) for t in self.maps["t"].values if int(t) in recorded]
 
@@ -85,12 +82,12 @@ class ExportSource:
 
     @property
     def step_px(self) -> float:
-        """Pixels of the camera from one column to the next."""
+        """Camera pixels per column."""
         return compute_pixel_grid(self.recording).step_px
 
     @cached_property
     def distortion(self) -> dict[str, float]:
-        """Coefficients k1 to k6, p1, p2 of the lens that are not zero; empty for a pinhole."""
+        """Nonzero lens coefficients k1 to k6, p1, p2; empty for a pinhole."""
         camera = (read_scene(self.recording) or {}).get("camera") or {}
         lens = camera.get("distortion") or {}
         return {name: float(value) for name, value in lens.items() if isinstance(value, int | float) and value != 0}
@@ -101,12 +98,12 @@ class ExportSource:
         return "channel" in self.recording["image"].dims
 
     def image(self, s: int, t: int) -> Map:
-        """Return an image with full scale at 1, shape (y, x), colours (y, x, channel)."""
+        """Return an image with full scale 1, shape (y, x), colour images (y, x, channel)."""
         values = self.recording["image"].sel(s=s, t=t).values
         return np.asarray(values, dtype=np.float64) / float(self.recording.attrs["full_scale"])
 
     def raw(self, name: str, s: int, t: int) -> NDArray[Any]:
-        """Return a map as it is stored, shape (..., y, x)."""
+        """Return a map with its stored type, shape (..., y, x)."""
         values = self.maps[name]
         return np.asarray((values.sel(s=s, t=t) if "s" in values.dims else values.sel(t=t)).values)
 
@@ -115,9 +112,9 @@ class ExportSource:
         return self.raw(name, s, t).astype(np.float64)
 
     def flow(self, s: int, t: int, kind: FlowKind, way: Literal["next", "previous"] = "next") -> Map:
-        """Return the flow from a frame to the next (previous) one in columns and rows, shape (2, y, x).
+        """Return the flow to the next (previous) frame in columns and rows, shape (2, y, x).
 
-        An instantaneous flow is taken as steady: to the previous frame, it is the negative.
+        An instantaneous flow is assumed constant: the flow to the previous frame is its negative.
         """
         if kind == "finite":
             return np.asarray(self.map(f"flow_{way}", s, t) / self.step_px)
@@ -133,20 +130,20 @@ class ExportSource:
         return np.where(np.isfinite(depth) & (depth > 0), depth, np.nan)
 
     def depth_then(self, s: int, t: int, kind: FlowKind, way: Literal["next", "previous"] = "next") -> Map:
-        """Return the depth that the points of frame t have a frame later (earlier), at their pixels of frame t."""
+        """Return the depth of the points of frame t in the next (previous) frame, at their pixels of frame t."""
         if kind == "finite":
             return np.asarray(self.depth(s, t) + self.map(f"displacement_{way}", s, t)[2])
         return np.asarray(self.depth(s, t) + (1 if way == "next" else -1) * self.map("velocity", s, t)[2])
 
     def disparity(self, depth_mm: Map, pair: CameraPair) -> Map:
-        """Return f B / Z of points seen by a pair, x of the left minus x of the right image, in columns."""
+        """Return f B / Z of the points for a pair: x in the left minus x in the right image, in columns."""
         with np.errstate(divide="ignore", invalid="ignore"):
             found = self.intrinsics.focal_length_px * pair.baseline_mm / depth_mm
-        # What is not in front of the camera has none.
+        # Points behind the camera have no disparity.
         return np.where(depth_mm > 0, found, np.nan)
 
     def pair(self, left: int) -> CameraPair | Problem:
-        """Return a camera and its neighbour to the right, or what is wrong with it."""
+        """Return a camera with its right neighbour, or the problem."""
         if left not in self.views:
             alone = self.is_truth and len(self.views) <= 1
             remedy = "; render with `--truth-views all` for the others" if alone else ""
@@ -158,8 +155,8 @@ class ExportSource:
                 return CameraPair(left, right, float(apart_mm))
         others = [s for s in self.cameras if any(place[n] > place[s] for n in (s - 1, s + 1) if n in place)]
         fit = [s for s in others if s in self.views]
-        remedy = f"give one of {fit}" if fit else "render with two cameras or more, or with `--truth-views all`"
-        return Problem("left", f"has no neighbour to its right: pairs are of two cameras side by side; {remedy}", left)
+        remedy = f"use one of {fit}" if fit else "render with two cameras or more, or with `--truth-views all`"
+        return Problem("left", f"has no right neighbour, but a pair needs two neighbouring cameras; {remedy}", left)
 
 
 _SURFACE = frozenset({"depth", "disparity", "flow", "velocity"})

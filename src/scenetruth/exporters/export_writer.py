@@ -1,4 +1,4 @@
-"""Writing of data sets in an export format, and which files of an earlier export may be replaced."""
+"""Writing of exports, and replacement of earlier exports."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ __all__ = ["ExportResult", "checked_source", "choose_format", "export_data", "ex
 
 
 EXPORT_RECORD = "export.json"
-"""The file in every export that tells what it is, and which files belong to it."""
+"""File in every export with its description and list of files."""
 MAKER = "scenetruth"
 
 
 def claim_export(path: Path) -> OwnershipResult:
-    """Claim the folder of an earlier export; files of others stay, and inside its own folders they forbid it."""
+    """Claim the directory of an earlier export; foreign files are kept, but not inside its subdirectories."""
     if not path.is_dir():
-        return OwnershipResult("is a file, and not the folder of an export")
+        return OwnershipResult("is a file, and not the directory of an export")
     try:
         told = json.loads((path / EXPORT_RECORD).read_text(encoding="utf-8"))
         own = {EXPORT_RECORD, *map(str, told["files"])} if told["made_by"] == MAKER else None
     except (OSError, ValueError, KeyError, TypeError):
         own = None
     if own is None:
-        return OwnershipResult(f"is a folder without the {EXPORT_RECORD} of an export")
+        return OwnershipResult(f"is a directory without the {EXPORT_RECORD} of an export")
     folders = {name.split("/")[0] for name in own if "/" in name}
     foreign, inside = [], []
     for entry in path.iterdir():
@@ -52,7 +52,7 @@ def claim_export(path: Path) -> OwnershipResult:
 
 
 def _files_below(folder: Path, top: Path) -> list[str]:
-    """Return everything but folders below a folder, by names that count from the top; links are not followed."""
+    """Return everything except directories below a directory, relative to the top; links are not followed."""
     found = []
     for place, folders, files in os.walk(folder):
         links = [name for name in folders if (Path(place) / name).is_symlink()]
@@ -62,12 +62,11 @@ def _files_below(folder: Path, top: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What an export has written.
+    """Result of an export.
 
-    ``folder``: The folder.
-    ``files``: Names of the files in it, but ``export.json``, which tells of them.
-    ``notes``: What a user should know: steps of a format, pixels that do not fit into it, flow that is no displacement.
-    ``failures``: Of a data set, what went wrong, by the number of the sample.
+    ``folder``: The directory. ``files``: Names of its files, without ``export.json``. ``notes``: Notes: resolution of
+    the format, pixels outside its range, flow that is not a displacement. ``failures``: For a data set, errors by
+    number of the sample.
     """
 
     folder: Path
@@ -77,26 +76,26 @@ class ExportResult:
 
 
 def export_formats(*names: str) -> dict[str, str]:
-    """Return what each format writes, by its name.
+    """Return a mapping from format name to a one-line description.
 
     Parameters
     ----------
     *names
-        Formats; all if none is named.
+        Formats; default: all.
 
     Returns
     -------
     dict
-        One line for each format.
+        One line per format.
 
     Raises
     ------
     ExportError
-        If there is no format of a name.
+        If a format is unknown.
 
     See Also
     --------
-    export : Writes one of them.
+    export : Write data in a format.
 
     Examples
     --------
@@ -126,7 +125,7 @@ def export_data(
     overwrite: bool = False,
     **options: Any,
 ) -> ExportResult:
-    """Write a recording and its truth, or an estimate, in a format of others.
+    """Write a recording and its truth, or an estimate, in another format.
 
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
@@ -147,7 +146,7 @@ def export_data(
 
 
 def write_export(source: ExportSource, chosen: ExportFormat, folder: Path) -> ExportResult:
-    """Write what has been checked straight into a new folder: for callers that put it under its name themselves."""
+    """Write validated data into a new directory; the caller renames it on completion."""
     folder.mkdir()
     notes = chosen.write(source, folder)
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
@@ -165,7 +164,7 @@ def _find_format(name: str) -> type[ExportFormat]:
 
 
 def checked_source(recording: xr.Dataset, maps: xr.Dataset, chosen: ExportFormat) -> ExportSource:
-    """Return what a format writes of data sets."""
+    """Return the validated input of an export."""
     is_truth = isinstance(maps, xr.Dataset) and "mixed" in maps
     problems = []
     for dataset, kind in ((recording, "recording"), (maps, "truth" if is_truth else "estimate")):
@@ -189,20 +188,18 @@ def _fit_problems(source: ExportSource) -> Iterator[Problem]:
     if "s_y" in recording["image"].dims or any("s_y" in item.dims for item in maps.data_vars.values()):
         rows = recording["s_y"].values.tolist()
         yield Problem(
-            "s_y", "must be one row of cameras; choose it: --row N, recording.sel(s_y=N), truth.sel(s_y=N)", rows
+            "s_y", "must be one row of cameras; select it: --row N, recording.sel(s_y=N), truth.sel(s_y=N)", rows
         )
     elif source.is_truth and source.views == [0] and int(recording.coords.get("s_y", 0)) != 0:
-        remedy = "make the truth of all cameras (`--truth-views all`)"
-        yield Problem(
-            "s_y", f"is that of other cameras than the truth's, which is of row 0; {remedy}", int(recording["s_y"])
-        )
+        remedy = "compute the truth of all cameras (`--truth-views all`)"
+        yield Problem("s_y", f"is not the row of the truth, which is 0; {remedy}", int(recording["s_y"]))
     for name in ("y", "x"):
         if name not in maps.dims:
             continue
         one, other = (dataset[name].values if name in dataset.coords else None for dataset in (recording, maps))
         same = recording.sizes[name] == maps.sizes[name] and (one is None or other is None or (one == other).all())
         if not same:
-            message = f"has {maps.sizes[name]} pixels that are not the {recording.sizes[name]} of the recording"
+            message = f"has {maps.sizes[name]} pixels, which differ from the {recording.sizes[name]} of the recording"
             yield Problem(name, f"{message}; select the same pixels of both, recording.sel({name}=maps.{name})")
     if not source.frames:
         yield Problem("t", "of the maps must be frames of the recording", maps["t"].values.tolist())
@@ -213,8 +210,8 @@ def _option_problems(model: type[ExportFormat], error: ValidationError) -> Itera
     for entry in error.errors(include_url=False):
         path = ".".join(map(str, entry["loc"]))
         if entry["type"] == "extra_forbidden":
-            offered = f"options are {', '.join(names)}" if names else "there are none"
-            yield Problem(path, f"{_meant(path, names)}is no option of this format; {offered}", entry["input"])
+            offered = f"options are {', '.join(names)}" if names else "it has no options"
+            yield Problem(path, f"{_meant(path, names)}is not an option of this format; {offered}", entry["input"])
         else:
             told = " ".join(field_docstrings(model).get(path, "").split())
             yield Problem(
@@ -228,7 +225,6 @@ def _meant(name: str, known: Any) -> str:
 
 
 def _meta(source: ExportSource, chosen: ExportFormat, notes: list[str], files: list[str]) -> dict[str, Any]:
-    """Return what an export tells of itself."""
     options = chosen.model_dump(mode="json")
     return {
         "made_by": MAKER,

@@ -1,4 +1,4 @@
-"""The base classes of the export formats: options, requirements, and the list of all formats."""
+"""Base classes of the export formats: options, requirements, and the list of all formats."""
 
 from __future__ import annotations
 
@@ -20,35 +20,32 @@ from scenetruth.validated_model import FrozenModel
 
 __all__ = ["ExportFormat", "FlowOptions", "PairOptions", "PictureOptions", "load_formats"]
 
-_COMPLETE = "make the truth with `--truth-content complete` (truth_content='complete'; not with a rolling shutter)"
+_COMPLETE = "compute the truth with `--truth-content complete` (truth_content='complete'; not with a rolling shutter)"
 
 
 class ExportFormat(FrozenModel, ABC):
-    """The options of a format. A format is a model derived from this one, in one of the modules ``*_formats``.
-
-    It has a field ``kind``, its name, and says what it writes in `summary`.
-    """
+    """Options of a format; subclasses in the modules ``*_formats`` have a name in ``kind`` and a `summary`."""
 
     summary: ClassVar[str]
-    """What it writes, in one line."""
+    """One-line description."""
     packages: ClassVar[tuple[str, ...]] = ()
-    """Modules of optional packages that it takes."""
+    """Required modules of optional packages."""
 
     @classmethod
     def meaning(cls) -> str:
-        """Return what its files mean and what they lose: its docstring."""
+        """Return the docstring, which describes contents and losses of its files."""
         return cleandoc(cls.__doc__ or "")
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give everything that keeps these data sets from being written in this format."""
+        """Yield the reasons why the data cannot be written in this format."""
         yield from ()
 
     @abstractmethod
     def write(self, source: ExportSource, folder: Path) -> list[str]:
-        """Write data sets that have no problems into a folder that exists; return what a user should know."""
+        """Write data without problems into an existing directory; return notes for the user."""
 
     def missing_packages(self) -> Iterator[Problem]:
-        """Give the packages that it takes and that cannot be imported."""
+        """Yield the required packages that cannot be imported."""
         for name in self.packages:
             try:
                 import_module(name)
@@ -62,63 +59,63 @@ def _format_name(chosen: ExportFormat) -> str:
 
 
 class PictureOptions(ExportFormat):
-    """Options of formats that come with images."""
+    """Options of formats with images."""
 
     image_bits: Literal[8, 16] = 8
-    """Bits of the images' PNG files; full scale of the recording is their largest value."""
+    """Bits of the PNG files; full scale of the recording is the largest value."""
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what keeps images from being written."""
+        """Yield the reasons why images cannot be written."""
         yield from super().problems(source)
         if self.image_bits == 16 and source.has_colours:
-            yield Problem("image_bits", "must be 8 for colours: PNG files of 16 bits are written of grey images", 16)
+            yield Problem("image_bits", "must be 8 for colours: only grey images are written as 16-bit PNG", 16)
 
 
 class FlowOptions(ExportFormat):
-    """Options of formats that hold motion from a frame to the next."""
+    """Options of formats with motion between frames."""
 
     flow: FlowKind = "finite"
-    """``finite``: where points are in the next image, as the field takes it; ``instantaneous``: dx/dt per frame, which
-    estimates hold, and truths without finite flow."""
+    """``finite``: displacements to the next frame, as usual in the field; ``instantaneous``: dx/dt per frame, for
+    estimates and for truths without finite flow."""
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what is missing of the motion."""
+        """Yield the missing requirements of motion."""
         yield from super().problems(source)
         yield from self.motion_problems(source, ("flow_next",), ("flow",))
         if not source.pairs_of_frames:
-            yield Problem("t", "needs two frames in succession: the last one has no flow", source.frames)
+            yield Problem("t", "needs two consecutive frames: the last frame has no flow", source.frames)
 
     def motion_problems(
         self, source: ExportSource, finite: tuple[str, ...], instant: tuple[str, ...]
     ) -> Iterator[Problem]:
-        """Give the variables that are missing, with what would bring them."""
+        """Yield the missing variables, with a remedy."""
         names = finite if self.flow == "finite" else instant
         for name in (name for name in names if name not in source.maps):
             if self.flow == "instantaneous":
                 yield Problem(name, f"is missing; flow='instantaneous' needs {' and '.join(instant)}")
             elif source.is_truth:
-                remedy = "or take flow='instantaneous', which is dx/dt and no displacement"
+                remedy = "or use flow='instantaneous', which is dx/dt and not a displacement"
                 yield Problem(name, f"is missing, so there is no motion to another frame; {_COMPLETE}, {remedy}")
             else:
-                yield Problem(name, "is not in estimates, which hold dx/dt; take flow='instantaneous'")
+                yield Problem(name, "is not part of estimates, which contain dx/dt; use flow='instantaneous'")
 
     def flow_notes(self) -> list[str]:
-        """Return what is to be said of an instantaneous flow."""
+        """Return the note on an instantaneous flow."""
         if self.flow == "finite":
             return []
         return ["flow is instantaneous: dx/dt per frame at frame t, not the displacement to frame t + 1"]
 
 
 class PairOptions(ExportFormat):
-    """Options of formats that hold disparities of two cameras."""
+    """Options of formats with disparities of two cameras."""
 
     left: Annotated[int, Field(ge=-100_000, le=100_000)] = 0
-    """Position s of the left camera; the right one is its neighbour to the right."""
+    """Position s of the left camera; the right camera is its right neighbour."""
     nominal: bool = False
-    """Write disparities f B / Z as planned even where a lens distorts or a stage has errors, so that images differ."""
+    """Write nominal disparities f B / Z even if lens distortion or stage errors make the images differ from them."""
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what keeps two cameras from being a pair."""
+        """Yield the reasons why two cameras are not a pair."""
         yield from super().problems(source)
         pair = source.pair(self.left)
         if isinstance(pair, Problem):
@@ -129,24 +126,23 @@ class PairOptions(ExportFormat):
             yield Problem("depth", "is missing, and disparity too; disparities need one of them")
 
     def pair_of(self, source: ExportSource) -> CameraPair:
-        """Return the pair of data sets that have no problems."""
+        """Return the pair of data without problems."""
         pair = source.pair(self.left)
         if isinstance(pair, Problem):
             raise TypeError(pair.message)
         return pair
 
     def pair_notes(self, source: ExportSource) -> list[str]:
-        """Return what is to be said of a pair that is not what it was planned to be."""
+        """Return notes on deviations of a pair from its nominal geometry."""
         return [
             f"{problem.path}: {problem.message.split(';')[0]}" for problem in _differences(source, self.pair_of(source))
         ]
 
 
 def _differences(source: ExportSource, pair: CameraPair) -> Iterator[Problem]:
-    """Give what makes the images of a pair differ from those of two pinholes side by side at one time."""
-    remedy = "undistort or rectify first, or take nominal=true, which writes f B / Z all the same"
+    remedy = "undistort or rectify first, or use nominal=true, which writes the nominal f B / Z"
     if source.distortion:
-        message = f"bends the images, so x of the left minus x of the right image is not f B / Z; {remedy}"
+        message = f"distorts the images: x of the left minus x of the right image is not f B / Z; {remedy}"
         yield Problem("camera.distortion", message, source.distortion)
     if "camera_position_mm" not in source.maps:
         return
@@ -156,12 +152,10 @@ def _differences(source: ExportSource, pair: CameraPair) -> Iterator[Problem]:
     turned = max(float(abs(side.camera_rotation_rad).max()) for side in (left, right))
     later = float(abs(right.image_time_s - left.image_time_s).max())
     if abs(apart).max() > _SAME_MM or turned > _SAME_RAD:
-        found = f"up to {1000 * abs(apart).max():.3g} um beside their places and {1e6 * turned:.3g} urad turned"
-        yield Problem(
-            "camera_position_mm", f"tells that cameras were {found}: f B / Z is not what images show; {remedy}"
-        )
+        found = f"up to {1000 * abs(apart).max():.3g} um off their nominal positions, {1e6 * turned:.3g} urad rotated"
+        yield Problem("camera_position_mm", f"shows cameras {found}: the images do not agree with f B / Z; {remedy}")
     if later > _SAME_S:
-        message = f"tells that the two images were taken {later:.3g} s apart: f B / Z is not what images show; {remedy}"
+        message = f"differs by {later:.3g} s between the images, which do not agree with f B / Z; {remedy}"
         yield Problem("image_time_s", message)
 
 
@@ -170,7 +164,7 @@ _SAME_MM, _SAME_RAD, _SAME_S = 1e-9, 1e-12, 1e-9
 
 @lru_cache(maxsize=1)
 def load_formats() -> dict[str, type[ExportFormat]]:
-    """Return all formats by name, in alphabetical order: those of the modules ``*_formats`` of this package."""
+    """Return all formats of the modules ``*_formats`` by name, in alphabetical order."""
     package = __name__.rpartition(".")[0]
     names = [entry.name for entry in pkgutil.iter_modules(import_module(package).__path__)]
     found = kinds_in(ExportFormat, *(f"{package}.{name}" for name in names if name.endswith("_formats")))

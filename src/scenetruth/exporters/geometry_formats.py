@@ -26,15 +26,15 @@ _COLMAP_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 class Colmap(PictureOptions):
     """Cameras and points of one frame as COLMAP's text model, with the images.
 
-    ``images/s+0_t+0.png`` and ``sparse/0/cameras.txt``, ``images.txt``, ``points3D.txt``, for all cameras of one frame:
-    COLMAP takes the scene for rigid. In COLMAP, the centre of the upper left pixel is at (0.5, 0.5): the principal
-    point and all 2D points are half a pixel more than in the data sets. Cameras are ``PINHOLE``, with a lens that
-    distorts ``FULL_OPENCV``. Poses lead from the world, in mm, to the camera, as a quaternion (w, x, y, z) and a
-    translation: those that the maps hold for (real ones of a truth, unless it is made for planned ones), of an estimate
-    the planned ones. Points are those of every n-th pixel of the reference camera (``every``), with the image's grey or
-    colour, in double precision; their tracks are the images that show them, if the data set tells which (``visible``,
-    at t = 0), and else the reference image. Pixels without a surface give no point. Lost: dense depth, motion, the
-    order of the cameras on the stage.
+    ``images/s+0_t+0.png`` and ``sparse/0/cameras.txt``, ``images.txt``, ``points3D.txt``, for all cameras of one frame,
+    because COLMAP assumes a rigid scene. In COLMAP, the centre of the upper left pixel is at (0.5, 0.5): the principal
+    point and all 2D points are 0.5 px larger than in the data sets. Cameras are ``PINHOLE``, or ``FULL_OPENCV`` with
+    lens distortion. Poses transform the world, in mm, to the camera, as a quaternion (w, x, y, z) and a translation:
+    the poses of the maps (actual poses of a truth, unless computed for nominal poses), for an estimate the nominal
+    poses. Points are those of every n-th pixel of the reference camera (``every``), with the grey value or colour of
+    the image, in double precision; their tracks are the images in which they are visible, if available (``visible``, at
+    t = 0), otherwise the reference image. Pixels without a surface yield no point. Lost: dense depth, motion, the order
+    of the cameras on the stage.
     """
 
     kind: Literal["colmap"] = "colmap"
@@ -42,11 +42,11 @@ class Colmap(PictureOptions):
     frame: int = 0
     """The frame t."""
     every: Annotated[int, Field(ge=1, le=10_000)] = 4
-    """Pixels from one point to the next, along rows and columns."""
+    """Sampling interval of points along rows and columns, px."""
     summary: ClassVar[str] = "cameras, poses, points of one frame as COLMAP's text model, with the images"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what is missing."""
+        """Yield the missing requirements."""
         yield from super().problems(source)
         if self.frame not in source.frames:
             yield Problem("frame", f"must be one of the frames {source.frames}", self.frame)
@@ -84,7 +84,7 @@ class Colmap(PictureOptions):
         return [f"{len(lines)} points of frame {t}; principal point and 2D points are in COLMAP's pixels (+0.5)"]
 
     def _points(self, source: ExportSource) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-        """Return rows, columns and places (3, n) of the points of every n-th pixel."""
+        """Return rows, columns and positions (3, n) of the points of every n-th pixel."""
         points = points_in_world(source, 0, self.frame)
         rows, columns = np.nonzero(np.isfinite(points).all(axis=0))
         chosen = (rows % self.every == 0) & (columns % self.every == 0)
@@ -92,17 +92,16 @@ class Colmap(PictureOptions):
 
 
 def _select_points(source: ExportSource, s: int, t: int) -> NDArray[np.bool_]:
-    """Tell which points of the reference's pixels an image shows, shape (y, x)."""
+    """Return the mask of the points of the reference camera that are visible in an image, shape (y, x)."""
     if s == 0:
         return np.full(source.size, True)
-    # Of other frames than t = 0, nothing tells it.
+    # Visibility is available for t = 0 only.
     if "visible" not in source.maps or t != 0:
         return np.full(source.size, False)
     return np.asarray(source.maps["visible"].sel(s=s, t=t).values, dtype=bool)
 
 
 def _colours(values: NDArray[np.float64]) -> list[str]:
-    """Return red, green and blue of points, from values (n,) or (n, channel)."""
     bytes_ = np.rint(255 * np.clip(values, 0, 1)).astype(int).reshape(len(values), -1)
     bytes_ = bytes_ if bytes_.shape[1] == 3 else np.repeat(bytes_[:, :1], 3, axis=1)
     return [" ".join(map(str, colour)) for colour in bytes_.tolist()]
@@ -123,7 +122,7 @@ def _colmap_camera(source: ExportSource) -> str:
 
 
 def _quaternion(pose: CameraPose) -> list[float]:
-    """Return the quaternion (w, x, y, z) that turns the world to the camera."""
+    """Return the quaternion (w, x, y, z) of the rotation from the world to the camera."""
     from scipy.spatial.transform import Rotation
 
     x, y, z, w = Rotation.from_matrix(pose.axes.T).as_quat().tolist()
@@ -131,7 +130,7 @@ def _quaternion(pose: CameraPose) -> list[float]:
 
 
 def _numbers(values: list[float]) -> str:
-    # -0.0 reads like a mistake.
+    # Avoid -0.0.
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
@@ -139,27 +138,27 @@ _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
 class OpencvYaml(ExportFormat):
-    """Cameras as OpenCV's FileStorage YAML, one file for each camera, or for each image where poses change.
+    """Cameras as OpenCV's FileStorage YAML, one file per camera, or per image with actual poses.
 
-    ``s+0.yml`` has ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` (k1 k2 p1 p2 k3 k4
-    k5 k6, all zero for a pinhole), ``rotation_matrix`` R, ``rotation_vector`` and ``translation_vector`` T, with which
-    a point X of the world, in mm, is at R X + T in the frame of the camera: what `cv2.projectPoints` takes. Pixel
-    centres are integers, as in OpenCV. World: X right, Y down, Z forward, the origin where the reference camera is
-    planned to stand. ``poses: nominal`` gives one file for each camera; ``poses: actual``, which needs a truth,
-    ``s+0_t+0.yml`` for each image: where it was taken in fact. Numbers have 17 digits. Lost: images, maps, times, the
-    noise of the sensor.
+    ``s+0.yml`` contains ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` (k1 k2 p1 p2
+    k3 k4 k5 k6, all zero for a pinhole), ``rotation_matrix`` R, ``rotation_vector`` and ``translation_vector`` T: a
+    point X of the world, in mm, is at R X + T in the frame of the camera, as required by `cv2.projectPoints`. Pixel
+    centres are integers, as in OpenCV. World: X right, Y down, Z forward, origin at the nominal position of the
+    reference camera.
+    ``poses: nominal`` writes one file per camera; ``poses: actual``, which needs a truth, writes ``s+0_t+0.yml`` per
+      image with its actual pose. Numbers have 17 digits. Lost: images, maps, times, sensor noise.
     """
 
     kind: Literal["opencv_yaml"] = "opencv_yaml"
     """Name of the format."""
     poses: Literal["nominal", "actual"] = "nominal"
-    """``nominal``: one file for each camera; ``actual``: one for each image, as the truth tells it."""
+    """``nominal``: one file per camera; ``actual``: one file per image, with the poses of the truth."""
     summary: ClassVar[str] = "cameras as OpenCV's YAML: matrix, distortion, pose"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what is missing of real poses."""
+        """Yield the missing requirements of actual poses."""
         if self.poses == "actual" and "camera_position_mm" not in source.maps:
-            yield Problem("poses", "needs the poses that a truth tells; take 'nominal', or the truth", "actual")
+            yield Problem("poses", "needs the actual poses of a truth; use 'nominal', or export the truth", "actual")
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write the cameras."""
@@ -192,23 +191,24 @@ def _opencv_camera(source: ExportSource, pose: CameraPose) -> str:
 
 def _opencv_matrix(values: NDArray[np.float64]) -> str:
     rows, columns = values.shape
-    # -0.0 reads like a mistake.
+    # Avoid -0.0.
     data = ", ".join(repr(float(value) + 0.0) for value in values.ravel())
     return f"!!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {data} ]\n"
 
 
 class Ply(ExportFormat):
-    """Surface points as PLY, binary little endian, one file for each camera and frame.
+    """Surface points as PLY, binary little endian, one file per camera and frame.
 
-    ``s+0_t+0.ply`` has one vertex for every pixel that sees a surface: ``x y z`` in float64, mm, in the world, which is
-    the frame of the reference camera where it is planned to stand (X right, Y down, Z forward), ``red green blue`` (the
-    image's grey or colours, full scale 255), ``column row`` of the pixel, and where the data set has them ``nx ny nz``
-    (unit normal, towards the camera), ``velocity_x velocity_y velocity_z`` (instantaneous, mm per frame),
-    ``growth_rate`` (relative rate of area, per frame) and ``object_id``. Vectors are along the world's axes; normals,
-    velocities and growth are float32. Points of a camera with real poses are where they were in fact. Viewers that
-    expect Y upwards show them upside down. Pixels without a surface or a depth have no vertex; unknown velocities are
-    NaN. A velocity is no displacement to the next frame. Lost: what is not a map of points (who sees them), digits of
-    vectors beyond float32.
+    ``s+0_t+0.ply`` has one vertex per pixel that shows a surface: ``x y z`` in float64, mm, in the world, which is the
+      frame of the nominal reference camera (X right, Y down, Z forward), ``red green blue`` (grey value or colour of
+      the image, full scale 255), ``column row`` of the pixel, and where available ``nx ny nz`` (unit normal, towards
+      the camera),
+    ``velocity_x velocity_y velocity_z`` (instantaneous, mm per frame), ``growth_rate`` (areal growth rate, per frame)
+    and
+    ``object_id``. Vectors refer to the axes of the world; normals, velocities and growth are float32. Points of cameras
+    with actual poses are at their actual positions. Viewers with an upward Y axis show them upside down. Pixels without
+    a surface or a depth have no vertex; invalid velocities are NaN. A velocity is not a displacement to the next frame.
+    Lost: visibility in other images, digits of vectors beyond float32.
     """
 
     kind: Literal["ply"] = "ply"
@@ -219,11 +219,11 @@ class Ply(ExportFormat):
     packages: ClassVar[tuple[str, ...]] = ("plyfile",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what is missing."""
+        """Yield the missing requirements."""
         yield from point_problems(source)
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
-        """Write one file for each image that has maps."""
+        """Write one file per image with maps."""
         from plyfile import PlyData, PlyElement
 
         comments = ["made by scenetruth", "mm; X right, Y down, Z forward", "velocity in mm per frame, instantaneous"]
@@ -241,7 +241,7 @@ class Ply(ExportFormat):
         rows, columns = np.nonzero(np.isfinite(points).all(axis=0))
         image = source.image(s, t)[rows, columns]
         colours = np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8).reshape(len(rows), -1)
-        # Grey has one channel, and three colours that are alike.
+        # Grey images have one channel, written as three equal colours.
         colours = colours if colours.shape[1] == 3 else np.repeat(colours[:, :1], 3, axis=1)
         fields: dict[str, NDArray[Any]] = {
             name: points[axis, rows, columns].astype(self.coordinates) for axis, name in enumerate("xyz")

@@ -1,4 +1,4 @@
-"""Formats of images and maps, one file for each image or map: OpenEXR, .flo, NumPy, PFM, PNG, TIFF."""
+"""Formats with one file per image or map: OpenEXR, .flo, NumPy, PFM, PNG, TIFF."""
 
 from __future__ import annotations
 
@@ -28,38 +28,37 @@ _MAP = ("t", "y", "x")
 
 
 class Exr(ExportFormat):
-    """Every map as a named channel of OpenEXR files, one file for each camera and frame.
+    """Every map as a named channel of OpenEXR files, one file per camera and frame.
 
-    ``s+0_t+0.exr`` holds ``Y`` (grey image, full scale 1; colours are ``R``, ``G``, ``B``) and one channel for every
-    component of every map that the data set has: ``depth.Z``, ``disparity.V``, ``flow.x``, ``flow.y``, ``velocity.X``,
-    ``normal.X``, ``growth_rate.V``, ... in the units and with the signs of the data sets; the header's attribute
-    ``units`` tells them as JSON. Scalars other than depth are called V. ``flow`` and ``velocity`` are instantaneous
-    (per frame); ``flow_next`` and ``displacement_next`` are finite. Disparity and flow count in pixels of the camera,
-    as the attributes ``first_column_px``, ``first_row_px`` and ``step_px`` do, also where a recording was thinned out.
-    Rows run from the top down, vectors along X right, Y down, Z forward. Numbers are float32, NaN where nothing is
-    known. ``object_id`` and ``face_id`` are unsigned integers, one more than in the truth: 0 is no surface. Masks are 0
-    or 1. Lost: digits beyond float32 (6e-8 of the value), and variables that are no maps of the image's own pixels
-    (``visible``, poses, times).
+    ``s+0_t+0.exr`` contains ``Y`` (grey image, full scale 1; colours are ``R``, ``G``, ``B``) and one channel per
+    component of every map: ``depth.Z``, ``disparity.V``, ``flow.x``, ``flow.y``, ``velocity.X``, ``normal.X``,
+    ``growth_rate.V``, ... with the units and signs of the data sets; the header attribute ``units`` lists the units as
+    JSON. Scalars other than depth are called V. ``flow`` and ``velocity`` are instantaneous (per frame); ``flow_next``
+    and ``displacement_next`` are finite. Disparity, flow and the attributes ``first_column_px``, ``first_row_px`` and
+    ``step_px`` are in pixels of the camera, also for a subsampled recording. Rows run from the top down, vectors along
+    X right, Y down, Z forward. Numbers are float32, NaN where invalid. ``object_id`` and ``face_id`` are unsigned
+    integers, one more than in the truth: 0 is no surface. Masks are 0 or 1. Lost: digits beyond float32 (6e-8 of the
+    value), and variables that are not maps of the pixels of the image (``visible``, poses, times).
     """
 
     kind: Literal["exr"] = "exr"
     """Name of the format."""
     layers: tuple[str, ...] = ()
-    """Maps to write; all that there are if none is named."""
+    """Maps to write; default: all."""
     compression: Literal["zip", "none"] = "zip"
-    """``zip``: without loss; ``none``."""
+    """``zip``: lossless; ``none``."""
     summary: ClassVar[str] = "every map as named channels of OpenEXR files"
     packages: ClassVar[tuple[str, ...]] = ("OpenEXR",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give the maps that are not there."""
+        """Yield the missing maps."""
         there = _list_maps(source)
         for name in self.layers:
             if name not in there:
-                yield Problem("layers", f"names no map of these data sets; they have {', '.join(there)}", name)
+                yield Problem("layers", f"is not a map of the data; available maps are {', '.join(there)}", name)
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
-        """Write one file for each image that has maps."""
+        """Write one file per image with maps."""
         import OpenEXR
 
         names = list(self.layers) or _list_maps(source)
@@ -79,9 +78,9 @@ class Exr(ExportFormat):
 
 
 def _list_maps(source: ExportSource) -> list[str]:
-    """Return the names of all variables that tell of the pixels of every image with maps."""
+    """Return the names of the maps that refer to the pixels of every image with maps."""
     lead = ("s", *_MAP) if len(source.views) > 1 else _MAP
-    # What images show of the reference's t = 0 is told at the reference's pixels.
+    # Visibility of the points at t = 0 refers to pixels of the reference camera.
     items = ((str(name), item) for name, item in source.maps.data_vars.items() if name != "visible")
     return [name for name, item in items if tuple(dim for dim in item.dims if dim not in COMPONENTS) == lead]
 
@@ -104,7 +103,7 @@ def _channels(name: str, source: ExportSource, s: int, t: int) -> dict[str, NDAr
 def _attributes(source: ExportSource, names: list[str]) -> dict[str, Any]:
     own, grid = read_intrinsics(source.recording), compute_pixel_grid(source.recording)
     return {
-        # In an order of its own: stores have another than data sets in memory.
+        # Sorted, because the order in stores differs from that in memory.
         "units": json.dumps({name: str(source.maps[name].attrs.get("units", "1")) for name in sorted(names)}),
         "focal_length_px": own.focal_length_px,
         "principal_point_x_px": own.principal_point_px[0],
@@ -118,12 +117,12 @@ def _attributes(source: ExportSource, names: list[str]) -> dict[str, Any]:
 class Flo(FlowOptions, PictureOptions):
     """Optical flow as Middlebury's .flo, with the images.
 
-    ``images/s+0_t+0.png``, ``flow/s+0_t+0.flo`` for every camera with maps. A .flo file holds the tag 202021.25, width,
-    height, then u and v of every pixel as float32, rows from the top down, all little endian. u is positive to the
-    right, v downwards, in px: pixel (x, y) of frame t is at (x + u, y + v) in frame t + 1. 1e10 for both where no
-    surface is seen. Points that are hidden in the next frame, or outside of it, have their flow all the same. The last
-    frame has no file. Lost: depth and motion in depth, digits beyond float32 (6e-8 of the value). With ``flow:
-    instantaneous``, values are dx/dt per frame instead of displacements.
+    ``images/s+0_t+0.png``, ``flow/s+0_t+0.flo`` for every camera with maps. A .flo file contains the tag 202021.25,
+    width, height, then u and v of every pixel as float32, rows from the top down, little endian. u is positive to the
+    right, v downwards, in px: pixel (x, y) of frame t moves to (x + u, y + v) in frame t + 1. 1e10 for both where no
+    surface is visible. Points that are occluded in the next frame, or outside it, have values. The last frame has no
+    file. Lost: depth and motion in depth, digits beyond float32 (6e-8 of the value). With ``flow: instantaneous``,
+    values are dx/dt per frame instead of displacements.
     """
 
     kind: Literal["flo"] = "flo"
@@ -143,13 +142,13 @@ class Flo(FlowOptions, PictureOptions):
 
 
 class Npz(ExportFormat):
-    """Everything as plain NumPy archives.
+    """All data as plain NumPy archives.
 
-    ``recording.npz`` and ``truth.npz`` (or ``estimate.npz``) hold every variable and coordinate under its name, as it
-    is in the data sets: units, signs, NaN for unknown, instantaneous ``flow`` and ``velocity``, finite ``flow_next``
-    and ``displacement_next`` if the truth is complete, also of the last frame. ``meta`` is a text, JSON: ``dims``,
-    ``units`` and ``long_name`` of every variable, and the attributes of the data set (focal length, principal point,
-    baseline, hashes). Nothing is lost; there are no checksums, and no image is read without all of its variable.
+    ``recording.npz`` and ``truth.npz`` (or ``estimate.npz``) contain every variable and coordinate by name, as in the
+    data sets: units, signs, NaN for invalid, instantaneous ``flow`` and ``velocity``, finite ``flow_next`` and
+    ``displacement_next`` for a complete truth, also of the last frame. ``meta`` is a JSON text: ``dims``, ``units`` and
+    ``long_name`` of every variable, and the attributes of the data set (focal length, principal point, baseline,
+    hashes). Nothing is lost; there are no checksums, and an image cannot be read without its whole variable.
     """
 
     kind: Literal["npz"] = "npz"
@@ -167,9 +166,8 @@ class Npz(ExportFormat):
 
 
 def _write(file: Path, dataset: xr.Dataset, compression: int) -> None:
-    """Write a data set one variable at a time: `numpy.savez` would hold all of them."""
     with zipfile.ZipFile(file, "w", compression) as archive:
-        # In an order of its own: stores have another than data sets in memory.
+        # Sorted, because the order in stores differs from that in memory.
         for name, item in [*_sorted(dataset.coords), *_sorted(dataset.data_vars)]:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
                 np.lib.format.write_array(stream, np.ascontiguousarray(item.values), allow_pickle=False)
@@ -198,15 +196,15 @@ def _plain(value: Any) -> Any:
 
 
 class Pfm(PairOptions, PictureOptions):
-    """Disparity and depth as PFM, in the layout of Middlebury's stereo sets, one folder for each frame.
+    """Disparity and depth as PFM, in the layout of Middlebury's stereo sets, one directory per frame.
 
     ``t+0/im0.png``, ``im1.png`` (left and right image), ``disp0.pfm``, ``depth0.pfm``, with a truth of all cameras also
     ``disp1.pfm``, ``depth1.pfm``, and ``calib.txt``. PFM is float32 with rows from the bottom up; the negative scale
-    -1.0 says little endian. Disparity is positive: pixel (x, y) of the left image is at (x - d, y) in the right one,
-    pixel (x, y) of the right image at (x + d, y) in the left one. Depth is Z in mm along the optical axis, and Z =
-    baseline f / (d + doffs) with doffs 0 and the baseline in mm. +inf where no surface is seen; points that the other
-    camera does not see have their disparity. ``calib.txt`` counts pixel centres as integers; ndisp is one more than the
-    largest disparity, rounded up. Lost: motion, the other cameras, digits beyond float32 (6e-8 of the value).
+    -1.0 denotes little endian. Disparity is positive: pixel (x, y) of the left image corresponds to (x - d, y) in the
+    right image, pixel (x, y) of the right image to (x + d, y) in the left image. Depth is Z in mm along the optical
+    axis, and Z = baseline f / (d + doffs) with doffs 0 and the baseline in mm. +inf where no surface is visible; points
+    that are occluded in the other image have values. ``calib.txt`` uses integer pixel centres; ndisp is one more than
+    the largest disparity, rounded up. Lost: motion, the other cameras, digits beyond float32 (6e-8 of the value).
     """
 
     kind: Literal["pfm"] = "pfm"
@@ -214,7 +212,7 @@ class Pfm(PairOptions, PictureOptions):
     summary: ClassVar[str] = "disparity and depth of a left-right pair as .pfm, with images and calib.txt (Middlebury)"
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
-        """Write one folder for each frame."""
+        """Write one directory per frame."""
         pair = self.pair_of(source)
         for t in source.frames:
             place = folder / f"t{t:+d}"
@@ -258,8 +256,9 @@ def _calibration(source: ExportSource, pair: CameraPair, disparity: NDArray[np.f
 class Png(ExportFormat):
     """Images as 16-bit PNG: ``images/s+0_t+0.png`` for every camera and frame.
 
-    65535 is full scale, rows run from the top down. Digital numbers of up to 16 bits follow exactly: round(value /
-    65535 x full scale). Lost: everything but the images, values beyond full scale, of linear images steps below 1.5e-5.
+    65535 is full scale, rows run from the top down. Digital numbers of up to 16 bits are recovered exactly: round(value
+    / 65535 x full scale). Lost: everything except images, values beyond full scale, for linear images steps below
+    1.5e-5.
     """
 
     kind: Literal["png"] = "png"
@@ -267,9 +266,9 @@ class Png(ExportFormat):
     summary: ClassVar[str] = "images as 16-bit PNG"
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Give what keeps images from being written."""
+        """Yield the reasons why images cannot be written."""
         if source.has_colours:
-            yield Problem("image", "has colours, and PNG files of 16 bits are written of grey images; take tiff")
+            yield Problem("image", "has colours, but only grey images are written as 16-bit PNG; use tiff")
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write every image."""
@@ -281,7 +280,7 @@ class Tiff(ExportFormat):
     """Images as float TIFF: ``images/s+0_t+0.tiff`` for every camera and frame.
 
     Float32 with 1 for full scale, rows from the top down; colours have their channels last. Digital numbers of up to 16
-    bits follow exactly: round(value x full scale). Lost: everything but the images.
+    bits are recovered exactly: round(value x full scale). Lost: everything except images.
     """
 
     kind: Literal["tiff"] = "tiff"

@@ -1,1 +1,1 @@
-"""Resumable jobs: executors, the scheduler of tasks, and results kept by content."""
+"""Resumable jobs: executors, a scheduler of tasks, and results identified by content."""

@@ -30,40 +30,39 @@ __all__ = [
 
 
 class TaskExecutor(Protocol):
-    """Takes work, and survives its processes."""
+    """Executor of tasks that survives the death of its processes."""
 
     @property
     def count(self) -> int:
-        """How many pieces of work go on at once."""
+        """Number of simultaneous tasks."""
         ...
 
     @property
     def lost(self) -> tuple[type[BaseException], ...]:
-        """Errors of a piece of work whose process has died."""
+        """Exceptions of a task whose process has died."""
         ...
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand in a piece of work."""
+        """Submit a task."""
         ...
 
     def renew(self) -> None:
-        """Start anew after processes have died, or to give back what they have gathered; nothing must be under way."""
+        """Restart the processes after a failure or to release memory; no task may be running."""
         ...
 
     def refuse_unfit(self) -> None:
-        """Refuse to go on where no process can be started at all."""
+        """Raise if no process can be started."""
         ...
 
     def close(self) -> None:
-        """End all processes at once; what they were working on vanishes."""
+        """End all processes immediately; running tasks are lost."""
         ...
 
 
 class ProcessExecutor:
-    """Processes of this machine, started by spawning.
+    """Local processes, started by spawning.
 
-    ``count``: How many.
-    ``threads``: How many threads each may use.
+    ``count``: Number of processes. ``threads``: Threads per process.
     """
 
     lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
@@ -73,7 +72,7 @@ class ProcessExecutor:
         self._pool: ProcessPoolExecutor | None = None
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand in a piece of work."""
+        """Submit a task."""
         if self._pool is None:
             _track_quietly()
             context = multiprocessing.get_context("spawn")
@@ -81,34 +80,34 @@ class ProcessExecutor:
         try:
             return self._pool.submit(work, *arguments)
         except BrokenExecutor as error:
-            # As if it had been taken, and its process had died.
+            # Equivalent to a submitted task whose process has died.
             failed: Future[Any] = Future()
             failed.set_exception(error)
             return failed
 
     def renew(self) -> None:
-        """Start anew."""
+        """Restart the processes."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
 
     def refuse_unfit(self) -> None:
-        """Refuse to go on where no process can be started at all."""
+        """Raise if no process can be started."""
         try:
             self.submit(os.getpid).result()
         except BrokenExecutor as error:
             message = (
-                "no process can be started here; in a script, call it below `if __name__ == '__main__':`, as all that "
+                "no process can be started; in a script, call it below `if __name__ == '__main__':`, as required for "
             )
-            message += "starts processes by spawning must be called, or do without: workers=1"
+            message += "processes started by spawning, or use no processes: workers=1"
             raise MachineError([Problem("workers", message, self.count)]) from error
 
     def close(self) -> None:
-        """End all processes at once."""
+        """End all processes immediately."""
         pool, self._pool = self._pool, None
         if pool is None:
             return
-        # There is no public way to end processes that are at work before Python 3.14.
+        # Python before 3.14 has no public interface to end running processes.
         processes = list((getattr(pool, "_processes", None) or {}).values())
         pool.shutdown(wait=False, cancel_futures=True)
         for process in processes:
@@ -120,7 +119,7 @@ class ProcessExecutor:
 
 
 def _track_quietly() -> None:
-    """Start the process that removes the locks of killed processes, so that it does it without a warning."""
+    """Start the process that removes the locks of killed processes, so that no warning is printed."""
     option = "ignore:resource_tracker:UserWarning"
     sys.warnoptions.append(option)
     try:
@@ -130,13 +129,13 @@ def _track_quietly() -> None:
 
 
 class SerialExecutor:
-    """Does the work in this process, when it is handed in: to look for errors, and for a few small samples."""
+    """Executor in this process, for debugging and for few small tasks."""
 
     lost: tuple[type[BaseException], ...] = ()
     count = 1
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Do a piece of work."""
+        """Execute a task immediately."""
         future: Future[Any] = Future()
         future.set_result(work(*arguments))
         return future
@@ -154,9 +153,8 @@ class SerialExecutor:
 class DaskExecutor:
     """The workers of a Dask cluster.
 
-    ``address``: Of its scheduler: ``tcp://host:8786``, or the path of a scheduler file.
-    ``threads``: Threads that each piece of work may use.
-    ``at_once``: Pieces of work that are handed in at once for each worker.
+    ``address``: Address of the scheduler: ``tcp://host:8786``, or the path of a scheduler file. ``threads``: Threads
+    per task. ``at_once``: Number of tasks submitted simultaneously per worker.
     """
 
     def __init__(self, address: str, threads: int = 1, at_once: int = 2) -> None:
@@ -171,7 +169,7 @@ class DaskExecutor:
             named = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
             self._client = Client(**named, timeout=_PATIENCE_S)
         except (OSError, ValueError, TimeoutError) as error:
-            message = f"no scheduler answers there: {error}"
+            message = f"the scheduler does not respond: {error}"
             raise MachineError([Problem("--scheduler", message, address)]) from error
         self.dashboard: str = self._client.dashboard_link
         self._threads, self._at_once, self._address = threads, at_once, address
@@ -179,25 +177,25 @@ class DaskExecutor:
 
     @property
     def count(self) -> int:
-        """How many pieces of work go on at once."""
+        """Number of simultaneous tasks."""
         threads = sum(self._client.nthreads().values())
         return max(int(threads), 1) * self._at_once
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Hand in a piece of work."""
+        """Submit a task."""
         return self._executor.submit(run_with_threads, self._threads, work, *arguments)
 
     def renew(self) -> None:
-        """Do nothing: the cluster looks after its workers itself."""
+        """Do nothing: the cluster manages its workers."""
 
     def refuse_unfit(self) -> None:
-        """Refuse to go on without a scheduler."""
+        """Raise if the scheduler does not respond."""
         if self._client.status != "running":
-            message = "the scheduler does not answer any more; what is done stays: start it, and run the same command"
+            message = "the scheduler no longer responds; finished results are kept: start it, and repeat the command"
             raise MachineError([Problem("--scheduler", message, self._address)])
 
     def close(self) -> None:
-        """Take back what has not begun, and leave the cluster."""
+        """Cancel pending tasks, and disconnect from the cluster."""
         with suppress(Exception):
             self._executor.shutdown(wait=False, cancel_futures=True)
         with suppress(Exception):
@@ -208,14 +206,14 @@ _PATIENCE_S = 20
 
 
 def resolve_workers(workers: int) -> int:
-    """Return the number of worker processes that an argument ``workers`` stands for.
+    """Return the number of worker processes for an argument ``workers``.
 
     >>> resolve_workers(4)
     4
     >>> resolve_workers(0)
     Traceback (most recent call last):
     ...
-    scenetruth.errors.ArgumentError: 1 problem with the call:
+    scenetruth.errors.ArgumentError: 1 problem with the arguments:
       - workers: must be 1 or more, or -1 for all processors (got 0)
     """
     try:
@@ -238,7 +236,7 @@ def create_executor(workers: int = 1, threads: int = 1, scheduler: str | None = 
 
 
 def describe_pickling_error(value: Any, workers: int, scheduler: str | None = None) -> str:
-    """Return why a value cannot be sent to the workers of a job; an empty text if it can, or need not."""
+    """Return why a value cannot be sent to the workers of a job; empty if it can, or need not."""
     if scheduler is None and resolve_workers(workers) == 1:
         return ""
     try:
@@ -249,17 +247,17 @@ def describe_pickling_error(value: Any, workers: int, scheduler: str | None = No
 
 
 MIN_PARALLEL_S = 10.0
-"""Work that takes longer than this is worth the start of processes, which takes some seconds."""
+"""Minimum duration in seconds of a task for which processes are started."""
 
 
 def ordered_map(
     work: Callable[..., Any], shared: Any, things: Iterable[Any], workers: int = 1, scheduler: str | None = None
 ) -> Iterator[Any]:
-    """Give ``work(shared, thing)`` for each thing."""
+    """Yield ``work(shared, thing)`` for each thing, in order."""
     parallel = scheduler is not None or resolve_workers(workers) > 1
     left = list(things)
     seconds = 0.0
-    # The first call may load or compile; the second tells how long it takes.
+    # The first call may include loading or compilation; the second is timed.
     for thing in left[:2] if parallel else left:
         start = time.perf_counter()
         yield work(shared, thing)

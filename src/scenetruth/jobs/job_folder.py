@@ -1,4 +1,4 @@
-"""Output folders of resumable jobs: claimed by an index file, locked, and reused by the same job only."""
+"""Output directories of resumable jobs: claimed by an index file, locked, and reused by the same job only."""
 
 from __future__ import annotations
 
@@ -19,17 +19,14 @@ __all__ = ["JobFolder"]
 
 @dataclass(frozen=True)
 class JobFolder:
-    """The output folder of one type of job.
+    """Output directory of one type of job.
 
-    The index file is written when a job begins. It identifies the folder, and holds what must be the same when the job
-    is resumed.
+    The index file is written when a job begins. It identifies the directory, and contains the fields that must be equal
+    when the job is resumed.
 
-    ``index``: Name of the index file.
-    ``noun``: The type of job with its article, for messages: "a sweep".
-    ``results``: Name of the folder in it that holds the results of tasks.
-    ``compared``: Fields of the index that must be the same when a job is resumed; None for the whole index, empty for
-      none.
-    ``indent``: Indent of the index file.
+    ``index``: Name of the index file. ``noun``: Type of job with its article, for messages: "a sweep". ``results``:
+    Name of the subdirectory with the results of tasks. ``compared``: Fields of the index that must be equal when a job
+    is resumed; None for all, empty for none. ``indent``: Indent of the index file.
 
     >>> from tempfile import TemporaryDirectory
     >>> folder = JobFolder("search.json", "a search", "points")
@@ -51,13 +48,13 @@ class JobFolder:
         output: str | Path | None,
         identity: Mapping[str, Any],
         *,
-        other: str | Callable[[Any], str] = "holds another job; choose another folder",
+        other: str | Callable[[Any], str] = "contains another job; choose another directory",
         scheduler: str | None = None,
     ) -> Iterator[Path]:
-        """Claim a folder and lock it while the block runs; remove what killed processes left in it."""
+        """Claim a directory and lock it while the block runs; remove incomplete output of killed processes."""
         if output is None:
             if scheduler is not None:
-                message = "is missing; give a folder that the workers of the scheduler see by the same path"
+                message = "is missing; specify a directory that the workers of the scheduler reach by the same path"
                 raise ArgumentError([Problem("output", message)])
             with tempfile.TemporaryDirectory(prefix="scenetruth-") as scratch:
                 yield Path(scratch)
@@ -78,18 +75,17 @@ class JobFolder:
             try:
                 there = parse_json(index.read_bytes())
             except (OSError, ValueError) as error:
-                raise OutputExistsError(index, f"is damaged: {error}; choose another folder") from error
+                raise OutputExistsError(index, f"is damaged: {error}; choose another directory") from error
             if self._select(there) != self._select(wanted):
                 raise OutputExistsError(folder, other if isinstance(other, str) else other(there))
             return
         if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-            raise OutputExistsError(folder, f"exists, and is no folder of {self.noun}; choose another")
+            raise OutputExistsError(folder, f"exists, and is not a directory of {self.noun}; choose another")
         (folder / self.results).mkdir(parents=True, exist_ok=True)
         with write_atomically(index) as scratch:
             scratch.write_text(json.dumps(wanted, indent=self.indent, ensure_ascii=False) + "\n", encoding="utf-8")
 
     def _select(self, content: Any) -> Any:
-        """Return the part of an index that must be the same."""
         if self.compared is None or not isinstance(content, dict):
             return content
         return [content.get(name) for name in self.compared]

@@ -38,10 +38,8 @@ __all__ = [
 class TaskResult:
     """The result of a task, or its error.
 
-    ``number``: Number of the task.
-    ``values``: The values that the task returned; empty if it failed.
-    ``failure``: The error as plain values, with a ``message``; empty if there was none.
-    ``seconds``: Duration of the task.
+    ``number``: Number of the task. ``values``: The values that the task returned; empty if it failed. ``failure``: The
+    error as plain values, with a ``message``; empty if there was none. ``seconds``: Duration of the task.
     ``disk_full``: Whether the task failed because the disk was full. Such a task is repeated without limit.
     """
 
@@ -107,7 +105,7 @@ def refuse_damaged(path: Path, remedy: str) -> Iterator[None]:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays to a compressed npz file; atomic, and the folders above it are made."""
+    """Write arrays to a compressed npz file, atomically, and create its directory."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with write_atomically(path, overwrite=True) as scratch, scratch.open("wb") as stream:
         np.savez_compressed(stream, **dict(arrays))
@@ -115,12 +113,12 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class ResultStore:
-    """Results of tasks in a folder: a JSON file each, and an npz file with the same name for arrays.
+    """Results of tasks in a directory: one JSON file each, and an npz file with the same name for arrays.
 
-    A file holds the key of its task, the digest of all values on which the result depends; in most folders the key is
-    also its name. A file with another key is not the result of the task.
+    A file contains the key of its task, the digest of all values on which the result depends, which is usually also its
+    name. A file with another key is not the result of the task.
 
-    ``folder``: The folder.
+    ``folder``: The directory.
     ``remedy``: Imperative that replaces a damaged file after it was removed, for example "run the sweep again".
     """
 
@@ -144,13 +142,13 @@ class ResultStore:
         return values if isinstance(values, dict) and values.get("key") == key else None
 
     def is_done(self, name: str, key: str, *, arrays: bool = False) -> bool:
-        """Return whether a result exists and has no failure that is to be tried again."""
+        """Return whether a result exists without a failure that is to be retried."""
         values = self.find(name, key)
         done = values is not None and not has_retryable_failures(values)
         return done and (not arrays or self.arrays_path(name).exists())
 
     def write(self, name: str, key: str, values: Mapping[str, Any]) -> None:
-        """Write a result; atomic. Arrays are written before, because a result is done when this file exists."""
+        """Write a result atomically; arrays are written before, because this file marks the result as complete."""
         path = self.path(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         with write_atomically(path, overwrite=True) as scratch:
@@ -160,7 +158,7 @@ class ResultStore:
 
     @contextmanager
     def reading(self, name: str) -> Iterator[dict[str, Any]]:
-        """Give the values of a result to the block that interprets them."""
+        """Yield the values of a result to the block that interprets them."""
         path = self.path(name)
         with refuse_damaged(path, self.remedy):
             yield dict(parse_json(path.read_bytes()))
@@ -169,7 +167,7 @@ class ResultStore:
 class ResultLog:
     """Results appended to a file, one JSON object with a ``key`` per line.
 
-    A last line that was cut off when a process was killed is ignored.
+    An incomplete last line of a killed process is ignored.
 
     ``file``: The file; None to write none.
     """
@@ -182,7 +180,7 @@ class ResultLog:
             self._stream = file.open("a", encoding="utf-8")
 
     def append(self, key: str, values: Mapping[str, Any]) -> None:
-        """Append a result, and write it through to the file."""
+        """Append a result, and flush the file."""
         if self._stream is not None:
             self._stream.write(json.dumps({"key": key, **values}, ensure_ascii=False) + "\n")
             self._stream.flush()
@@ -210,7 +208,6 @@ def _read_lines(file: Path) -> list[dict[str, Any]]:
 
 
 def _complete_last_line(file: Path) -> None:
-    """Begin a new line after one that was cut off."""
     if not file.exists() or not file.stat().st_size:
         return
     with file.open("rb+") as stream:

@@ -1,4 +1,4 @@
-"""Scheduling of many tasks: retries, pauses while disk or memory are short, and parallel maps."""
+"""Scheduling of tasks: retries, pauses while disk space or memory is short, and parallel maps."""
 
 from __future__ import annotations
 
@@ -22,18 +22,17 @@ __all__ = ["ParallelResult", "ResourceGuard", "TaskScheduler", "for_each", "map_
 
 _RECHECK_S = 2.0
 FULL_S = 5.0
-"""Seconds until something is written again that found the disk full."""
+"""Seconds between attempts to write to a full disk."""
 _SPARE_BYTES = 200e6
-"""What is left alone on the disk."""
+"""Disk space kept free, in bytes."""
 
 
 @dataclass
 class ResourceGuard:
-    """Tells whether another sample may be begun.
+    """Test whether disk space and memory suffice for another task.
 
-    ``folder``: Where samples go.
-    ``disk_bytes``: What the samples that are under way may take.
-    ``memory_bytes``: What one sample takes.
+    ``folder``: Output directory. ``disk_bytes``: Disk space reserved for running tasks. ``memory_bytes``: Memory per
+    task.
     """
 
     folder: Path
@@ -43,7 +42,7 @@ class ResourceGuard:
     _reason: str = ""
 
     def __call__(self) -> str:
-        """Return why no sample may be begun now; an empty text if one may."""
+        """Return why no task may start now; empty if one may."""
         if time.monotonic() - self._looked > _RECHECK_S:
             self._looked, self._reason = time.monotonic(), self._look()
         return self._reason
@@ -54,18 +53,18 @@ class ResourceGuard:
         if disk is not None and disk < wanted:
             return (
                 f"the disk is nearly full: {disk / 1e6:,.0f} MB are free, {wanted / 1e6:,.0f} are needed; "
-                "free some, it goes on by itself; or interrupt, and run it again later"
+                "free some, the job resumes automatically; or interrupt it, and run it again later"
             )
         if memory is not None and memory < self.memory_bytes:
             return (
                 f"memory is short: {memory / 1e6:,.0f} MB are free, a sample takes {self.memory_bytes / 1e6:,.0f}; "
-                "it goes on by itself when there is more; or interrupt, and run it again with fewer workers"
+                "the job resumes automatically when more is free; or interrupt it, and run it again with fewer workers"
             )
         return ""
 
 
 def write_with_retry(write: Callable[[], None], what: str, say: Callable[[str], None]) -> None:
-    """Write, and where the disk is full, try again until it is not."""
+    """Write, and retry while the disk is full."""
     told = False
     while True:
         try:
@@ -74,35 +73,31 @@ def write_with_retry(write: Callable[[], None], what: str, say: Callable[[str], 
             if not is_full_disk(error):
                 raise
             if not told:
-                say(f"paused: the disk is full, {what} waits to be written; free some, it goes on by itself")
+                say(f"paused: the disk is full, {what} cannot be written; free some, the job resumes automatically")
             told = True
             time.sleep(FULL_S)
         else:
             if told:
-                say("goes on")
+                say("resumed")
             return
 
 
 _AHEAD = 2
-"""Samples per worker that are handed in: one is worked on, one is ready."""
+"""Number of submitted tasks per worker: one running, one queued."""
 _POLL_S = 1.0
 _DIED = "its process died: killed, out of memory, or a crash of compiled code"
 
 
 @dataclass
 class TaskScheduler:
-    """Makes samples, each by one call in some worker.
+    """Scheduler of tasks, each of which is one call in a worker.
 
-    ``workers``: Who works.
-    ``work``: Makes a sample: called with ``arguments`` and its number, returns `TaskResult`.
-    ``arguments``: What every call gets first.
-    ``retries``: How often a sample that failed is tried again, after all others, in a new process. One that found the
-      disk full is tried until there is room.
-    ``recycle``: Samples after which processes of one machine are started anew.
-    ``pause``: Tells why no more samples may be begun now; an empty text if they may.
-    ``made``: Called with every sample that is there.
-    ``failed``: Called with every sample that failed for good.
-    ``said``: Called with lines that a user may want to read.
+    ``workers``: The executor. ``work``: Function of a task: called with ``arguments`` and its number, returns
+    `TaskResult`. ``arguments``: First arguments of every call. ``retries``: Number of retries of a failed task, after
+    all others, in a new process. A task that failed because the disk was full is retried without limit. ``recycle``:
+    Number of tasks after which local processes are restarted. ``pause``: Returns why no task may start now; empty if
+    one may. ``made``: Called with every successful result. ``failed``: Called with every final failure. ``said``:
+    Called with messages for the user.
     """
 
     workers: TaskExecutor
@@ -118,7 +113,7 @@ class TaskScheduler:
     _full_until: float = -1e9
 
     def run(self, numbers: Iterable[int]) -> None:
-        """Make samples; what fails is tried again when all others are done."""
+        """Perform tasks; failed tasks are retried after all others."""
         left: deque[int] = deque(numbers)
         attempts: dict[int, int] = {}
         while left:
@@ -137,7 +132,6 @@ class TaskScheduler:
                     left.append(found.number)
 
     def _through(self, left: deque[int], again: list[TaskResult]) -> None:
-        """Make samples until none is left."""
         under_way: dict[Future[Any], int] = {}
         begun, suspects, paused = 0, list[int](), ""
         while left or under_way or suspects:
@@ -146,7 +140,7 @@ class TaskScheduler:
                 self.workers.renew()
                 if suspects and not self._proven:
                     self.workers.refuse_unfit()
-                # All that were under way died with one of them: who it was shows when each is alone.
+                # All running tasks died together: they are repeated singly to identify the cause.
                 for number in suspects:
                     self._by_itself(number, again)
                 begun, suspects = 0, []
@@ -157,7 +151,7 @@ class TaskScheduler:
                     number = left.popleft()
                     under_way[self.workers.submit(self.work, *self.arguments, number)] = number
                     begun += 1
-                    # What was done here is taken before anything else is begun.
+                    # Local results are collected before another task starts.
                     if not any(future.done() for future in under_way):
                         continue
             if not under_way:
@@ -175,7 +169,7 @@ class TaskScheduler:
                     suspects.append(number)
 
     def _by_itself(self, number: int, again: list[TaskResult]) -> None:
-        """Make one sample with nothing else under way: if a process dies now, it is this sample's."""
+        """Perform one task alone: if a process dies now, this task is the cause."""
         future = self.workers.submit(self.work, *self.arguments, number)
         while True:
             done, _ = wait([future], timeout=_POLL_S)
@@ -200,14 +194,14 @@ class TaskScheduler:
             self.made(found)
 
     def _told_pause(self, before: str) -> str:
-        """Return why nothing may be begun now, and tell when that changes."""
+        """Return why no task may start now, and report changes."""
         reason = self.pause()
         if not reason and time.monotonic() < self._full_until:
-            reason = "the disk is full: a sample could not be written; free some, it goes on by itself"
+            reason = "the disk is full: a sample could not be written; free some space, the job resumes automatically"
         if reason and not before:
             self.said(f"paused: {reason}")
         elif before and not reason:
-            self.said("goes on")
+            self.said("resumed")
         return reason
 
 
@@ -217,11 +211,10 @@ def _died(number: int) -> TaskResult:
 
 @dataclass
 class ParallelResult:
-    """What became of the samples.
+    """Summary of parallel tasks.
 
-    ``done``: How many pieces of work were done.
-    ``present``: How many had been done before.
-    ``failed``: What went wrong, by the number of the sample.
+    ``done``: Number of completed tasks. ``present``: Number of tasks completed before. ``failed``: Errors by number of
+    the sample.
     """
 
     done: int = 0
@@ -244,7 +237,7 @@ def for_each(
     progress: Progress | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> ParallelResult:
-    """Do a piece of work on samples."""
+    """Perform a task for each sample."""
     found, say = ParallelResult(present=present), notice or (lambda _: None)
     total = len(numbers) + present
 
@@ -284,7 +277,7 @@ def map_batches(
     items: Mapping[str, Any],
     take: Callable[[str, Any], None],
 ) -> None:
-    """Compute short pieces of work in batches, and start processes that die again."""
+    """Perform short tasks in batches, and restart processes that die."""
     left, losses = dict(items), 0
     while left:
         futures: list[tuple[list[str], Future[list[Any]]]] = [
@@ -308,13 +301,12 @@ def map_batches(
         if lost:
             losses += 1
             if losses > _MAX_LOSSES:
-                message = "processes that predict are killed again and again; is there enough memory?"
+                message = "worker processes are killed repeatedly; check that there is enough memory"
                 raise MachineError([Problem("workers", message, executor.count)])
             executor.renew()
 
 
 def _split_batches(left: Mapping[str, Any], workers: int) -> list[list[str]]:
-    """Return the keys in batches: small enough that no worker waits long for the others."""
     keys = list(left)
     size = max(1, min(_MAX_BATCH, -(-len(keys) // max(workers, 1))))
     return [keys[start : start + size] for start in range(0, len(keys), size)]

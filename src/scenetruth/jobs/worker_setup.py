@@ -1,4 +1,4 @@
-"""Preparation of worker processes: threads, memory, end with the parent, and versions that must agree."""
+"""Preparation of worker processes: threads, memory, end with the parent, and equal versions."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ _VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "M
 
 
 def start_worker(threads: int) -> None:
-    """Prepare a process that was started by spawning."""
-    # A Ctrl-C goes to every process of the terminal: the parent decides what becomes of it.
+    """Prepare a spawned process."""
+    # Ctrl-C is sent to every process of the terminal; the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     limit_threads(threads)
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
 
 
 def limit_threads(threads: int) -> None:
-    """Let the libraries that compute use so many threads in this process, whether they are loaded or not."""
+    """Limit the threads of numerical libraries in this process, whether they are loaded or not."""
     for name in _VARIABLES:
         os.environ[name] = str(threads)
-    # OpenGL in software draws in threads of its own, 0 for none.
+    # Software OpenGL uses its own threads, 0 for none.
     os.environ["LP_NUM_THREADS"] = str(threads if threads > 1 else 0)
     os.environ["ZARR_THREADING__MAX_WORKERS"] = str(threads)
     os.environ["ZARR_ASYNC__CONCURRENCY"] = str(threads)
@@ -55,28 +55,28 @@ def limit_threads(threads: int) -> None:
 
 
 def keep_freed_memory() -> None:
-    """Let the C library keep memory that was freed, as it does by itself, where Dask has told it to give all back.
+    """Restore the default of the C library to retain freed memory, which Dask disables.
 
-    Dask starts its workers with ``MALLOC_TRIM_THRESHOLD_=65536``. Then every large array is made of pages that the
-    system hands out and clears anew: 356,000 of them for a noise cube of 320 x 240 px instead of 2,500, and 0.9 s more.
+    Dask starts its workers with ``MALLOC_TRIM_THRESHOLD_=65536``, so that the pages of every large array are allocated
+    and cleared anew: 356,000 pages for a noise cube of 320 x 240 px instead of 2,500, and 0.9 s more.
     """
     if "MALLOC_TRIM_THRESHOLD_" not in os.environ:
         return
-    # Only glibc knows this variable, and has the function.
+    # Specific to glibc.
     adjust = getattr(ctypes.CDLL(None), "mallopt", None)
     if adjust is not None:
-        # Where glibc arrives by itself: arrays up to 32 MB are kept for the next ones.
+        # Dynamic default of glibc: arrays up to 32 MB are retained for reuse.
         adjust(_MMAP_THRESHOLD, 32 * 2**20)
         adjust(_TRIM_THRESHOLD, 64 * 2**20)
 
 
-# Numbers of malloc.h.
+# Constants of malloc.h.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 
 
 def run_with_threads(threads: int, work: Callable[..., Any], *arguments: Any) -> Any:
-    """Do a piece of work with so many threads, in a process that somebody else has started."""
-    # numba counts for each thread by itself.
+    """Perform a task with a limited number of threads in an external process."""
+    # numba counts per thread.
     if getattr(_LIMITED, "threads", 0) != threads:
         limit_threads(threads)
         keep_freed_memory()
@@ -88,7 +88,6 @@ _LIMITED = threading.local()
 
 
 def _end_with_parent() -> None:
-    """End this process as soon as its parent has ended, however that was: a pool's workers would wait for ever."""
     from multiprocessing import parent_process
     from multiprocessing.connection import wait
 
@@ -108,7 +107,7 @@ def collect_versions() -> dict[str, str]:
 
 
 def refuse_other_versions(versions: Mapping[str, str]) -> None:
-    """Refuse to work with other versions than a job was begun with."""
+    """Raise if the versions differ from those at the start of a job."""
     if not versions:
         return
     here = collect_versions()

@@ -1,4 +1,4 @@
-"""Writing of results: atomic, by one writer at a time, and never over files that scenetruth did not write."""
+"""Output of results: atomic, by one writer at a time, without replacing foreign files."""
 
 from scenetruth.output.atomic_write import (
     check_output,

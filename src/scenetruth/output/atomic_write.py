@@ -1,4 +1,4 @@
-"""Atomic writes: a result appears under its name only when it is complete; an earlier result stays until then."""
+"""Atomic writes: a result appears under its name when it is complete; until then an earlier result remains."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _CANNOT = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EP
 
 
 def exchange(one: Path, other: Path) -> bool:
-    """Let two files or folders of one file system change places; nobody ever finds one of the names missing."""
+    """Exchange two files or directories of one file system atomically; neither name is ever missing."""
     function = _renameat2()
     if function is None:
         return False
@@ -58,16 +58,16 @@ def _renameat2() -> Any:
 
 
 _QUIET_S, _PATIENCE_S = 0.25, 10.0
-# What goes by these names is never the only copy of anything: dead writers' are removed as they are.
+# Paths with these names are never the only copy: those of dead writers are removed without a check.
 _DISPOSABLE = (".partial", ".scratch", ".retired")
 
 
 @contextmanager
 def write_atomically(target: str | Path, *, overwrite: bool = False, claim: Claim = claim_file) -> Iterator[Path]:
-    """Give a path beside the target to write to; it becomes the target when all went well, and vanishes otherwise.
+    """Yield a temporary path next to the target; it replaces the target on success, and is removed on failure.
 
-    Whatever moment the process is killed at, the target is whole afterwards: the new one, or the earlier one, which
-    the next writer restores where the file system cannot exchange two names in one step.
+    If the process is killed, the target is complete: the new or the earlier result. Where the file system lacks an
+    atomic exchange, the next writer restores the earlier result.
     """
     place = check_destination(target)
     with lock_output(place, claim):
@@ -76,7 +76,7 @@ def write_atomically(target: str | Path, *, overwrite: bool = False, claim: Clai
         try:
             try:
                 _remove(aside)
-                # Whether anything can be made here is known only when it has been.
+                # Only an attempt shows whether the path is writable.
                 aside.mkdir()
                 aside.rmdir()
                 yield aside
@@ -90,10 +90,10 @@ def write_atomically(target: str | Path, *, overwrite: bool = False, claim: Clai
 
 @contextmanager
 def lock_output(target: str | Path, claim: Claim = claim_file) -> Iterator[None]:
-    """Keep other writers away from a target while the block runs, and put away what dead ones have left."""
+    """Lock a target while the block runs, and remove incomplete output of dead writers."""
     place = Path(os.path.realpath(target))
     if not place.name:
-        # Nothing stands beside the root, and nothing takes its place.
+        # The root directory has no siblings and cannot be replaced.
         yield
         return
     made = _make_folders(place)
@@ -108,7 +108,7 @@ def lock_output(target: str | Path, claim: Claim = claim_file) -> Iterator[None]
 
 
 def scratch_path(aside: Path) -> Path:
-    """Return one more path beside what `write_atomically` gave, for what does not stay; it is swept like that one."""
+    """Return another temporary path next to that of `write_atomically`; it is cleaned up in the same manner."""
     return (
         aside.with_name(aside.name.replace(".partial-", ".scratch-"))
         if ".partial-" in aside.name
@@ -117,7 +117,7 @@ def scratch_path(aside: Path) -> Path:
 
 
 def check_output(target: str | Path, *, overwrite: bool = False, claim: Claim = claim_file) -> None:
-    """Refuse, before any work, a target that `write_atomically` would refuse."""
+    """Raise, before any work, if `write_atomically` would reject a target."""
     _refuse_existing(check_destination(target), overwrite, claim)
 
 
@@ -132,7 +132,6 @@ def _refuse_existing(place: Path, overwrite: bool, claim: Claim) -> None:
 
 
 def _remove_stale(place: Path, claim: Claim = claim_file) -> None:
-    """Put away what dead writers of a target left, and restore the earlier result if they left that."""
     own = this_writer()
     for path in _leftovers(place):
         found = written_by(path.name)
@@ -147,7 +146,7 @@ def _remove_stale(place: Path, claim: Claim = claim_file) -> None:
 
 
 def remove_leftovers(folder: Path, claim: Claim = claim_file) -> None:
-    """Put away what dead writers left of every target in a folder."""
+    """Remove incomplete output of dead writers of every target in a directory."""
     places = set()
     for path in folder.glob(".*"):
         found = written_by(path.name)
@@ -177,7 +176,7 @@ def _put(place: Path, new: Path, claim: Claim) -> None:
     if not place.exists():
         new.rename(place)
         return
-    # From here on, what stands under this name is never the only copy of anything but what it is replaced by.
+    # From here on, the path with this name is never the only copy of its content.
     waiting = _temporary_path(place, "replaced")
     new.rename(waiting)
     if not exchange(waiting, place):
@@ -188,7 +187,7 @@ def _put(place: Path, new: Path, claim: Claim) -> None:
 
 
 def _retire(old: Path, place: Path, claim: Claim) -> None:
-    """Remove an earlier result; what is not ours in it goes to the result that took its place."""
+    """Remove an earlier result; foreign files in it are moved to the new result."""
     claimed = OwnershipResult() if _is_empty(old) else claim(old)
     if claimed.refusal:
         return
@@ -198,7 +197,7 @@ def _retire(old: Path, place: Path, claim: Claim) -> None:
     for name in claimed.foreign:
         if not os.path.lexists(place / name):
             (old / name).rename(place / name)
-    # Of a result that is removed in part, nobody could tell any more that it was one: it gets another name first.
+    # A partly removed result could not be identified: it is renamed first.
     retired = _temporary_path(place, "retired")
     _remove(retired)
     if not any(os.path.lexists(old / name) for name in claimed.foreign):
@@ -216,7 +215,7 @@ def _is_empty(path: Path) -> bool:
 
 
 def _make_folders(place: Path) -> list[Path]:
-    """Make the folders above a target; return those that were not there, the innermost first."""
+    """Create the directories above a target; return the new directories, the innermost first."""
     missing = [folder for folder in place.parents if not folder.exists()]
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -240,10 +239,9 @@ def _remove(path: Path) -> None:
 
 
 def _clear_up(path: Path) -> None:
-    """Remove what a failed or interrupted writer left.
+    """Remove the output of a failed or interrupted writer.
 
-    zarr writes in threads of its own, which may finish a chunk after the error has reached us: the path must stay away
-    for a while before it counts as removed.
+    Threads of zarr may still write a chunk after the error: the path must remain absent for a while.
     """
     quiet_since = time.monotonic()
     deadline = quiet_since + _PATIENCE_S
@@ -256,7 +254,7 @@ def _clear_up(path: Path) -> None:
 
 
 def is_full_disk(error: BaseException | None) -> bool:
-    """Return whether an error, or one that it comes from, says that there is no room left to write to."""
+    """Return whether an error, or one of its causes, reports a full disk."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in _FULL:
             return True
@@ -269,5 +267,5 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 def _explain(error: OSError) -> str:
     if is_full_disk(error):
-        return "the disk is full; nothing was kept. Free some space or choose another output"
-    return f"cannot be written: {error.strerror or error}; nothing was kept"
+        return "the disk is full; nothing was written. Free some space or choose another output"
+    return f"cannot be written: {error.strerror or error}; nothing was written"

@@ -1,4 +1,4 @@
-"""Whether a result can be written to a path, checked before any work."""
+"""Checks that a result can be written to a path, before any work."""
 
 from __future__ import annotations
 
@@ -14,18 +14,16 @@ _NAME_BYTES = 255
 
 
 def check_destination(target: str | Path) -> Path:
-    """Return the absolute path of a target, links followed."""
+    """Return the absolute path of a target, with links resolved."""
     shown = Path(target)
     try:
         given = Path(os.path.abspath(shown))
         place = Path(os.path.realpath(given))
         dangling = given.is_symlink() and not place.exists()
     except (OSError, ValueError) as error:
-        raise StoreError(
-            repr(str(target)), f"is no path that a result can have: {error}; give another output"
-        ) from error
+        raise StoreError(repr(str(target)), f"is not a valid output path: {error}; specify another output") from error
     if dangling:
-        raise StoreError(shown, f"is a link to {os.readlink(given)}, which is not there; remove the link, or mend it")
+        raise StoreError(shown, f"is a link to {os.readlink(given)}, which does not exist; remove or repair the link")
     _refuse_name(shown, place)
     _refuse_position(shown, place)
     _refuse_parent(shown, place)
@@ -33,21 +31,21 @@ def check_destination(target: str | Path) -> Path:
 
 
 def _refuse_name(shown: Path, place: Path) -> None:
-    # Beside a result stands, while it is written, one with a longer name.
+    # During writing, a sibling with a longer name exists.
     longest = _NAME_BYTES - len(f"..replaced-{this_writer()}")
     length = len(os.fsencode(place.name))
     if length > longest:
-        message = f"has a name of {length} bytes, {length - longest} more than a result may have; give a shorter one"
+        message = f"has a name of {length} bytes, {length - longest} more than the maximum; specify a shorter name"
         raise StoreError(shown, message)
 
 
 def _refuse_position(shown: Path, place: Path) -> None:
-    remedy = "give a folder in it"
+    remedy = "specify a subdirectory"
     if not place.name or os.path.ismount(place):
-        raise StoreError(shown, f"is where a file system begins, and cannot be replaced; {remedy}")
+        raise StoreError(shown, f"is the root of a file system, and cannot be replaced; {remedy}")
     here = Path(os.path.realpath(os.curdir))
     if place == here or place in here.parents:
-        raise StoreError(shown, f"is the current folder, or holds it; {remedy}, or go elsewhere first")
+        raise StoreError(shown, f"is the current directory, or contains it; {remedy}, or change the directory")
 
 
 def _refuse_parent(shown: Path, place: Path) -> None:
@@ -55,7 +53,7 @@ def _refuse_parent(shown: Path, place: Path) -> None:
         if not os.path.lexists(folder):
             continue
         if not folder.is_dir():
-            raise StoreError(shown, f"cannot be made, because {folder} is not a folder; give another output")
+            raise StoreError(shown, f"cannot be created, because {folder} is not a directory; specify another output")
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise StoreError(shown, f"cannot be made, because {folder} may not be written to; give another output")
+            raise StoreError(shown, f"cannot be created, because {folder} is not writable; specify another output")
         return

@@ -1,4 +1,4 @@
-"""One writer at a time: locks on results, and the identity of the writing process in names of unfinished files."""
+"""Locks on results, and the identity of the writing process in names of temporary files."""
 
 from __future__ import annotations
 
@@ -25,9 +25,8 @@ __all__ = ["Writer", "locked", "this_writer", "written_by"]
 class Writer:
     """A process on a machine.
 
-    ``host``: Eight digits that stand for the machine's name.
-    ``process``: Number of the process.
-    ``start``: When it started, in clock ticks since the machine did; a number may be given to another process later.
+    ``host``: Hash of the host name, eight digits. ``process``: Process ID. ``start``: Start time in clock ticks since
+    boot, because process IDs are reused.
 
     >>> writer = Writer("0123abcd", 17, 4711)
     >>> written_by(f".cube.partial-{writer}") == (".cube.partial", writer)
@@ -43,17 +42,17 @@ class Writer:
 
     @property
     def is_dead(self) -> bool:
-        """Whether the process has ended; of another machine's process, nobody here can tell: False."""
+        """Whether the process has ended; False for processes of other machines."""
         return self.host == _host() and _start_of(self.process) != self.start
 
 
 def this_writer() -> Writer:
-    """Return the process that asks."""
+    """Return the current process."""
     return Writer(_host(), os.getpid(), _start_of(os.getpid()))
 
 
 def written_by(name: str) -> tuple[str, Writer] | None:
-    """Return the first part of a file's name and the writer that the rest of it tells; None if it tells none."""
+    """Return the stem of a temporary file's name and the writer encoded in it; None if there is none."""
     found = _NAME.fullmatch(name)
     return None if found is None else (found[1], Writer(found[2], int(found[3]), int(found[4])))
 
@@ -67,13 +66,13 @@ def _host() -> str:
 
 
 def _start_of(process: int) -> int:
-    """Return when a process started, 0 where the system does not tell, -1 if there is no such process."""
+    """Return the start time of a process, 0 where unavailable, -1 if there is no such process."""
     try:
-        # Its second word, the name of the program, may hold spaces and brackets.
+        # The second field, the name of the program, may contain spaces and parentheses.
         words = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
     except OSError:
         return -1 if Path("/proc/self/stat").exists() or not _is_alive(process) else 0
-    # A process that has ended and was not yet asked for its result still has an entry.
+    # A zombie process still has an entry.
     return -1 if words[0] == "Z" else int(words[19])
 
 
@@ -92,16 +91,15 @@ _TAKEN = (errno.EWOULDBLOCK, errno.EACCES, errno.EAGAIN)
 
 
 def lock_path(target: Path) -> Path:
-    """Return the file that is locked while a target is written."""
+    """Return the lock file of a target."""
     return target.with_name(f".{target.name}.lock")
 
 
 @contextmanager
 def locked(target: Path) -> Iterator[bool]:
-    """Keep every other writer of a target away while the block runs; whoever has it already keeps it.
+    """Lock a target against other writers while the block runs; reentrant within a process.
 
-    The lock ends with the process that holds it, however that ends. Where the file system has no locks, nobody is kept
-    away.
+    The lock ends with the process that holds it. File systems without locks provide no protection.
     """
     if target in _held.get():
         yield True
@@ -114,7 +112,7 @@ def locked(target: Path) -> Iterator[bool]:
         _held.reset(token)
         if handle is not None:
             try:
-                # Removed while it is still locked: whoever opened it meanwhile finds that it is no longer there.
+                # Removed while still locked: another process that has opened it detects the removal.
                 with contextlib.suppress(OSError):
                     lock_path(target).unlink()
             finally:
@@ -127,7 +125,7 @@ def _acquire(target: Path) -> int | None:
         try:
             handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         except OSError:
-            # What cannot be locked here cannot be written here either, and the writing tells why.
+            # A path that cannot be locked cannot be written either; the write reports the reason.
             return None
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -140,9 +138,9 @@ def _acquire(target: Path) -> int | None:
             os.close(handle)
             if error.errno not in _TAKEN:
                 return None
-            message = f"is being written by another run{holder}; wait until it has ended, or give another output"
+            message = f"is being written by another run{holder}; wait until it has ended, or specify another output"
             raise OutputExistsError(target, message) from error
-        # The former holder has removed it between our opening and locking it.
+        # The former holder removed the file between opening and locking.
         os.close(handle)
 
 

@@ -1,4 +1,4 @@
-"""Which existing results may be replaced: those scenetruth wrote, and nothing else."""
+"""Ownership of existing results: only those written by scenetruth may be replaced."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ __all__ = ["Claim", "OwnershipResult", "claim_file", "claim_folder", "claim_pict
 
 @dataclass(frozen=True)
 class OwnershipResult:
-    """What a claim found out about an existing file or folder.
+    """Result of a claim of an existing file or directory.
 
     ``refusal``: Why it may not be replaced; empty if it may.
-    ``foreign``: Names in the folder that are not ours; they stay.
+    ``foreign``: Foreign names in the directory, which are kept.
     """
 
     refusal: str = ""
@@ -22,21 +22,21 @@ class OwnershipResult:
 
 
 Claim = Callable[[Path], OwnershipResult]
-"""Looks at an existing file or folder, and tells what of it is ours."""
+"""Test of an existing file or directory for ownership."""
 
 _SHOWN = 5
 _HEAD_BYTES = 4096
 
 
 def claim_file(path: Path) -> OwnershipResult:
-    """Claim a file whose name is ours."""
-    return OwnershipResult("is a folder, and not a file that scenetruth wrote") if path.is_dir() else OwnershipResult()
+    """Claim a file with a name given by scenetruth."""
+    return OwnershipResult("is a directory, not a file written by scenetruth") if path.is_dir() else OwnershipResult()
 
 
 def claim_pictures(path: Path, names: Callable[[str], bool] | None = None) -> OwnershipResult:
-    """Claim a folder of pictures."""
+    """Claim a directory of images."""
     if not path.is_dir():
-        return OwnershipResult("is a file, and not a folder of pictures that scenetruth wrote")
+        return OwnershipResult("is a file, and not a directory of images written by scenetruth")
     foreign = [
         entry.name
         for entry in path.iterdir()
@@ -46,11 +46,11 @@ def claim_pictures(path: Path, names: Callable[[str], bool] | None = None) -> Ow
 
 
 def claim_folder(sign: str, *names: str) -> Claim:
-    """Return a claim of folders that hold a certain file."""
+    """Return a claim for directories that contain a certain file."""
 
     def claim(path: Path) -> OwnershipResult:
         if not (path / sign).is_file():
-            return OwnershipResult("is a folder that scenetruth did not write" if path.is_dir() else "is a file")
+            return OwnershipResult("is a directory that scenetruth did not write" if path.is_dir() else "is a file")
         entries = [entry for entry in path.iterdir() if entry.name not in (sign, *names)]
         return OwnershipResult(
             foreign=tuple(entry.name for entry in entries if not entry.is_file() or not _is_drawn(entry))
@@ -62,12 +62,12 @@ def claim_folder(sign: str, *names: str) -> Claim:
 def _is_drawn(file: Path) -> bool:
     with file.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
-        # PDF files say at their end who made them.
+        # PDF files name their producer at the end.
         stream.seek(max(0, file.stat().st_size - _HEAD_BYTES))
         return b"scenetruth" in head or b"scenetruth" in stream.read()
 
 
 def describe_foreign_files(foreign: Collection[str]) -> str:
-    """Return the refusal of a folder that holds foreign files."""
+    """Return the refusal of a directory with foreign files."""
     shown = ", ".join(sorted(foreign)[:_SHOWN]) + (", ..." if len(foreign) > _SHOWN else "")
-    return f"holds what scenetruth did not write ({shown}); move it elsewhere first"
+    return f"contains files not written by scenetruth ({shown}); move it elsewhere first"

@@ -1,4 +1,4 @@
-"""From a scene to a run directory, stage by stage."""
+"""Pipeline from a scene to a run directory, in stages."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = [
     "verify_run",
 ]
 
-# The second process starts while the libraries that the stages need are loaded.
+# The second process starts while the libraries of the stages are loaded.
 _HOMES = {
     "FigureWorker": "figure_worker",
     "MethodPaths": "run_directory",

@@ -1,7 +1,4 @@
-"""The smallest kernel.
-
-If it is not in numba's cache, this is the first run on the machine, and the others are not either.
-"""
+"""Minimal kernel, whose absence from the cache of numba indicates the first run on a machine."""
 
 import numba
 

@@ -1,4 +1,4 @@
-"""A second process that compiles kernels while the first one does too, and draws figures."""
+"""Second process that compiles kernels in parallel and draws figures."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _DIE_WITH_PARENT = 1
 
 
 class FigureWorker:
-    """Starts the process, which imports what it needs while other work goes on; it ends with the block, or with us.
+    """Second process, limited to one processor; it imports modules while other work proceeds.
 
-    Compiling and drawing keep one processor busy, whatever else there is.
+    It ends with the block, or with the parent process.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class FigureWorker:
         self._compile({"method": choice.method, "settings": settings, "dtype": dtype})
 
     def compile_last_of_truth(self) -> None:
-        """Have those kernels of the truth compiled that a run comes to last (`warming.compile_last_of_truth`)."""
+        """Compile the kernels of the truth that a run needs last (`precompilation.compile_late_truth_kernels`)."""
         self._compile({})
 
     def _compile(self, what: dict[str, Any]) -> None:
@@ -71,7 +71,7 @@ class FigureWorker:
             self._process.stdin.flush()
 
     def draw(self, name: str, stores: dict[str, str | None], folder: Path) -> Future[FigureInfo | None]:
-        """Have one figure drawn; one at a time."""
+        """Draw a figure, one at a time."""
         self._asked = True
         future: Future[FigureInfo | None] = Future()
         request = json.dumps({"name": name, "folder": str(folder), **stores})
@@ -89,13 +89,13 @@ class FigureWorker:
             from scenetruth.scoring import FigureInfo
 
             future.set_result(None if told is None else FigureInfo(*told))
-        except Exception as error:  # the process may end at any moment, in any way
+        except Exception as error:  # the process may end at any time, for any reason
             future.set_exception(error)
 
 
 @contextmanager
 def open_figure_worker(wanted: int | FigureWorker) -> Iterator[FigureWorker | None]:
-    """Give a second process that compiles and draws while the block runs, or None."""
+    """Provide a second process for compilation and drawing while the block runs, or None."""
     if isinstance(wanted, FigureWorker):
         yield wanted
     elif wanted < 1:
@@ -106,7 +106,7 @@ def open_figure_worker(wanted: int | FigureWorker) -> Iterator[FigureWorker | No
 
 
 def _serve(requests: IO[str], answers: IO[str]) -> None:
-    """Compile and draw what is asked for, a line each."""
+    """Process requests to compile and draw, one per line."""
     from scenetruth.scoring import Score, plot_one
     from scenetruth.storage import open_store
 
@@ -122,7 +122,7 @@ def _serve(requests: IO[str], answers: IO[str]) -> None:
         if "compile" in request:
             from scenetruth.pipeline.precompilation import compile_late_truth_kernels, compile_method
 
-            # What goes wrong here does so again where somebody is told.
+            # The same error occurs in the first process, which reports it.
             with suppress(Exception):
                 if request["compile"]:
                     compile_method(**request["compile"])
@@ -142,7 +142,6 @@ def _serve(requests: IO[str], answers: IO[str]) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent does, however that ends."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:

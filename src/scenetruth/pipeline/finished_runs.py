@@ -22,10 +22,9 @@ __all__ = ["VerificationResult", "export_run", "verify_run"]
 
 @dataclass(frozen=True)
 class VerificationResult:
-    """What became of checking one result.
+    """Result of the verification of a file or store.
 
-    ``path``: The file or store.
-    ``problem``: What is wrong with it; empty if nothing is.
+    ``path``: The file or store. ``problem``: Description of the problem; empty if there is none.
     """
 
     path: Path
@@ -33,7 +32,7 @@ class VerificationResult:
 
 
 def verify_run(folder: str | Path, progress: Progress | None = None) -> list[VerificationResult]:
-    """Check every result in the folder of a run, or a single store, down to the last byte of its data.
+    """Verify the checksums of every result in a run directory, or of a single store.
 
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
@@ -50,9 +49,9 @@ def verify_run(folder: str | Path, progress: Progress | None = None) -> list[Ver
     elif path.is_dir():
         parts = list(_parts(RunDirectory(path)))
     else:
-        raise StoreError(path, "no such folder")
+        raise StoreError(path, "no such directory")
     if not parts:
-        raise StoreError(path, "holds no results of scenetruth")
+        raise StoreError(path, "contains no results of scenetruth")
     verdicts = []
     for done, part in enumerate(parts):
         if progress is not None:
@@ -107,7 +106,7 @@ def export_run(
     overwrite: bool = False,
     **options: Any,
 ) -> ExportResult:
-    """Write the recording of a run, and its truth or an estimate, in a format of others.
+    """Write the recording of a run, and its truth or an estimate, in another format.
 
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
@@ -121,7 +120,7 @@ def export_run(
     >>> done.files
     ('s+0.yml', 's+1.yml')
     """
-    # What is wrong with the call is told before stores are opened.
+    # Errors of the call are reported before stores are opened.
     choose_format(format, options)
     run = RunDirectory(folder)
     recording = open_store(run.recording, "recording")
@@ -136,7 +135,7 @@ def _open_maps(run: RunDirectory, method: str | None) -> xr.Dataset:
     if method is not None:
         return open_store(run.of(method).estimate, "estimate")
     if not run.truth.exists():
-        remedy = "choose an estimate with --method NAME (method='NAME')"
+        remedy = "select an estimate with --method NAME (method='NAME')"
         raise StoreError(run.truth, f"no such store: the run has no truth; {remedy}")
     return open_store(run.truth, "truth")
 
@@ -144,11 +143,11 @@ def _open_maps(run: RunDirectory, method: str | None) -> xr.Dataset:
 def _row_of_maps(recording: xr.Dataset, maps: xr.Dataset, row: int, what: str) -> xr.Dataset:
     rows = recording["s_y"].values.tolist() if "s_y" in recording["image"].dims else []
     if row not in rows:
-        message = f"must be one of the rows {rows}" if rows else "is for grids of cameras; these stand in one row"
+        message = f"must be one of the rows {rows}" if rows else "applies only to camera grids, not to a single row"
         raise ExportError([Problem("row", message, row)])
-    # Maps of the reference camera alone are of its row, whatever else tells of all rows.
+    # Maps of the reference camera belong to its row, also if other variables cover all rows.
     if row != 0 and not any(
         "s_y" in item.dims and "x" in item.dims for name, item in maps.items() if name != "visible"
     ):
-        raise ExportError([Problem("row", f"must be 0: the {what} is of that row alone", row)])
+        raise ExportError([Problem("row", f"must be 0: the {what} covers only this row", row)])
     return maps.sel(s_y=row) if "s_y" in maps.dims else maps

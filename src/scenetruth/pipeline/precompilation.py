@@ -1,4 +1,4 @@
-"""Precompilation of the numba kernels, by a small example of each kind of work."""
+"""Precompilation of the numba kernels, by a small example of each type of task."""
 
 from __future__ import annotations
 
@@ -71,10 +71,9 @@ _SCENES: dict[str, dict[str, Any]] = {
 def precompile(
     progress: Progress | None = None, beside: Callable[[MethodChoice, str], None] | None = None
 ) -> list[str]:
-    """Let numba compile the kernels of scenes, truth, methods and scores; what it has kept is read instead.
+    """Compile the kernels of scenes, truth, methods and scores with numba, or load them from the cache.
 
-    Compiled code is kept beside the package or in the user's cache, so that this takes a minute or two once, and a few
-    seconds from then on.
+    Compilation takes 1 to 2 min once per machine; compiled code is cached next to the package or in the user's cache.
     """
     from scenetruth.errors import EstimateError
     from scenetruth.estimators import choose, estimate, list_methods
@@ -101,7 +100,7 @@ def precompile(
             recording, truth = simulate(Scene.from_dict(plain))
             for method in methods:
                 tell(f"{name}: {method}")
-                # What an extra brings may not be there.
+                # Packages of extras may be missing.
                 with suppress(EstimateError):
                     score(estimate(recording, method), truth, settings={"interior_margin_px": 2})
     if progress is not None:
@@ -110,7 +109,7 @@ def precompile(
 
 
 def compile_method(method: str, settings: Mapping[str, Any], dtype: str) -> None:
-    """Let numba compile the kernels of one method, by an estimate of a few small images."""
+    """Compile the kernels of one method by an estimate of a few small images."""
     from scenetruth.estimators import estimate
 
     with warnings.catch_warnings():
@@ -119,7 +118,7 @@ def compile_method(method: str, settings: Mapping[str, Any], dtype: str) -> None
 
 
 def small_recording(dtype: str) -> xr.Dataset:
-    """Return a few small images of a type, of which every method can tell something."""
+    """Return a small recording of the given type that every method can estimate."""
     from scenetruth.schema import make_recording
 
     # Noise smoothed by a binomial filter along both axes.
@@ -137,7 +136,7 @@ def small_recording(dtype: str) -> xr.Dataset:
 
 
 def compile_late_truth_kernels() -> None:
-    """Let numba compile what truth needs last: the kernels that tell which cameras see a point."""
+    """Compile the kernels that the truth needs last: those for visibility in other cameras."""
     from scenetruth.scene import Scene
     from scenetruth.truth import compile_visibility
 

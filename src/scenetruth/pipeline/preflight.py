@@ -1,4 +1,4 @@
-"""Checks before a run: the methods that it uses, and whether they can estimate what will be recorded."""
+"""Checks before a run: the methods, and whether they can estimate the recording."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["compute_method_workload", "compute_recording_workload", "method_choi
 
 
 def method_choices(scene: Scene, methods: Sequence[MethodSpec]) -> list[MethodChoice]:
-    """Return methods with their settings: the scene's for the scene's own method, defaults for others.
+    """Return methods with their settings: those of the scene for its own method, otherwise the defaults.
 
-    Names of methods that are not installed hold within `scenetruth.estimators.method_specs.offered_methods`.
+    Names of methods that are not installed are valid within `scenetruth.estimators.method_specs.offered_methods`.
     """
     own = scene.estimate
     if not methods:
@@ -29,7 +29,7 @@ def method_choices(scene: Scene, methods: Sequence[MethodSpec]) -> list[MethodCh
 
 
 def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]:
-    """Return what will keep methods from estimating the recording of a scene, before it is made."""
+    """Return the problems that prevent methods from estimating the future recording of a scene."""
     blank = blank_recording(scene)
     found = [
         problem for choice in choices for problem in requirements(blank, find_method(choice.method), choice.settings)
@@ -38,7 +38,7 @@ def run_problems(scene: Scene, choices: Sequence[MethodChoice]) -> list[Problem]
 
 
 def compute_method_workload(choices: Sequence[MethodChoice]) -> MethodWorkload:
-    """Return what the methods that estimate a recording one after the other take at most."""
+    """Return the maximum workload of methods that run consecutively."""
     efforts = []
     for choice in choices:
         method = find_method(choice.method)
@@ -56,7 +56,7 @@ def compute_method_workload(choices: Sequence[MethodChoice]) -> MethodWorkload:
 
 
 def compute_recording_workload(recording: xr.Dataset, effort: MethodWorkload | None = None) -> RecordingWorkload:
-    """Return what the work on a recording grows with."""
+    """Return the parameters that determine the workload of a recording."""
     sizes = recording["image"].sizes
     return RecordingWorkload(
         pixels=sizes["y"] * sizes["x"],

@@ -29,11 +29,10 @@ __all__ = ["MethodPaths", "RunDirectory", "claim_entry", "claim_run"]
 
 @dataclass(frozen=True)
 class MethodPaths:
-    """What one method leaves in the folder of a run.
+    """Files of one method in a run directory.
 
-    ``estimate``: Store of the estimate.
-    ``score_json``, ``score_csv``: Its score.
-    ``report``, ``figures``: The page, and the folder of its pictures.
+    ``estimate``: Store of the estimate. ``score_json``, ``score_csv``: Its score. ``report``, ``figures``: The report,
+    and the directory of its figures.
     """
 
     estimate: Path
@@ -44,29 +43,29 @@ class MethodPaths:
 
     @property
     def after_estimate(self) -> tuple[Path, ...]:
-        """What is made from the estimate."""
+        """Files derived from the estimate."""
         return self.score_json, self.score_csv, self.report, self.figures
 
 
 class RunDirectory:
-    """The folder of a run; owns the name of every file in it.
+    """Directory of a run, with the names of its files.
 
-    What belongs to the method that the scene names has plain names (``estimate.zarr``, ``score.json``, ...); what
-    belongs to another method has the method's name in it (``estimate.opencv_flow.zarr``).
+    Files of the method of the scene have plain names (``estimate.zarr``, ``score.json``, ...); names of files of other
+    methods include the method (``estimate.opencv_flow.zarr``).
 
     Parameters
     ----------
     path
-        The folder; it need not exist.
+        The directory; it need not exist.
     own_method
-        The method with the plain names; if not given, what the scene in the folder says, or the paper's method where
+        The method with plain names; default: the method of the scene in the directory, or the default method if
         there is no scene.
 
     See Also
     --------
-    run_scene : Fills the folder.
-    verify : Checks what is in it.
-    export : Writes it in formats of others.
+    run_scene : Write the results of a scene to the directory.
+    verify : Verify its contents.
+    export : Export its contents.
 
     Examples
     --------
@@ -89,7 +88,7 @@ class RunDirectory:
 
     @property
     def unfinished(self) -> Path:
-        """What a run was asked for whose last stages are not done; none once they are."""
+        """File with the arguments of an interrupted run; it exists until the last stage is complete."""
         return self.path / UNFINISHED
 
     @property
@@ -99,12 +98,12 @@ class RunDirectory:
 
     @property
     def truth(self) -> Path:
-        """The truth; real images have none."""
+        """The truth; recordings of real images have none."""
         return self._store(TRUTH)
 
     @property
     def images(self) -> Path:
-        """The images as files."""
+        """The image files."""
         return self.path / "images"
 
     @cached_property
@@ -130,12 +129,12 @@ class RunDirectory:
         )
 
     def estimated(self) -> list[str]:
-        """Return the methods whose estimates are in the folder, the one with plain names first.
+        """Return the methods with estimates, the method with plain names first.
 
         Raises
         ------
         StoreError
-            If there is none.
+            If there is no estimate.
         """
         methods = []
         for store in sorted(self.stores("estimate*")):
@@ -143,19 +142,19 @@ class RunDirectory:
                 attrs = json.loads(open_store_files(store).read("zarr.json"))["attributes"]
                 methods.append(str(attrs.get("method", self.own_method)))
             except (OSError, ValueError, KeyError, TypeError):
-                # A damaged store is told of by whoever loads it.
+                # A damaged store is reported when it is loaded.
                 infix = store.name.removeprefix("estimate").removesuffix(".zip").removesuffix(".zarr").lstrip(".")
                 methods.append(infix or self.own_method)
         if not methods:
-            raise StoreError(self.of(self.own_method).estimate, "no such store; make it with `scenetruth estimate`")
+            raise StoreError(self.of(self.own_method).estimate, "no such store; compute it with `scenetruth estimate`")
         return sorted(set(methods), key=lambda name: (name != self.own_method, name))
 
     def stores(self, pattern: str) -> list[Path]:
-        """Return the stores in the folder whose names match, zip files or folders."""
+        """Return the stores with matching names, zip files or directories."""
         return [path for zipped in (False, True) for path in self.path.glob(store_name(pattern, zipped=zipped))]
 
     def _store(self, stem: str) -> Path:
-        """Return the path of a store: all in a folder are zip files if the recording is."""
+        """Return the path of a store; stores are zip files if the recording is."""
         zipped = (self.path / store_name(RECORDING, zipped=True)).exists()
         return self.path / store_name(stem, zipped=zipped)
 
@@ -168,7 +167,7 @@ class RunDirectory:
 
 
 UNFINISHED = ".unfinished"
-"""Hidden: it is for the same command to go on."""
+"""Hidden file with which a repeated command resumes the run."""
 _METHOD = r"(\.[\w-]+)?"
 _CLAIMS: tuple[tuple[re.Pattern[str], Claim], ...] = (
     (re.compile(rf"{re.escape(SCENE)}|score{_METHOD}\.(json|csv)|report{_METHOD}\.html"), claim_file),
@@ -180,7 +179,7 @@ _CLAIMS: tuple[tuple[re.Pattern[str], Claim], ...] = (
 
 
 def claim_entry(path: Path) -> OwnershipResult | None:
-    """Claim what has a name of ours in the folder of a run; None if the name is none of ours."""
+    """Claim an entry of a run directory; None if scenetruth gives no such name."""
     for names, claim in _CLAIMS:
         if names.fullmatch(path.name):
             return claim(path)
@@ -188,11 +187,11 @@ def claim_entry(path: Path) -> OwnershipResult | None:
 
 
 def claim_run(path: Path) -> OwnershipResult:
-    """Claim the folder of a run; what has other names in it is foreign and stays."""
+    """Claim a run directory; entries with other names are foreign and kept."""
     if not path.is_dir():
-        return OwnershipResult("is a file, and not the folder of a run")
+        return OwnershipResult("is a file, and not a run directory")
     if not is_store(RunDirectory(path).recording):
-        return OwnershipResult("is a folder that scenetruth did not write")
+        return OwnershipResult("is a directory that scenetruth did not write")
     claims = {entry.name: claim_entry(entry) for entry in path.iterdir()}
     spoilt = [name for name, claimed in claims.items() if claimed is not None and claimed.refusal]
     if spoilt:

@@ -1,4 +1,4 @@
-"""The stages of a run, one by one, in a run directory; results of finished stages are reused."""
+"""Stages of a run in a run directory; results of completed stages are reused."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ __all__ = ["PipelineRunner", "RunResult", "write_estimate"]
 
 
 def write_estimate(work: EstimationTask, path: Path, *, zipped: bool = False) -> None:
-    """Make an estimate, and write it to a store that does not exist yet."""
+    """Compute an estimate, and write it to a new store."""
     blank = work.blank()
     if blank is None:
         write_store(work.estimate(), path, zipped=zipped)
@@ -68,12 +68,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run has made.
+    """Results of a run.
 
-    ``folder``: Where everything is.
-    ``scores``: The scores by method.
-    ``failures``: What went wrong, by method; the results of other methods and stages are there all the same.
-    ``timings_s``: Seconds spent on each kind of work.
+    ``folder``: The run directory. ``scores``: Scores by method. ``failures``: Errors by method; results of other
+    methods and stages are unaffected. ``timings_s``: Duration of each type of task in seconds.
     """
 
     folder: RunDirectory
@@ -83,16 +81,12 @@ class RunResult:
 
 
 class PipelineRunner:
-    """Runs stages in a folder, and keeps in memory what the next stage needs.
+    """Runner of the stages in a directory; intermediate results stay in memory.
 
-    ``folder``: The folder.
-    ``overwrite``: Whether results that exist may be replaced.
-    ``check``: Whether to refuse parts of different runs.
-    ``progress``: Called with (what, done, total).
-    ``helper``: A second process for figures.
-    ``limits``: What may be taken of the machine; those by default if not given.
-    ``asked``: A hash of all that the stages after rendering are asked for: a run that was interrupted, and asked for
-      the same, is gone on with. None for single stages.
+    ``folder``: The run directory. ``overwrite``: Whether existing results may be replaced. ``check``: Whether to reject
+    parts of different runs. ``progress``: Called with (what, done, total). ``helper``: A second process for figures.
+    ``limits``: Resource limits; the default limits if not given. ``asked``: Hash of the arguments of all stages after
+    rendering: an interrupted run with the same hash is resumed. None for single stages.
     """
 
     def __init__(
@@ -115,13 +109,13 @@ class PipelineRunner:
         self._estimates: dict[str, xr.Dataset] = {}
 
     def __enter__(self) -> Self:
-        """Keep other runs away from the folder, and put away what dead ones have left; until the block ends."""
+        """Lock the directory until the block ends, and remove incomplete output of killed runs."""
         self._held = ExitStack()
         self._held.enter_context(lock_output(self.folder.path, claim_run))
         if self.folder.path.is_dir():
             remove_leftovers(self.folder.path, _claim)
             if self.asked is None:
-                # What single stages make belongs to no run.
+                # Results of single stages do not belong to a run.
                 self.folder.unfinished.unlink(missing_ok=True)
         return self
 
@@ -141,12 +135,12 @@ class PipelineRunner:
         return open_store(self.folder.truth, "truth") if self.folder.truth.exists() else None
 
     def results(self) -> RunResult:
-        """Return what has been made."""
+        """Return the results."""
         return RunResult(self.folder, self.scores, self.failures, self.timings_s)
 
     @contextmanager
     def keeping_failures(self, method: str) -> Iterator[None]:
-        """Note what goes wrong with a method, so that others can go on."""
+        """Record the failure of a method, so that other methods continue."""
         try:
             yield
         except ScenetruthError as error:
@@ -160,12 +154,12 @@ class PipelineRunner:
         save_radiance: bool = False,
         images: Literal["png", "tiff"] | None = None,
     ) -> None:
-        """Make recording and truth of a scene; the folder appears with both, or not at all."""
+        """Simulate recording and truth of a scene; the directory is written atomically with both."""
         from scenetruth.simulation import simulate_into
 
         if not self.overwrite and self._is_unfinished():
             self._goes_on = True
-            self._say("goes on with the run that was interrupted: images and truth are there")
+            self._say("resuming the interrupted run: images and truth exist")
             return
         with write_atomically(self.folder.path, overwrite=self.overwrite, claim=claim_run) as aside:
             aside.mkdir()
@@ -183,36 +177,35 @@ class PipelineRunner:
         self._forget()
 
     def finish(self) -> None:
-        """Note that nothing is left to be gone on with."""
+        """Record that the run is complete."""
         self.folder.unfinished.unlink(missing_ok=True)
 
     def _has(self, method: str, *targets: Path) -> bool:
-        """Tell whether the run that is gone on with has made this; a method of one's own may have been mended since."""
+        """Return whether the resumed run has completed this; user-defined methods may have changed since."""
         return self._goes_on and ":" not in method and all(target.exists() for target in targets)
 
     def _is_unfinished(self) -> bool:
-        """Tell whether the folder holds a run that was asked for the same, and interrupted after rendering."""
         try:
             return self.asked is not None and self.folder.unfinished.read_text(encoding="utf-8") == self.asked
         except (OSError, ValueError):
             return False
 
     def check_scene(self, scene: Scene) -> None:
-        """Refuse a folder whose recording was made from another scene."""
+        """Raise if the recording belongs to another scene."""
         wanted, found = scene_hash(scene), self.recording.attrs.get("scene_hash")
         if self.check and found is not None and found != wanted:
-            message = f"was made from another scene: {found}, not {wanted}; render it again"
+            message = f"belongs to another scene: {found}, not {wanted}; render it again"
             raise MismatchError([Problem(str(self.folder.recording), message)])
 
     def choice(self, method: str | None = None, overrides: Sequence[str] = ()) -> MethodChoice:
-        """Return a method with settings for the recording in the folder."""
+        """Return a method with settings for the recording."""
         section = dict((read_scene(self.recording) or {}).get("estimate") or {})
         if method is not None and section.get("method", self.folder.own_method) != method:
             section = {"method": method}
         alone = {"estimate": section}
         _refuse_fixed(overrides, "estimate")
         apply_overrides(alone, overrides)
-        # Who calls may name code; a store may come from a stranger.
+        # Only the caller may name code, because stores may be of unknown origin.
         return _read_section(alone, "estimate", partial(choose, from_file=method is None))
 
     def score_settings(self, overrides: Sequence[str] = ()) -> ScoreSettings:
@@ -253,7 +246,7 @@ class PipelineRunner:
         self._refuse_existing(files.score_json, files.score_csv)
         estimated, truth = self._estimate_of(method), self.truth
         if truth is None:
-            raise StoreError(self.folder.truth, "no such store: without a truth there is nothing to score against")
+            raise StoreError(self.folder.truth, "no such store: scoring needs a truth")
         self._refuse_resources("score")
         if self.check:
             check_same_run(
@@ -288,16 +281,16 @@ class PipelineRunner:
             self._say(unseen)
 
     def report(self, method: str, figures: Collection[str] | None = None, figures_also: Collection[str] = ()) -> None:
-        """Draw the pictures of a method's estimate, or some, and write the page; errors too, where there is a truth.
+        """Draw the figures of a method's estimate, and write the report, with errors if there is a truth.
 
-        ``figures_also`` names further formats of the pictures, beside PNG: ``"pdf"``.
+        ``figures_also``: further formats of the figures besides PNG, such as ``"pdf"``.
         """
         from scenetruth.scoring.report.score_report import matches_fingerprint, write_report_with
 
         files = self.folder.of(method)
         made_of = self._made_of(files, figures, figures_also)
         if not self.overwrite and files.figures.is_dir() and matches_fingerprint(files.report, made_of):
-            self._say(f"{files.report} is as new")
+            self._say(f"{files.report} is up to date")
             return
         self._refuse_existing(files.report, files.figures)
         self._refuse_resources("report")
@@ -317,7 +310,7 @@ class PipelineRunner:
             write_atomically(files.report, overwrite=self._replaces) as page,
             write_atomically(files.figures, overwrite=self._replaces, claim=claim_pictures) as made,
         ):
-            # In the one folder that is swept if this process dies.
+            # In the only directory that is cleaned up if this process is killed.
             made.mkdir()
             write_report_with(
                 estimated,
@@ -338,7 +331,6 @@ class PipelineRunner:
             (made / "figures").rmdir()
 
     def _made_of(self, files: MethodPaths, figures: Collection[str] | None, also: Collection[str]) -> str:
-        """Return a hash of everything that a report shows."""
         stores = [store for store in (self.folder.recording, self.folder.truth, files.estimate) if store.exists()]
         seals = [open_store_files(store).read("zarr.json").decode(errors="replace") for store in stores]
         scored = files.score_json.read_bytes().hex() if files.score_json.exists() else None
@@ -371,7 +363,7 @@ class PipelineRunner:
 
     @property
     def _replaces(self) -> bool:
-        """Whether results may be replaced: as asked, or because they are what an interrupted run has left."""
+        """Whether results may be replaced: by request, or because they belong to an interrupted run."""
         return self.overwrite or self._goes_on
 
     def _refuse_existing(self, *targets: Path) -> None:
@@ -379,12 +371,10 @@ class PipelineRunner:
             check_output(target, overwrite=self._replaces, claim=_claim)
 
     def _refuse_resources(self, stage: str, effort: MethodWorkload | None = None) -> None:
-        """Refuse a stage that is foreseen to take more than the machine has."""
         forecast = estimate_cost(compute_recording_workload(self.recording, effort), [stage])
         refuse_resources(forecast, inspect_machine(self.folder.path), self.limits)
 
     def _forget(self) -> None:
-        """Forget what was read from the folder before."""
         for name in ("recording", "truth"):
             self.__dict__.pop(name, None)
         self._estimates.clear()
@@ -401,18 +391,18 @@ class PipelineRunner:
 
 
 def _unseen_growth(scored: Score, method: str) -> str:
-    """Tell of growth that most pixels are off by more than there is, and what sees more of it."""
+    """Return a note on growth whose median error exceeds its magnitude, with a recommendation."""
     values = scored.regions["interior"].get("growth_rate", {})
     median, rms, relative = (values.get(name) for name in ("median_abs_error", "rmse", "relative_rmse"))
     if not scored.grows or median is None or not rms or not relative or median <= rms / relative:
         return ""
     better = "a longer frames.frame_interval_s" if method == "refined" else "--method refined"
-    told = f"half of the pixels are off by more than {median:.2g} %/h, where {rms / relative:.2g} %/h are there (rms)"
-    return f"growth is not seen by '{method}': {told}; {better} sees more"
+    told = f"the median absolute error is {median:.2g} %/h, the RMS growth rate {rms / relative:.2g} %/h"
+    return f"growth is not resolved by '{method}': {told}; {better} is more precise"
 
 
 def _claim(path: Path) -> OwnershipResult:
-    return claim_entry(path) or OwnershipResult("has no name that scenetruth gives")
+    return claim_entry(path) or OwnershipResult("is not a name of scenetruth")
 
 
 def _refuse_fixed(overrides: Sequence[str], section: str) -> None:
@@ -423,7 +413,6 @@ def _refuse_fixed(overrides: Sequence[str], section: str) -> None:
 
 
 def _read_section(alone: Mapping[str, Any], section: str, validate: Callable[[Any], T]) -> T:
-    """Validate a section of a scene on its own; problems have its path."""
     try:
         return validate(alone[section])
     except ScenetruthError as error:

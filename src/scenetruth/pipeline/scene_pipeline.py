@@ -1,4 +1,4 @@
-"""The pipeline of a scene: recording and truth, estimates, scores and reports, in a run directory."""
+"""Pipeline of a scene: recording and truth, estimates, scores and reports, in a run directory."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ __all__ = ["STAGES", "RunStage", "run_pipeline", "run_scene"]
 
 RunStage = Literal["render", "estimate", "score", "report"]
 STAGES: tuple[RunStage, ...] = ("render", "estimate", "score", "report")
-"""All stages in their order."""
+"""All stages in order."""
 
 
 def run_scene(
@@ -57,63 +57,63 @@ def run_scene(
     figures: Collection[str] | None = None,
     progress: Progress | None = None,
 ) -> RunResult:
-    """Take a scene through all stages, or some: render, estimate, score, report.
+    """Run all or selected stages of a scene: render, estimate, score, report.
 
-    What one stage has finished stays if a later one fails or is interrupted; the same call goes on from there. A
-    method that fails keeps no other from its work.
+    Results of completed stages are kept if a later stage fails or is interrupted; the same call resumes the run. Other
+    methods continue if one fails.
 
     Parameters
     ----------
     scene
-        The scene, its values, its file, or the name of one that is shipped.
+        The scene, its values, its file, or the name of a bundled scene.
     methods
-        Methods of estimation: names, functions, or `scenetruth.estimators.MethodSpec` with settings; the scene's if
-        not given. The scene's own method has the scene's settings, others have their defaults.
+        Methods of estimation: names, functions, or `scenetruth.estimators.MethodSpec` with settings; default: the
+        method of the scene. The settings of the scene apply to its own method, defaults to others.
     stages
-        Which stages; without ``"render"``, the recording and the truth of an earlier run are taken from the folder.
+        Stages to run; without ``"render"``, recording and truth of an earlier run are used.
     overrides
-        Changes of the scene, as of `load_scene`.
+        Changed fields of the scene, as for `load_scene`.
     truth_views, truth_poses, truth_content, save_radiance
-        As of `simulate`.
+        As for `simulate`.
     save_images
-        Whether to write the images as files too, as 16-bit PNG or float TIFF.
+        Whether to write image files too, as 16-bit PNG or float TIFF.
     limits
-        Bounds of what the scene may ask for and take (`scenetruth.Limits`); those by default if not given.
+        Resource limits (`scenetruth.Limits`); the default limits if not given.
     output
-        Where the results go.
+        Run directory.
     overwrite
-        Whether results that exist may be replaced.
+        Whether existing results may be replaced.
     allow_mismatch
-        Whether the folder may hold another scene's recording.
+        Whether the directory may contain the recording of another scene.
     figures
-        Names of the figures of the report (`scenetruth.scoring.FIGURES`); all if not given.
+        Names of the figures of the report (`scenetruth.scoring.FIGURES`); default: all.
     progress
-        Called with (what, done, total) as the work goes on.
+        Called with (what, done, total).
 
     Returns
     -------
     RunResults
-        Scores by method, and what went wrong.
+        Scores by method, and failures.
 
     Raises
     ------
     ArgumentError
-        If an argument is impossible; lists all that are.
+        If arguments are invalid; lists every problem.
     SceneError
-        If the scene cannot be made, passes a bound, or a method cannot estimate its recording; before any work.
+        If the scene is invalid, exceeds a limit, or a method cannot estimate its recording; raised before any work.
     MachineError
-        If more memory, disk space or time is foreseen than the machine has, or than is allowed; before any work.
+        If the predicted memory, disk space or time exceeds the machine or the limits; raised before any work.
     EstimateError
-        If there is no such method; before any work.
+        If a method is unknown; raised before any work.
     OutputExistsError
-        If results exist that may not be replaced; before any work.
+        If existing results may not be replaced; raised before any work.
     MismatchError
-        If the folder holds another scene's recording.
+        If the directory contains the recording of another scene.
 
     See Also
     --------
-    simulate, estimate, score, write_report : The stages one by one, in memory.
-    RunDirectory : Which file of the folder is what.
+    simulate, estimate, score, write_report : The single stages, in memory.
+    RunDirectory : Names of the files.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def run_pipeline(
     helpers: int | FigureWorker = 0,
     progress: Progress | None = None,
 ) -> RunResult:
-    """Take a scene through its stages as `run_scene` does; for the command line, which works in two processes."""
+    """Run stages as in `run_scene`, for the command line, with a second process."""
     from scenetruth.truth import TruthOptions, refuse_arguments
 
     refuse_arguments(scene, *truth, progress)
@@ -207,13 +207,12 @@ def _run_stages(
     helpers: int | FigureWorker,
     progress: Progress | None,
 ) -> RunResult:
-    """Take a scene through its stages; methods can be found by their names."""
     _refuse_unknown_figures(figures)
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:
         raise ArgumentError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
     choices = method_choices(scene, specs)
-    # A scene names no code: module:function stays beside its own method.
+    # A scene cannot name code: module:function is valid next to the method of the scene only.
     is_named = not specs or (isinstance(specs[0].method, str) and ":" not in specs[0].method)
     if scene.estimate.method not in [choice.method for choice in choices] and is_named:
         scene = scene.model_copy(update={"estimate": choices[0]})
@@ -274,9 +273,9 @@ def _run_stages(
 def _compiling_in_parallel(
     helper: FigureWorker | None, scene: Scene, choices: Sequence[MethodChoice]
 ) -> Iterator[None]:
-    """Let a second process compile if this one is seen to compile, which is the first run on a machine.
+    """Compile in a second process if this process compiles, as in the first run on a machine.
 
-    First the methods, then what this process comes to just before them.
+    The methods are compiled first, then the kernels that this process needs just before them.
     """
     from scenetruth.camera.sensor import build_sensor_chain
     from scenetruth.pipeline.compile_probe_kernels import probe_kernel
@@ -292,14 +291,14 @@ def _compiling_in_parallel(
             helper.compile_last_of_truth()
 
     with announced_compilation(begin):
-        # Told at once: what renders takes seconds to load before it comes to anything that is compiled.
+        # Reported before the renderer is loaded, which takes seconds.
         probe_kernel()
         yield
 
 
 def _refuse_unknown_figures(figures: Collection[str] | None) -> None:
     if not figures:
-        # Rendering need not wait for what draws.
+        # Rendering does not wait for the plotting libraries.
         return
     from scenetruth.scoring import FIGURES
 

@@ -14,9 +14,9 @@ from pydantic import ValidationError
 
 from scenetruth.errors import ArgumentError, Problem, ScoreError, StoreError
 from scenetruth.input_files import regular_file_size
+from scenetruth.number_format import format_count, format_number, format_percent_value
 from scenetruth.plain_data import parse_json, plain_problems
 from scenetruth.results import QuantityValue, Result
-from scenetruth.scoring.number_format import format_count, format_number, format_percent
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, QUANTITY_GROUPS, get_title, get_units
 from scenetruth.scoring.regions import REGIONS, is_further_region
 from scenetruth.scoring.statistics import RATES, STATISTICS
@@ -39,8 +39,8 @@ _SUMMARY_COLUMNS: Mapping[str, tuple[str, Callable[[float | None], str]]] = {
     "rmse": ("RMSE", format_number),
     "median_abs_error": ("median |e|", format_number),
     "p95_abs_error": ("95 % |e|", format_number),
-    "relative_rmse": ("relative RMSE [%]", format_percent),
-    "density": ("density [%]", format_percent),
+    "relative_rmse": ("relative RMSE [%]", format_percent_value),
+    "density": ("density [%]", format_percent_value),
     "count": ("pixels", format_count),
 }
 

@@ -155,7 +155,7 @@ def test_what_a_recipe_leaves_out_is_told(dataset: Path) -> None:
     kept = [line for line in lines if not line.startswith(("licence:", "citation:"))]
     recipe.write_text("\n".join(kept) + "\n", encoding="utf-8")
     write_card(dataset, PUBLISHED)
-    assert "No licence is given" in (dataset / "card.html").read_text(encoding="utf-8")
+    assert "No licence is specified" in (dataset / "card.html").read_text(encoding="utf-8")
     issues = mlcroissant.Dataset(jsonld=dataset / "croissant.json").metadata.ctx.issues
     assert not issues.errors
     assert sorted(word for warning in issues.warnings for word in ("license", "citeAs") if word in warning) == [
@@ -183,10 +183,10 @@ def test_reading_it_works_as_the_card_says(dataset: Path, monkeypatch: pytest.Mo
 
 def test_a_part_of_a_data_set_has_no_card(dataset: Path) -> None:
     (dataset / "catalogue.parquet").unlink()
-    with pytest.raises(StoreError, match="make the rest first"):
+    with pytest.raises(StoreError, match="generate the missing samples first"):
         write_card(dataset)
     assert not any((dataset / name).exists() for name in CARD)
-    with pytest.raises(StoreError, match="is no data set"):
+    with pytest.raises(StoreError, match="is not a data set"):
         write_card(dataset / "samples")
 
 

@@ -180,7 +180,7 @@ def test_folders_of_others_are_left_alone(folder: Path, found: DesignResult, tmp
     with pytest.raises(OutputExistsError, match="another scene, other constraints"):
         optimise(spec(constraints=[]), output=folder, workers=1)
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(OutputExistsError, match="no folder of a design"):
+    with pytest.raises(OutputExistsError, match="not a directory of a design"):
         optimise(spec(), output=tmp_path, workers=1)
 
 

@@ -37,7 +37,7 @@ def test_positions_from_a_list_have_a_baseline_of_the_same_spread() -> None:
 
 def test_all_that_is_wrong_is_listed() -> None:
     with pytest.raises(
-        ArgumentError, match=r"(?s)3 problems with the pattern in the rig.*focal_length_px.*frames.*lens"
+        ArgumentError, match=r"(?s)3 problems with the arguments of the rig.*focal_length_px.*frames.*lens"
     ):
         PatternRig.from_scene(distance_mm=100, focal_length_px=-1, frames=0, lens="good")
     with pytest.raises(ArgumentError, match="distance_mm: is missing"):

@@ -152,7 +152,7 @@ def test_what_is_wrong_is_told_at_once() -> None:
         predict(wall(sensor="ideal"))
     with pytest.raises(st.SceneError, match="none is visible"):
         predict(wall(pose={"position_mm": [3000, 0, 600]}))
-    with pytest.raises(st.SceneError, match=r"(?s)region: .*object_wall.*quantity: "):
+    with pytest.raises(st.ArgumentError, match=r"(?s)region: .*object_wall.*quantity: "):
         predict(wall()).precision("charge", "moon")
     with pytest.raises(st.SceneError, match="frames"):
         predict(wall(), limits=st.Limits(frames=2))

@@ -84,7 +84,7 @@ def test_near_names_and_wrong_types_are_told() -> None:
     )
     assert any("vary.stage.baselin_mm: unknown key; did you mean 'baseline_mm'?" in line for line in told)
     assert any(line.startswith("vary.stage.positions: ") and "'many'" in line for line in told)
-    assert any("'planet' is none of" in line for line in told)
+    assert any("'planet' is not one of" in line for line in told)
     assert "did you mean 'stage.baseline_mm'" in refused({"stage.baseline_m.x": [1, 2]})[0]
     assert "as with --set" in refused({"sensor.noise_std": [0, 1]}, scene(sensor="ideal"))[0]
 

@@ -135,7 +135,7 @@ def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, fol
     assert {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()} == before
     assert [one.simulated for one in again.parts] == pytest.approx([one.simulated for one in found.parts], nan_ok=True)
     frame = found.to_dataframe()
-    assert set(frame["cause"]) >= {"noise", "root_sum_square", "signed_sum", "everything", "ideal"}
+    assert set(frame["cause"]) >= {"noise", "root_sum_square", "signed_sum", "everything", "ideal_images"}
     assert len(frame) == len(found.parts) + 4 * len(found.totals)
     with pytest.raises(OutputExistsError, match="another scene"):
         budget(scene, output=folder, calibration="perfect")
@@ -175,7 +175,7 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
         budget(scene, method="no_such")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes").write_text("mine")
-    with pytest.raises(OutputExistsError, match="no folder of a budget"):
+    with pytest.raises(OutputExistsError, match="not a directory of a budget"):
         budget(scene, output=tmp_path / "mine")
 
 

@@ -16,7 +16,7 @@ import pytest
 import scenetruth as st
 from scenetruth.design.uncertainty import Budget
 from scenetruth.design.uncertainty.budget_report import compute_bars, make_waterfalls, write_page, write_waterfall
-from scenetruth.design.uncertainty.uncertainty_budget import number
+from scenetruth.number_format import format_two_digits
 from tests.helpers.sample_budget import budget_of_a_cube
 
 HOSTILE = "</script><script>alert(1)</script>"
@@ -36,7 +36,7 @@ def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budg
     )
     # What is left: the root of 0.035² + 0.16² + 0.05², times 1.5 over the parts' sum.
     left = math.sqrt(0.035**2 + 0.16**2 + 0.05**2 + 5e-6) * 1.5 / found.totals[0].root_sum_square
-    assert f"An air bearing reduces it to {number(left)} mm; then slanted surfaces dominate (0.16)." in line
+    assert f"An air bearing reduces it to {format_two_digits(left)} mm; then slanted surfaces dominate (0.16)." in line
     assert "With stage yaw, 50 % of the pixels remain valid." in line
 
 
@@ -118,7 +118,7 @@ def test_the_page_is_of_one_region_and_says_which(found: Budget, tmp_path: Path)
 
 
 def test_numbers_are_spelled_with_two_digits() -> None:
-    assert [number(value) for value in (1.44, 0.00123, 123.4, 3e-6, 0.0, math.nan)] == [
+    assert [format_two_digits(value) for value in (1.44, 0.00123, 123.4, 3e-6, 0.0, math.nan)] == [
         "1.4",
         "0.0012",
         "123",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.scoring import score
-from scenetruth.scoring.number_format import format_number, format_percent
 from scenetruth.scoring.report.report_content import describe_maps, summarise_estimate, summarise_score
 from scenetruth.scoring.report.viewer import Viewer, build_viewer
 from scenetruth.scoring.score_result import Score
@@ -24,10 +24,12 @@ def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(sc
     depth, motion = summarise_score(result, viewer)
     inner = result.regions["interior"]
     assert (depth.title, depth.figure, depth.units) == ("Depth", format_number(inner["depth"]["rmse"]), "mm")
-    assert f"{format_percent(inner['depth']['relative_rmse'])} % of the true value" in depth.rest
+    assert f"{format_percent_value(inner['depth']['relative_rmse'])} % of the true value" in depth.rest
     spread = viewer.spread["depth"]
     assert inner["depth"]["rmse"] is not None
-    varies = f"{format_percent(inner['depth']['rmse'] / spread)} % of the standard deviation of the true depth there"
+    varies = (
+        f"{format_percent_value(inner['depth']['rmse'] / spread)} % of the standard deviation of the true depth there"
+    )
     assert varies in depth.rest
     assert motion.figure == format_number(inner["velocity_epe"]["rmse"])
     assert motion.layer == "velocity_epe:error"
@@ -66,6 +68,6 @@ def test_without_truth_medians_are_told(full_case: Case) -> None:
     found = describe_maps(full_case.estimate)
     depth, motion = summarise_estimate(found)
     assert depth.figure == format_number(found["depth"].median)
-    assert f"The density is {format_percent(found['depth'].density)} %" in depth.rest
+    assert f"The density is {format_percent_value(found['depth'].density)} %" in depth.rest
     assert motion.title == "Velocity in Z"
     assert depth.where == ""

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import FIGURES, QUANTITIES, score, write_report
-from scenetruth.scoring.number_format import format_number, format_percent
 from scenetruth.scoring.report.report_content import build_score_content, describe_maps
 from tests.helpers.synthetic_case import HELD, OF_ERRORS, Case, Drawn, make_case, make_growing_case, with_outliers
 
@@ -129,7 +129,7 @@ def test_error_bars_are_in_the_tables_of_both_regions(full_case: Case, reader: R
     regions = score(full_case.estimate, full_case.truth).regions
     for values in (regions["all"], regions["interior"]):
         assert format_number(values["depth"]["rms_z"]) in reader.text
-        assert format_percent(values["depth"]["coverage_2_std"]) in reader.text
+        assert format_percent_value(values["depth"]["coverage_2_std"]) in reader.text
 
 
 def test_origin_and_warnings_are_told_and_quoted(page: Path, reader: Reader) -> None:
@@ -221,7 +221,7 @@ def test_page_without_truth_has_medians_and_densities(full_case: Case, page_with
         assert reader.text.count(summary.title) == 1, name
         assert f"{summary.title}, median" in text
         assert format_number(summary.median) in text
-        assert format_percent(summary.density) in text
+        assert format_percent_value(summary.density) in text
 
 
 def test_growth_is_summarised_where_windows_hold_enough() -> None:

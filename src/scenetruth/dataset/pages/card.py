@@ -45,10 +45,10 @@ from scenetruth.dataset.recipe_validation import select_numbers
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import STATISTICS
 from scenetruth.errors import StoreError
+from scenetruth.number_format import format_count, format_number
 from scenetruth.output import check_output, claim_file, claim_pictures, write_atomically
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
-from scenetruth.scoring.number_format import format_count, format_number
 
 if TYPE_CHECKING:
     import pyarrow
@@ -59,7 +59,7 @@ __all__ = ["write_card"]
 def load_thumbnails(
     folder: DatasetFolder, table: pyarrow.Table, places: Sequence[int], progress: Progress | None = None
 ) -> list[NDArray[np.float32]]:
-    """Return the images of the reference camera at t = 0, small, from 0 to 1 of full scale."""
+    """Return downscaled images of the reference camera at t = 0, from 0 to 1 of full scale."""
     dataset = SceneDataset(folder, table.select(["sample"]).to_pandas())
     found = []
     for done, place in enumerate(places):
@@ -72,11 +72,10 @@ def load_thumbnails(
 
 
 def _small(recording: xr.Dataset) -> NDArray[np.float32]:
-    """Return one image: means over pixels, with the shape of a thumbnail."""
     from PIL import Image
 
     image = recording["image"]
-    # Of all the images, only this one is read.
+    # Only this image is loaded.
     image = image.sel({name: 0 for name in ("s_y", "s", "t") if name in image.dims})
     values = np.asarray(image, dtype=np.float32) / np.float32(recording.attrs.get("full_scale", 1.0))
     height, width = values.shape
@@ -86,7 +85,7 @@ def _small(recording: xr.Dataset) -> NDArray[np.float32]:
 
 
 SHEET, VALUES, PAIRS, STATED = "contact_sheet.png", "values.png", "pairs.png", "statistics.png"
-_IMAGES = "Images of the reference camera (s = 0) at t = 0, made smaller, all on one scale of grey."
+_IMAGES = "Images of the reference camera (s = 0) at t = 0, downscaled, with a common grey scale."
 _MOST_WARNINGS = 10
 
 
@@ -98,7 +97,7 @@ def build_card_contents(
     pictures: Path,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Draw the pictures of a card, and return what its templates show."""
+    """Draw the figures of a card, and return the contents of its templates."""
     recipe = sampler.recipe
     quantities = collect_quantities(sampler, _values_of(table))
     paired = select_paired(quantities)
@@ -142,7 +141,6 @@ def build_card_contents(
 
 
 def _reasons(table: pyarrow.Table) -> list[tuple[str, str]]:
-    """Return why draws were refused, each draw once, whatever steps its ladder has."""
     found = Counter[str]()
     for reasons, step in zip(*_columns(table, "rejected", "step"), strict=True):
         found.update(reasons if step == 0 else ())
@@ -150,7 +148,6 @@ def _reasons(table: pyarrow.Table) -> list[tuple[str, str]]:
 
 
 def _values_of(table: pyarrow.Table) -> dict[str, list[Any]]:
-    """Return drawn values by key, of samples as they were drawn."""
     import pyarrow.compute as pc
 
     drawn = table.filter(pc.equal(table["step"], 0))
@@ -162,7 +159,7 @@ def _values_of(table: pyarrow.Table) -> dict[str, list[Any]]:
 
 
 def _read(value: Any) -> Any:
-    """Return what a text of the catalogue stands for: its JSON, or itself."""
+    """Return the JSON value of a text of the catalogue, or the text itself."""
     if not isinstance(value, str):
         return value
     try:
@@ -189,7 +186,6 @@ def _statistics_rows(statistics: Sequence[PlotQuantity]) -> list[tuple[str, ...]
 
 
 def _draw_sheet(folder: DatasetFolder, table: pyarrow.Table, path: Path, progress: Progress | None) -> None:
-    """Draw a contact sheet of samples all over the data set, each with the steps of its ladders."""
     numbers, draws, splits = _columns(table, "sample", "draw", "split")
     each = len(draws) // len(set(draws))
     chosen = [
@@ -225,19 +221,19 @@ def _warnings(table: pyarrow.Table) -> list[tuple[str, str]]:
 
 def _notices(sampler: Sampler) -> list[str]:
     recipe = sampler.recipe
-    found = [] if recipe.licence else ["No licence is given: nobody may use a data set without one."]
-    return found if recipe.citation else [*found, "It is not said how to cite it."]
+    found = [] if recipe.licence else ["No licence is specified: a data set without a licence may not be used."]
+    return found if recipe.citation else [*found, "No citation is specified."]
 
 
 def _origin(sampler: Sampler, identity: DatasetFingerprint) -> list[tuple[str, str]]:
     recipe = sampler.recipe
     every = recipe.scene_seed == "per_sample"
     return [
-        ("recipe", f"dataset.yaml, with its base scenes in it; hash {identity.recipe_hash}"),
+        ("recipe", f"dataset.yaml, including its base scenes; hash {identity.recipe_hash}"),
         ("seed", f"{recipe.seed}; textures and noise {'differ' if every else 'have the same seed'} in every sample"),
         ("backend", identity.backend + (f" ({identity.platform})" if identity.platform != "auto" else "")),
         ("truth", f"{recipe.truth.views} camera views, {recipe.truth.poses} poses, {recipe.truth.content} content"),
-        ("linear images before the sensor", "kept" if recipe.save_radiance else "not kept"),
+        ("linear images before the sensor", "stored" if recipe.save_radiance else "not stored"),
         ("versions", ", ".join(f"{name} {version}" for name, version in identity.versions.items())),
     ]
 
@@ -249,16 +245,13 @@ def write_card(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Describe a data set: a card for people, with real images and distributions, and metadata for machines.
-
-    All of it is the same for the same data set.
-    """
+    """Write the card of a data set with images and distributions, and its metadata; the output is reproducible."""
     places = DatasetFolder(folder)
     identity = read_fingerprint(places)
     sampler = open_sampler(places)
     if not places.catalogue.exists():
-        remedy = f"make the rest first: scenetruth dataset run {places.recipe} -o {places.path}"
-        raise StoreError(places.path, f"is not whole, and has no catalogue yet; {remedy}")
+        remedy = f"generate the missing samples first: scenetruth dataset run {places.recipe} -o {places.path}"
+        raise StoreError(places.path, f"is incomplete, and has no catalogue yet; {remedy}")
     targets = {
         places.card_pictures: claim_pictures,
         places.card: claim_file,
@@ -270,7 +263,7 @@ def write_card(
     table = read_catalogue(places, sampler)
     published = publication or Publication()
     with ExitStack() as stack:
-        # They come to their places when all are whole, the page after its pictures.
+        # Files are moved into place when all are complete, the page after its figures.
         asides = [
             stack.enter_context(write_atomically(target, overwrite=overwrite, claim=claim))
             for target, claim in reversed(targets.items())

@@ -24,11 +24,10 @@ __all__ = ["VALUE", "Publication", "build_croissant", "describe_column"]
 
 @dataclass(frozen=True)
 class Publication:
-    """How a data set is published.
+    """Publication of a data set.
 
-    ``version``: Its version: three numbers with points between them.
-    ``date``: The day of its publication, as 2026-11-23; empty if it is not known yet.
-    ``url``: Where it is to be found; empty if it is not known yet.
+    ``version``: Its version: three numbers separated by dots. ``date``: Date of publication, such as 2026-11-23; empty
+    if undecided. ``url``: Address; empty if undecided.
     """
 
     version: str = "1.0.0"
@@ -38,11 +37,9 @@ class Publication:
     def __post_init__(self) -> None:
         problems = []
         if not re.fullmatch(r"[0-9]+\.[0-9]+\.[0-9]+", self.version):
-            problems.append(
-                Problem("version", "must be three numbers with points between them, as 1.0.0", self.version)
-            )
+            problems.append(Problem("version", "must be three numbers separated by dots, such as 1.0.0", self.version))
         if self.date and not _is_day(self.date):
-            problems.append(Problem("published", "must be a day, as 2026-11-23", self.date))
+            problems.append(Problem("published", "must be a date, such as 2026-11-23", self.date))
         if self.url and not _is_address(self.url):
             problems.append(Problem("url", "must be an address that begins with https:// or http://", self.url))
         if problems:
@@ -65,38 +62,38 @@ def _is_address(text: str) -> bool:
 
 
 VALUE = "value."
-"""What names of columns with drawn values begin with."""
+"""Prefix of columns of drawn values."""
 _FIXED = {
-    "sample": "number of the sample, which names its folder",
-    "draw": "number of the draw that it belongs to; all steps of a ladder share it",
-    "step": "0 for the sample as it was drawn, then the steps of the ladders",
-    "factor": "path of what the step changes; empty for step 0",
+    "sample": "number of the sample, which is the name of its directory",
+    "draw": "number of the draw; all steps of a paired series share it",
+    "step": "0 for the sample as drawn, then the steps of the paired series",
+    "factor": "path of the factor changed by the step; empty for step 0",
     "split": "name of its split; empty if there are none",
     "base": "number of the base scene in the recipe",
-    "attempts": "how many draws it took until one was accepted",
-    "rejected": "why the draws before were refused, in order",
+    "attempts": "number of draws until acceptance",
+    "rejected": "reasons of the rejected draws, in order",
     "scene_seed": "seed of textures, noise and stage errors",
-    "scene_hash": "hash of everything in the scene that images and truth depend on",
-    "recording_hash": "hash of that, and of the backend that rendered",
-    "backend": "what rendered it",
-    "seconds": "time that it took, in s; unlike all else it differs from run to run",
-    "warnings": "warnings that its making gave",
-    "bytes": "size of its files together",
-    "shard": "number of the tar file that holds it",
-    "objects": "what is seen of each object: name, share of the image, share of that which all cameras see, depths",
+    "scene_hash": "hash of all parameters of the scene that determine images and truth",
+    "recording_hash": "hash of the scene and of the rendering backend",
+    "backend": "rendering backend",
+    "seconds": "duration, in s; the only column that differs between runs",
+    "warnings": "warnings of its generation",
+    "bytes": "total size of its files",
+    "shard": "number of the tar file that contains it",
+    "objects": "visible part of each object: name, share of the image, share visible in all cameras, depths",
 }
 _FILES = {"scene": "scene.yaml", "recording": "recording.zarr.zip", "truth": "truth.zarr.zip"}
 _FILE_COLUMNS = {"sha256": "SHA-256 of {}", "bytes": "size of {} in bytes"}
 
 
 def describe_column(name: str, sampler: Sampler) -> str:
-    """Return what a column of the catalogue holds."""
+    """Return the description of a column of the catalogue."""
     if name.startswith(VALUE):
         key = name.removeprefix(VALUE)
         told = format_title(*format_label(key, sampler.bases[0].to_dict()))
-        return f"what was drawn: {told}"
+        return f"drawn value: {told}"
     if name in STATISTICS:
-        return f"{STATISTICS[name]}; of the reference camera at the reference frame"
+        return f"{STATISTICS[name]}; reference camera, reference frame"
     file, _, what = name.rpartition("_")
     if file in _FILES and what in _FILE_COLUMNS:
         return _FILE_COLUMNS[what].format(_FILES[file])
@@ -104,7 +101,7 @@ def describe_column(name: str, sampler: Sampler) -> str:
 
 
 CATALOGUE = "catalogue"
-"""Name of the set of records that the catalogue is."""
+"""Name of the record set of the catalogue."""
 _CONTEXT: dict[str, Any] = {
     "@language": "en",
     "@vocab": "https://schema.org/",
@@ -185,19 +182,19 @@ def build_croissant(
 def _distribution(folder: DatasetFolder, sampler: Sampler) -> list[dict[str, Any]]:
     files = [
         _file(
-            folder.catalogue, CATALOGUE, "one row per sample: what was drawn, hashes, statistics of the truth", _PARQUET
+            folder.catalogue, CATALOGUE, "one row per sample: drawn values, hashes, statistics of the truth", _PARQUET
         ),
-        _file(folder.recipe, "recipe", "the recipe with its base scenes: makes the same data set again", _YAML),
+        _file(folder.recipe, "recipe", "the recipe including its base scenes: reproduces the data set", _YAML),
         _file(folder.identity, "identity", "hash of the recipe, backend and versions", _JSON),
     ]
     if sampler.recipe.layout == "shards":
-        return [*files, _set("shards", "shards/*.tar", "samples, many in one tar file", _TAR)]
+        return [*files, _set("shards", "shards/*.tar", "shards: tar files of many samples", _TAR)]
     return [
         *files,
         _set("recordings", f"samples/*/*/{RECORDING}", "images of all cameras and frames, zarr in zip files", _ZIP),
         _set("truths", f"samples/*/*/{TRUTH}", "exact depth, disparity, flow and motion, zarr in zip files", _ZIP),
-        _set("scenes", f"samples/*/*/{SCENE}", "scenes, enough to make each sample again", _YAML),
-        _set("rows", f"samples/*/*/{SAMPLE}", "what the catalogue tells of each sample", _JSON),
+        _set("scenes", f"samples/*/*/{SCENE}", "scenes that reproduce single samples", _YAML),
+        _set("rows", f"samples/*/*/{SAMPLE}", "catalogue entry of each sample", _JSON),
     ]
 
 
@@ -230,7 +227,7 @@ def _set(name: str, includes: str, description: str, encoding: str) -> dict[str,
 def _records(sampler: Sampler, table: pyarrow.Table) -> dict[str, Any]:
     import pyarrow as pa
 
-    # Records of Croissant cannot hold a list of structures: what is told of objects is in the Parquet file alone.
+    # Croissant records cannot contain a list of structures: the column of objects is in the Parquet file only.
     told = [entry for entry in table.schema if not pa.types.is_nested(entry.type) or _is_plain_list(entry.type)]
     fields = [_field(entry, sampler) for entry in told]
     return {
@@ -251,7 +248,7 @@ def _is_plain_list(kind: pyarrow.DataType) -> bool:
 
 def _is_described_elsewhere(table: pyarrow.Table, told: list[pyarrow.Field]) -> str:
     left_out = [name for name in table.schema.names if name not in {entry.name for entry in told}]
-    more = f" The file has these columns besides, of lists of structures: {', '.join(left_out)}." if left_out else ""
+    more = f" The file also has columns of lists of structures: {', '.join(left_out)}." if left_out else ""
     return f"One record per sample.{more}"
 
 

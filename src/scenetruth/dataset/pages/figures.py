@@ -45,13 +45,11 @@ _AXES = ("X", "Y", "Z")
 
 @dataclass(frozen=True)
 class PlotQuantity:
-    """Something that varies, with its values.
+    """A varied quantity and its values.
 
-    ``title``: What it is.
-    ``unit``: Its unit; empty for none.
-    ``numbers``: Its values; empty if they are no numbers.
-    ``counts``: How often each value occurs, of what is no number.
-    ``log``: Whether its logarithm is what is spread evenly.
+    ``title``: Name of the quantity. ``unit``: Its unit; empty for none. ``numbers``: Its values; empty if they are not
+    numeric. ``counts``: Frequency of each value that is not numeric. ``log``: Whether it is evenly distributed on a
+    logarithmic scale.
     """
 
     title: str
@@ -67,12 +65,12 @@ class PlotQuantity:
 
     @property
     def is_constant(self) -> bool:
-        """Whether all values are alike."""
+        """Whether all values are equal."""
         return len(self.counts) == 1 or (bool(self.numbers) and min(self.numbers) == max(self.numbers))
 
 
 def collect_quantities(sampler: Sampler, drawn: Mapping[str, Sequence[Any]]) -> list[PlotQuantity]:
-    """Return what a recipe varies, with the values that were drawn."""
+    """Return the varied quantities of a recipe with their drawn values."""
     plain = sampler.bases[0].to_dict()
     found: list[PlotQuantity] = []
     for item in sampler.varied:
@@ -85,7 +83,7 @@ def collect_quantities(sampler: Sampler, drawn: Mapping[str, Sequence[Any]]) -> 
 
 
 def split_quantities(title: str, unit: str, values: Sequence[Any], *, log: bool = False) -> list[PlotQuantity]:
-    """Return values as one quantity, or, of lists and mappings of numbers, as one for each number.
+    """Return values as one quantity, or one quantity per number for lists and mappings of numbers.
 
     >>> split_quantities("shape", "", ["oval", "round", "oval"])[0].counts
     (('oval', 2), ('round', 1))
@@ -109,7 +107,7 @@ def split_quantities(title: str, unit: str, values: Sequence[Any], *, log: bool 
 
 
 def _leaves(value: Any, name: str, unit: str) -> Iterator[tuple[tuple[str, str], float]]:
-    """Yield the numbers in a value with their names and units; of what else is in it, none."""
+    """Yield the numbers in a value with their names and units; other contents yield nothing."""
     if _is_number(value):
         yield (name, unit), float(value)
     elif isinstance(value, Mapping):
@@ -124,7 +122,6 @@ def _leaves(value: Any, name: str, unit: str) -> Iterator[tuple[tuple[str, str],
 
 
 def _counted(values: Sequence[Any], texts: Sequence[str]) -> Iterator[tuple[str, int]]:
-    """Yield categories with their counts: the most frequent first, what is alike by name."""
     by_text = dict(zip(texts, values, strict=True))
     short = {text: _short(value) for text, value in by_text.items()}
     if len(set(short.values())) < len(short):
@@ -152,21 +149,21 @@ def _is_number(value: Any) -> bool:
 
 
 MOST_CHARTS = 40
-"""Histograms of one picture; of more, the first."""
+"""Maximum number of histograms in a figure."""
 MOST_PAIRED = 5
-"""Numbers that are drawn against each other: ten pairs."""
+"""Maximum number of quantities in pair plots: ten pairs."""
 _CHART_COLUMNS = 4
 _WIDTH, _HEIGHT = 2.6, 1.95
 _TITLE = 34
 _MOST_BINS = 30
 _FEW = 12
-"""So many different numbers have a bar each."""
+"""Maximum number of distinct numbers with one bar each."""
 _LETTERS = 24
-"""So many letters find room below the bars."""
+"""Maximum number of letters below the bars."""
 
 
 def draw_histograms(quantities: Sequence[PlotQuantity], path: Path) -> None:
-    """Draw a histogram of each of some quantities into one picture."""
+    """Draw histograms of quantities into one figure."""
     shown = quantities[:MOST_CHARTS]
     columns = min(_CHART_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -183,9 +180,9 @@ def draw_histograms(quantities: Sequence[PlotQuantity], path: Path) -> None:
 
 
 def select_paired(quantities: Sequence[PlotQuantity]) -> list[PlotQuantity]:
-    """Return the numbers that are worth drawing against each other, not more than `MOST_PAIRED`.
+    """Return at most `MOST_PAIRED` quantities for pair plots.
 
-    Those with few different values are left out, and those that another one decides.
+    Quantities with few distinct values, and those determined by another quantity, are omitted.
     """
     found: list[PlotQuantity] = []
     for one in quantities:
@@ -200,13 +197,13 @@ def select_paired(quantities: Sequence[PlotQuantity]) -> list[PlotQuantity]:
 
 
 def _alike(one: PlotQuantity, other: PlotQuantity) -> bool:
-    """Whether two numbers grow together, or against each other."""
+    """Return whether two quantities are monotonic functions of each other."""
     a, b = (np.argsort(np.argsort(part.numbers)) for part in (one, other))
     return bool((a == b).all() or (a == len(b) - 1 - b).all())
 
 
 def draw_pairs(quantities: Sequence[PlotQuantity], path: Path) -> None:
-    """Draw every two of some numbers against each other into one picture."""
+    """Draw pair plots of all quantities into one figure."""
     pairs = list(combinations(quantities, 2))
     columns = min(_CHART_COLUMNS, len(pairs))
     rows = -(-len(pairs) // columns)
@@ -230,7 +227,7 @@ def _histogram(axes: Any, quantity: PlotQuantity) -> None:
         labels = [f"{value:g}" for value in different]
         counts = [int(np.count_nonzero(values == value)) for value in different]
         axes.bar(range(len(different)), counts, color=BLUE, width=0.7)
-        # One bar alone is no wall.
+        # A single bar is drawn narrower than the axes.
         margin = 0.6 + max(3 - len(different), 0) / 2
         axes.set_xlim(-margin, len(different) - 1 + margin)
         axes.set_xticks(range(len(different)), labels, rotation=0 if len("".join(labels)) <= _LETTERS else 45)
@@ -251,7 +248,7 @@ def _histogram(axes: Any, quantity: PlotQuantity) -> None:
 
 
 def _are_round(values: NDArray[np.float64]) -> bool:
-    """Whether values are such as somebody writes, and not what comes of a measurement."""
+    """Return whether values are round numbers rather than measurements."""
     return all(value == float(f"{value:.4g}") for value in values)
 
 
@@ -275,7 +272,7 @@ def _titled(axes: Any, quantity: PlotQuantity) -> None:
 
 
 def _lines(quantity: PlotQuantity) -> list[str]:
-    """Return what a quantity is in one line or two; its unit stays together."""
+    """Return title and unit in one or two lines, without a break in the unit."""
     label = format_title(quantity.title, quantity.unit.replace(" ", "\N{NO-BREAK SPACE}"))
     return textwrap.wrap(_plain(label, 2 * _TITLE), _TITLE)[:2]
 
@@ -292,7 +289,7 @@ def _scaled(axes: Any, one: PlotQuantity, other: PlotQuantity) -> None:
 
 
 def _logarithmic(axes: Any, which: str) -> None:
-    """Make an axis logarithmic, with numbers such as 0.02 at its ticks."""
+    """Make an axis logarithmic, with decimal tick labels such as 0.02."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     getattr(axes, f"set_{which}scale")("log")
@@ -303,24 +300,24 @@ def _logarithmic(axes: Any, which: str) -> None:
 
 
 def _plain(text: str, longest: int = 40) -> str:
-    """Return a text that can be drawn: one line, nothing that no letter stands for, not too long."""
+    """Return a printable single-line text of limited length."""
     shown = "".join(one if one.isprintable() or one == "\N{NO-BREAK SPACE}" else " " for one in text)
     return shown if len(shown) <= longest else f"{shown[: longest - 1]}…"
 
 
 ON_A_SHEET = 48
-"""Pictures of a full sheet."""
+"""Maximum number of thumbnails per sheet."""
 THUMBNAIL_PX = 160
-"""Most pixels along a side of each."""
+"""Maximum side length of a thumbnail in pixels."""
 _SHEET_COLUMNS = 8
 _GAP, _CAPTION, _FOOT = 4, 15, 24
 _GAMMA = 1 / 2.0
 _BRIGHT, _ABOVE = 99.8, 1.15
-"""White is a little brighter than so many per cent of all pixels of a sheet."""
+"""Percentile of all pixels of a sheet that sets the white level."""
 
 
 def to_display_grey(images: Sequence[NDArray[Any]]) -> list[NDArray[np.uint8]]:
-    """Return linear images as grey values of a screen, all on one scale, so that dark ones look dark."""
+    """Return linear images as display grey values with a common scale."""
     if not images:
         return []
     values = np.concatenate([np.asarray(image, dtype=np.float64).ravel() for image in images])
@@ -329,10 +326,9 @@ def to_display_grey(images: Sequence[NDArray[Any]]) -> list[NDArray[np.uint8]]:
 
 
 def draw_contact_sheet(images: Sequence[tuple[str, NDArray[np.uint8]]], foot: str, path: Path) -> None:
-    """Draw small pictures in rows of eight.
+    """Draw thumbnails in rows of eight; the PNG file is reproducible.
 
     ``images``: Captions, and grey values of shape (height, width); at least one.
-    ``path``: The PNG file; the same bytes for the same pictures.
     """
     from PIL import Image, ImageDraw
     from PIL.PngImagePlugin import PngInfo

@@ -12,8 +12,8 @@ from scenetruth.dataset.distributions import Distribution, FormulaDistribution, 
 from scenetruth.dataset.sampler import HELD_OUT, Sampler
 from scenetruth.errors import visible
 from scenetruth.html import template_environment
+from scenetruth.number_format import format_count, format_number
 from scenetruth.scene.field_paths import PathError, value_at
-from scenetruth.scoring.number_format import format_count, format_number
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -59,15 +59,15 @@ _UNITS = {
     "_us": "µs",
     "_s": "s",
 }
-"""Ends of names that tell a unit, the longer first."""
+"""Suffixes of names that specify a unit, longest first."""
 _AXES = ("X", "Y", "Z")
 _OMITTED = ("lighting",)
-"""Parts of a scene whose parts tell enough."""
+"""Sections of a scene that are omitted in labels."""
 _UNIT_VECTORS = ([1, 0, 0], [0, 1, 0], [0, 0, 1])
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Return a name in words, and the unit that it ends with; an empty text for none.
+    """Return a name in words, and the unit of its suffix; empty for none.
 
     >>> split_unit("focal_length_px"), split_unit("rate_per_hour"), split_unit("seen_share"), split_unit("seed")
     (('focal length', 'px'), ('rate', '1 per hour'), ('seen share', ''), ('seed', ''))
@@ -83,7 +83,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def format_label(path: str, plain: Mapping[str, Any]) -> tuple[str, str]:
-    """Return a field in words, and its unit.
+    """Return the label of a field, and its unit.
 
     >>> scene = {"objects": [{"name": "cube", "pose": {"position_mm": [0, 0, 600]}, "motion": [{"kind": "velocity"}]}]}
     >>> paths = "objects.0.pose.position_mm.2", "objects.0.motion.0.velocity_mm_per_frame"
@@ -98,19 +98,19 @@ def format_label(path: str, plain: Mapping[str, Any]) -> tuple[str, str]:
         else:
             told, own = split_unit(key)
             unit = f"{unit} {own}" if unit and own.startswith("per ") else own
-            # A velocity's velocity need not be told twice.
+            # The word of a section is not repeated.
             words += [] if key in _OMITTED or (words and told == words[-1]) else [told]
         above.append(key)
     return " ".join(words), unit
 
 
 def format_title(title: str, unit: str) -> str:
-    """Return a title with its unit in brackets, if it has one."""
+    """Return a title with its unit, if any, in brackets."""
     return f"{title} [{unit}]" if unit else title
 
 
 def _with_index(words: list[str], index: int, around: Any) -> list[str]:
-    """Add an entry of a list to words: by its name, its kind, its axis, or its number."""
+    """Append the label of a list entry: its name, type, axis, or index."""
     if isinstance(around, Sequence) and not isinstance(around, str) and index < len(around):
         entry = around[index]
         if isinstance(entry, Mapping) and isinstance(entry.get("name"), str):
@@ -136,7 +136,7 @@ _DESCRIBED_SEPARATELY = ("kind", "name", "together", "sampling")
 
 
 def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
-    """Return what varies: label, path or name, and the distribution in words."""
+    """Return the varied fields: label, path or name, and description of the distribution."""
     plain = sampler.bases[0].to_dict()
     return [
         (format_title(*format_label(item.key, plain)), item.key, describe_distribution(item.distribution))
@@ -145,7 +145,7 @@ def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
 
 
 def describe_distribution(distribution: Distribution) -> str:
-    """Return a distribution in words.
+    """Return the description of a distribution.
 
     >>> from scenetruth.dataset.distributions import UniformDistribution
     >>> describe_distribution(UniformDistribution(low=2, high=4, sampling="sobol"))
@@ -165,7 +165,7 @@ def describe_distribution(distribution: Distribution) -> str:
 
 
 def describe_criterion(bound: AcceptanceCriterion) -> str:
-    """Return a bound of geometry in words.
+    """Return the description of an acceptance criterion.
 
     >>> from scenetruth.dataset.acceptance import VisibleFractionCriterion
     >>> describe_criterion(VisibleFractionCriterion(object="leaf-*", min=0.2))
@@ -188,7 +188,7 @@ def describe_criterion(bound: AcceptanceCriterion) -> str:
 
 
 def tabulate_paired_factors(sampler: Sampler) -> list[tuple[str, str, str]]:
-    """Return ladders: label, path, and the values of their steps."""
+    """Return the paired factors: label, path, and values of the steps."""
     plain = sampler.bases[0].to_dict()
     return [
         (format_title(*format_label(path, plain)), path, ", ".join(map(_value, values)))
@@ -197,17 +197,17 @@ def tabulate_paired_factors(sampler: Sampler) -> list[tuple[str, str, str]]:
 
 
 def describe_splits(sampler: Sampler) -> dict[str, str]:
-    """Return what each split is for, by its name: its share, or the values that are held out."""
+    """Return descriptions of the splits by name: share, or held-out values."""
     recipe = sampler.recipe
     total = sum(recipe.splits.values())
     words = {
-        name: f"{format_number(100 * share / total)} % of what is not held out" for name, share in recipe.splits.items()
+        name: f"{format_number(100 * share / total)} % of samples not held out" for name, share in recipe.splits.items()
     }
     if recipe.hold_out:
         held = "; ".join(f"{key}: {', '.join(map(_value, values))}" for key, values in recipe.hold_out.items())
         words[HELD_OUT] = f"all samples with {held}"
     if not recipe.hold_out:
-        words = {name: told.replace(" of what is not held out", "") for name, told in words.items()}
+        words = {name: told.replace(" of samples not held out", "") for name, told in words.items()}
     return words
 
 
@@ -232,7 +232,7 @@ _NUMBER = re.compile(r"(?<![\w.])-?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?(?![\w]|\.\w)
 
 
 def tabulate_rejections(reasons: Mapping[str, int]) -> list[tuple[str, int]]:
-    """Return why draws were refused and how many, the most frequent first.
+    """Return the reasons of rejections with counts, the most frequent first.
 
     >>> counts = {"depth of cube over 9 mm": 4, "cannot be made: at frame 3": 3, "cannot be made: at frame 12": 2}
     >>> tabulate_rejections(counts)
@@ -250,19 +250,19 @@ _AT_BEGIN = re.compile(r"^([-+=]|[0-9]+(?=[.)]))")
 
 
 class RawMarkdown(str):
-    """Markdown that stays as it is."""
+    """Markdown text that is not escaped."""
 
     __slots__ = ()
 
 
 def render_html(template: str, **content: Any) -> str:
-    """Return a page."""
+    """Return a rendered HTML page."""
     environment = _environment(autoescape=True)
     return environment.get_template(template).render(content)
 
 
 def render_markdown(template: str, **content: Any) -> str:
-    """Return a text in Markdown."""
+    """Return a rendered Markdown text."""
     environment = _environment(autoescape=False, finalize=_finalized)
     environment.filters |= {"code": format_code, "verbatim": RawMarkdown}
     return environment.get_template(template).render(content)
@@ -275,7 +275,7 @@ def _environment(**options: Any) -> Environment:
 
 
 def escape_markdown(text: str) -> str:
-    r"""Return a text on one line in which nothing acts as Markdown or HTML.
+    r"""Return a text on one line with Markdown and HTML escaped.
 
     >>> print(escape_markdown("*bold* <b>\nnext"))
     \*bold\* &lt;b&gt; next
@@ -285,13 +285,13 @@ def escape_markdown(text: str) -> str:
     plain = visible(" ".join(text.split()), lines=False)
     plain = plain.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     begun = _AT_BEGIN.match(plain)
-    # A number and a point at the beginning of a line would make it part of a list.
+    # A number and a dot at the start of a line would form a list.
     head = "" if begun is None else (f"{begun[1]}\\" if begun[1].isdecimal() else f"\\{begun[1]}")
     return head + _SPECIAL.sub(r"\\\1", plain[0 if begun is None else begun.end() :])
 
 
 def format_code(text: Any) -> RawMarkdown:
-    """Return a text as code on one line, whatever it holds.
+    """Return a text as inline code, with any content.
 
     >>> print(format_code("a`b"))
     ``a`b``
@@ -304,7 +304,7 @@ def format_code(text: Any) -> RawMarkdown:
 
 
 def format_size(count: float) -> str:
-    """Return a number of bytes as people read it.
+    """Return a number of bytes in decimal units.
 
     >>> format_size(999), format_size(1_234_567)
     ('999 B', '1.23 MB')

@@ -52,29 +52,29 @@ __all__ = ["PAGE", "SIMPLIFIED", "preview_dataset", "render_thumbnail", "simplif
 
 
 SIMPLIFIED = (
-    "Not the images: reference camera at t = 0, linear, without lens and sensor. Shapes, places and light are those of "
-    "the samples, on coarse meshes; noise is without its finest waves, leaves are without veins."
+    "Simplified previews of the samples: reference camera at t = 0, linear, without lens and sensor. Shapes, poses "
+    "and illumination equal those of the samples, on coarse meshes without fine noise and leaf veins."
 )
-"""What thumbnails show."""
+"""Caption of the thumbnails."""
 _WAVE_PX = 3.0
-"""Finest wave of a thumbnail, in its pixels."""
+"""Shortest wavelength in a thumbnail, in its pixels."""
 _FACET_PX = 1.5
-"""Finest facets of a thumbnail, in its pixels."""
+"""Smallest facets in a thumbnail, in its pixels."""
 _FACETS_OF_A_SIDE = 12
 _PLAIN_TEXELS = 1_000_000
-"""Rasters that are painted as they are."""
+"""Raster textures that are rendered unchanged."""
 
 
 def render_thumbnail(scene: Scene) -> NDArray[np.float32]:
-    """Return a small linear image of the reference camera at the reference frame."""
+    """Return a thumbnail: a linear image of the reference camera at the reference frame."""
     small = simplify_scene(scene)
     with warnings.catch_warnings():
-        # They are told of when the sample is made.
+        # These warnings are issued when the sample is generated.
         warnings.simplefilter("ignore")
         try:
             world = build_scene(small)
         except SceneError:
-            # What is coarse may be too coarse; what is wrong with the scene itself shows here again.
+            # Simplification itself may fail; an error of the scene is raised again here.
             small = _small(scene, scene.parts)
             world = build_scene(small)
         with RaycastRenderer(world, small.camera, small.background, 1, small.lighting) as renderer:
@@ -82,7 +82,7 @@ def render_thumbnail(scene: Scene) -> NDArray[np.float32]:
 
 
 def simplify_scene(scene: Scene) -> Scene:
-    """Return a scene that looks alike from the reference camera in few pixels, and is quickly made."""
+    """Return a simplified scene that is similar in few pixels and is rendered quickly."""
     focal_px = scene.camera.shrunk_to(THUMBNAIL_PX).focal_px
     return _small(scene, [(path, _coarse(item, focal_px)) for path, item in scene.parts])
 
@@ -90,7 +90,7 @@ def simplify_scene(scene: Scene) -> Scene:
 def _small(scene: Scene, parts: tuple[tuple[str, SceneObject], ...] | list[tuple[str, SceneObject]]) -> Scene:
     items = tuple(item for _, item in parts)
     small = scene.shrunk_to(THUMBNAIL_PX).model_copy(update={"objects": items, "plants": ()})
-    # Copies share what the scene had found out about itself.
+    # Copies share the cached properties of the scene.
     small.__dict__.pop("parts", None)
     return small
 
@@ -102,7 +102,7 @@ def _coarse(item: SceneObject, focal_px: float) -> SceneObject:
 
 
 def _coarse_mesh(mesh: MeshModel, pixel_mm: float) -> MeshModel:
-    """Return a mesh with facets of about a pixel, but not so few that its form is lost."""
+    """Return a mesh with facets of about a pixel, with a lower limit that preserves its shape."""
     given = getattr(mesh, "resolution_mm", None)
     if given is None:
         return mesh
@@ -126,7 +126,7 @@ def _coarse_texture(item: SceneObject, pixel_mm: float) -> TextureModel:
 
 
 def _coarse_noise(texture: NoiseTexture, finest_mm: float) -> TextureModel:
-    """Return noise without the waves that are finer than some length; what it keeps has the power that it had."""
+    """Return noise without wavelengths below a limit; the remaining band keeps its power."""
     low, high = texture.wavelength_mm
     if finest_mm <= low:
         return texture
@@ -141,7 +141,6 @@ _ALMOST = 0.9
 
 
 def _power(low: float, high: float, exponent: float) -> float:
-    """Return the power of noise between two wavelengths, in any unit."""
     order = exponent + 2
     if abs(order) < _ALMOST_ZERO:
         return math.log(high / low)
@@ -167,24 +166,22 @@ def preview_dataset(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a page with some samples of a recipe: their values, thumbnails, and the reasons of rejected draws.
-
-    Nothing is rendered in full: thumbnails have simplified surfaces, and say so.
+    """Write a page with samples of a recipe: values, thumbnails of simplified surfaces, and reasons for rejections.
 
     Parameters
     ----------
     recipe
         The recipe, its values, its file, or the name of a bundled recipe.
     overrides
-        Changed fields, as of `scenetruth.load_scene`.
+        Changed fields, as for `scenetruth.load_scene`.
     samples
-        Number of samples; by default as many as show the distributions, or all of a small data set.
+        Number of samples; default: enough to show the distributions, or all of a small data set.
     output
         Directory of the page ``preview.html``.
     overwrite
         Whether an existing preview may be replaced.
     workers, scheduler
-        As of `run_dataset`.
+        As for `run_dataset`.
     progress
         Called with (what, done, total).
 
@@ -229,7 +226,6 @@ def preview_dataset(
 
 
 def _content(sampler: Sampler, drawn: AcceptedDraws, folder: Path) -> dict[str, Any]:
-    """Draw the charts, and return what the page shows."""
     recipe = sampler.recipe
     quantities = collect_quantities(sampler, drawn.values())
     paired = select_paired(quantities)

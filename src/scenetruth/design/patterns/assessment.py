@@ -175,7 +175,7 @@ class PatternAssessment(Result):
         quantity
             A field, for example ``depth_mm`` or ``contrast``.
         statistic, region
-            ``rmse`` and ``all``, the only ones of a pattern.
+            ``rmse`` and ``all``, the only choices for a pattern.
 
         Raises
         ------

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.uncertainty.simulation_runs import GROWTH
-from scenetruth.design.uncertainty.uncertainty_budget import number, unit_text
+from scenetruth.design.uncertainty.uncertainty_budget import unit_text
 from scenetruth.html import Chart, HtmlCell, HtmlTable, plotly_script, script_json, template_environment
+from scenetruth.number_format import format_two_digits
 from scenetruth.output import write_atomically
 from scenetruth.scoring.quantities import get_title
 
@@ -108,7 +109,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
         axis.barh(place, end - start, left=start, color=colour, alpha=1.0 if sure else 0.45, height=0.7)
         # On top of lines and bars.
         axis.annotate(
-            number(figure),
+            format_two_digits(figure),
             (end, place),
             (6, 0),
             textcoords="offset points",
@@ -120,7 +121,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
     if math.isfinite(total.simulated):
         axis.axvline(total.simulated, color="black", linestyle="--", linewidth=1)
         axis.annotate(
-            f"all sources, simulated: {number(total.simulated)}",
+            f"all sources, simulated: {format_two_digits(total.simulated)}",
             (total.simulated, 1.0),
             (0, 3),
             xycoords=("data", "axes fraction"),
@@ -157,13 +158,14 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
             "color": [*(COLOURS.get(step.group, "#888888") for step in steps), "#444444"],
             "opacity": [*(1.0 if step.simulated else 0.45 for step in steps), 1.0],
         },
-        "text": [number(one) for one in figures],
+        "text": [format_two_digits(one) for one in figures],
         "textposition": "outside",
         "cliponaxis": False,
         "customdata": [
-            f"{number(step.value)} {unit}, {'simulated' if step.simulated else 'predicted'}" for step in steps
+            f"{format_two_digits(step.value)} {unit}, {'simulated' if step.simulated else 'predicted'}"
+            for step in steps
         ]
-        + [f"{number(total.root_sum_square)} {unit}"],
+        + [f"{format_two_digits(total.root_sum_square)} {unit}"],
         "hovertemplate": "%{y}: %{customdata}<extra></extra>",
         "showlegend": False,
     }
@@ -198,12 +200,12 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
                 "yref": "paper",
                 "yanchor": "bottom",
                 "xanchor": "right",
-                "text": f"all sources, simulated: {number(total.simulated)}",
+                "text": f"all sources, simulated: {format_two_digits(total.simulated)}",
                 "showarrow": False,
             }
         ]
-    told = "; ".join(f"{step.title} {number(step.value)}" for step in steps)
-    alt = f"{_heading(quantity)}, {unit}: {told}; combined {number(total.root_sum_square)}."
+    told = "; ".join(f"{step.title} {format_two_digits(step.value)}" for step in steps)
+    alt = f"{_heading(quantity)}, {unit}: {told}; combined {format_two_digits(total.root_sum_square)}."
     return Chart(f"waterfall-{quantity}", alt, [bar], layout)
 
 
@@ -269,9 +271,9 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         foot = [
             [HtmlCell(text) for text in cells]
             for cells in (
-                ("root sum of squares", "", number(total.root_sum_square), "", "", "", ""),
-                ("signed sum per pixel", "", number(total.signed_sum), "", "", "", ""),
-                ("all sources", "", "", "", "", number(total.simulated), _share(total.valid_fraction).text),
+                ("root sum of squares", "", format_two_digits(total.root_sum_square), "", "", "", ""),
+                ("signed sum per pixel", "", format_two_digits(total.signed_sum), "", "", "", ""),
+                ("all sources", "", "", "", "", format_two_digits(total.simulated), _share(total.valid_fraction).text),
             )
         ]
         caption = f"{quantity.replace('_', ' ')}, {unit_text(total.unit)}"
@@ -293,7 +295,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
 
 
 def _cell(value: float) -> HtmlCell:
-    return HtmlCell(number(value), value)
+    return HtmlCell(format_two_digits(value), value)
 
 
 def _share(value: float) -> HtmlCell:

@@ -12,13 +12,14 @@ from scenetruth.design.uncertainty.contributions import CombinedUncertainty, Con
 from scenetruth.design.uncertainty.simulation_runs import GROWTH
 from scenetruth.design.uncertainty.source import Mitigation
 from scenetruth.errors import ArgumentError, Problem
+from scenetruth.number_format import format_two_digits
 from scenetruth.results import QuantityValue, Result
 from scenetruth.scoring.quantities import get_title
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Budget", "number", "unit_text"]
+__all__ = ["Budget", "unit_text"]
 
 
 _UNITS = {"mm/frame": "mm per frame", "px/step": "px per step", "%/h": "% per hour"}
@@ -26,15 +27,6 @@ _UNITS = {"mm/frame": "mm per frame", "px/step": "px per step", "%/h": "% per ho
 _LEAST_NAMED_SHARE = 0.02
 # Largest relative difference between the root sum of squares and the simulated total that is not reported.
 _AGREE = 0.2
-
-
-def number(value: float) -> str:
-    """Format a number with two digits, without an exponent where possible."""
-    if not math.isfinite(value):
-        return "–"
-    if value == 0 or 1e-4 <= abs(value) < 1e5:
-        return f"{float(f'{value:.1e}'):.10g}" if abs(value) < 1e2 else f"{value:.0f}"
-    return f"{value:.1e}"
 
 
 def unit_text(unit: str) -> str:
@@ -67,12 +59,12 @@ def _summarise_quantity(
     if not math.isfinite(total.simulated):
         head = (
             f"{title}: no valid estimate with all sources; "
-            f"contributions combined in quadrature: {number(total.root_sum_square)} {unit}."
+            f"contributions combined in quadrature: {format_two_digits(total.root_sum_square)} {unit}."
         )
     else:
-        head = f"{title}: combined uncertainty {number(total.value)} {unit} RMS"
+        head = f"{title}: combined uncertainty {format_two_digits(total.value)} {unit} RMS"
         head += (
-            f", true value {number(total.signal)} {unit}."
+            f", true value {format_two_digits(total.signal)} {unit}."
             if quantity != "depth" and total.signal > _NO_SIGNAL * total.value
             else "."
         )
@@ -82,9 +74,10 @@ def _summarise_quantity(
     helped = _describe_mitigation(parts, total, remedies)
     sentences += [helped] if helped else []
     if math.isfinite(total.simulated) and abs(total.root_sum_square - total.simulated) > _AGREE * total.simulated:
-        text = f"The root sum of squares of the contributions is {number(total.root_sum_square)} {unit}"
+        text = f"The root sum of squares of the contributions is {format_two_digits(total.root_sum_square)} {unit}"
         if math.isfinite(total.signed_sum) and abs(total.signed_sum - total.simulated) < _AGREE * total.simulated:
-            text += f", but biases partly cancel or add up: their signed sum per pixel is {number(total.signed_sum)}."
+            signed = format_two_digits(total.signed_sum)
+            text += f", but biases partly cancel or add up: their signed sum per pixel is {signed}."
         elif not math.isfinite(parts[0].simulated):
             text += ", and the largest is only predicted: simulated_share=1 (--simulated-share 1) simulates it too."
         else:
@@ -109,14 +102,14 @@ def _largest(parts: list[Contribution], total: CombinedUncertainty) -> list[str]
     first, *others = parts
     size = f" ({first.size})" if first.size else ""
     sure = "" if math.isfinite(first.simulated) or first.cause in _METHOD_KINDS else ", as predicted"
-    text = f"{_capital(first.title)}{size} contributes {number(first.value)} of this{sure}"
+    text = f"{_capital(first.title)}{size} contributes {format_two_digits(first.value)} of this{sure}"
     if first.cause in _PLURAL:
         text = text.replace(" contributes ", " contribute ", 1)
     if math.isfinite(first.predicted_for_seeds) and not 1 / _SEED_RATIO < first.predicted / first.value < _SEED_RATIO:
-        text += f" for these seeds, with an expected value of {number(first.predicted)} over all seeds"
+        text += f" for these seeds, with an expected value of {format_two_digits(first.predicted)} over all seeds"
     named = [one for one in others[:2] if one.value**2 > _LEAST_NAMED_SHARE * whole]
     if named:
-        text += ", followed by " + ", ".join(f"{one.title} {number(one.value)}" for one in named)
+        text += ", followed by " + ", ".join(f"{one.title} {format_two_digits(one.value)}" for one in named)
     return [text + "."]
 
 
@@ -140,12 +133,12 @@ def _describe_mitigation(
     after *= total.value / math.sqrt(sum(one.value**2 for one in parts))
     limits = max(left, key=lambda cause: left[cause])
     unit = unit_text(total.unit)
-    text = f"{_capital(remedy.words)} reduces it to {number(after)} {unit}"
+    text = f"{_capital(remedy.words)} reduces it to {format_two_digits(after)} {unit}"
     if limits == first.cause:
         return text + "; it remains the largest contribution."
     title = next(one.title for one in parts if one.cause == limits)
     limit = "dominate" if limits in _PLURAL else "dominates"
-    return f"{text}; then {title} {limit} ({number(left[limits])})."
+    return f"{text}; then {title} {limit} ({format_two_digits(left[limits])})."
 
 
 def _capital(text: str) -> str:
@@ -229,7 +222,7 @@ class Budget(Result):
         Parameters
         ----------
         source
-            Kind of the source of uncertainty, for example ``focal_length``.
+            Name of the source of uncertainty, for example ``focal_length``.
         quantity, region
             One of `quantities` and of `regions`.
 

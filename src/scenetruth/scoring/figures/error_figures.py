@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.scoring.alignment import count_blocks, iterate_aligned_blocks
 from scenetruth.scoring.error_pairs import EstimateTruthPairs, list_quantities, read_pair, read_std
 from scenetruth.scoring.figures.figure_arrays import FigureArrays
@@ -28,7 +29,6 @@ from scenetruth.scoring.figures.figure_style import (
     show_map,
     void_legend,
 )
-from scenetruth.scoring.number_format import format_number, format_percent
 from scenetruth.scoring.quantities import QUANTITIES, get_units
 from scenetruth.scoring.regions import main_regions
 from scenetruth.scoring.score_result import Score, select_summary_quantities
@@ -248,7 +248,7 @@ def _draw_histogram(axes: Any, ratios: Mapping[str, NDArray[np.int64]], score: S
         values = score.regions["interior"][name]
         label = (
             f"${QUANTITIES[name].symbol}$: RMS of z {format_number(values['rms_z'])}, "
-            f"{format_percent(values['coverage_2_std'])} % within 2 std"
+            f"{format_percent_value(values['coverage_2_std'])} % within 2 std"
         )
         axes.stairs(density, _EDGES, color=_COLOURS[name], linewidth=1.1, label=label)
     axes.set_title("Normalised errors z, interior")

@@ -12,11 +12,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
 from scenetruth.scoring.error_pairs import find_valid_pixels, list_quantities, percent_per_hour, read_quantity, read_std
 from scenetruth.scoring.growth_rate import compute_growth_rate
-from scenetruth.scoring.number_format import format_number, format_percent
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, get_title, get_units
 from scenetruth.scoring.regions import REGIONS
 from scenetruth.scoring.report.viewer import Viewer
@@ -95,12 +95,12 @@ def _headline(score: Score, title: str, quantity: str, statistic: str) -> dict[s
         "value": spelled["interior"],
         "units": "%" if percent else get_units(quantity),
         "whole": spelled["all"],
-        "relative": "" if percent or relative is None else f"{format_percent(relative)} % of the true RMS",
+        "relative": "" if percent or relative is None else f"{format_percent_value(relative)} % of the true RMS",
     }
 
 
 def _spell(value: float | None, statistic: str) -> str:
-    return format_number(value) if statistic == "rmse" else format_percent(value)
+    return format_number(value) if statistic == "rmse" else format_percent_value(value)
 
 
 def _rows(score: Score, region: str, shown: list[str]) -> Iterator[tuple[str, str, Mapping[str, float | int | None]]]:
@@ -146,13 +146,13 @@ def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
 def _settings(score: Score) -> dict[str, str]:
     """Return the settings of the score as text, by default the default settings."""
     told = score.metadata.get("score_settings") or ScoreSettings().model_dump()
-    contrast = [format_percent(bound) for bound in told["contrast_classes"]]
+    contrast = [format_percent_value(bound) for bound in told["contrast_classes"]]
     return {
         "contrast_low": contrast[0],
         "contrast_high": contrast[1],
         "contrast_window": f"{told['contrast_window_px']:g}",
         "growth_window": f"{told['growth_window_px']:g}",
-        "growth_coverage": format_percent(told["growth_min_coverage"]),
+        "growth_coverage": format_percent_value(told["growth_min_coverage"]),
         "growth_slope": f"{told['growth_max_slope_deg']:g}",
     }
 
@@ -277,7 +277,8 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
         )
         rest = (
             f"is the median{bar}; 90 % of the values lie between {format_number(told.low)} and "
-            f"{format_number(told.high)} {told.units}. The density is {format_percent(told.density)} % of all pixels."
+            f"{format_number(told.high)} {told.units}. "
+            f"The density is {format_percent_value(told.density)} % of all pixels."
         )
         found.append(SummarySentence(told.title, format_number(told.median), told.units, rest))
     return found
@@ -292,7 +293,7 @@ def _shape_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     spread = viewer.spread.get(name, 0.0)
     rms = values["rmse"]
     if spread and rms is not None:
-        varies = f"{format_percent(rms / spread)} % of the standard deviation of the true {name} there"
+        varies = f"{format_percent_value(rms / spread)} % of the standard deviation of the true {name} there"
         signal += f"{' and ' if signal else ''}{varies}"
     title = {"depth": "Depth", "disparity": "Disparity", "normal": "Normal"}[name]
     yield _sentence(score, viewer, title, name, signal)
@@ -305,7 +306,7 @@ def _motion_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     elif "flow_x" in regions["all"]:
         rms = _length(regions["interior"])
         truth = math.hypot(*(_true_rms(regions["interior"][name]) or 0.0 for name in ("flow_x", "flow_y")))
-        signal = f"{format_percent(rms / truth)} % of the true flow" if rms is not None and truth else ""
+        signal = f"{format_percent_value(rms / truth)} % of the true flow" if rms is not None and truth else ""
         worst = _worst_region({region: _length(values) for region, values in _large(score, "flow_x")}, "px/frame")
         yield SummarySentence(
             "Optical flow",
@@ -350,7 +351,7 @@ def _signal(values: Values, name: str) -> str:
     truth, relative = _true_rms(values), values.get("relative_rmse")
     if truth is None or relative is None:
         return ""
-    return f"{format_percent(relative)} % of the true value (RMS {format_number(truth)} {get_units(name)})"
+    return f"{format_percent_value(relative)} % of the true value (RMS {format_number(truth)} {get_units(name)})"
 
 
 def _true_rms(values: Values) -> float | None:

@@ -14,11 +14,11 @@ import xarray as xr
 
 from scenetruth.errors import Problem, ScoreError
 from scenetruth.html import template_environment
+from scenetruth.number_format import flatten, format_count, format_number, format_percent_value, humanise
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.schema import check_same_run, read_intrinsics, read_scene
 from scenetruth.scoring.figures import FigureInfo, plot_all
-from scenetruth.scoring.number_format import flatten, format_count, format_number, format_percent, humanise
 from scenetruth.scoring.report.report_content import (
     build_score_content,
     describe_maps,
@@ -195,7 +195,7 @@ def _render(
     viewer: Viewer,
 ) -> str:
     environment = template_environment("scenetruth.scoring.report")
-    environment.filters |= {"number": format_number, "percent": format_percent, "count": format_count}
+    environment.filters |= {"number": format_number, "percent": format_percent_value, "count": format_count}
     scene = read_scene(recording)
     metadata = recording.attrs if score is None else score.metadata
     content = _content_without_truth(estimate) if score is None else _content_with_truth(score, viewer)

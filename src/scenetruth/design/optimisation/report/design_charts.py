@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.optimisation.design_records import Objective, PredictionInterval, RigDesign, Sensitivity
 from scenetruth.design.optimisation.design_result import DesignResult
-from scenetruth.design.optimisation.report.formatting import (
+from scenetruth.html import COLOURS, Chart
+from scenetruth.number_format import (
     format_estimate,
     format_interval,
     format_length,
@@ -18,7 +19,6 @@ from scenetruth.design.optimisation.report.formatting import (
     format_signed_percent,
     format_value,
 )
-from scenetruth.html import COLOURS, Chart
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -31,13 +31,6 @@ from scenetruth.design.optimisation.report.design_tables import (
     build_sensitivity_table,
     find_tightest,
 )
-from scenetruth.design.optimisation.report.formatting import (
-    format_interval,
-    format_length,
-    format_number,
-    format_percent,
-    format_signed_percent,
-)
 from scenetruth.design.optimisation.report.scene_file import (
     PREVIEW_FILE,
     build_preview,
@@ -48,6 +41,13 @@ from scenetruth.design.optimisation.report.scene_file import (
 from scenetruth.design.optimisation.report.side_view import assign_colours, describe_side_view, draw_side_views
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
 from scenetruth.html import render_page
+from scenetruth.number_format import (
+    format_interval,
+    format_length,
+    format_number,
+    format_percent,
+    format_signed_percent,
+)
 from scenetruth.output import write_atomically
 from scenetruth.results import to_plain_data
 

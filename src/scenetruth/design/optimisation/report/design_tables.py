@@ -13,7 +13,9 @@ from scenetruth.design.optimisation.design_records import (
     compute_rig_interval,
 )
 from scenetruth.design.optimisation.design_result import DesignResult
-from scenetruth.design.optimisation.report.formatting import (
+from scenetruth.design.optimisation.report.scene_file import build_scene_file
+from scenetruth.html import HtmlCell, HtmlTable
+from scenetruth.number_format import (
     UNDEFINED,
     format_estimate,
     format_interval,
@@ -23,8 +25,6 @@ from scenetruth.design.optimisation.report.formatting import (
     format_signed_percent,
     format_value,
 )
-from scenetruth.design.optimisation.report.scene_file import build_scene_file
-from scenetruth.html import HtmlCell, HtmlTable
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = [

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from scenetruth.design.optimisation.report.formatting import format_length
 from scenetruth.design.optimisation.report.side_view_geometry import SideView
 from scenetruth.html import COLOURS
+from scenetruth.number_format import format_length
 
 __all__ = [
     "SideViewDrawing",

@@ -1,31 +1,37 @@
-"""Formatting of numbers, intervals and parameters in reports."""
+"""Formatting of numbers, intervals, parameter values and names in pages, tables and messages."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 __all__ = [
     "UNDEFINED",
+    "flatten",
+    "format_count",
     "format_estimate",
     "format_interval",
     "format_length",
     "format_number",
     "format_percent",
+    "format_percent_value",
     "format_signed_percent",
+    "format_two_digits",
     "format_value",
+    "humanise",
 ]
 
 UNDEFINED = "–"
 _MINUS = "−"
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def format_number(value: float | None, digits: int = 3) -> str:
-    """Return the text of a number with ``digits`` significant digits.
+    """Format a number with the given significant digits; a dash where undefined.
 
-    >>> tuple(format_number(value) for value in (0.012345, -1234.5, math.inf, None, 0.0, 2.5e-7))
-    ('0.0123', '−1230', '∞', '–', '0', '2.50e−7')
+    >>> format_number(0.012345), format_number(-1.5e-7), format_number(None), format_number(math.inf)
+    ('0.0123', '−1.50 × 10⁻⁷', '–', '∞')
     """
     if value is None or math.isnan(value):
         return UNDEFINED
@@ -36,10 +42,68 @@ def format_number(value: float | None, digits: int = 3) -> str:
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     power = int(exponent)
     if -4 <= power < 6:
-        text = f"{float(f'{mantissa}e{power}'):.{max(digits - 1 - power, 0)}f}"
+        text = f"{float(f'{value:.{digits - 1}e}'):.{max(digits - 1 - power, 0)}f}"
     else:
-        text = f"{mantissa}e{power}"
+        text = f"{mantissa} × 10{str(power).translate(_SUPERSCRIPTS)}"
     return text.replace("-", _MINUS)
+
+
+def format_two_digits(value: float) -> str:
+    """Format a number with two significant digits, without an exponent where possible.
+
+    >>> format_two_digits(0.0523), format_two_digits(1.4), format_two_digits(664.2), format_two_digits(math.nan)
+    ('0.052', '1.4', '664', '–')
+    """
+    if not math.isfinite(value):
+        return UNDEFINED
+    if value == 0 or 1e-4 <= abs(value) < 1e5:
+        return f"{float(f'{value:.1e}'):.10g}" if abs(value) < 1e2 else f"{value:.0f}"
+    return f"{value:.1e}"
+
+
+def format_percent_value(fraction: float | None) -> str:
+    """Format a fraction as a percentage, with enough digits to distinguish it from 0 and 100.
+
+    >>> format_percent_value(0.5), format_percent_value(0.9999), format_percent_value(1.0), format_percent_value(0.0004)
+    ('50.0', '99.9900', '100', '0.0400')
+    """
+    if fraction is None or not math.isfinite(fraction):
+        return UNDEFINED
+    percent = 100.0 * fraction
+    if not 90.0 <= percent < 100.0:
+        return "100" if percent == 100.0 else format_number(percent)
+    text = f"{percent:.{1 + sum(percent >= bound for bound in (99.0, 99.9, 99.99))}f}"
+    return "> 99.9999" if text.startswith("100") else text
+
+
+def format_count(value: float | None) -> str:
+    """Format a count with narrow spaces between thousands."""
+    return UNDEFINED if value is None else f"{int(value):,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+
+
+def humanise(key: str) -> str:
+    """Return a key as words, with its unit in brackets: ``timings_s`` becomes ``timings [s]``."""
+    for unit in ("s", "px", "mm"):
+        if key.endswith(f"_{unit}"):
+            return f"{key.removesuffix(f'_{unit}').replace('_', ' ')} [{unit}]"
+    return key.replace("_", " ")
+
+
+def flatten(value: Any) -> str:
+    """Format a plain JSON value on one line."""
+    return ", ".join(_entries(value)) or UNDEFINED
+
+
+def _entries(value: Any) -> Iterator[str]:
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield f"{key.replace('_', ' ')} {flatten(entry)}"
+    elif isinstance(value, list | tuple):
+        yield from (flatten(entry) for entry in value)
+    elif isinstance(value, bool):
+        yield "yes" if value else "no"
+    elif value is not None and value != "":
+        yield str(value)
 
 
 def format_length(value: float, digits: int = 3) -> str:
@@ -49,7 +113,7 @@ def format_length(value: float, digits: int = 3) -> str:
     ('32', '0.8', '−1250', '100', '∞')
     """
     text = format_number(value, digits)
-    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
+    return text.rstrip("0").rstrip(".") if "." in text and "×" not in text else text
 
 
 def format_interval(low: float, high: float) -> str:

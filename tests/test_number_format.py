@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.scoring.number_format import flatten, format_count, format_number, format_percent, humanise
+from scenetruth.number_format import flatten, format_count, format_number, format_percent_value, humanise
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_spelled_number_is_the_number(value: float) -> None:
     ],
 )
 def test_percentages_keep_what_matters(fraction: float | None, text: str) -> None:
-    assert format_percent(fraction) == text
+    assert format_percent_value(fraction) == text
 
 
 def test_counts_have_groups() -> None:
