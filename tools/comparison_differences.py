@@ -21,7 +21,9 @@ _LONGEST = 160
 _MOST_PAIRS = 4
 _HASH = re.compile(r"[0-9a-f]{16}")
 _DIGEST = re.compile(r"[0-9]+ bytes, sha256 [0-9a-f]+")
-_PLOT = re.compile(r":(?:.*/)?(?:figures[^/]*|plots)/[^/]*[.]png$")
+_PLOT = re.compile(
+    r":(?:.*/)?(?:figures[^/]*|plots)/[^/]*[.]png$|(?:emva1288 / folder / files:[^/]*|/(?:worth|assessment))[.]png$"
+)
 _WORD_LISTS = ("flag_meanings",)
 _TITLES = ("title",)
 """Names of fields and columns whose texts are meant to be read, however short."""
