@@ -170,7 +170,7 @@ def test_ideal_images_are_kept_in_a_store(tmp_path: Path) -> None:
     recording, _ = st.simulate(cube(**SMALL, sensor={"noise_std": 0.05}), save_radiance=True)
     st.save_store(recording, tmp_path / "recording.zarr")
     np.testing.assert_array_equal(
-        st.load_store(tmp_path / "recording.zarr", "recording")["radiance"], recording["radiance"]
+        st.load_store(tmp_path / "recording.zarr", kind="recording")["radiance"], recording["radiance"]
     )
 
 

@@ -90,8 +90,8 @@ def made(label: str, pair: str, folder: Path) -> Pair:
             aside.mkdir()
             st.save_store(rendered, aside / "recording.zarr")
             st.save_store(truth, aside / "truth.zarr")
-    recording: Any = st.load_store(place / "recording.zarr", "recording")
-    truth = st.load_store(place / "truth.zarr", "truth")
+    recording: Any = st.load_store(place / "recording.zarr", kind="recording")
+    truth = st.load_store(place / "truth.zarr", kind="truth")
     left, right = PAIRS[pair]
     apart = APART.get(name, 1)
     if left == right:

@@ -443,9 +443,9 @@ class OutputExistsError(StoreError):
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((3, 1, 4, 6)), focal_length_px=500, baseline_mm=5)
     >>> with TemporaryDirectory() as folder:
-    ...     st.save_store(recording, f"{folder}/recording.zarr")
+    ...     _ = st.save_store(recording, f"{folder}/recording.zarr")
     ...     try:
-    ...         st.save_store(recording, f"{folder}/recording.zarr")
+    ...         _ = st.save_store(recording, f"{folder}/recording.zarr")
     ...     except st.OutputExistsError as error:
     ...         print(error.message)
     exists already; give another output or --overwrite

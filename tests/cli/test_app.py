@@ -176,7 +176,7 @@ def test_truth_is_taken_from_real_poses_or_from_planned_ones(scene_file: Path, t
     for poses in ("actual", "nominal"):
         done = scenetruth("render", scene_file, "-o", tmp_path / poses, "--truth-poses", poses, *stage)
         assert done.returncode == 0, done.stderr
-        truths[poses] = st.load_store(tmp_path / poses / "truth.zarr", "truth")
+        truths[poses] = st.load_store(tmp_path / poses / "truth.zarr", kind="truth")
         assert truths[poses].attrs["truth_poses"] == poses
     difference = truths["actual"]["depth"] - truths["nominal"]["depth"]
     # 5 µm of straightness, 100 µrad on 45° faces at 700 mm.

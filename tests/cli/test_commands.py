@@ -52,7 +52,7 @@ def test_one_other_method_is_the_scenes_own_from_then_on(tmp_path: Path) -> None
     assert names(tmp_path / "x" / "figures") == PICTURES
     again = st.load_scene(tmp_path / "x" / "scene.yaml")
     assert again.estimate.method == "opencv_flow"
-    estimate = st.load_store(tmp_path / "x" / "estimate.zarr", "estimate")
+    estimate = st.load_store(tmp_path / "x" / "estimate.zarr", kind="estimate")
     assert json.loads(estimate.attrs["settings"])["flow_window_px"] == 15
 
 
@@ -164,7 +164,7 @@ def test_code_is_named_by_the_call_alone(tmp_path: Path, monkeypatch: pytest.Mon
     done = scenetruth("run", scene, "-o", "x", *given, "--no-report")
     assert done.returncode == 0, done.stderr
     assert {"estimate.far-away.zarr", "score.far-away.json"} < names(tmp_path / "x")
-    assert (st.load_store(tmp_path / "x" / "estimate.far-away.zarr", "estimate")["depth"] == 70).all()
+    assert (st.load_store(tmp_path / "x" / "estimate.far-away.zarr", kind="estimate")["depth"] == 70).all()
     # What is written is a file as any other: it names none.
     assert st.load_scene(tmp_path / "x" / "scene.yaml").estimate.method == "structure_tensor"
     monkeypatch.setattr("scenetruth.pipeline.runner.read_scene", lambda _: {"estimate": {"method": "far:away"}})

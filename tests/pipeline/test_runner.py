@@ -36,7 +36,7 @@ def test_groups_of_frames_leave_no_trace(
     )
     target = tmp_path / f"estimate.zarr{form}"
     write_estimate(work, target, zipped=bool(form))
-    found = st.load_store(target, "estimate")
+    found = st.load_store(target, kind="estimate")
     xr.testing.assert_identical(found.drop_attrs(), whole.drop_attrs())
     assert {**found.attrs, "working_points_px": None} == {**whole.attrs, "working_points_px": None}
     assert np.array_equal(found.attrs["working_points_px"], whole.attrs["working_points_px"])

@@ -44,8 +44,8 @@ def test_stages_can_be_taken_up_later(finished: Path, tmp_path: Path) -> None:
     scene = cube(**SMALL_CUBE)
     run_scene(scene, output=tmp_path / "x", stages=("render",))
     results = run_scene(scene, output=tmp_path / "x", stages=("estimate", "score"))
-    again = st.load_store(tmp_path / "x" / "estimate.zarr", "estimate")
-    xr.testing.assert_identical(again, st.load_store(finished / "estimate.zarr", "estimate"))
+    again = st.load_store(tmp_path / "x" / "estimate.zarr", kind="estimate")
+    xr.testing.assert_identical(again, st.load_store(finished / "estimate.zarr", kind="estimate"))
     assert results.scores["structure_tensor"].metadata["recording_hash"] == again.attrs["recording_hash"]
     with pytest.raises(st.MismatchError, match=r"recording\.zarr: belongs to another scene"):
         run_scene(cube(**SMALL_CUBE, seed=9), output=tmp_path / "x", stages=("estimate",), overwrite=True)

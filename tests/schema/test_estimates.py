@@ -97,7 +97,7 @@ def test_an_estimate_is_whole(recording: xr.Dataset, tmp_path: Path) -> None:
     assert (found["status"].values[0] == status).all()
     assert (found["valid"].values[0] == (status == 2)).all()
     st.save_store(found, tmp_path / "estimate.zarr")
-    xr.testing.assert_identical(st.load_store(tmp_path / "estimate.zarr", "estimate"), found)
+    xr.testing.assert_identical(st.load_store(tmp_path / "estimate.zarr", kind="estimate"), found)
 
 
 @pytest.mark.parametrize(

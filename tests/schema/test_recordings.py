@@ -207,7 +207,7 @@ def test_a_mask_that_does_not_fit_is_found(dims: tuple[str, ...], dtype: type, m
 def test_stores_keep_it_and_selections_cut_it(tmp_path: Path, shape: tuple[int, ...], name: str) -> None:
     recording = masked(any_mask(*shape))
     st.save_store(recording, tmp_path / name)
-    xr.testing.assert_identical(st.load_store(tmp_path / name, "recording"), recording)
+    xr.testing.assert_identical(st.load_store(tmp_path / name, kind="recording"), recording)
     part = {"x": slice(1, 4), "t": slice(1, 3)}
     cut = st.open_store(tmp_path / name).isel(part)
     check_dataset(cut, "recording")

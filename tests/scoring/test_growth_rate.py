@@ -53,7 +53,7 @@ def growth(depth: Map, velocity: Map, window_px: float = 5.0, **settings: float)
     chosen = ScoreSettings(growth_window_px=window_px, **settings)
     arrays = {"depth": depth, "velocity": velocity, "disparity": depth, "flow": velocity[:2]}
     arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
-    return np.asarray(compute_growth_rate(label("estimate", arrays, INTRINSICS, t=[0]), chosen).values[0])
+    return np.asarray(compute_growth_rate(label("estimate", arrays, INTRINSICS, t=[0]), settings=chosen).values[0])
 
 
 def turning(points: Map, omega: tuple[float, float, float]) -> Map:
@@ -223,7 +223,7 @@ def test_growth_is_scored_in_percent_per_hour() -> None:
     factor = 100 * 3600 / 60
     faster = case.estimate.assign(velocity=1.5 * case.estimate["velocity"])
     result = score(faster, case.truth, settings={"growth_window_px": 8})
-    expected = compute_growth_rate(faster, ScoreSettings(growth_window_px=8)).values * factor
+    expected = compute_growth_rate(faster, settings=ScoreSettings(growth_window_px=8)).values * factor
     error = expected - case.truth["growth_rate"].values * factor
     error = error[np.isfinite(error)]
     values = result.regions["all"]["growth_rate"]
@@ -302,8 +302,8 @@ def test_windows_do_not_reach_from_object_to_object() -> None:
     arrays = {name: values[..., None, :, :] for name, values in arrays.items()}
     truth = label("truth", {**arrays, "object_id": left[None].astype(np.int32)}, INTRINSICS, t=[0])
     settings = ScoreSettings(growth_window_px=5)
-    np.testing.assert_allclose(compute_growth_rate(truth, settings).values[:, 10:-10], 0.0, atol=ROUNDING)
-    assert np.nanmax(np.abs(compute_growth_rate(truth.drop_vars("object_id"), settings).values)) > 1e-3
+    np.testing.assert_allclose(compute_growth_rate(truth, settings=settings).values[:, 10:-10], 0.0, atol=ROUNDING)
+    assert np.nanmax(np.abs(compute_growth_rate(truth.drop_vars("object_id"), settings=settings).values)) > 1e-3
 
 
 def test_pixels_unknown_to_the_estimate_are_in_no_window_of_the_truth() -> None:
@@ -328,7 +328,7 @@ def test_growth_of_a_part_is_that_of_the_whole() -> None:
     whole = label("estimate", arrays, INTRINSICS, t=[0])
     settings = ScoreSettings(growth_window_px=4)
     for part in (whole.isel(x=slice(20, 70), y=slice(5, 50)), whole.isel(x=slice(None, None, 2), y=slice(1, None, 3))):
-        found = compute_growth_rate(part, settings)
+        found = compute_growth_rate(part, settings=settings)
         np.testing.assert_array_equal(found["x"], part["x"])
         assert np.isfinite(found.values).mean() > 0.8
         np.testing.assert_allclose(found.values[np.isfinite(found.values)], 5e-4, rtol=0, atol=ROUNDING)

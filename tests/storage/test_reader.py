@@ -142,7 +142,7 @@ def test_what_is_no_store_of_ours(stores: Path, tmp_path: Path) -> None:
     with pytest.raises(st.StoreError, match="no such store"):
         st.load_store(tmp_path / "nothing.zarr")
     with pytest.raises(st.StoreError, match="holds a truth, but a recording is needed"):
-        st.load_store(stores / "truth.zarr", "recording")
+        st.load_store(stores / "truth.zarr", kind="recording")
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("hello")
     zarr.open_group(tmp_path / "other.zarr", mode="w", zarr_format=3)

@@ -100,7 +100,7 @@ def test_what_lost_its_stamp_is_stamped_again(
     bare = data[kind].copy()
     del bare.attrs["scenetruth"], bare.attrs["format"]
     st.save_store(bare, tmp_path / "x.zarr")
-    assert st.load_store(tmp_path / "x.zarr", kind).attrs["scenetruth"] == kind
+    assert st.load_store(tmp_path / "x.zarr", kind=kind).attrs["scenetruth"] == kind
 
 
 def test_what_could_not_be_loaded_is_not_saved(data: dict[str, xr.Dataset], tmp_path: Path) -> None:

@@ -335,7 +335,7 @@ def test_a_truth_of_a_grid_can_be_scored(tmp_path: Any) -> None:
     recording, truth = st.simulate(scene, truth_views="all")
     for dataset, name in ((recording, "recording"), (truth, "truth")):
         st.save_store(dataset, tmp_path / name)
-        xr.testing.assert_identical(st.load_store(tmp_path / name, name), dataset)  # type: ignore[arg-type]
+        xr.testing.assert_identical(st.load_store(tmp_path / name, kind=name), dataset)  # type: ignore[arg-type]
     with pytest.raises(st.EstimateError, match=r"stage\.rows: a grid is not supported .* recording\.sel\(s_y=0\)"):
         st.estimate(recording)
     plain, reference = st.simulate(scene_of(frames={"count": 2}))

@@ -139,6 +139,7 @@ def predict(
     from scenetruth.design.prediction import predict as predicted
     from scenetruth.design.prediction import recommend
     from scenetruth.design.prediction.method_models import all_method_models
+    from scenetruth.design.prediction.prediction_result import write_prediction
     from scenetruth.errors import Problem, SceneError
     from scenetruth.resources.limits import limits_from
     from scenetruth.scene import load_scene
@@ -161,10 +162,7 @@ def predict(
     for line in recommend(loaded, found):
         typer.echo(f"warning: {line}")
     if output is not None:
-        from scenetruth.design.prediction.prediction_result import write_prediction
-
-        names = write_prediction(found, output, overwrite=overwrite)
-        print_wrote(output / name for name in names)
+        print_wrote(output / name for name in write_prediction(found, output, overwrite=overwrite))
 
 
 _MOTIONS = ("translation", "rigid", "growing", "affine")

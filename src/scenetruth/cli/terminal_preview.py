@@ -38,9 +38,9 @@ def print_picture(folder: RunDirectory, method: str, console: Console) -> None:
 
     from scenetruth.storage import open_store
 
-    estimate = open_store(folder.of(method).estimate, "estimate")
+    estimate = open_store(folder.of(method).estimate, kind="estimate")
     frame = _nearest_zero(estimate["t"].values)
-    image = _plane(open_store(folder.recording, "recording")["image"], float(estimate["t"][frame]))
+    image = _plane(open_store(folder.recording, kind="recording")["image"], float(estimate["t"][frame]))
     panels, captions = [_grey(image)], ["image"]
     if "depth" in estimate:
         depth = np.asarray(estimate["depth"].isel(t=frame).values, dtype=np.float64)

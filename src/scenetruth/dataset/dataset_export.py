@@ -161,7 +161,7 @@ def verify(
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> with TemporaryDirectory() as folder:
-    ...     st.save_store(recording, f"{folder}/recording.zarr")
+    ...     _ = st.save_store(recording, f"{folder}/recording.zarr")
     ...     [(found.path.name, found.problem) for found in verify(folder)]
     [('recording.zarr', '')]
     """

@@ -73,13 +73,13 @@ class Sample:
     def estimate(self, method: str | None = None) -> xr.Dataset:
         """Return the estimate of a method, computed by ``scenetruth dataset estimate``."""
         run = self.run
-        return open_store(run.of(method or run.own_method).estimate, "estimate")
+        return open_store(run.of(method or run.own_method).estimate, kind="estimate")
 
     def _opened(self, name: str, kind: Literal["recording", "truth"]) -> xr.Dataset:
         if self.shard is None:
-            return open_store(self.folder.sample(self.number) / name, kind)
+            return open_store(self.folder.sample(self.number) / name, kind=kind)
         with extract_sample(self.shard, self.number) as files:
-            return load_store(files / name, kind)
+            return load_store(files / name, kind=kind)
 
 
 if TYPE_CHECKING:
@@ -206,12 +206,12 @@ class SceneDataset(Sequence[Any]):
         return open_sampler(self.folder).recipe.samples_per_shard
 
 
-def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | None = None) -> SceneDataset:
+def open_dataset(dataset: str | Path, *, transform: Callable[[Sample], Any] | None = None) -> SceneDataset:
     """Open a data set of ``scenetruth dataset run``; it may be incomplete.
 
     Parameters
     ----------
-    folder
+    dataset
         Directory of the data set.
     transform
         Function applied to every sample that is accessed by index, for example to return a pair of arrays.
@@ -246,7 +246,7 @@ def open_dataset(folder: str | Path, *, transform: Callable[[Sample], Any] | Non
     ...     print(len(near), near[0].values, near.stack("depth").max("sample").values[0, 12, 15])
     2 {'objects.0.pose.position_mm.2': 90.0} 100.0
     """
-    places = DatasetFolder(folder)
+    places = DatasetFolder(dataset)
     read_fingerprint(places)
     catalogue = read_catalogue(places, open_sampler(places)).to_pandas()
     for method, scores in load_scores(places).items():

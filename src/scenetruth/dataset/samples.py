@@ -168,8 +168,8 @@ def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, tar
 
 
 def _row(draw: Draw, scene: Scene, told: list[str], folder: Path) -> dict[str, Any]:
-    recording = open_store(folder / RECORDING, "recording")
-    truth = open_store(folder / TRUTH, "truth")
+    recording = open_store(folder / RECORDING, kind="recording")
+    truth = open_store(folder / TRUTH, kind="truth")
     row = {
         "sample": draw.number,
         "draw": draw.draw,

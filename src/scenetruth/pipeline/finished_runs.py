@@ -36,7 +36,7 @@ def verify_run(folder: str | Path, progress: Progress | None = None) -> list[Ver
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> with TemporaryDirectory() as folder:
-    ...     st.save_store(recording, f"{folder}/recording.zarr")
+    ...     _ = st.save_store(recording, f"{folder}/recording.zarr")
     ...     [(found.path.name, found.problem) for found in verify_run(folder)]
     [('recording.zarr', '')]
     """
@@ -111,8 +111,8 @@ def export_run(
     >>> recording = st.make_recording(np.zeros((2, 2, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> estimate = st.make_estimate(depth=np.ones((2, 8, 8)), recording=recording)
     >>> with TemporaryDirectory() as folder:
-    ...     st.save_store(recording, f"{folder}/recording.zarr")
-    ...     st.save_store(estimate, f"{folder}/estimate.zarr")
+    ...     _ = st.save_store(recording, f"{folder}/recording.zarr")
+    ...     _ = st.save_store(estimate, f"{folder}/estimate.zarr")
     ...     done = st.export(folder, "opencv_yaml", output=f"{folder}/cameras", method="structure_tensor")
     >>> done.files
     ('s+0.yml', 's+1.yml')
@@ -120,7 +120,7 @@ def export_run(
     # Errors of the call are reported before stores are opened.
     choose_format(format, options)
     run = RunDirectory(folder)
-    recording = open_store(run.recording, "recording")
+    recording = open_store(run.recording, kind="recording")
     maps = _open_maps(run, method)
     if row is not None:
         maps = _row_of_maps(recording, maps, row, "truth" if method is None else "estimate")
@@ -130,11 +130,11 @@ def export_run(
 
 def _open_maps(run: RunDirectory, method: str | None) -> xr.Dataset:
     if method is not None:
-        return open_store(run.of(method).estimate, "estimate")
+        return open_store(run.of(method).estimate, kind="estimate")
     if not run.truth.exists():
         remedy = "select an estimate with --method NAME (method='NAME')"
         raise StoreError(run.truth, f"no such store: the run has no truth; {remedy}")
-    return open_store(run.truth, "truth")
+    return open_store(run.truth, kind="truth")
 
 
 def _row_of_maps(recording: xr.Dataset, maps: xr.Dataset, row: int, what: str) -> xr.Dataset:

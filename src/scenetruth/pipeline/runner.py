@@ -121,12 +121,12 @@ class PipelineRunner:
     @cached_property
     def recording(self) -> xr.Dataset:
         """The recording."""
-        return open_store(self.folder.recording, "recording")
+        return open_store(self.folder.recording, kind="recording")
 
     @cached_property
     def truth(self) -> xr.Dataset | None:
         """The truth; None if there is none."""
-        return open_store(self.folder.truth, "truth") if self.folder.truth.exists() else None
+        return open_store(self.folder.truth, kind="truth") if self.folder.truth.exists() else None
 
     def results(self) -> RunResult:
         """Return the results."""
@@ -165,7 +165,7 @@ class PipelineRunner:
             files = RunDirectory(aside)
             if images is not None:
                 with self._timed("images"):
-                    write_images(open_store(files.recording, "recording"), files.images, images)
+                    write_images(open_store(files.recording, kind="recording"), files.images, images)
             if self.asked is not None:
                 files.unfinished.write_text(self.asked, encoding="utf-8")
         self._forget()
@@ -342,7 +342,7 @@ class PipelineRunner:
 
     def _estimate_of(self, method: str) -> xr.Dataset:
         if method not in self._estimates:
-            self._estimates[method] = open_store(self.folder.of(method).estimate, "estimate")
+            self._estimates[method] = open_store(self.folder.of(method).estimate, kind="estimate")
         return self._estimates[method]
 
     def _score_of(self, method: str) -> Score:

@@ -159,7 +159,7 @@ def _filtered(values: Map, kernel: Map, axis: int) -> Map:
     return filtered
 
 
-def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = None) -> xr.DataArray:
+def compute_growth_rate(dataset: xr.Dataset, *, settings: ScoreSettings | None = None) -> xr.DataArray:
     """Return the relative areal growth rate computed from depth and velocity.
 
     At every pixel, the surface point P = Z ray and the velocity U are fitted as affine functions of the pixel's x and
@@ -208,7 +208,7 @@ def compute_growth_rate(dataset: xr.Dataset, settings: ScoreSettings | None = No
     >>> camera = Intrinsics(focal_length_px=500.0, principal_point_px=(10.0, 10.0), baseline_mm=5.0)
     >>> velocity = np.stack([1e-3 * x, 1e-3 * y, 0 * x])[:, np.newaxis]
     >>> maps = label("estimate", {"depth": 0 * x[np.newaxis] + 500.0, "velocity": velocity}, camera, t=[0])
-    >>> growth = compute_growth_rate(maps, ScoreSettings(growth_window_px=3.0))
+    >>> growth = compute_growth_rate(maps, settings=ScoreSettings(growth_window_px=3.0))
     >>> print(growth.dims, f"{float(growth.sel(t=0, y=12, x=16)):.6f}")
     ('t', 'y', 'x') 0.002000
     """

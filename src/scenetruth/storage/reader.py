@@ -33,7 +33,7 @@ STORE_KINDS: tuple[StoreKind, ...] = ("recording", "truth", "estimate")
 """Types of data sets that a store can hold."""
 
 
-def load_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
+def load_store(path: str | Path, *, kind: StoreKind | None = None) -> xr.Dataset:
     """Read a store written by `save_store` into memory.
 
     Parameters
@@ -65,20 +65,20 @@ def load_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     st.save_store(recording, f"{folder}/recording.zarr")
+    ...     _ = st.save_store(recording, f"{folder}/recording.zarr")
     ...     again = load_store(f"{folder}/recording.zarr")
     ...     try:
-    ...         load_store(f"{folder}/recording.zarr", "truth")
+    ...         load_store(f"{folder}/recording.zarr", kind="truth")
     ...     except st.StoreError as error:
     ...         print(error.message)
     holds a recording, but a truth is needed
     >>> again.image.dims, again.attrs["baseline_mm"]
     (('s', 't', 'y', 'x'), 5.0)
     """
-    return open_store(path, kind).load()
+    return open_store(path, kind=kind).load()
 
 
-def open_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
+def open_store(path: str | Path, *, kind: StoreKind | None = None) -> xr.Dataset:
     """Open a store written by `save_store`; images and maps are read on access.
 
     Parameters
@@ -109,7 +109,7 @@ def open_store(path: str | Path, kind: StoreKind | None = None) -> xr.Dataset:
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     st.save_store(recording, f"{folder}/recording.zarr")
+    ...     _ = st.save_store(recording, f"{folder}/recording.zarr")
     ...     lazy = open_store(f"{folder}/recording.zarr")
     ...     lazy.image.sel(s=0, t=0).values.shape
     (8, 8)

@@ -191,7 +191,7 @@ def _pack(encoder: Any, chunk: NDArray[Any]) -> bytes:
     return with_checksum(bytes(encoder.encode(chunk)))
 
 
-def save_store(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> None:
+def save_store(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write a recording, ground truth or estimate to a Zarr store, one chunk per image or map.
 
     Parameters
@@ -203,6 +203,11 @@ def save_store(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False
     overwrite
         Replace an existing store. Directories that are not a store of scenetruth or contain foreign files are never
         replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The store.
 
     Raises
     ------
@@ -224,13 +229,14 @@ def save_store(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     save_store(recording, f"{folder}/recording.zarr")
-    ...     st.load_store(f"{folder}/recording.zarr", "recording").equals(recording)
+    ...     _ = save_store(recording, f"{folder}/recording.zarr")
+    ...     st.load_store(f"{folder}/recording.zarr", kind="recording").equals(recording)
     True
     """
     stamped = _stamped(dataset)
     with write_atomically(path, overwrite=overwrite, claim=claim_store) as aside:
         _write(stamped, aside, zipped=is_zip_name(Path(path)))
+    return Path(path)
 
 
 def write_store(dataset: xr.Dataset, path: Path, *, zipped: bool = False) -> None:

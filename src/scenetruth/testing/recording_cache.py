@@ -158,8 +158,8 @@ def _make(entry: Path, scene: Scene, save_radiance: bool, truth_content: Literal
 
 def _load(entry: Path) -> _Entry:
     """Read an entry and verify its checksums."""
-    recording = load_store(entry / store_name(RECORDING, zipped=False), "recording")
-    truth = load_store(entry / store_name(TRUTH, zipped=False), "truth")
+    recording = load_store(entry / store_name(RECORDING, zipped=False), kind="recording")
+    truth = load_store(entry / store_name(TRUTH, zipped=False), kind="truth")
     try:
         messages = json.loads((entry / _WARNINGS).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

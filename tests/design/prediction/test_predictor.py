@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from hypothesis import given
@@ -253,3 +254,13 @@ def test_long_waves_and_long_exposures_are_told() -> None:
     both = wall(objects=[small["objects"][0], ground["objects"][0]], shutter={"exposure_time_s": 0.9})
     assert any(line.startswith("points of 'wall' move 10.8 px during") for line in warnings_of(both))
     assert any("depth is valid in 0 %" in line for line in warnings_of(wall(texture={"kind": "uniform"})))
+
+
+def test_a_prediction_is_written_where_it_is_asked_for(tmp_path: Path) -> None:
+    table = predict(wall(), method="refined", output=tmp_path / "x").to_dataframe()
+    assert {file.name for file in (tmp_path / "x").iterdir()} == {"prediction.csv"}
+    assert len(pd.read_csv(tmp_path / "x" / "prediction.csv")) == len(table)
+    with pytest.raises(st.OutputExistsError):
+        predict(wall(), method="refined", output=tmp_path / "x")
+    predict(wall(), method="refined", model="maps", output=tmp_path / "x", overwrite=True)
+    assert {file.name for file in (tmp_path / "x").iterdir()} == {"prediction.csv", "prediction.png"}

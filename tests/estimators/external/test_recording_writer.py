@@ -166,7 +166,7 @@ def test_a_store_is_read_frame_by_frame(
     form: Literal["png", "tiff", "npy"], simulated: xr.Dataset, tmp_path: Path
 ) -> None:
     st.save_store(simulated, tmp_path / "recording.zarr")
-    opened = st.open_store(tmp_path / "recording.zarr", "recording")
+    opened = st.open_store(tmp_path / "recording.zarr", kind="recording")
     seen = []
     write_recording(opened, tmp_path / "in", form, progress=lambda *told: seen.append(told))
     assert not is_in_memory(opened.variables["image"])

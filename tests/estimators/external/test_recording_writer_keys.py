@@ -18,14 +18,14 @@ Make = Callable[..., xr.Dataset]
 def test_neither_attributes_nor_the_way_here_count(simulated: xr.Dataset, tmp_path: Path) -> None:
     key = recording_key(simulated)
     st.save_store(simulated, tmp_path / "recording.zarr")
-    assert recording_key(st.open_store(tmp_path / "recording.zarr", "recording")) == key
+    assert recording_key(st.open_store(tmp_path / "recording.zarr", kind="recording")) == key
     attrs = simulated.attrs
     own = st.make_recording(
         simulated["image"].values,
         attrs["focal_length_px"],
         attrs["baseline_mm"],
-        attrs["principal_point_px"],
-        attrs["frame_interval_s"],
+        principal_point_px=attrs["principal_point_px"],
+        frame_interval_s=attrs["frame_interval_s"],
         full_scale=attrs["full_scale"],
     )
     assert recording_key(own) == key

@@ -24,7 +24,7 @@ def test_results_made_offline_are_found(simulated: xr.Dataset, tmp_path: Path) -
     place.mkdir(parents=True)
     external_program.main(tmp_path / "in", place)
     st.save_store(simulated, tmp_path / "recording.zarr")
-    opened = st.open_store(tmp_path / "recording.zarr", "recording")
+    opened = st.open_store(tmp_path / "recording.zarr", kind="recording")
     method = ResultsFolder(tmp_path / "results", "offline")
     found = st.estimate(opened, pickle.loads(pickle.dumps(method)))
     expected = np.load(place / "disparity.npy")

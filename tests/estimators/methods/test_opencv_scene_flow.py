@@ -146,7 +146,7 @@ def test_frame_by_frame_from_a_store_is_all_at_once_to_the_bit(deep: xr.Dataset,
         told.setdefault(what, []).append((done, total))
 
     write_estimate(prepare(lazy, name, progress=progress), tmp_path / "estimate.zarr")
-    found = st.load_store(tmp_path / "estimate.zarr", "estimate")
+    found = st.load_store(tmp_path / "estimate.zarr", kind="estimate")
     xr.testing.assert_identical(found, st.estimate(deep, name))
     xr.testing.assert_identical(found.drop_attrs(), at_once(deep, name).drop_attrs())
     assert ("velocity" in found) == (name == "opencv_scene_flow")

@@ -315,9 +315,9 @@ def test_streams_from_a_folder_to_a_folder(tmp_path: Path, cameras: int, frames:
     recording = PLANE.recording(cameras, frames)
     st.save_store(recording, tmp_path / "recording.zarr")
     settings: dict[str, Any] = {"window_frames": 3, "window_sigma_px": 3, "discontinuity_refit": False}
-    work = prepare(st.open_store(tmp_path / "recording.zarr", "recording"), "refined", **settings)
+    work = prepare(st.open_store(tmp_path / "recording.zarr", kind="recording"), "refined", **settings)
     write_estimate(work, tmp_path / "estimate.zarr")
-    streamed = st.load_store(tmp_path / "estimate.zarr", "estimate")
+    streamed = st.load_store(tmp_path / "estimate.zarr", kind="estimate")
     kept = st.estimate(recording, "refined", **settings)
     xr.testing.assert_identical(streamed.drop_attrs(), kept.drop_attrs())
     assert streamed.attrs["iterations"] == kept.attrs["iterations"]

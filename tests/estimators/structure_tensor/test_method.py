@@ -87,7 +87,7 @@ def moving_waves(height: int, width: int, seed: int = 4) -> Array:
 @pytest.mark.parametrize("divergence", ["paper", "consistent"])
 def test_against_the_formulas_term_by_term(divergence: str) -> None:
     grey = moving_waves(17, 18)
-    recording = st.make_recording((grey + 1) / 2, 100.0, 2.0, (9.3, 8.1))
+    recording = st.make_recording((grey + 1) / 2, 100.0, 2.0, principal_point_px=(9.3, 8.1))
     estimate = st.estimate(
         recording, window_sigma_px=2.0, window_taps_px=7, working_point_px=0, tau=0.0, divergence=divergence
     ).isel(t=0)
@@ -115,7 +115,7 @@ def test_kernels_against_the_plain_reading(
     size: tuple[int, int], taps: int, seed: int, shift: int, divergence: Literal["paper", "consistent"], tau: float
 ) -> None:
     grey = moving_waves(*size, seed=seed)
-    recording = st.make_recording((grey + 1) / 2, 100.0, 2.0, (11.3, 8.1))
+    recording = st.make_recording((grey + 1) / 2, 100.0, 2.0, principal_point_px=(11.3, 8.1))
     # The plain reading registers by one disparity and no flow; these waves move by up to half a pixel per frame.
     chosen = StructureTensorSettings(
         window_sigma_px=taps / 4,

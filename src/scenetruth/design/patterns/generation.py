@@ -104,7 +104,7 @@ def list_pattern_types() -> dict[str, type[PatternModel]]:
 
 def generate_pattern(
     rig: PatternRig | Scene | Mapping[str, Any] | str | Path,
-    kind: str = "speckle",
+    type: str = "speckle",
     *,
     size_mm: tuple[float, float] | None = None,
     seed: int = 0,
@@ -116,7 +116,7 @@ def generate_pattern(
     ----------
     rig
         The rig, or a scene, its plain values or file.
-    kind
+    type
         ``"speckle"``: random dots; ``"noise"``: band-limited noise, thresholded to ink and paper; ``"grey_noise"``:
         band-limited noise in shades of grey, for photographic prints.
     size_mm
@@ -154,10 +154,10 @@ def generate_pattern(
     """
     rig = rig if isinstance(rig, PatternRig) else PatternRig.from_scene(rig)
     kinds = list_pattern_types()
-    if kind not in kinds:
-        raise ArgumentError([Problem("kind", f"must be one of {', '.join(kinds)}", kind)], source="a pattern")
-    lengths, problems = _in_mm(settings, kinds[kind], rig)
-    model, found = validate_values(kinds[kind], {"kind": kind, **lengths})
+    if type not in kinds:
+        raise ArgumentError([Problem("type", f"must be one of {', '.join(kinds)}", type)], source="a pattern")
+    lengths, problems = _in_mm(settings, kinds[type], rig)
+    model, found = validate_values(kinds[type], {"kind": type, **lengths})
     problems += found
     size = size_mm or _visible_size_mm(rig)
     problems += _size_problems(size) + ([] if _is_seed(seed) else [_seed_problem(seed)])
@@ -170,7 +170,7 @@ def generate_pattern(
     if model is None or size is None or problems:
         raise ArgumentError(problems, source="a pattern")
     width, height = (float(side) for side in size)
-    drawing = model.draw((width, height), generator_for(seed, "pattern", kind))
+    drawing = model.draw((width, height), generator_for(seed, "pattern", type))
     return Pattern(model, (width, height), seed, rig, drawing)
 
 

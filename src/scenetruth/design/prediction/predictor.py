@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, cast
 
 from scenetruth.bound.unknowns import Motion
 from scenetruth.design.prediction.analytic_prediction import predict_analytic
-from scenetruth.design.prediction.prediction_result import Model, PredictedValue, Prediction
+from scenetruth.design.prediction.prediction_result import Model, PredictedValue, Prediction, write_prediction
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_method
@@ -184,6 +185,8 @@ def predict(
     motion: Motion | None = None,
     overrides: Overrides = (),
     limits: Limits | None = None,
+    output: str | Path | None = None,
+    overwrite: bool = False,
 ) -> Prediction:
     """Predict the standard deviations of depth, slopes, motion and growth of a scene, without simulating noise.
 
@@ -209,6 +212,11 @@ def predict(
         Changes to the scene, as in `scenetruth.load_scene`.
     limits
         Limits on the scene (`scenetruth.Limits`); default: the standard limits.
+    output
+        Directory of the table ``prediction.csv`` and, with ``maps``, of the figure ``prediction.png``; by default
+        nothing is written.
+    overwrite
+        Whether an existing prediction in ``output`` may be replaced.
 
     Returns
     -------
@@ -217,6 +225,8 @@ def predict(
 
     Raises
     ------
+    OutputExistsError
+        If ``output`` exists and ``overwrite`` is false.
     ArgumentError
         If an argument is invalid; lists all errors.
     SceneError
@@ -248,12 +258,14 @@ def predict(
         known = known.model_copy(update={"estimate": spec.choice(known.estimate)})
     name = known.estimate.method
     made = predict_analytic(known, name, window_sigma_px, motion, parts)
-    if model == "analytic":
-        return made
-    # Compiled code is loaded only for this model.
-    from scenetruth.design.prediction.map_prediction import predict_maps
+    if model == "maps":
+        # Compiled code is loaded only for this model.
+        from scenetruth.design.prediction.map_prediction import predict_maps
 
-    return predict_maps(known, name, window_sigma_px, motion, made)
+        made = predict_maps(known, name, window_sigma_px, motion, made)
+    if output is not None:
+        write_prediction(made, Path(output), overwrite=overwrite)
+    return made
 
 
 def predict_quickly(scene: Scene, parts: Sequence[ObjectWorkload], method: str) -> Prediction:

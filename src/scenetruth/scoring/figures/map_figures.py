@@ -344,7 +344,7 @@ def draw_estimated_growth(views: FigureArrays, estimate: xr.Dataset, folder: Pat
     if own:
         found = views.estimate["growth_rate"]
     else:
-        rate = compute_growth_rate(estimate.sel(t=[views.frame]), settings).values[0]
+        rate = compute_growth_rate(estimate.sel(t=[views.frame]), settings=settings).values[0]
         found = percent_per_hour(read_intrinsics(estimate)) * rate
     if not np.isfinite(found).any():
         return None

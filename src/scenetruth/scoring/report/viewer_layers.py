@@ -130,7 +130,7 @@ def _windowed(
     factor = percent_per_hour(read_intrinsics(estimate))
     entry = QUANTITIES["growth_rate_windowed"]
     if truth is None:
-        maps = {"estimate": factor * thinned(compute_growth_rate(estimate, settings).values, step)}
+        maps = {"estimate": factor * thinned(compute_growth_rate(estimate, settings=settings).values, step)}
     else:
         found = compute_growth_maps(estimate, truth, settings)
         if found is None:

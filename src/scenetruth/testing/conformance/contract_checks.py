@@ -270,7 +270,7 @@ def check_round_trip(bench: ConformanceBench) -> None:
     with tempfile.TemporaryDirectory() as folder:
         try:
             save_store(estimate, Path(folder) / "estimate.zarr")
-            loaded = load_store(Path(folder) / "estimate.zarr", "estimate")
+            loaded = load_store(Path(folder) / "estimate.zarr", kind="estimate")
             wrong += [f"{name} changes when saved and loaded" for name in list_differing_variables(estimate, loaded)]
         except (ScenetruthError, TypeError, ValueError) as error:
             wrong.append(f"it cannot be saved and loaded: {' '.join(str(error).split())}")
@@ -321,7 +321,7 @@ def check_streaming(bench: ConformanceBench) -> None:
     puts: dict[str, NDArray[np.int64]] = {}
     with tempfile.TemporaryDirectory() as folder:
         save_store(recording, Path(folder) / "recording.zarr")
-        opened = open_store(Path(folder) / "recording.zarr", "recording")
+        opened = open_store(Path(folder) / "recording.zarr", kind="recording")
         estimation = prepare(opened, method, bench.settings)
         blank = estimation.blank()
         assert blank is not None
