@@ -130,6 +130,23 @@ def test_a_score_of_a_constant_error_is_that_error() -> None:
     assert 0 < value.n <= 160 * 120
 
 
+def test_a_design_gives_simulated_values_where_there_are_some() -> None:
+    design = sample_design()
+    simulated = {rig.number: rig.simulated for rig in design.rigs if rig.simulated}
+    assert simulated
+    for objective in design.objectives:
+        for rig in design.rigs:
+            value = design.value(objective.quantity, region=objective.region, rig=rig.number)
+            assert (value.statistic, value.unit) == (objective.statistic, objective.unit)
+            if rig.number in simulated:
+                expected = simulated[rig.number][objective.title]
+                ends = pytest.approx((expected.pi_low, expected.pi_high), nan_ok=True)
+                assert (value.value, value.n) == (pytest.approx(expected.value), expected.seeds)
+                assert (value.ci_low, value.ci_high) == ends
+            else:
+                assert (value.value, value.n) == (rig.predicted[objective.title], None)
+
+
 def test_files_of_other_results_are_refused(tmp_path: Path) -> None:
     budget_of_a_cube().save(tmp_path / "budget.json")
     with pytest.raises(st.StoreError, match=r"budget\.json: is not a saved Sweep: type must be 'Sweep', not 'Budget'"):

@@ -353,12 +353,18 @@ class DesignResult(Result):
         if problems or objective is None or chosen is None:
             raise ArgumentError(problems)
         wanted = statistic or objective.statistic
-        simulated = compute_rig_interval(chosen, objective.title, STATISTICS[wanted].scored)
+        simulated = chosen.simulated.get(objective.title)
+        if simulated is None or wanted != objective.statistic:
+            simulated = compute_rig_interval(chosen, objective.title, wanted)
         if simulated.seeds:
-            factor = STATISTICS[wanted].factor
-            numbers = [factor * one for one in (simulated.value, simulated.pi_low, simulated.pi_high)]
             return QuantityValue(
-                numbers[0], objective.unit, numbers[1], numbers[2], statistic=wanted, region=region, n=simulated.seeds
+                value=simulated.value,
+                unit=objective.unit,
+                ci_low=simulated.pi_low,
+                ci_high=simulated.pi_high,
+                statistic=wanted,
+                region=region,
+                n=simulated.seeds,
             )
         if wanted != objective.statistic:
             message = f"is predicted as {objective.statistic} only; rig {chosen.number} was not simulated"
