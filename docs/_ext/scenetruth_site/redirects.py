@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import html
+import posixpath
 from functools import lru_cache
 from pathlib import Path
 
 import yaml
-from sphinx.util.osutil import relative_uri
 
 __all__ = ["redirects", "write_redirects"]
 
@@ -50,7 +50,7 @@ def write_redirects(site: Path) -> list[Path]:
             msg = f"redirects.yaml: '{former}' is the address of a page"
             raise ValueError(msg)
         file.parent.mkdir(parents=True, exist_ok=True)
-        uri = html.escape(relative_uri(f"{former}.html", f"{page}.html"))
+        uri = html.escape(posixpath.relpath(f"{page}.html", posixpath.dirname(former) or "."))
         file.write_text(_STUB.format(target=uri, name=html.escape(page)), encoding="utf-8")
         written.append(file)
     return written
