@@ -10,8 +10,8 @@ import argparse
 from typing import Any
 
 import numpy as np
-from tests.estimators.structure_tensor.test_noise_model import NOISE, calibration
 from tests.helpers.analytic_plane import Plane
+from tests.helpers.noise_calibration import NOISE, calibration
 from tests.helpers.scenes import SCENES, plaid
 
 import scenetruth as st

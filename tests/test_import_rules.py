@@ -367,6 +367,7 @@ SEE_INSIDE = {
     "browser/test_sweep_page.py",
     "design/optimisation/test_design_records.py",
     "helpers/plain_structure_tensor.py",
+    "helpers/warped_images.py",
     "pipeline/test_runner.py",
     "resources/test_workload.py",
     "scene/test_built_scene.py",

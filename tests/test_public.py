@@ -13,6 +13,7 @@ from types import ModuleType
 import pytest
 
 import scenetruth as st
+from tests.helpers.docstring_sections import sections_of
 
 
 @pytest.mark.parametrize("name", st.__all__)
@@ -22,12 +23,6 @@ def test_every_public_name_exists_and_is_documented(name: str) -> None:
 
 FUNCTIONS = [name for name in st.__all__ if inspect.isfunction(getattr(st, name))]
 EXAMPLES = [*FUNCTIONS, "Problem", "RunDirectory", "Scene", "Score"]
-
-
-def sections_of(thing: object) -> dict[str, str]:
-    """The sections of a docstring in the form of numpydoc, by their headings."""
-    parts = re.split(r"^([A-Z][A-Za-z ]+)\n-{3,}\n", inspect.getdoc(thing) or "", flags=re.MULTILINE)
-    return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
 def described_in(section: str) -> list[str]:

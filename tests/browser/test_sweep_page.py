@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from scenetruth.design.sweeps.sweep_report import write_sweep_report
-from tests.design.sweeps.test_sweep_report import over_two
 from tests.helpers.browser_pages import opened, reads_well
+from tests.helpers.sample_sweep import over_two
 
 
 @pytest.fixture

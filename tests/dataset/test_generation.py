@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +22,14 @@ from scenetruth.dataset.fingerprint import begin_dataset, compute_fingerprint, c
 from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.recipe_loader import Recipe, load_recipe
-from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import Partition, make_sample
 from scenetruth.errors import MachineError, MismatchError, StoreError
 from scenetruth.pipeline import verify_run
 from scenetruth.resources import Limits
+from tests.helpers.dataset_makers import Make
 from tests.helpers.nightly import nightly
 from tests.helpers.small_recipes import RECIPE
 
-Make = Callable[..., Sampler]
 PAIRED = {"sensor.noise_std": [0.05]}
 
 

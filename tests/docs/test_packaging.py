@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-ROOT = Path(__file__).parents[2]
+from tests.helpers.releases import ROOT, releases
+
 PACKAGING = ROOT / "packaging"
 CONDA_NAMES = {"matplotlib": "matplotlib-base"}
 """Packages that conda-forge has under another name."""
@@ -58,17 +59,6 @@ def test_the_oldest_versions_are_those_that_are_allowed(project: dict[str, Any])
     lines = (PACKAGING / "oldest.txt").read_text(encoding="utf-8").splitlines()
     pinned = bounds([line for line in lines if not line.startswith("#")], "==")
     assert pinned == bounds(project["dependencies"])
-
-
-def releases() -> list[tuple[str, str]]:
-    """Return the versions of the changelog and their dates, the latest first."""
-    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    headings = re.findall(r"^## (.*)$", text, re.MULTILINE)
-    assert headings[0] == "[Unreleased]"
-    found = [re.fullmatch(r"\[(\d+\.\d+\.\d+)\] - (\d{4}-\d\d-\d\d)", heading) for heading in headings[1:]]
-    assert found
-    assert None not in found, headings
-    return [(one.group(1), one.group(2)) for one in found if one is not None]
 
 
 def test_the_citation_is_of_the_latest_release(project: dict[str, Any]) -> None:

@@ -29,7 +29,7 @@ from scenetruth_site.file_examples import examples_in
 from scenetruth_site.file_models import anchor_of, models_of
 from scenetruth_site.files import DESCRIBED, page_in_markdown, pages_of_file
 from scenetruth_site.generated import generated_parts
-from tests.test_public import sections_of
+from tests.helpers.docstring_sections import sections_of
 
 DOCS = Path(__file__).parents[2] / "docs"
 NAMES = Counter(f"{module}.{name}" for modules in API.values() for module, names in modules.items() for name in names)

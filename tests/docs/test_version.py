@@ -14,7 +14,7 @@ import pytest
 from packaging.version import Version
 from setuptools_scm import get_version
 
-from tests.docs.test_packaging import releases
+from tests.helpers.releases import releases
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools_scm"]

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.raycast import Hits, RayCaster, Topology
 from scenetruth.raycast import ray_caster as caster_module
+from tests.helpers.boxes_and_rays import boxes, brute_force, grid
 from tests.helpers.faceted_surfaces import relief
-from tests.raycast.test_ray_caster import boxes, brute_force, grid
 
 
 def scattered(caster: RayCaster, *arguments: object) -> Hits:

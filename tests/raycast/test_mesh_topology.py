@@ -14,7 +14,7 @@ from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.raycast.edge_kernels import contour_edges, face_sides
 from scenetruth.scene.mesh import make_box
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
-from tests.raycast.test_edges import sampled_borders
+from tests.helpers.sampled_borders import sampled_borders
 
 CAMERA = Camera(width=96, height=72, focal_length_px=800)
 FACES = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]], dtype=np.int32)

@@ -19,7 +19,7 @@ from scenetruth.scene.mesh import make_sheet
 from scenetruth.scene.scene_report import check_scene
 from scenetruth.scene.taylor import Jet
 from scenetruth.scene.vertex_animation import AnimatedConfiguration
-from tests.helpers.scenes import cube
+from tests.helpers.animated_scene import scene_with
 
 Array = NDArray[np.float64]
 SHEET = make_sheet((40, 30), 5)
@@ -30,17 +30,6 @@ def write_obj(file: Path, vertices: Array, faces: NDArray[np.int32] = SHEET.face
     lines += ["f " + " ".join(str(index + 1) for index in face) for face in faces]
     file.write_text("\n".join(lines) + "\n")
     return file
-
-
-def scene_with(mesh: dict[str, Any], *deformations: dict[str, Any], frames: int = 9, **changes: Any) -> st.Scene:
-    item = {
-        "name": "thing",
-        "mesh": mesh,
-        "texture": {"kind": "uniform"},
-        "pose": {"position_mm": [0, 0, 660]},
-        "deformation": list(deformations),
-    }
-    return cube(objects=[item], frames={"count": frames, "frame_interval_s": 0.5}, **changes)
 
 
 def world_of(folder: Path, states: Array, rest: Array = SHEET.vertices_mm, **entry: Any) -> BuiltScene:

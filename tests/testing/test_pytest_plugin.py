@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from scenetruth.testing.recording_cache import RecordingCache
+from tests.helpers.cached_scene import SMALL
 from tests.helpers.synthetic_case import make_case
-from tests.testing.test_recording_cache import SMALL
 
 pytest_plugins = ["pytester"]
 

@@ -19,9 +19,7 @@ import scenetruth as st
 from scenetruth.errors import SceneWarning
 from scenetruth.testing import recording_cache
 from scenetruth.testing.recording_cache import RecordingCache, remove_entries
-from tests.helpers.small_recipes import SCENE
-
-SMALL = {**SCENE, "camera": {"width": 32, "height": 24, "focal_length_px": 60}}
+from tests.helpers.cached_scene import SMALL
 
 
 class Kitchen:

@@ -19,9 +19,9 @@ from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.schema import VARIABLES
 from scenetruth.truth import TruthPoses, TruthViews, interior_warnings, make_truth
+from tests.helpers.ball_mesh import ball
+from tests.helpers.occluding_gate import gate
 from tests.helpers.scenes import cube
-from tests.scene.mesh.test_mesh_file import ball
-from tests.truth.test_visibility_kernels import gate
 
 
 @cache

@@ -14,7 +14,7 @@ from scenetruth.dataset.pages.page_text import (
     format_label,
     format_title,
 )
-from tests.dataset.test_generation import Make
+from tests.helpers.dataset_makers import Make
 from tests.helpers.small_recipes import SCENE
 
 LIT = {

@@ -15,8 +15,8 @@ from scenetruth.errors import OutputExistsError, RecipeError
 from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.texture import NoiseTexture
 from scenetruth.simulation import simulate
-from tests.dataset.test_generation import Make
 from tests.helpers.command_line import scenetruth
+from tests.helpers.dataset_makers import Make
 from tests.helpers.nightly import nightly
 from tests.helpers.small_recipes import SCENE
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,34 +14,11 @@ from scenetruth.design.sweeps import Sweep
 from scenetruth.design.sweeps.plot_model import build_panels, list_plotted_quantities
 from scenetruth.design.sweeps.static_plots import write_static_plots
 from scenetruth.design.sweeps.sweep_report import build_chart, write_sweep_report
-from scenetruth.design.sweeps.sweep_result import SweepRecord
-
-HOSTILE = "</script><script>alert(1)</script>"
-BASELINE, NOISE, KIND = "stage.baseline_mm", "sensor.noise_std", "objects.0.mesh.kind"
-
-
-def rows(points: list[dict[str, Any]], methods: tuple[str, ...] = ("mine",)) -> list[SweepRecord]:
-    found = []
-    for number, values in enumerate(points, 1):
-        for factor, method in enumerate(methods, 1):
-            where = (values, "cube", method, None, "interior")
-            error = factor * number
-            found.append(SweepRecord(*where, "depth", "rmse", error, 0.8 * error, 1.2 * error, "mm"))
-            found.append(SweepRecord(*where, "depth", "bias", -error, unit="mm"))
-            found.append(SweepRecord(*where, "growth_rate", "rmse", error, unit="%/h"))
-            found.append(SweepRecord(values, "cube", method, 1, "interior", "depth", "rmse", 77.0, unit="mm"))
-            bound = "bound" if len(methods) == 1 else f"bound of {method}"
-            found.append(SweepRecord(values, "cube", bound, None, "interior", "depth", "rmse", error / 2, unit="mm"))
-    return found
+from tests.helpers.sample_sweep import BASELINE, HOSTILE, KIND, NOISE, over_two, rows
 
 
 def over_one() -> Sweep:
     return Sweep([BASELINE], ["cube"], ["mine", HOSTILE], rows([{BASELINE: b} for b in (1, 2, 20)], ("mine", HOSTILE)))
-
-
-def over_two() -> Sweep:
-    points = [{BASELINE: b, NOISE: n} for b in (1, 2, 4) for n in (0.01, 0.02)]
-    return Sweep([BASELINE, NOISE], ["cube"], ["mine"], rows(points), ["cube at 3: why"], [HOSTILE])
 
 
 def test_one_factor_makes_lines_with_error_bars_and_the_bound() -> None:

@@ -15,21 +15,8 @@ from scenetruth.estimators.refined.kernels import pixel_equations as equations
 from scenetruth.estimators.refined.noise_estimation import EVEN
 from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, window_weights
 from scenetruth.schema import make_recording
-from tests.estimators.refined.test_kernels import (
-    COUNT,
-    HEIGHT,
-    VIEW,
-    WIDTH,
-    accelerated,
-    fields,
-    images,
-    warped,
-    warped_by,
-)
+from tests.helpers.warped_images import COUNT, HEIGHT, VIEW, WIDTH, warped_by
 from tests.helpers.wavy_plane import MovingPlane
-
-__all__ = ["accelerated", "fields", "images", "warped"]
-
 
 Array = NDArray[np.float64]
 # Pixels are means of 3 x 3 samples, as a sensor takes them.

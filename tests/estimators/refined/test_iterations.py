@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import scenetruth as st
 from scenetruth.estimators.method_settings import RefinedSettings
 from scenetruth.estimators.refined.image_stack import ImageStack, Splines
 from scenetruth.estimators.refined.iterations import refine
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
-from scenetruth.schema import make_recording
+from tests.helpers.curved_surface import curved
 from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
@@ -76,29 +75,6 @@ def test_threads_change_nothing() -> None:
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(both.fit.theta, alone.fit.theta)
-
-
-def curved(bend: float, noise_std: float) -> tuple[xr.Dataset, np.ndarray]:
-    """Return one frame of a surface whose disparity is 8 + bend x² / 2, and that disparity."""
-    height, width = 72, 120
-    y, x = np.mgrid[:height, :width].astype(float)
-    middle = (width - 1) / 2
-    generator = np.random.default_rng(4)
-    waves = generator.uniform(-1.1, 1.1, (2, 40))
-    phases = generator.uniform(0, 2 * np.pi, 40)
-
-    def disparity(at: np.ndarray) -> np.ndarray:
-        return 8.0 + 0.5 * bend * (at - middle) ** 2
-
-    images = []
-    for s in (-2, -1, 0, 1, 2):
-        # The camera at s sees at x what the reference sees at x + s d.
-        at = x.copy()
-        for _ in range(60):
-            at = x + s * disparity(at)
-        grey = 0.5 + 0.02 * np.cos(at[..., None] * waves[0] + y[..., None] * waves[1] + phases).sum(axis=-1)
-        images.append([grey + generator.normal(0.0, noise_std, grey.shape)])
-    return make_recording(images, 1000.0, 4.0), disparity(x)
 
 
 def test_a_curved_surface_is_told_from_a_plane() -> None:

@@ -8,63 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import BSpline
 
-from scenetruth.estimators.refined.image_stack import NO_DEFECTS
 from scenetruth.estimators.refined.kernels import pixel_equations, warp, window_solver, window_sums
 from scenetruth.estimators.refined.kernels import pixel_equations as equations
 from scenetruth.estimators.refined.noise_estimation import EVEN, spline_slope_transfer, spline_transfer
-from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, window_weights
+from scenetruth.estimators.refined.row_bands import window_weights
+from tests.helpers.warped_images import COUNT, HEIGHT, VIEW, WIDTH, Array, warped_by
 from tests.helpers.wavy_plane import MovingPlane, turning
-
-Array = NDArray[np.float64]
-Warped = tuple[NDArray[np.float32], NDArray[np.float32]]
-HEIGHT, WIDTH, COUNT = 40, 56, 9
-VIEW = warp.ImageView(
-    np.tile([-1.0, 0.0, 1.0], 3),
-    np.array([0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, -0.5]),
-    np.repeat([0.0, 1.0, -1.0], 3),
-    np.zeros((9, 4)),
-    200.0,
-    26.5,
-    18.0,
-)
-
-
-@pytest.fixture(scope="module")
-def images() -> Array:
-    generator = np.random.default_rng(0)
-    return np.array(ndimage.gaussian_filter(generator.normal(0, 10, (COUNT, HEIGHT, WIDTH)), (0, 1.5, 1.5)))
-
-
-@pytest.fixture(scope="module")
-def accelerated() -> Array:
-    """Return d, q and acceleration of every pixel."""
-    generator = np.random.default_rng(1)
-    smooth = ndimage.gaussian_filter(generator.normal(0, 1, (7, HEIGHT, WIDTH)), (0, 6, 6))
-    scale = np.reshape([5.0, 1.0, 1.0, 5.0, 1.0, 1.0, 5.0], (7, 1, 1))
-    return np.array(scale * smooth + np.reshape([3.0, 0.2, -0.1, 1.0, 0.2, -0.3, 2.0], (7, 1, 1)))
-
-
-@pytest.fixture(scope="module")
-def fields(accelerated: Array) -> Array:
-    return np.ascontiguousarray(accelerated[:4])
-
-
-@pytest.fixture(scope="module")
-def warped(images: Array, fields: Array) -> Warped:
-    return warped_by(images, fields)
-
-
-def warped_by(images: Array, fields: Array, order: int = 5) -> Warped:
-    coefficients = np.array([ndimage.spline_filter(image, order, mode="mirror") for image in images], dtype=np.float32)
-    values = np.empty((COUNT, HEIGHT, WIDTH), dtype=np.float32)
-    gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
-    view = VIEW._replace(spline=order)
-    warp.warp_rows(coefficients, view, fields, NO_OCCLUSION, NO_DEFECTS, 0, values, gradient, (0, HEIGHT))
-    return values, gradient
 
 
 def mean_known(values: Array, axis: int) -> Array:

@@ -12,6 +12,7 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.estimators import prepare
 from scenetruth.pipeline.runner import write_estimate
+from tests.helpers.estimated_plane import INSIDE, errors, estimated
 from tests.helpers.nightly import by_night, nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
@@ -22,21 +23,6 @@ GRADIENTS = {
     "growing": turning(4e-3, -3e-3, 5e-3) + GROWTH * np.eye(3),
     "affine": np.array([[3e-3, 1e-3, 0.0], [2e-3, -2e-3, 0.0], [4e-3, 1e-3, 0.0]]),
 }
-# Where windows of sigma 4 do not reach beyond the image of any camera.
-INSIDE = {"y": slice(14, -14), "x": slice(34, -34)}
-SIGMA = 4
-
-
-def estimated(plane: MovingPlane, recording: xr.Dataset, **settings: Any) -> xr.Dataset:
-    # Planes have no outlines: what is done there would take three times as long. One test has it done.
-    found = st.estimate(recording, "refined", **{"window_sigma_px": SIGMA, "discontinuity_refit": False, **settings})
-    return found.sel(t=0)
-
-
-def errors(found: xr.Dataset, plane: MovingPlane, name: str) -> np.ndarray:
-    truth = plane.truth()[name]
-    inside = found[name].copy(data=found[name].values - truth).isel(INSIDE).values
-    return np.asarray(inside.reshape(-1, *inside.shape[-2:]))
 
 
 @pytest.mark.parametrize("motion", [*by_night("rigid", "affine"), *sorted({*GRADIENTS} - {"rigid", "affine"})])

@@ -17,7 +17,7 @@ from scenetruth.estimators.refined.noise_estimation import (
     estimate_variance,
     photon_transfer_variance,
 )
-from tests.estimators.refined.test_method import INSIDE, errors, estimated
+from tests.helpers.estimated_plane import INSIDE, errors, estimated
 from tests.helpers.wavy_plane import MovingPlane
 
 DARK, GAIN = 0.004, 0.002

@@ -22,10 +22,8 @@ from scenetruth.estimators.refined.pixel_defects import (
     find_saturated_runs,
     spread_defects,
 )
-from tests.estimators.refined.test_kernels import COUNT, HEIGHT, VIEW, WIDTH, accelerated, fields, images, warped
+from tests.helpers.warped_images import COUNT, HEIGHT, VIEW, WIDTH
 from tests.helpers.wavy_plane import MovingPlane, turning
-
-__all__ = ["accelerated", "fields", "images", "warped"]
 
 PLANE = MovingPlane(seed=2, size=(90, 120), gradient=turning(4e-3, -3e-3, 5e-3))
 TRUTH = PLANE.truth()

@@ -15,7 +15,7 @@ from scenetruth.scene.mesh import TriangleMesh, make_sheet
 from scenetruth.scene.mesh.sheets import make_relief, make_saddle
 from scenetruth.scene.mesh.solids import make_cylinder, make_sphere, make_spherical_cap, make_stairs
 from tests.helpers.scenes import cube
-from tests.truth.test_geometry_maps_surfaces import POSITION, SPEED, SPIN_DEG, TILT_DEG, scene_of
+from tests.helpers.smooth_surfaces import POSITION, SPEED, SPIN_DEG, TILT_DEG, scene_of
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.mesh import make_sheet
-from tests.scene.test_vertex_animation import scene_with
+from tests.helpers.animated_scene import scene_with
 
 Array = NDArray[np.float64]
 SHEET = make_sheet((32, 24), 8)

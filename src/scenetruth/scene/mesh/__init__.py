@@ -3,7 +3,7 @@
 from scenetruth.scene.mesh.mesh_file import load_mesh_file
 from scenetruth.scene.mesh.mesh_model import MeshModel, MeshSize, TriangleMesh
 from scenetruth.scene.mesh.sheets import PlaneMesh, make_plane, make_sheet
-from scenetruth.scene.mesh.solids import make_box
+from scenetruth.scene.mesh.solids import make_box, make_sphere
 
 __all__ = [
     "MeshModel",
@@ -14,4 +14,5 @@ __all__ = [
     "make_box",
     "make_plane",
     "make_sheet",
+    "make_sphere",
 ]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import scenetruth
 from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, VALUES, describe_element
-from tests.estimators.refined.test_iterations import curved
+from tests.helpers.curved_surface import curved
 from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
