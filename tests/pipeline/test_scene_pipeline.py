@@ -35,7 +35,7 @@ def test_methods_stand_side_by_side(finished: Path) -> None:
     assert names(finished) == {"scene.yaml", "recording.zarr", "truth.zarr"} | plain | other
     run = st.RunDirectory(finished)
     assert run.estimated() == ["structure_tensor", "opencv_flow"]
-    score = st.Score.from_json(run.of("opencv_flow").score_json.read_text())
+    score = st.Score.from_json(run.paths("opencv_flow").score_json.read_text())
     assert {"flow_x", "flow_y"} <= set(score.regions["all"])
     assert not {"depth", "velocity_z"} & set(score.regions["all"])
 

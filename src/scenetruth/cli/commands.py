@@ -149,7 +149,7 @@ def estimate(
             with runner.keeping_failures(choice.method):
                 runner.estimate(choice)
     for choice in choices:
-        files = runner.folder.of(choice.method)
+        files = runner.folder.paths(choice.method)
         if choice.method in runner.failures:
             continue
         print_wrote(files.estimate)
@@ -195,7 +195,7 @@ def score(
     else:
         _print_scores(results, region)
         for method in results.scores:
-            files = runner.folder.of(method)
+            files = runner.folder.paths(method)
             print_wrote((files.score_json, files.score_csv))
     _raise_failures(results)
 
@@ -224,7 +224,7 @@ def report(
                 runner.report(method, figures or None, _beside_png(figure_formats))
     for method in names:
         if method not in runner.failures:
-            print_wrote(runner.folder.of(method).report)
+            print_wrote(runner.folder.paths(method).report)
     _raise_failures(runner.results())
 
 
@@ -366,7 +366,7 @@ def _print_results(results: RunResult) -> None:
     for method, scored in results.scores.items():
         print_picture(results.folder, method, make_console())
         print_main_figures(scored, method)
-        page = results.folder.of(method).report
+        page = results.folder.paths(method).report
         if page.is_file():
             echo(f"page: {page.absolute().as_uri()}")
 

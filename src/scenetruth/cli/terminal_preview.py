@@ -38,7 +38,7 @@ def print_picture(folder: RunDirectory, method: str, console: Console) -> None:
 
     from scenetruth.storage import open_store
 
-    estimate = open_store(folder.of(method).estimate, kind="estimate")
+    estimate = open_store(folder.paths(method).estimate, kind="estimate")
     frame = _nearest_zero(estimate["t"].values)
     image = _plane(open_store(folder.recording, kind="recording")["image"], float(estimate["t"][frame]))
     panels, captions = [_grey(image)], ["image"]

@@ -199,7 +199,7 @@ def _scored(folder: Path, chosen: MethodChoice, anew: bool) -> Score:
     from scenetruth.scoring import score_settings
 
     with PipelineRunner(RunDirectory(folder), overwrite=True, limits=Limits()) as runner:
-        files = runner.folder.of(chosen.method)
+        files = runner.folder.paths(chosen.method)
         if anew or not files.estimate.exists():
             runner.estimate(chosen)
         scene = json.loads(runner.recording.attrs["scene"])

@@ -73,7 +73,7 @@ class Sample:
     def estimate(self, method: str | None = None) -> xr.Dataset:
         """Return the estimate of a method, computed by ``scenetruth dataset estimate``."""
         run = self.run
-        return open_store(run.of(method or run.own_method).estimate, kind="estimate")
+        return open_store(run.paths(method or run.own_method).estimate, kind="estimate")
 
     def _opened(self, name: str, kind: Literal["recording", "truth"]) -> xr.Dataset:
         if self.shard is None:

@@ -130,7 +130,7 @@ def export_run(
 
 def _open_maps(run: RunDirectory, method: str | None) -> xr.Dataset:
     if method is not None:
-        return open_store(run.of(method).estimate, kind="estimate")
+        return open_store(run.paths(method).estimate, kind="estimate")
     if not run.truth.exists():
         remedy = "select an estimate with --method NAME (method='NAME')"
         raise StoreError(run.truth, f"no such store: the run has no truth; {remedy}")

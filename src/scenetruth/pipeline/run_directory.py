@@ -66,7 +66,7 @@ class RunDirectory:
     Examples
     --------
     >>> run = RunDirectory("outputs/cube", "structure_tensor")
-    >>> run.recording.name, run.of("structure_tensor").report.name, run.of("opencv_flow").report.name
+    >>> run.recording.name, run.paths("structure_tensor").report.name, run.paths("opencv_flow").report.name
     ('recording.zarr', 'report.html', 'report.opencv_flow.html')
     """
 
@@ -112,7 +112,7 @@ class RunDirectory:
         named = estimate.get("method") if isinstance(estimate, Mapping) else None
         return named if isinstance(named, str) else DEFAULT_METHOD
 
-    def of(self, method: str) -> MethodPaths:
+    def paths(self, method: str) -> MethodPaths:
         """Return the files of a method."""
         # A plain function is named module:function.
         infix = "" if method == self.own_method else "." + re.sub(r"[^\w-]", "-", method)
@@ -142,7 +142,9 @@ class RunDirectory:
                 infix = store.name.removeprefix("estimate").removesuffix(".zip").removesuffix(".zarr").lstrip(".")
                 methods.append(infix or self.own_method)
         if not methods:
-            raise StoreError(self.of(self.own_method).estimate, "no such store; compute it with `scenetruth estimate`")
+            raise StoreError(
+                self.paths(self.own_method).estimate, "no such store; compute it with `scenetruth estimate`"
+            )
         return sorted(set(methods), key=lambda name: (name != self.own_method, name))
 
     def stores(self, pattern: str) -> list[Path]:

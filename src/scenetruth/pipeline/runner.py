@@ -213,7 +213,7 @@ class PipelineRunner:
 
     def estimate(self, choice: MethodChoice) -> None:
         """Estimate with a method."""
-        target = self.folder.of(choice.method).estimate
+        target = self.folder.paths(choice.method).estimate
         if self._has(choice.method, target):
             return
         self._refuse_existing(target)
@@ -233,7 +233,7 @@ class PipelineRunner:
         """Score the estimate of a method."""
         from scenetruth.scoring import detect_convention_mismatches, score
 
-        files = self.folder.of(method)
+        files = self.folder.paths(method)
         if self._has(method, files.estimate, files.score_json, files.score_csv):
             self._score_of(method)
             return
@@ -278,7 +278,7 @@ class PipelineRunner:
         """Write figures and report, with errors if there is a truth; ``figures_also``: figure formats besides PNG."""
         from scenetruth.scoring.report.score_report import matches_fingerprint, write_report_with
 
-        files = self.folder.of(method)
+        files = self.folder.paths(method)
         made_of = self._made_of(files, figures, figures_also)
         if not self.overwrite and files.figures.is_dir() and matches_fingerprint(files.report, made_of):
             self._say(f"{files.report} is up to date")
@@ -342,14 +342,14 @@ class PipelineRunner:
 
     def _estimate_of(self, method: str) -> xr.Dataset:
         if method not in self._estimates:
-            self._estimates[method] = open_store(self.folder.of(method).estimate, kind="estimate")
+            self._estimates[method] = open_store(self.folder.paths(method).estimate, kind="estimate")
         return self._estimates[method]
 
     def _score_of(self, method: str) -> Score:
         from scenetruth.scoring import Score
 
         if method not in self.scores:
-            self.scores[method] = Score.load(self.folder.of(method).score_json)
+            self.scores[method] = Score.load(self.folder.paths(method).score_json)
         return self.scores[method]
 
     @property
