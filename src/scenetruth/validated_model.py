@@ -72,13 +72,13 @@ def _docstrings_of_module(name: str) -> dict[str, dict[str, str]]:
 
 
 def _of_fields(node: ast.ClassDef) -> dict[str, str]:
-    told = {}
+    entries = {}
     for field, behind in zip(node.body, node.body[1:], strict=False):
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(behind, ast.Expr):
             value = behind.value
             if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                told[field.target.id] = inspect.cleandoc(value.value)
-    return told
+                entries[field.target.id] = inspect.cleandoc(value.value)
+    return entries
 
 
 LARGEST, SMALLEST = 1e12, 1e-12
@@ -146,16 +146,18 @@ class FrozenModel(BaseModel):
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the JSON Schema with docstrings as descriptions; pydantic's own option needs 1 s at import."""
         schema = handler(core_schema)
-        told = field_docstrings(cls)
+        entries = field_docstrings(cls)
         # The schema uses the field names of files.
-        told |= {field.alias: told[name] for name, field in cls.model_fields.items() if field.alias and name in told}
+        entries |= {
+            field.alias: entries[name] for name, field in cls.model_fields.items() if field.alias and name in entries
+        }
         whole = handler.resolve_ref_schema(schema)
         if "description" in whole:
             # The description without See Also and Examples.
             whole["description"] = _FURTHER.split(whole["description"])[0]
         for name, field in whole.get("properties", {}).items():
-            if name in told:
-                field.setdefault("description", told[name])
+            if name in entries:
+                field.setdefault("description", entries[name])
         return schema
 
 

@@ -1,4 +1,4 @@
-"""A virtual EMVA 1288 measurement gives back what the sensors were told to be."""
+"""A virtual EMVA 1288 measurement gives back what the sensors were nominal to be."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_the_command_writes_tables_and_pictures(tmp_path: Path, monkeypatch: pyt
         rows = list(csv.DictReader(stream))
     assert [row["quantity"] for row in rows] == list(BOUNDS)
     assert {row["sensor"] for row in rows} == {"industrial_cmos"}
-    assert float(rows[0]["told"]) == PRESETS["industrial_cmos"].values["gain_dn_per_e"]
+    assert float(rows[0]["nominal"]) == PRESETS["industrial_cmos"].values["gain_dn_per_e"]
     with (tmp_path / "out" / "emva_levels.csv").open() as stream:
         assert len(list(csv.reader(stream))) == 1 + 8 + 5
     picture = imageio.imread(tmp_path / "out" / "industrial_cmos.png")

@@ -134,8 +134,8 @@ def write_benchmark_report(
         scale="; ".join(describe_colour_scale()),
     )
     path = Path(folder) / PAGE
-    with write_atomically(path, overwrite=True) as aside:
-        aside.write_text(text, encoding="utf-8")
+    with write_atomically(path, overwrite=True) as partial:
+        partial.write_text(text, encoding="utf-8")
     return path
 
 

@@ -36,8 +36,8 @@ class RankedMethod:
     @property
     def of_methods(self) -> dict[str, float]:
         """The values of the methods with a result, the best first."""
-        told = {label: one for label, one in self.numbers.items() if label != BOUND and not math.isnan(one)}
-        return dict(sorted(told.items(), key=lambda pair: pair[1]))
+        entries = {label: one for label, one in self.numbers.items() if label != BOUND and not math.isnan(one)}
+        return dict(sorted(entries.items(), key=lambda pair: pair[1]))
 
 
 class Ranking:

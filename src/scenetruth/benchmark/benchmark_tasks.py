@@ -113,7 +113,9 @@ def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
             "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,
             "settled": found.settled,
-            "convention_mismatches": {label: told for label, told in found.convention_mismatches.items() if told},
+            "convention_mismatches": {
+                label: entries for label, entries in found.convention_mismatches.items() if entries
+            },
         }
         name = job.name(number)
         if found.maps is not None:

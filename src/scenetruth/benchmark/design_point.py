@@ -210,7 +210,7 @@ def measure(
                 if realisation == 0 and not one.is_own:
                     with suppress(ScoreError):
                         measured.convention_mismatches[one.label] = [
-                            slip.message for slip in detect_convention_mismatches(maps, truth)
+                            mismatch.message for mismatch in detect_convention_mismatches(maps, truth)
                         ]
                 for name, number, unit in (("seconds", took, "s"), ("peak_memory", held.megabytes, "MB")):
                     measured.rows.append(

@@ -145,10 +145,10 @@ def compute_statistic_records(case: Case, value: float, found: Sequence[CaseEsti
     """Yield the records of all methods at one level."""
     region = case.region_at(found[0].truth.isel(t=0), value)
     for quantity in case.quantities:
-        errors, told, std = _stacks(found, quantity, region)
-        common = np.logical_and.reduce(list(told.values())) if told else np.zeros(0, dtype=bool)
-        for label, known in told.items():
-            rows = _rows_of(errors[label], known, common, region, std.get(label), alone=len(told) == 1)
+        errors, entries, std = _stacks(found, quantity, region)
+        common = np.logical_and.reduce(list(entries.values())) if entries else np.zeros(0, dtype=bool)
+        for label, known in entries.items():
+            rows = _rows_of(errors[label], known, common, region, std.get(label), alone=len(entries) == 1)
             for pixels, statistic, size, at in rows:
                 unit = "1" if statistic in _SHARES else get_units(quantity)
                 if quantity in _IN_PX or statistic != "inlier_rate":
@@ -175,7 +175,7 @@ def _stacks(
 ) -> tuple[dict[str, Map], dict[str, Mask], dict[str, Map]]:
     """Return errors, validity masks and stated standard deviations by method, shape (seed, y, x)."""
     errors: dict[str, list[Map]] = {}
-    told: dict[str, list[Mask]] = {}
+    entries: dict[str, list[Mask]] = {}
     stated: dict[str, list[Map]] = {}
     for one in found:
         for label, estimate in one.estimates.items():
@@ -187,12 +187,12 @@ def _stacks(
                 error = pair.estimate[0] - pair.truth[0]
             known = region & np.isfinite(error) & (True if pair.full is None else pair.full[0])
             errors.setdefault(label, []).append(np.where(known, error, 0.0))
-            told.setdefault(label, []).append(known)
+            entries.setdefault(label, []).append(known)
             if pair.std is not None:
                 stated.setdefault(label, []).append(pair.std[0])
     return (
         {label: np.stack(maps) for label, maps in errors.items()},
-        {label: np.stack(maps) for label, maps in told.items()},
+        {label: np.stack(maps) for label, maps in entries.items()},
         {label: np.stack(maps) for label, maps in stated.items() if len(maps) == len(errors[label])},
     )
 

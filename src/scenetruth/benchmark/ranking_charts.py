@@ -64,12 +64,12 @@ def compute_rank_leaders(found: BenchmarkResult) -> RankLeaders:
         first, *further = one.of_methods.items() or [("", math.nan)]
         if further and further[0][1] > first[1]:
             best[first[0]].append(one.case.title)
-    told, all_told = ([one for one in some if _can_lead(one, found)] for some in (headlines, figures))
+    entries, all_told = ([one for one in some if _can_lead(one, found)] for some in (headlines, figures))
     return RankLeaders(
         found.own,
         others,
-        len(told),
-        [ahead for one in told if (ahead := _rank_difference(one, found)) is not None],
+        len(entries),
+        [ahead for one in entries if (ahead := _rank_difference(one, found)) is not None],
         len(all_told),
         [ahead for one in all_told if (ahead := _rank_difference(one, found)) is not None],
         [(label, titles) for label, titles in best.items() if titles],
@@ -101,8 +101,8 @@ def _rank_difference(one: RankedMethod, found: BenchmarkResult) -> RankDifferenc
         return None
     title = f"{one.case.title}, {one.label}" if one.label else one.case.title
     what = f"{get_title(one.quantity)}, {STATISTIC_TITLES[one.statistic]}"
-    told = [(label, _words(one, found, numbers[label])) for label in before]
-    return RankDifference(one.case.kind, title, what, told, [ours[0], _words(one, found, least)] if ours else [])
+    entries = [(label, _words(one, found, numbers[label])) for label in before]
+    return RankDifference(one.case.kind, title, what, entries, [ours[0], _words(one, found, least)] if ours else [])
 
 
 def _words(one: RankedMethod, found: BenchmarkResult, number: float) -> str:
@@ -125,9 +125,9 @@ def build_charts(found: BenchmarkResult, case: Case) -> list[Chart]:
     """Return the charts of a case: errors of its quantities, density, and stated uncertainty."""
     rows = [row for row in found.rows if row.case == case.kind]
     charts = []
-    told = dict.fromkeys([case.headline[0], *case.quantities, *_GROWTH])
+    entries = dict.fromkeys([case.headline[0], *case.quantities, *_GROWTH])
     waves = {row.quantity for row in rows if row.statistic == "amplitude_ratio"}
-    for quantity in told:
+    for quantity in entries:
         statistic = case.headline[1] if quantity == case.headline[0] else "rmse"
         # The cut-off periods are derived from this curve.
         chart = _curves(found, case, rows, quantity, "amplitude_ratio" if quantity in waves else statistic)
@@ -262,15 +262,15 @@ def _line(case: Case, label: str, place: int, points: Sequence[BenchmarkRecord])
 
 def _describe_lines(data: Iterable[Mapping[str, Any]]) -> str:
     """Describe a chart: the first and last point of each line, or the smallest and largest of named levels."""
-    told = []
+    entries = []
     for line in data:
         points = [(x, y) for x, y in zip(line["x"], line["y"], strict=True) if y is not None]
         if points:
             if isinstance(points[0][0], str):
                 points.sort(key=lambda point: point[1])
             (x0, y0), (x1, y1) = points[0], points[-1]
-            told.append(f"{line['name']}: {y0:.2g} at {_format_place(x0)}, {y1:.2g} at {_format_place(x1)}")
-    return "; ".join(told) + "."
+            entries.append(f"{line['name']}: {y0:.2g} at {_format_place(x0)}, {y1:.2g} at {_format_place(x1)}")
+    return "; ".join(entries) + "."
 
 
 def _format_place(place: float | str) -> str:

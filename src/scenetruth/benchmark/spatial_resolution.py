@@ -90,9 +90,9 @@ def compute_amplitude_records(
             continue
         pair = pairs[quantity]
         got, true = pair.estimate[0], pair.truth[0]
-        told = region & np.isfinite(got) & (True if pair.full is None else pair.full[0])
-        if np.count_nonzero(told) >= MIN_VALID_FRACTION * np.count_nonzero(region):
-            left = share(got[told], true[told])
+        values = region & np.isfinite(got) & (True if pair.full is None else pair.full[0])
+        if np.count_nonzero(values) >= MIN_VALID_FRACTION * np.count_nonzero(region):
+            left = share(got[values], true[values])
         yield BenchmarkRecord(case.kind, found.value, label, quantity, METHOD_VALID, "amplitude_ratio", left, unit="1")
 
 

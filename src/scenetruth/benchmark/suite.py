@@ -155,9 +155,9 @@ def compare(
             rows += measured.rows
             failures += [f"{point.case} at {point.name}: {label}: {why}" for label, why in measured.failures.items()]
             convention_mismatches.update(
-                f"{label}: {told}"
+                f"{label}: {entries}"
                 for label, found_here in measured.convention_mismatches.items()
-                for told in found_here
+                for entries in found_here
             )
         for case in chosen:
             rows += list(case.conclusions([row for row in rows if row.case == case.kind]))
@@ -169,7 +169,10 @@ def compare(
             failures,
             None if output is None else place,
             [one.label for one in contestants if one.is_own],
-            [f"{told} (at {count} of {len(points)} scenes)" for told, count in convention_mismatches.most_common()],
+            [
+                f"{entries} (at {count} of {len(points)} scenes)"
+                for entries, count in convention_mismatches.most_common()
+            ],
         )
         if output is not None:
             _write_tables(found, place)
@@ -245,12 +248,12 @@ def _describe_other(there: Any) -> str:
 
 def _write_tables(found: BenchmarkResult, folder: Path) -> None:
     frame = found.to_dataframe()
-    with write_atomically(folder / "results.parquet", overwrite=True) as aside:
-        frame.to_parquet(aside)
-    with write_atomically(folder / "results.csv", overwrite=True) as aside:
-        frame.to_csv(aside, index=False)
-    with write_atomically(folder / "summary.csv", overwrite=True) as aside:
-        found.ranking().to_csv(aside)
+    with write_atomically(folder / "results.parquet", overwrite=True) as partial:
+        frame.to_parquet(partial)
+    with write_atomically(folder / "results.csv", overwrite=True) as partial:
+        frame.to_csv(partial, index=False)
+    with write_atomically(folder / "summary.csv", overwrite=True) as partial:
+        found.ranking().to_csv(partial)
 
 
 def write_recordings(

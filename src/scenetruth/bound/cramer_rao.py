@@ -289,9 +289,9 @@ class _Scene:
                     normal_matrix({key: values[some] for key, values in each.items()}, columns, model)
                     for each in (part.sums, part.squares)
                 )
-                told = compute_functionals(points, self.intrinsics, model)
-                std = np.sqrt(compute_variances(normal, scatter, columns, list(told.values())))
-                for name, values in add_error_products(dict(zip(told, std, strict=True))).items():
+                entries = compute_functionals(points, self.intrinsics, model)
+                std = np.sqrt(compute_variances(normal, scatter, columns, list(entries.values())))
+                for name, values in add_error_products(dict(zip(entries, std, strict=True))).items():
                     found.setdefault(name, np.full(shape, np.nan))[at] = values
         if not found:
             nothing = self.points.at((np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)))
@@ -323,8 +323,8 @@ def _labelled(
         dims = (dim, *pixels) if dim else pixels
         dataset[f"{name}_std"] = (dims, stacked, {"units": units, "long_name": _STATED.format(what)})
     shown = scene.shown.sum(axis=0)[None, ::step_px, ::step_px].astype(np.float32)
-    told = {"units": "1", "long_name": "number of images that show the surface point of the pixel"}
-    dataset["image_count"] = (pixels, shown, told)
+    entries = {"units": "1", "long_name": "number of images that show the surface point of the pixel"}
+    dataset["image_count"] = (pixels, shown, entries)
     kept = ("scene_hash", "recording_hash")
     hashes = {name: scene.recording.attrs[name] for name in kept if name in scene.recording.attrs}
     dataset.attrs = {"scenetruth": "bound", **scene.intrinsics.to_attrs(), **hashes, **attrs}

@@ -41,10 +41,10 @@ def _note_on_editable() -> str:
     from importlib import metadata
 
     try:
-        told = metadata.distribution("scenetruth").read_text("direct_url.json")
+        values = metadata.distribution("scenetruth").read_text("direct_url.json")
     except metadata.PackageNotFoundError:
         return ""
-    editable = json.loads(told or "{}").get("dir_info", {}).get("editable", False)
+    editable = json.loads(values or "{}").get("dir_info", {}).get("editable", False)
     return " (of the last pip install -e; the code is that of the checkout)" if editable else ""
 
 

@@ -234,10 +234,10 @@ def guard(run: Callable[[], None]) -> None:
                 "interrupted; incomplete results were removed, finished results remain; run the same command to resume"
             )
             sys.exit(_EXIT_INTERRUPTED)
-        told = _error_message(error)
-        if told is None:
+        entries = _error_message(error)
+        if entries is None:
             raise
-        _print_error(told)
+        _print_error(entries)
         sys.exit(_EXIT_ERROR)
     finally:
         sys.unraisablehook = shown

@@ -47,12 +47,12 @@ def budget(
     from scenetruth.resources.limits import limits_from
     from scenetruth.scene import load_scene
 
-    told = {
+    values = {
         "focal_length_percent": focal_length_percent,
         "principal_point_px": principal_point_px,
         "baseline_percent": baseline_percent,
     }
-    given = {name: value for name, value in told.items() if value is not None}
+    given = {name: value for name, value in values.items() if value is not None}
     known = resolve_calibration({**resolve_calibration(calibration.value).model_dump(), **given})
     loaded, chosen = load_scene(scene, overrides=overrides or ()), options.read_settings(settings)
     with reporting() as reporter:

@@ -78,9 +78,13 @@ def _print_front(found: DesignResult) -> None:
         mark = " *" if rig.number == found.recommended.number else ""
         cells = [f"{rig.number}{mark}", *(format_parameter(rig.parameters[name]) for name in names)]
         for objective in found.objectives:
-            told = rig.simulated.get(objective.title)
+            entries = rig.simulated.get(objective.title)
             cells.append(f"{rig.predicted[objective.title]:.3g}")
-            cells += ["–", "–"] if told is None else [f"{told.value:.3g}", f"{told.pi_low:.3g} to {told.pi_high:.3g}"]
+            cells += (
+                ["–", "–"]
+                if entries is None
+                else [f"{entries.value:.3g}", f"{entries.pi_low:.3g} to {entries.pi_high:.3g}"]
+            )
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
 
@@ -232,10 +236,10 @@ def _print_assessments(worths: Sequence[PatternAssessment]) -> None:
     for worth in worths:
         table.add_column(visible(worth.label, lines=False), justify="right", overflow="fold")
     figures = [worth.statistics() for worth in worths]
-    for name, (told, unit, factor) in _ROWS.items():
+    for name, (entries, unit, factor) in _ROWS.items():
         values = [each[name] for each in figures]
         if any(value is not None for value in values):
-            table.add_row(told, unit, *("–" if value is None else f"{factor * value:.3g}" for value in values))
+            table.add_row(entries, unit, *("–" if value is None else f"{factor * value:.3g}" for value in values))
     make_console().print(table)
 
 

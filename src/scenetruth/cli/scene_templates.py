@@ -201,9 +201,9 @@ def image_block(file: str) -> str:
 def cube_template(image: str = "") -> SceneTemplate:
     """Return a cube that moves towards the camera, with a noise texture or an image."""
     noise = "{kind: noise, wavelength_mm: [0.8, 4.0], mean: 0.5, rms_contrast: 0.25}"
-    told = "Noise with wavelengths in this range, here 6 to 30 px, with mean and contrast (standard deviation / mean)."
+    text_ = "Noise with wavelengths in this range, here 6 to 30 px, with mean and contrast (standard deviation / mean)."
     if image:
-        told = "An image, mapped onto each face; its grey values are sRGB, or linear."
+        text_ = "An image, mapped onto each face; its grey values are sRGB, or linear."
     return SceneTemplate(
         summary="A textured cube that moves towards the camera",
         first=(
@@ -211,7 +211,7 @@ def cube_template(image: str = "") -> SceneTemplate:
             "camera.focal_length_px and stage.baseline_mm: those of your rig",
             "sensor.noise_std: that of your camera",
         ),
-        objects=_CUBE.format(texture=image_block(image) if image else noise, texture_note=told),
+        objects=_CUBE.format(texture=image_block(image) if image else noise, texture_note=text_),
         focal_length_px=5016,
         focal_note="field of view 84 x 63 mm at 660 mm",
         baseline_mm=5,
@@ -328,10 +328,10 @@ def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str
     per_px = found.distance_mm / found.focal_length_px
     waves = [_rounded(px * per_px) for px in _WAVES_PX]
     texture = f"{{kind: noise, wavelength_mm: [{waves[0]:g}, {waves[1]:g}], mean: 0.5, rms_contrast: 0.25}}"
-    told = "Noise with wavelengths in this range, here 6 to 30 px, with mean and contrast (standard deviation / mean)."
+    text_ = "Noise with wavelengths in this range, here 6 to 30 px, with mean and contrast (standard deviation / mean)."
     if image:
         texture = image_block(image)
-        told = "An image, mapped by the UV coordinates of the mesh; its grey values are sRGB, or linear."
+        text_ = "An image, mapped by the UV coordinates of the mesh; its grey values are sRGB, or linear."
     own = (
         "  # The texture of the file itself is used with `texture: {kind: embedded, encoding: srgb}`.\n"
         if found.has_image
@@ -350,7 +350,7 @@ def mesh_template(found: PlacedMesh, file: str, unit_mm: float = 1.0, image: str
   pose:
     position_mm: [{position}]
     rotations: []        # - {{axis: [1, 0, 0], angle_deg: 180}}
-  # {told}
+  # {text_}
 {own}  texture: {texture}
   # Constant velocity in mm per frame, along X, Y, Z, here towards the camera. Others: rotation, waves, splines, ...
   motion:

@@ -148,8 +148,8 @@ def write_scores(folder: DatasetFolder, method: str) -> None:
         return
     names = list(dict.fromkeys(name for row in rows for name in row))
     schema = pa.schema([(name, pa.int64() if name == "sample" else pa.float64()) for name in names])
-    with write_atomically(folder.scores_table(method), overwrite=True) as aside:
-        pq.write_table(pa.Table.from_pylist(rows, schema=schema), aside, compression="zstd")
+    with write_atomically(folder.scores_table(method), overwrite=True) as partial:
+        pq.write_table(pa.Table.from_pylist(rows, schema=schema), partial, compression="zstd")
 
 
 def load_scores(folder: DatasetFolder) -> dict[str, pd.DataFrame]:
@@ -265,5 +265,5 @@ def _files(folder: DatasetFolder) -> list[Path]:
 def _write(table: pyarrow.Table, path: Path) -> None:
     import pyarrow.parquet as pq
 
-    with write_atomically(path, overwrite=True) as aside:
-        pq.write_table(table, aside, compression="zstd")
+    with write_atomically(path, overwrite=True) as partial:
+        pq.write_table(table, partial, compression="zstd")

@@ -108,8 +108,8 @@ def estimate_dataset(
     problems = run_problems(sampler.bases[0], [chosen])
     if problems:
         raise EstimateError(problems)
-    shelf = SampleStore.of(places, sampler, identity)
-    there = shelf.present(range(identity.count))
+    store = SampleStore.of(places, sampler, identity)
+    there = store.present(range(identity.count))
     wanted = sorted(there if numbers is None else there.intersection(numbers))
     code = compute_code_fingerprint(chosen.method)
     _remove_scores_of_other_code(places, chosen.method, code)
@@ -155,8 +155,8 @@ def _remove_scores_of_other_code(places: DatasetFolder, method: str, code: str) 
     for one in (places.scores_table(method), folder / "settings.json", *scores):
         one.unlink(missing_ok=True)
     folder.mkdir(parents=True, exist_ok=True)
-    with write_atomically(file, overwrite=True) as aside:
-        aside.write_text(code + "\n", encoding="utf-8")
+    with write_atomically(file, overwrite=True) as partial:
+        partial.write_text(code + "\n", encoding="utf-8")
 
 
 def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
@@ -168,8 +168,8 @@ def _refuse_other_settings(places: DatasetFolder, chosen: MethodChoice) -> None:
             raise EstimateError([Problem("settings", message)])
         return
     file.parent.mkdir(parents=True, exist_ok=True)
-    with write_atomically(file) as aside:
-        aside.write_text(text, encoding="utf-8")
+    with write_atomically(file) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: int) -> TaskResult:
@@ -188,8 +188,8 @@ def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: i
         target = score_file(places, chosen.method, number)
         target.parent.mkdir(parents=True, exist_ok=True)
         row = {"sample": number, "seconds": time.perf_counter() - start, **flatten_score(score)}
-        with write_atomically(target, overwrite=True) as aside:
-            aside.write_text(json.dumps(row) + "\n", encoding="utf-8")
+        with write_atomically(target, overwrite=True) as partial:
+            partial.write_text(json.dumps(row) + "\n", encoding="utf-8")
         return row
 
     return perform_task(number, work)

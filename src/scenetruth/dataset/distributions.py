@@ -520,8 +520,8 @@ class TableDistribution(IndexedDistribution):
                 return [Problem("file", f"has more than {_MAX_BYTES:,} bytes", self.file)]
             columns = _columns_of(self.file)
         except (OSError, ValueError, csv.Error) as error:
-            told = getattr(error, "strerror", None) or error
-            return [Problem("file", f"cannot be read: {told}", self.file)]
+            entries = getattr(error, "strerror", None) or error
+            return [Problem("file", f"cannot be read: {entries}", self.file)]
         if self.column not in columns:
             return [Problem("column", f"is not in the table; its columns are {', '.join(columns)}", self.column)]
         if not columns[self.column]:

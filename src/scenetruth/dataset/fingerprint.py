@@ -158,8 +158,8 @@ def _differences(
     problems = []
     if found.recipe_hash != wanted.recipe_hash:
         changed = _changed(folder, sampler)
-        told = f": {', '.join(changed)} changed" if changed else ""
-        message = f"contains a data set of another recipe ({found.recipe_hash}, not {wanted.recipe_hash}){told}"
+        line = f": {', '.join(changed)} changed" if changed else ""
+        message = f"contains a data set of another recipe ({found.recipe_hash}, not {wanted.recipe_hash}){line}"
         if extend and changed == ["samples"]:
             message += "; a Latin hypercube has a fixed number of samples, and cannot be extended"
         problems.append(Problem(str(folder.path), f"{message}; specify another directory, or the former recipe"))
@@ -216,6 +216,6 @@ def _write(folder: DatasetFolder, sampler: Sampler, identity: DatasetFingerprint
         message = f"has {len(text):,} characters with its base scenes, more than {MAX_YAML_BYTES:,}"
         raise RecipeError([Problem("", message)])
     for path, content in ((folder.recipe, text), (folder.identity, identity.to_json())):
-        with write_atomically(path, overwrite=True) as aside:
-            Path(aside).write_text(content, encoding="utf-8")
+        with write_atomically(path, overwrite=True) as partial:
+            Path(partial).write_text(content, encoding="utf-8")
     return identity

@@ -197,17 +197,17 @@ def run_dataset(
     with lock_output(places.path / f"run-{whole.label}"):
         for group in places.groups_with_leftovers():
             remove_leftovers(group, claim_sample)
-        shelf = SampleStore.of(places, sampler, identity)
-        numbers = shelf.numbers(whole)
-        done = shelf.present(numbers)
+        store = SampleStore.of(places, sampler, identity)
+        numbers = store.numbers(whole)
+        done = store.present(numbers)
         outcome.present = len(done)
         writer = CatalogueWriter(places, sampler, whole.label)
-        _catalogue_missing(shelf, writer, done)
-        shelf.pack(numbers)
+        _catalogue_missing(store, writer, done)
+        store.pack(numbers)
         crew = create_executor(workers, threads, scheduler)
         if dashboard := getattr(crew, "dashboard", ""):
             say(f"dashboard: {dashboard}")
-        work = _Work(places, shelf, writer, outcome, len(numbers), progress, say)
+        work = _Work(places, store, writer, outcome, len(numbers), progress, say)
         room = ResourceGuard(places.path, 2 * crew.count * forecast.disk_wanted_bytes, forecast.memory_bytes)
         try:
             drive = TaskScheduler(
@@ -230,7 +230,7 @@ def run_dataset(
             for group in places.groups_with_leftovers():
                 remove_leftovers(group, claim_sample)
             writer.flush_if_there_is_room()
-        if len(shelf.present(range(identity.count))) == identity.count:
+        if len(store.present(range(identity.count))) == identity.count:
             write_with_retry(lambda: merge_parts(places, sampler), "the catalogue", say)
     return outcome
 
@@ -387,8 +387,8 @@ class _Work:
 
     def _tell_of(self, number: int, failure: Mapping[str, Any]) -> None:
         self.places.failed.mkdir(exist_ok=True)
-        with write_atomically(self.places.failure(number), overwrite=True) as aside:
-            aside.write_text(json.dumps(failure, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        with write_atomically(self.places.failure(number), overwrite=True) as partial:
+            partial.write_text(json.dumps(failure, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
     def tell(self) -> None:
         if self.progress is not None:

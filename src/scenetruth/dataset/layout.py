@@ -186,7 +186,7 @@ def pack_shard(folder: DatasetFolder, shard: int, numbers: range) -> None:
     """Pack samples into one tar file with reproducible bytes, and remove their directories."""
     target = folder.shard(shard)
     if not target.exists():
-        with write_atomically(target) as aside, tarfile.open(aside, "w", format=tarfile.USTAR_FORMAT) as archive:
+        with write_atomically(target) as partial, tarfile.open(partial, "w", format=tarfile.USTAR_FORMAT) as archive:
             for number in numbers:
                 for name in _FILES:
                     _add(archive, folder.sample(number) / name, f"{number:08d}.{name}")

@@ -192,8 +192,8 @@ def _base(recipe: RecipeModel, number: int, folder: Path | None, problems: list[
             if isinstance(given, str) and not one.path and one.message == _NOT_THERE:
                 problems.append(Problem(path, _no_such_scene(given), given))
                 continue
-            told = f"{one.message} ({given})" if isinstance(given, str) else one.message
-            problems.append(Problem(path, told, one.value))
+            text = f"{one.message} ({given})" if isinstance(given, str) else one.message
+            problems.append(Problem(path, text, one.value))
         return None
 
 

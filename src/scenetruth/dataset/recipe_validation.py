@@ -38,12 +38,12 @@ class DrawReport:
         if not self.reasons:
             return f"rejected: none of {self.drawn}"
         rejected = self.drawn - self.accepted
-        told = ", ".join(
+        text = ", ".join(
             f"{reason}" + (f" ({count})" if len(self.reasons) > 1 else "")
             for reason, count in sorted(self.reasons.items(), key=lambda one: (-one[1], one[0]))[:_REASONS]
         )
         more = f", and {len(self.reasons) - _REASONS} more reasons" if len(self.reasons) > _REASONS else ""
-        return f"rejected: {rejected} of {self.drawn}: {told}{more}"
+        return f"rejected: {rejected} of {self.drawn}: {text}{more}"
 
 
 _REASONS = 6
@@ -79,15 +79,15 @@ def range_problems(sampler: Sampler) -> list[Problem]:
             for part, value in item.distribution.trials()
         ]
         tried += [(f"paired_factors.{path}", places, value) for path, places, value in sampler.ladders]
-        told = set[tuple[str, str]]()
+        entries = set[tuple[str, str]]()
         for where, places, value in tried:
             for one in _problems_with(middle, places, value):
                 own = any(_is_inside(one.path, place) for place in places)
                 if own or (one.path, one.message) not in known:
                     add(where, f"{one.message if one.path in places else f'{one.path}: {one.message}'}{of}", one.value)
-                    told.add((one.path, one.message))
+                    entries.add((one.path, one.message))
         for one in _scene_problems(middle):
-            if (one.path, one.message) not in told:
+            if (one.path, one.message) not in entries:
                 add(one.path, f"{one.message}, with every value in the middle of its range{of}", one.value)
     return list(problems.values())[:_MAX_LISTED]
 

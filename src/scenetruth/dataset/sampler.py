@@ -219,8 +219,8 @@ class Sampler:
 
     def _impossible(self, draw: int, rejected: Sequence[str]) -> Problem:
         reasons = {reason: rejected.count(reason) for reason in rejected}
-        told = "; ".join(f"{reason}: {count}" for reason, count in sorted(reasons.items(), key=lambda one: -one[1])[:5])
-        message = f"sample {draw}: none of {len(rejected)} draws was accepted ({told}); relax criteria or distributions"
+        text = "; ".join(f"{reason}: {count}" for reason, count in sorted(reasons.items(), key=lambda one: -one[1])[:5])
+        message = f"sample {draw}: none of {len(rejected)} draws was accepted ({text}); relax criteria or distributions"
         return Problem("acceptance", message)
 
     def refusal(self, found: Draw) -> str:

@@ -156,14 +156,14 @@ def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, tar
     scene = build_sample_scene(sampler, identity, draw)
     recipe = sampler.recipe
     choice = TruthOptions(recipe.truth.views, recipe.truth.poses, recipe.truth.content)
-    with write_atomically(target, claim=claim_sample) as aside:
-        aside.mkdir()
+    with write_atomically(target, claim=claim_sample) as partial_:
+        partial_.mkdir()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            simulate_into(aside, scene, choice, save_radiance=recipe.save_radiance)
-        told = [str(one.message) for one in caught if issubclass(one.category, SceneWarning)]
-        row = _row(draw, scene, told, aside)
-        (aside / SAMPLE).write_text(_json(row), encoding="utf-8")
+            simulate_into(partial_, scene, choice, save_radiance=recipe.save_radiance)
+        entries = [str(one.message) for one in caught if issubclass(one.category, SceneWarning)]
+        row = _row(draw, scene, entries, partial_)
+        (partial_ / SAMPLE).write_text(_json(row), encoding="utf-8")
     return row
 
 

@@ -46,12 +46,12 @@ def compute_code_fingerprint(method: Any) -> str:
         texts.append(found.listing())
     if not files and not texts:
         return ""
-    told = hashlib.sha256()
+    values = hashlib.sha256()
     for piece in sorted(_hash_of(file) for file in files):
-        told.update(piece)
+        values.update(piece)
     for text in texts:
-        told.update(hashlib.sha256(text.encode("utf-8", "backslashreplace")).digest())
-    return told.hexdigest()[:16]
+        values.update(hashlib.sha256(text.encode("utf-8", "backslashreplace")).digest())
+    return values.hexdigest()[:16]
 
 
 _LOADED: dict[str, tuple[Any, list[bytes]]] = {}

@@ -296,9 +296,9 @@ class EstimationTask:
         except StoreError:  # of the recording, or of the estimate
             raise
         except ScenetruthError as error:
-            told = getattr(error, "problems", (Problem("", str(error)),))
+            entries = getattr(error, "problems", (Problem("", str(error)),))
             place = locate_exception(error)
-            raise EstimateError(told, source=f"method '{name}'" + (f" ({place})" if place else "")) from error
+            raise EstimateError(entries, source=f"method '{name}'" + (f" ({place})" if place else "")) from error
         except (Warning, OSError) as error:
             # A warning that the caller has turned into an error, or a full disk.
             if isinstance(error, Warning) or isinstance(self._method, StreamingMethod):

@@ -321,8 +321,8 @@ class StreamingMethod(Method):
     def estimate(self, recording: xr.Dataset, settings: Any, progress: Progress | None) -> xr.Dataset:
         """Estimate all frames in memory."""
         filling = IncrementalDataset(self.blank(recording, settings))
-        told = self.fill(recording, settings, filling.put, progress)
-        return filling.dataset().assign_attrs(told)
+        entries = self.fill(recording, settings, filling.put, progress)
+        return filling.dataset().assign_attrs(entries)
 
 
 class FrameReader:

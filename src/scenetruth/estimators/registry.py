@@ -235,8 +235,8 @@ def _attribute_of(path: str) -> Any:
         with _searched(os.getcwd()):
             return getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a user module may raise anything
-        told = f"it called sys.exit({error.code!r})" if isinstance(error, SystemExit) else _describe_exception(error)
-        raise _refused(f"cannot be imported as module:function: {told}", path) from error
+        text = f"it called sys.exit({error.code!r})" if isinstance(error, SystemExit) else _describe_exception(error)
+        raise _refused(f"cannot be imported as module:function: {text}", path) from error
 
 
 def _describe_exception(error: BaseException) -> str:
@@ -457,13 +457,13 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
     try:
         return method.settings.model_validate(dict(fields))
     except ValidationError as error:
-        told: dict[str, list[Problem]] = {}
+        values: dict[str, list[Problem]] = {}
         for problem in (_problem_of(entry, method) for entry in error.errors(include_url=False)[:_MAX_PROBLEMS]):
-            told.setdefault(problem.path, []).append(problem)
+            values.setdefault(problem.path, []).append(problem)
         # For a setting that may be a number or a word, pydantic reports an error for each alternative.
         problems = [
             Problem(path, ", or ".join(dict.fromkeys(problem.message for problem in found)), found[0].value)
-            for path, found in sorted(told.items())
+            for path, found in sorted(values.items())
         ]
         raise EstimateError(problems, source=f"settings of '{method.name}'") from error
 

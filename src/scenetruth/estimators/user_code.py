@@ -40,13 +40,13 @@ def is_user_file(file: str | Path) -> bool:
 
 def locate_exception(error: BaseException) -> str:
     """Return the last line of user code that an exception passed through, ``mine.py:12 in helper``; empty if none."""
-    told, step = "", error.__traceback__
+    text, step = "", error.__traceback__
     while step is not None:
         code = step.tb_frame.f_code
         if code.co_filename.startswith(_TYPED_IN) or is_user_file(code.co_filename):
-            told = f"{_shown(code.co_filename)}:{step.tb_lineno} in {code.co_name}"
+            text = f"{_shown(code.co_filename)}:{step.tb_lineno} in {code.co_name}"
         step = step.tb_next
-    return told
+    return text
 
 
 def with_imported(file: Path) -> list[Path]:

@@ -110,14 +110,14 @@ class Coco(PictureOptions):
                     category = categories.setdefault(label, len(categories) + 1)
                     about = {"id": len(annotations) + 1, "image_id": image["id"], "category_id": category}
                     annotations.append({**about, **_annotation(objects == number), "object_id": number})
-        told = {
+        entries = {
             "info": {"description": "instance masks, made by scenetruth", "version": "1.0"},
             "licenses": [],
             "images": images,
             "annotations": annotations,
             "categories": [_category(label, number) for label, number in categories.items()],
         }
-        (folder / "annotations.json").write_text(json.dumps(told, ensure_ascii=False), encoding="utf-8")
+        (folder / "annotations.json").write_text(json.dumps(entries, ensure_ascii=False), encoding="utf-8")
         return [f"{len(annotations)} masks in {len(images)} images"]
 
 

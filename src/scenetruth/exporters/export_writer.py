@@ -33,8 +33,8 @@ def claim_export(path: Path) -> OwnershipResult:
     if not path.is_dir():
         return OwnershipResult("is a file, and not the directory of an export")
     try:
-        told = json.loads((path / EXPORT_RECORD).read_text(encoding="utf-8"))
-        own = {EXPORT_RECORD, *map(str, told["files"])} if told["made_by"] == MAKER else None
+        values = json.loads((path / EXPORT_RECORD).read_text(encoding="utf-8"))
+        own = {EXPORT_RECORD, *map(str, values["files"])} if values["made_by"] == MAKER else None
     except (OSError, ValueError, KeyError, TypeError):
         own = None
     if own is None:
@@ -138,8 +138,8 @@ def export_data(
     chosen = choose_format(format, options)
     source = checked_source(recording, maps, chosen)
     check_output(folder, overwrite=overwrite, claim=claim_export)
-    with write_atomically(folder, overwrite=overwrite, claim=claim_export) as aside:
-        written = write_export(source, chosen, aside)
+    with write_atomically(folder, overwrite=overwrite, claim=claim_export) as partial:
+        written = write_export(source, chosen, partial)
     return replace(written, folder=Path(folder))
 
 
@@ -148,8 +148,8 @@ def write_export(source: ExportSource, chosen: ExportFormat, folder: Path) -> Ex
     folder.mkdir()
     notes = chosen.write(source, folder)
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    told = _meta(source, chosen, notes, files)
-    (folder / EXPORT_RECORD).write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    values = _meta(source, chosen, notes, files)
+    (folder / EXPORT_RECORD).write_text(json.dumps(values, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return ExportResult(folder, tuple(files), tuple(notes))
 
 
@@ -211,9 +211,9 @@ def _option_problems(model: type[ExportFormat], error: ValidationError) -> Itera
             offered = f"options are {', '.join(names)}" if names else "it has no options"
             yield Problem(path, f"{_meant(path, names)}is not an option of this format; {offered}", entry["input"])
         else:
-            told = " ".join(field_docstrings(model).get(path, "").split())
+            text = " ".join(field_docstrings(model).get(path, "").split())
             yield Problem(
-                path, f"{entry['msg'][:1].lower()}{entry['msg'][1:]}" + (f"; {told}" if told else ""), entry["input"]
+                path, f"{entry['msg'][:1].lower()}{entry['msg'][1:]}" + (f"; {text}" if text else ""), entry["input"]
             )
 
 

@@ -60,19 +60,19 @@ class ResourceGuard:
 
 def write_with_retry(write: Callable[[], None], what: str, say: Callable[[str], None]) -> None:
     """Write, and retry while the disk is full."""
-    told = False
+    values = False
     while True:
         try:
             write()
         except (OSError, ScenetruthError) as error:
             if not is_full_disk(error):
                 raise
-            if not told:
+            if not values:
                 say(f"paused: the disk is full, {what} cannot be written; free some, the job resumes automatically")
-            told = True
+            values = True
             time.sleep(FULL_S)
         else:
-            if told:
+            if values:
                 say("resumed")
             return
 

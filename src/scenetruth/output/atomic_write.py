@@ -72,17 +72,17 @@ def write_atomically(target: str | Path, *, overwrite: bool = False, claim: Clai
     place = check_destination(target)
     with lock_output(place, claim):
         _refuse_existing(place, overwrite, claim)
-        aside = _temporary_path(place, "partial")
+        partial = _temporary_path(place, "partial")
         try:
             try:
-                _remove(aside)
+                _remove(partial)
                 # Only an attempt shows whether the path is writable.
-                aside.mkdir()
-                aside.rmdir()
-                yield aside
-                _put(place, aside, claim)
+                partial.mkdir()
+                partial.rmdir()
+                yield partial
+                _put(place, partial, claim)
             except BaseException:
-                _clear_up(aside)
+                _clear_up(partial)
                 raise
         except OSError as error:
             raise StoreError(place, _explain(error)) from error

@@ -82,10 +82,10 @@ class FigureWorker:
                 raise OSError(msg)
             self._process.stdin.write(request + "\n")
             self._process.stdin.flush()
-            told = json.loads(self._process.stdout.readline())["figure"]
+            values = json.loads(self._process.stdout.readline())["figure"]
             from scenetruth.scoring import FigureInfo
 
-            future.set_result(None if told is None else FigureInfo(*told))
+            future.set_result(None if values is None else FigureInfo(*values))
         except Exception as error:  # the process may end at any time, for any reason
             future.set_exception(error)
 
@@ -133,8 +133,8 @@ def _serve(requests: IO[str], answers: IO[str]) -> None:
                 opened[path] = read(path)
             parts[key] = None if path is None else opened[path]
         figure = plot_one(request["name"], **parts, folder=request["folder"])
-        told = None if figure is None else [figure.file, figure.title, figure.caption]
-        answers.write(json.dumps({"figure": told}) + "\n")
+        values = None if figure is None else [figure.file, figure.title, figure.caption]
+        answers.write(json.dumps({"figure": values}) + "\n")
         answers.flush()
 
 

@@ -155,14 +155,14 @@ class PipelineRunner:
             self._goes_on = True
             self._say("resuming the interrupted run: images and truth exist")
             return
-        with write_atomically(self.folder.path, overwrite=self.overwrite, claim=claim_run) as aside:
-            aside.mkdir()
+        with write_atomically(self.folder.path, overwrite=self.overwrite, claim=claim_run) as partial_:
+            partial_.mkdir()
             with self._timed("simulate"):
                 backend, reason = simulate_into(
-                    aside, scene, truth, save_radiance=save_radiance, progress=self.progress
+                    partial_, scene, truth, save_radiance=save_radiance, progress=self.progress
                 )
             self._say(f"rendered with {backend}" + (f": {reason}" if reason else ""))
-            files = RunDirectory(aside)
+            files = RunDirectory(partial_)
             if images is not None:
                 with self._timed("images"):
                     write_images(open_store(files.recording, kind="recording"), files.images, images)
@@ -220,9 +220,9 @@ class PipelineRunner:
         self._refuse_resources("estimate", compute_method_workload([choice]))
         with self._timed("estimate" if choice.method == self.folder.own_method else f"estimate {choice.method}"):
             try:
-                with write_atomically(target, overwrite=self._replaces, claim=claim_store) as aside:
+                with write_atomically(target, overwrite=self._replaces, claim=claim_store) as partial_:
                     work = prepare(self.recording, choice.method, choice.settings, self.progress)
-                    write_estimate(work, aside, zipped=is_zip_name(target))
+                    write_estimate(work, partial_, zipped=is_zip_name(target))
             except BaseException as error:
                 if not isinstance(error, Exception):
                     self._say(f"method '{choice.method}' was interrupted")
@@ -265,11 +265,11 @@ class PipelineRunner:
         }
         scored = score(estimated, truth, self.recording, settings=settings, metadata=metadata, allow_mismatch=True)
         for target, text in ((files.score_json, scored.to_json()), (files.score_csv, scored.to_csv())):
-            with write_atomically(target, overwrite=self._replaces) as aside:
-                aside.write_text(text, encoding="utf-8")
+            with write_atomically(target, overwrite=self._replaces) as partial_:
+                partial_.write_text(text, encoding="utf-8")
         self.scores[method] = scored
-        for slip in detect_convention_mismatches(estimated, truth):
-            self._say(f"possible convention error in the estimate of '{method}': {slip.message}")
+        for mismatch in detect_convention_mismatches(estimated, truth):
+            self._say(f"possible convention error in the estimate of '{method}': {mismatch.message}")
         unseen = _unseen_growth(scored, method)
         if unseen:
             self._say(unseen)
@@ -388,8 +388,8 @@ def _unseen_growth(scored: Score, method: str) -> str:
     if not scored.grows or median is None or not rms or not relative or median <= rms / relative:
         return ""
     better = "a longer frames.frame_interval_s" if method == "refined" else "--method refined"
-    told = f"the median absolute error is {median:.2g} %/h, the RMS growth rate {rms / relative:.2g} %/h"
-    return f"growth is not resolved by '{method}': {told}; {better} is more precise"
+    line = f"the median absolute error is {median:.2g} %/h, the RMS growth rate {rms / relative:.2g} %/h"
+    return f"growth is not resolved by '{method}': {line}; {better} is more precise"
 
 
 def _claim(path: Path) -> OwnershipResult:

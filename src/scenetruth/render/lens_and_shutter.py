@@ -128,7 +128,7 @@ class LensRenderer(Renderer):
             )
         )
         for offset_s, point in zip(offsets_s, points_mm, strict=True):
-            aside = viewpoint.directions_to_world(np.array([point[0], point[1], 0.0]))
+            partial = viewpoint.directions_to_world(np.array([point[0], point[1], 0.0]))
             shear = (-float(point[0]) / focus, -float(point[1]) / focus)
             for band in self._bands:
                 first, last = band.rows
@@ -136,7 +136,7 @@ class LensRenderer(Renderer):
                 later_s = float(offset_s + shutter.row_offsets_s(np.array(middle), self._camera.height))
                 travel = np.array([shutter.stage_speed_mm_per_s * later_s, 0.0, 0.0])
                 image = band.renderer.render(
-                    t + later_s / self._frame_interval_s, viewpoint.moved(aside + travel, shear)
+                    t + later_s / self._frame_interval_s, viewpoint.moved(partial + travel, shear)
                 )
                 total[first:last] += image[band.margin : band.margin + last - first]
         return total / len(offsets_s)

@@ -303,12 +303,12 @@ def build_scene(
 
 def add_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> list[Problem]:
     """Return the problems and all further missing files of the objects."""
-    told = {problem.path for problem in problems}
+    values = {problem.path for problem in problems}
     files = [
         (f"{path}.{where}", folder / file) for path, item in scene.parts for where, file in collect_input_files(item)
     ]
     missing = [Problem(where, "no such file", str(file)) for where, file in files if not os.path.exists(file)]
-    return [*problems, *(problem for problem in missing if problem.path not in told)]
+    return [*problems, *(problem for problem in missing if problem.path not in values)]
 
 
 def _build(

@@ -79,8 +79,8 @@ def _below(here: Any, key: str, above: list[str]) -> Any:
         if key in here:
             return here[key]
         near = difflib.get_close_matches(key, [str(one) for one in here], n=_MAX_SUGGESTED)
-        told = " or ".join(f"'{'.'.join([*above, one])}'" for one in near)
-        msg = f"there is no '{'.'.join([*above, key])}'" + (f"; did you mean {told}?" if told else "")
+        text = " or ".join(f"'{'.'.join([*above, one])}'" for one in near)
+        msg = f"there is no '{'.'.join([*above, key])}'" + (f"; did you mean {text}?" if text else "")
         raise PathError(msg)
     if isinstance(here, list):
         if key.isascii() and key.isdigit() and int(key) < len(here):

@@ -123,8 +123,8 @@ class RenderSettings(FrozenModel):
 def _refuse_twice(names: list[str]) -> None:
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        told = [*twice[:5], *([f"and {len(twice) - 5} more"] if len(twice) > 5 else [])]
-        msg = f"names must be unique; used more than once: {', '.join(told)}"
+        entries = [*twice[:5], *([f"and {len(twice) - 5} more"] if len(twice) > 5 else [])]
+        msg = f"names must be unique; used more than once: {', '.join(entries)}"
         raise ValueError(msg)
 
 

@@ -35,8 +35,8 @@ def read_file(file: str | Path, what: str, refused: type[SceneError] | type[Reci
         plain, problems = read_yaml(read_text(path, what))
         folder = path.parent.resolve()
     except (OSError, RuntimeError) as error:
-        told = getattr(error, "strerror", None) or error
-        raise refused([Problem("", f"cannot be read: {told}")], source=path) from error
+        values = getattr(error, "strerror", None) or error
+        raise refused([Problem("", f"cannot be read: {values}")], source=path) from error
     except ValueError as error:
         raise refused([Problem("", str(error))], source=path) from error
     if problems:
@@ -109,27 +109,27 @@ def _syntax_problem(error: Any, text: str) -> Problem:
         line = text.count("\n", 0, position) + 1
         return Problem("", f'line {line}: is not valid YAML: contains a control character; escape it as in "\\x1b"')
     mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-    told = " ".join(filter(None, (getattr(error, "context", None), getattr(error, "problem", None)))) or str(error)
-    if "maximum nesting depth" in told and mark is not None:
+    words = " ".join(filter(None, (getattr(error, "context", None), getattr(error, "problem", None)))) or str(error)
+    if "maximum nesting depth" in words and mark is not None:
         # Recent versions of the parser limit the look-ahead depth.
         return Problem("", f"line {mark.line + 1}: is nested more than {MAX_DEPTH} deep")
     where = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
-    remedy = "" if mark is None else _remedy(told, text, mark.index, mark.column)
-    return Problem("", f"{where}is not valid YAML: {' '.join(told.split())}{remedy}")
+    remedy = "" if mark is None else _remedy(words, text, mark.index, mark.column)
+    return Problem("", f"{where}is not valid YAML: {' '.join(words.split())}{remedy}")
 
 
-def _remedy(told: str, text: str, index: int, column: int) -> str:
+def _remedy(message: str, text: str, index: int, column: int) -> str:
     """Return a hint for common YAML mistakes, as the end of a message, or an empty string."""
     before, at = text[max(index - column, 0) : index], text[index : index + 1]
     if "\t" in (at, *before) and not (before + at).strip():
         return "; indent with spaces, not tabs"
-    if "cannot start any token" in told:
+    if "cannot start any token" in message:
         return f"; quote text that begins with {at}" if at.isprintable() else ""
-    if "mapping values are not allowed" in told:
+    if "mapping values are not allowed" in message:
         quoted = "quote text that contains a colon"
         # A line without a preceding colon is a key with too much indentation.
         return f"; {quoted}" if re.search(r":\s", before) else f"; align the line with its neighbours, or {quoted}"
-    if "did not find expected" in told and not before.strip():
+    if "did not find expected" in message and not before.strip():
         return "; align lines of one block, and check for an unclosed quote or bracket in the line above"
     return ""
 

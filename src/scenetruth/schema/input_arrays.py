@@ -42,8 +42,8 @@ def real_array(name: str, values: Any, problems: list[Problem], *, masked_is_nan
         problems.append(Problem(name, "has masked values; fill them or select a part without masked values"))
         return None
     if raw.dtype.kind not in "fiu":
-        told = "None" if values is None else str(raw.dtype)
-        problems.append(Problem(name, "must hold real numbers", told))
+        text = "None" if values is None else str(raw.dtype)
+        problems.append(Problem(name, "must hold real numbers", text))
         return None
     # Stores support at most 64 bits.
     return raw.astype(np.float64) if raw.dtype.kind == "f" and raw.dtype.itemsize > 8 else raw

@@ -508,7 +508,9 @@ def detect_convention_mismatches(
     if wrong:
         raise ScoreError(wrong)
     with np.errstate(over="ignore", invalid="ignore"):
-        return [slip for material in read_mismatch_samples(estimate, truth) for slip in _detect_in_samples(material)]
+        return [
+            mismatch for material in read_mismatch_samples(estimate, truth) for mismatch in _detect_in_samples(material)
+        ]
 
 
 _ARRAYS = ("depth", "disparity", "flow", "velocity")

@@ -422,14 +422,14 @@ class MismatchHypothesis:
 
     def mismatches(self, quantity: str, explained: float) -> list[ConventionMismatch]:
         """Return the mismatches of a quantity."""
-        told = []
+        entries = []
         if self.turn is not None:
-            told.append((self.turn.kind, self.turn.message))
+            entries.append((self.turn.kind, self.turn.message))
         if self.scaled is not None:
-            told.append((self.scaled.scale.kind, self.scaled.message(quantity)))
+            entries.append((self.scaled.scale.kind, self.scaled.message(quantity)))
         if self.move is not None:
-            told.append((self.move.kind, self.move.message.format(quantity=quantity)))
-        return [ConventionMismatch(kind, quantity, message, explained) for kind, message in told]
+            entries.append((self.move.kind, self.move.message.format(quantity=quantity)))
+        return [ConventionMismatch(kind, quantity, message, explained) for kind, message in entries]
 
 
 NO_MISMATCH = MismatchHypothesis()

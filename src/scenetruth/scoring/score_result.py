@@ -351,7 +351,7 @@ def _expected(regions: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, 
     names = [name for group in QUANTITY_GROUPS.values() if there & set(group) for name in group]
     expected: dict[str, tuple[str, ...]] = dict.fromkeys(names, STATISTICS)
     if OUTLIERS in there:
-        told = [quantities.get(OUTLIERS) for quantities in regions.values()]
-        rates = {rate for values in told if isinstance(values, dict) for rate in values}
+        entries = [quantities.get(OUTLIERS) for quantities in regions.values()]
+        rates = {rate for values in entries if isinstance(values, dict) for rate in values}
         expected[OUTLIERS] = tuple(rate for rate in RATES if rate in rates or rate == "count")
     return expected

@@ -234,8 +234,8 @@ def save_store(dataset: xr.Dataset, path: str | Path, *, overwrite: bool = False
     True
     """
     stamped = _stamped(dataset)
-    with write_atomically(path, overwrite=overwrite, claim=claim_store) as aside:
-        _write(stamped, aside, zipped=is_zip_name(Path(path)))
+    with write_atomically(path, overwrite=overwrite, claim=claim_store) as partial:
+        _write(stamped, partial, zipped=is_zip_name(Path(path)))
     return Path(path)
 
 

@@ -336,8 +336,8 @@ def _truth_problems(wanted: Sequence[Limit], truth: xr.Dataset) -> list[Problem]
     problems = []
     for name in dict.fromkeys(limit.quantity for limit in wanted):
         # Growth computed from depth and velocity has no variable.
-        told = has_quantity(truth, name) if QUANTITIES[name].variable else "growth_rate" in truth
-        if not told:
+        entries = has_quantity(truth, name) if QUANTITIES[name].variable else "growth_rate" in truth
+        if not entries:
             problems.append(Problem(name, "is missing from this truth; some maps require the complete truth"))
     return problems
 
@@ -353,7 +353,7 @@ def _convention_mismatches(estimate: xr.Dataset, truth: xr.Dataset) -> list[str]
     try:
         from scenetruth.scoring.convention_check import detect_convention_mismatches
 
-        return [slip.message for slip in detect_convention_mismatches(estimate, truth)]
+        return [mismatch_.message for mismatch_ in detect_convention_mismatches(estimate, truth)]
     except Exception as error:
         return [f"detection failed: {type(error).__name__}: {error}"]
 

@@ -143,14 +143,14 @@ def _make(entry: Path, scene: Scene, save_radiance: bool, truth_content: Literal
     from scenetruth.simulation import simulate_into
     from scenetruth.truth import TruthOptions
 
-    with write_atomically(entry, overwrite=True, claim=_claim) as aside:
+    with write_atomically(entry, overwrite=True, claim=_claim) as partial:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            aside.mkdir()
+            partial.mkdir()
             choice = TruthOptions("reference", "actual", truth_content)
-            simulate_into(aside, scene, choice, save_radiance=save_radiance)
-        told = [str(item.message) for item in caught if issubclass(item.category, SceneWarning)]
-        (aside / _WARNINGS).write_text(json.dumps(told), encoding="utf-8")
+            simulate_into(partial, scene, choice, save_radiance=save_radiance)
+        values = [str(item.message) for item in caught if issubclass(item.category, SceneWarning)]
+        (partial / _WARNINGS).write_text(json.dumps(values), encoding="utf-8")
     for item in caught:
         if not issubclass(item.category, SceneWarning):
             warnings.warn_explicit(item.message, item.category, item.filename, item.lineno)

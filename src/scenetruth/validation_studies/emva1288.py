@@ -69,8 +69,8 @@ def _draw_response(ax: Any, sensor: EmvaSensor, found: PhotonTransfer) -> None:
 
 
 def _draw_linearity(ax: Any, sensor: EmvaSensor, found: PhotonTransfer) -> None:
-    told = sensor.gain_dn_per_e * sensor.quantum_efficiency * found.photons
-    ax.plot(found.photons, 100 * (found.mean_dn / told - 1), "o", color=_MEASURED, markersize=4)
+    values = sensor.gain_dn_per_e * sensor.quantum_efficiency * found.photons
+    ax.plot(found.photons, 100 * (found.mean_dn / values - 1), "o", color=_MEASURED, markersize=4)
     ax.axhspan(-0.1, 0.1, color="#999999", alpha=0.25, linewidth=0, label="± 0.1 %")
     ax.set(xlabel="photons per pixel", ylabel="mean / nominal - 1, %", ylim=(-0.2, 0.2), title="linearity error")
     ax.legend(fontsize=9)
@@ -88,14 +88,14 @@ _BEYOND = (1.0, 1.02, 1.05, 1.1, 1.2)
 
 @dataclass(frozen=True)
 class SensorComparison:
-    """A nominal (``told``) and a measured sensor parameter; ``linearity_error`` has the nominal value 0.
+    """A nominal (``nominal``) and a measured sensor parameter; ``linearity_error`` has the nominal value 0.
 
-    ``error``: ``measured / told - 1``, or ``measured`` where ``told`` is 0.
+    ``error``: ``measured / nominal - 1``, or ``measured`` where ``nominal`` is 0.
     """
 
     sensor: str
     quantity: str
-    told: float
+    nominal: float
     measured: float
     error: float
 
@@ -130,7 +130,7 @@ def measure_sensor(
 
 def compare_with_settings(name: str, sensor: EmvaSensor, found: PhotonTransfer) -> list[SensorComparison]:
     """Compare the measured parameters of a sensor with the nominal values."""
-    told = {
+    values = {
         "gain_dn_per_e": (sensor.gain_dn_per_e, found.gain_dn_per_e),
         "temporal_dark_noise_e": (sensor.temporal_dark_noise_e, found.temporal_dark_noise_e),
         "dsnu_e": (sensor.dsnu_e, found.dsnu_e),
@@ -141,7 +141,7 @@ def compare_with_settings(name: str, sensor: EmvaSensor, found: PhotonTransfer) 
     }
     return [
         SensorComparison(name, quantity, value, measured, measured / value - 1 if value else measured)
-        for quantity, (value, measured) in told.items()
+        for quantity, (value, measured) in values.items()
     ]
 
 

@@ -70,7 +70,7 @@ def test_px_of_the_sensor_become_mm() -> None:
     pattern = generate_pattern(plain_rig(), size_mm=SIZE, dot_px=5)
     assert isinstance(pattern.model, SpecklePattern)
     assert pattern.model.dot_mm == pytest.approx(5 * 400 / 2000)
-    assert "dots of 1.000 mm (5.00 px)" in pattern.told
+    assert "dots of 1.000 mm (5.00 px)" in pattern.description
     assert generate_pattern(plain_rig(image_size_px=(90, 60)), dot_mm=0.5).size_mm == (20.0, 14.0)
 
 
@@ -197,6 +197,6 @@ def test_noise_that_cannot_be_is_told() -> None:
 
 def test_the_model_tells_what_it_is() -> None:
     model = NoisePattern(kind="noise", wavelength_mm=(1.0, 4.0))
-    assert model.told(0.2) == (
+    assert model.description(0.2) == (
         "noise of wavelengths 1.000 to 4.000 mm (5.00 to 20.00 px), thresholded to ink and paper, 50 % covered"
     )

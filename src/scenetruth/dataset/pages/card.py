@@ -174,11 +174,11 @@ def _statistic(name: str, values: Sequence[float | None]) -> PlotQuantity:
 
 
 def _statistics_rows(statistics: Sequence[PlotQuantity]) -> list[tuple[str, ...]]:
-    told = {split_unit(name)[0]: words for name, words in STATISTICS.items()}
+    stated = {split_unit(name)[0]: words for name, words in STATISTICS.items()}
     return [
         (
             one.label,
-            told[one.title],
+            stated[one.title],
             *(format_number(float(value)) for value in np.quantile(one.numbers, (0.0, 0.5, 1.0))),
         )
         for one in statistics
@@ -208,7 +208,7 @@ def _split_rows(sampler: Sampler, table: pyarrow.Table) -> list[tuple[str, str, 
     for split, size in zip(*_columns(table, "split", "bytes"), strict=True):
         counts[split] += 1
         sizes[split] += size
-    return [(name, told, format_count(counts[name]), format_size(sizes[name])) for name, told in words.items()]
+    return [(name, stated, format_count(counts[name]), format_size(sizes[name])) for name, stated in words.items()]
 
 
 def _warnings(table: pyarrow.Table) -> list[tuple[str, str]]:

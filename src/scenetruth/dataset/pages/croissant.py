@@ -86,8 +86,8 @@ def describe_column(name: str, sampler: Sampler) -> str:
     """Return the description of a column of the catalogue."""
     if name.startswith(VALUE):
         key = name.removeprefix(VALUE)
-        told = format_title(*format_label(key, sampler.bases[0].to_dict()))
-        return f"drawn value: {told}"
+        values = format_title(*format_label(key, sampler.bases[0].to_dict()))
+        return f"drawn value: {values}"
     if name in STATISTICS:
         return f"{STATISTICS[name]}; reference camera, reference frame"
     file, _, what = name.rpartition("_")
@@ -224,13 +224,13 @@ def _records(sampler: Sampler, table: pyarrow.Table) -> dict[str, Any]:
     import pyarrow as pa
 
     # Croissant records cannot contain a list of structures: the column of objects is in the Parquet file only.
-    told = [entry for entry in table.schema if not pa.types.is_nested(entry.type) or _is_plain_list(entry.type)]
-    fields = [_field(entry, sampler) for entry in told]
+    values = [entry for entry in table.schema if not pa.types.is_nested(entry.type) or _is_plain_list(entry.type)]
+    fields = [_field(entry, sampler) for entry in values]
     return {
         "@type": "cr:RecordSet",
         "@id": CATALOGUE,
         "name": CATALOGUE,
-        "description": _is_described_elsewhere(table, told),
+        "description": _is_described_elsewhere(table, values),
         "key": {"@id": f"{CATALOGUE}/sample"},
         "field": fields,
     }

@@ -110,13 +110,13 @@ def _leaves(value: Any, name: str, unit: str) -> Iterator[tuple[tuple[str, str],
         yield (name, unit), float(value)
     elif isinstance(value, Mapping):
         for key, entry in value.items():
-            told, own = split_unit(str(key))
-            yield from _leaves(entry, f"{name} {told}".strip(), own or unit)
+            entries, own = split_unit(str(key))
+            yield from _leaves(entry, f"{name} {entries}".strip(), own or unit)
     elif isinstance(value, list | tuple):
         axes = len(value) == len(_AXES) and all(_is_number(entry) for entry in value)
         for index, entry in enumerate(value):
-            told = _AXES[index] if axes else f"({index})" if len(value) > 1 else ""
-            yield from _leaves(entry, f"{name} {told}".strip(), unit)
+            entries = _AXES[index] if axes else f"({index})" if len(value) > 1 else ""
+            yield from _leaves(entry, f"{name} {entries}".strip(), unit)
 
 
 def _counted(values: Sequence[Any], texts: Sequence[str]) -> Iterator[tuple[str, int]]:

@@ -96,10 +96,10 @@ def format_label(path: str, plain: Mapping[str, Any]) -> tuple[str, str]:
         if re.fullmatch(r"[0-9]+", key) and above:
             words = _with_index(words, int(key), _at(plain, above))
         else:
-            told, own = split_unit(key)
+            entries, own = split_unit(key)
             unit = f"{unit} {own}" if unit and own.startswith("per ") else own
             # The word of a section is not repeated.
-            words += [] if key in _OMITTED or (words and told == words[-1]) else [told]
+            words += [] if key in _OMITTED or (words and entries == words[-1]) else [entries]
         above.append(key)
     return " ".join(words), unit
 
@@ -151,12 +151,12 @@ def describe_distribution(distribution: Distribution) -> str:
     >>> describe_distribution(UniformDistribution(low=2, high=4, sampling="sobol"))
     'uniform: low 2, high 4 (sobol)'
     """
-    told = distribution.model_dump(mode="json", exclude_defaults=True)
+    entries = distribution.model_dump(mode="json", exclude_defaults=True)
     if isinstance(distribution, FormulaDistribution):
         return _cut(f"= {distribution.formula}" + (", rounded" if distribution.integer else ""))
     kind = str(getattr(distribution, "kind", "")).replace("_", " ")
     values = ", ".join(
-        f"{name.replace('_', ' ')} {_value(told[name])}" for name in told if name not in _DESCRIBED_SEPARATELY
+        f"{name.replace('_', ' ')} {_value(entries[name])}" for name in entries if name not in _DESCRIBED_SEPARATELY
     )
     words = f"{kind}: {values}" if values else kind
     if isinstance(distribution, RandomDistribution) and distribution.sampling != "independent":
@@ -172,8 +172,8 @@ def describe_criterion(bound: AcceptanceCriterion) -> str:
     'visible share of leaf-*: at least 0.2'
     """
     kind = str(getattr(bound, "kind", "")).replace("_", " ")
-    told = bound.model_dump(mode="json", exclude_none=True)
-    of = f" of {told['object']}" if told.get("object", "*") != "*" else ""
+    entries = bound.model_dump(mode="json", exclude_none=True)
+    of = f" of {entries['object']}" if entries.get("object", "*") != "*" else ""
     ends = [
         f"{word} {value:g}{bound.unit}"
         for word, value in (("at least", bound.min), ("at most", bound.max))
@@ -181,7 +181,7 @@ def describe_criterion(bound: AcceptanceCriterion) -> str:
     ]
     others = [
         f"{name.replace('_', ' ')} {_value(value)}"
-        for name, value in told.items()
+        for name, value in entries.items()
         if name not in ("kind", "object", "min", "max")
     ]
     return f"{kind}{of}: {', '.join([*ends, *others])}"
@@ -207,7 +207,7 @@ def describe_splits(sampler: Sampler) -> dict[str, str]:
         held = "; ".join(f"{key}: {', '.join(map(_value, values))}" for key, values in recipe.hold_out.items())
         words[HELD_OUT] = f"all samples with {held}"
     if not recipe.hold_out:
-        words = {name: told.replace(" of samples not held out", "") for name, told in words.items()}
+        words = {name: entries.replace(" of samples not held out", "") for name, entries in words.items()}
     return words
 
 

@@ -217,11 +217,11 @@ def preview_dataset(
     drawn = draw_samples(sampler, samples, progress, workers, scheduler)
     if not drawn.draws:
         raise RecipeError(drawn.trial.problems)
-    with write_atomically(folder, overwrite=overwrite, claim=claim) as aside:
-        aside.mkdir()
-        _draw_sheet(drawn.draws, aside / SHEET, workers, scheduler, progress)
-        content = _content(sampler, drawn, aside)
-        (aside / PAGE).write_text(render_html("preview.html.j2", **content), encoding="utf-8")
+    with write_atomically(folder, overwrite=overwrite, claim=claim) as partial:
+        partial.mkdir()
+        _draw_sheet(drawn.draws, partial / SHEET, workers, scheduler, progress)
+        content = _content(sampler, drawn, partial)
+        (partial / PAGE).write_text(render_html("preview.html.j2", **content), encoding="utf-8")
     return folder / PAGE
 
 
@@ -264,8 +264,10 @@ def _draw_sheet(
         if progress is not None:
             progress("thumbnails", done, len(chosen))
         if isinstance(image, SceneError):
-            told = [Problem(one.path, f"{one.message} (in sample {draw.number})", one.value) for one in image.problems]
-            raise RecipeError(told)
+            values = [
+                Problem(one.path, f"{one.message} (in sample {draw.number})", one.value) for one in image.problems
+            ]
+            raise RecipeError(values)
         images.append(image)
     if progress is not None:
         progress("thumbnails", len(chosen), len(chosen))

@@ -71,14 +71,14 @@ def compare_with_prediction(
         return Discrepancy(rig, objective.title, predicted, simulated, math.nan, True, says)
     inside = math.isnan(simulated.pi_low) or simulated.pi_low <= predicted <= simulated.pi_high
     notable = not 1 / _NOTABLE_FACTOR <= ratio <= _NOTABLE_FACTOR and not (inside and simulated.seeds > 1)
-    told = f"{objective.title}: {objective.told_in} simulated {simulated.value:.3g}, "
-    told += f"predicted for these images {predicted:.3g} {objective.unit}"
+    text = f"{objective.title}: {objective.statistic_title} simulated {simulated.value:.3g}, "
+    text += f"predicted for these images {predicted:.3g} {objective.unit}"
     if not notable:
-        says = f"{told}: consistent within the scatter of {simulated.seeds} seeds (factor {ratio:.2f})"
+        says = f"{text}: consistent within the scatter of {simulated.seeds} seeds (factor {ratio:.2f})"
     elif ratio > 1:
-        says = f"{told}: {ratio:.1f} times the prediction, which includes noise and stage errors but not method bias"
+        says = f"{text}: {ratio:.1f} times the prediction, which includes noise and stage errors but not method bias"
     else:
-        says = f"{told}: {ratio:.2f} times the prediction"
+        says = f"{text}: {ratio:.2f} times the prediction"
     return Discrepancy(rig, objective.title, predicted, simulated, ratio, notable, says)
 
 
@@ -250,8 +250,8 @@ def simulate_objectives(scene: Scene, objectives: tuple[Objective, ...], limits:
     alone = len(scene.parts) == 1
     for one in objectives:
         region = "interior" if alone and one.region.startswith("object_") else one.region
-        told = found.regions.get(region, {}).get(one.quantity, {})
-        values = {name: float(value) for name in _STATISTICS if (value := told.get(name)) is not None}
+        entries = found.regions.get(region, {}).get(one.quantity, {})
+        values = {name: float(value) for name in _STATISTICS if (value := entries.get(name)) is not None}
         if "rmse" in values:
             figures[one.title] = values
     return figures
@@ -334,9 +334,9 @@ def simulate_candidates(
     discrepancies: list[Discrepancy] = []
     for place, rig in enumerate(rigs):
         each = [job.figures(place * confirm.seeds + number) for number in range(confirm.seeds)]
-        told = replace(rig, figures=_group_by_seed(each, task.objectives))
-        intervals = {one.title: compute_rig_interval(told, one.title, one.statistic) for one in task.objectives}
-        found[rig.number] = replace(told, simulated={title: one for title, one in intervals.items() if one.seeds})
+        entries = replace(rig, figures=_group_by_seed(each, task.objectives))
+        intervals = {one.title: compute_rig_interval(entries, one.title, one.statistic) for one in task.objectives}
+        found[rig.number] = replace(entries, simulated={title: one for title, one in intervals.items() if one.seeds})
         scene = Scene.from_dict(light[place].plain)
         prediction = predict_scene(scene, task.method)
         for objective in task.objectives:
@@ -357,15 +357,15 @@ def _group_by_seed(
     each: Sequence[Figures | None], objectives: Sequence[Objective]
 ) -> dict[str, dict[str, tuple[float, ...]]]:
     """Return all statistics by title of the objective, one value for each seed."""
-    told = {
+    entries = {
         one.title: {
             name: tuple(get_simulated_statistic(figures, one.title, name) for figures in each) for name in STATISTICS
         }
         for one in objectives
     }
-    for title, figures_of in told.items():
+    for title, figures_of in entries.items():
         figures_of["density"] = tuple((one or {}).get(title, {}).get("density", math.nan) for one in each)
-    return told
+    return entries
 
 
 _LEVEL = 0.975

@@ -62,8 +62,8 @@ assert set(STATISTICS) == set(get_args(Statistic))
 
 def compute_predicted_statistic(figure: PredictedValue, statistic: Statistic) -> float:
     """Return a predicted statistic, in the units of the report."""
-    told = {"scaled_median_abs_error": figure.value, "rmse": figure.rmse, "p95_abs_error": figure.p95_abs_error}
-    return told[statistic]
+    entries = {"scaled_median_abs_error": figure.value, "rmse": figure.rmse, "p95_abs_error": figure.p95_abs_error}
+    return entries[statistic]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Objective:
     statistic: Statistic = "scaled_median_abs_error"  # key of `STATISTICS`
 
     @property
-    def told_in(self) -> str:
+    def statistic_title(self) -> str:
         """Title of the statistic."""
         return STATISTICS[self.statistic].title
 

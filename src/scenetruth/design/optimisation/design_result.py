@@ -46,11 +46,11 @@ _TEXT_COLUMNS = ("phase", "problem")
 
 def write_screening_table(table: pd.DataFrame, file: Path) -> None:
     """Write all evaluations; values that are neither numbers nor texts are written as JSON."""
-    told = table.copy()
-    for name in told.columns:
-        if told[name].dtype == object and name not in _TEXT_COLUMNS:
-            told[name] = [_text(value) for value in told[name]]
-    told.to_csv(file, index=False)
+    entries = table.copy()
+    for name in entries.columns:
+        if entries[name].dtype == object and name not in _TEXT_COLUMNS:
+            entries[name] = [_text(value) for value in entries[name]]
+    entries.to_csv(file, index=False)
 
 
 def read_screening_table(file: Path, variables: Mapping[str, Any]) -> pd.DataFrame:
@@ -133,9 +133,11 @@ def describe_rank_consistency(objectives: Sequence[Objective], orders: Sequence[
 
 
 def _changed(objectives: Sequence[Objective], sensitivities: Sequence[Sensitivity]) -> Iterator[str]:
-    told = [one for one in sensitivities if math.isfinite(one.ten_percent)]
+    entries = [one for one in sensitivities if math.isfinite(one.ten_percent)]
     for objective in objectives:
-        own = sorted((one for one in told if one.objective == objective.title), key=lambda one: -abs(one.ten_percent))
+        own = sorted(
+            (one for one in entries if one.objective == objective.title), key=lambda one: -abs(one.ten_percent)
+        )
         parts = [f"{one.parameter} {_signed(one.ten_percent)} ({_signed(one.ten_percent_less)})" for one in own]
         if parts:
             most = ", ".join(parts[:_MOST_LISTED])
@@ -157,20 +159,20 @@ def _compared(discrepancies: Sequence[Discrepancy]) -> Iterator[str]:
 
 def _reached(objectives: Sequence[Objective], rig: RigDesign) -> Iterator[str]:
     for one in objectives:
-        told = f"{one.title}: {one.told_in}, predicted {rig.predicted[one.title]:.3g} {one.unit}"
+        line = f"{one.title}: {one.statistic_title}, predicted {rig.predicted[one.title]:.3g} {one.unit}"
         found = rig.simulated.get(one.title)
         figure, known = rig.predicted[one.title], "predicted"
         if found is not None:
             figure, known = found.value, "simulated"
-            told += f", simulated {found.value:.3g} ({_seeds(found)}{_compare_rmse(rig, one)})"
+            line += f", simulated {found.value:.3g} ({_seeds(found)}{_compare_rmse(rig, one)})"
             if rig.density(one.title) < SUFFICIENT_DENSITY:
-                told += f"; only {100 * rig.density(one.title):.0f} % of the pixels are valid"
+                line += f"; only {100 * rig.density(one.title):.0f} % of the pixels are valid"
         if one.wanted is not None:
             reached = "met" if figure <= one.wanted else "NOT met"
             if found is not None and figure <= one.wanted < found.pi_high:
                 reached = "met, but a further recording may miss it"
-            told += f"; target {one.wanted:g}: {reached} ({known})"
-        yield told
+            line += f"; target {one.wanted:g}: {reached} ({known})"
+        yield line
 
 
 def _seeds(found: PredictionInterval) -> str:
@@ -384,9 +386,9 @@ class DesignResult(Result):
 
         Non-finite numbers are None (NaN), ``"inf"`` and ``"-inf"``.
         """
-        told = {name: to_plain_data(getattr(self, name)) for name in _PARTS}
+        entries = {name: to_plain_data(getattr(self, name)) for name in _PARTS}
         more = {"recommended": self.recommended.number, "summary": self.summary().splitlines()}
-        return {"format": _FORMAT, "specification": to_plain_data(self.specification), **told, **more}
+        return {"format": _FORMAT, "specification": to_plain_data(self.specification), **entries, **more}
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Save the result in a directory, as `optimise` does with ``output``: ``design.json`` and ``evaluations.csv``.

@@ -166,13 +166,13 @@ def _unit(parameter: Parameter, told: float) -> float:
 
 def _enqueue(study: Any, space: DesignSpace, one: Evaluation) -> None:
     place = space.point(one.values)
-    told = {
+    entries = {
         parameter.name: min(int(unit * parameter.levels), parameter.levels - 1)
         if parameter.levels
         else min(max(unit, 0.0), 1.0)
         for parameter, unit in zip(space.parameters, place, strict=True)
     }
-    study.enqueue_trial(told)
+    study.enqueue_trial(entries)
 
 
 def _search_starts(found: Sequence[Evaluation]) -> list[Evaluation]:
@@ -374,24 +374,26 @@ def _each(
         lost = max(lost, 1.0 - float(whole.mean()))
         kept = np.repeat(whole, block)
         if whole.sum() >= _FEWEST:
-            for name, told in zip(problem["names"], analysed(problem, points[kept], logs[kept]), strict=True):
-                found[one.title, name] = told
+            for name, entries in zip(problem["names"], analysed(problem, points[kept], logs[kept]), strict=True):
+                found[one.title, name] = entries
     return lost
 
 
 def _morris(problem: Mapping[str, Any], points: Array, logs: Array) -> list[tuple[float, float]]:
-    told = _quiet(
+    entries = _quiet(
         import_optional("SALib.analyze.morris").analyze, dict(problem), points, logs, num_levels=_LEVELS, seed=0
     )
-    return [(float(mean), float(scatter)) for mean, scatter in zip(told["mu_star"], told["sigma"], strict=True)]
+    return [(float(mean), float(scatter)) for mean, scatter in zip(entries["mu_star"], entries["sigma"], strict=True)]
 
 
 def _sobol(problem: Mapping[str, Any], points: Array, logs: Array) -> list[SobolIndices]:
     samples = len(logs) // (problem["num_vars"] + 2)
     if samples < _FEWEST_BASE or float(logs.std()) < 1e-12:
         return [SobolIndices(math.nan, math.nan, math.nan, math.nan, samples)] * problem["num_vars"]
-    told = _quiet(import_optional("SALib.analyze.sobol").analyze, dict(problem), logs, calc_second_order=False, seed=0)
-    each = zip(*(told[name] for name in ("S1", "ST", "S1_conf", "ST_conf")), strict=True)
+    entries = _quiet(
+        import_optional("SALib.analyze.sobol").analyze, dict(problem), logs, calc_second_order=False, seed=0
+    )
+    each = zip(*(entries[name] for name in ("S1", "ST", "S1_conf", "ST_conf")), strict=True)
     return [
         SobolIndices(float(s1), float(st), float(s1_half), float(st_half), samples) for s1, st, s1_half, st_half in each
     ]

@@ -80,8 +80,8 @@ def _errors(one: Evaluation, objectives: tuple[Objective, ...]) -> Iterator[str]
             continue
         largest = max(parts, key=lambda name: parts[name])
         share = 100 * parts[largest] ** 2 / whole
-        told = _CONTRIBUTION_TITLES[largest]
-        yield f"{objective.title.lower()} is limited by {told} ({share:.0f} % of the predicted variance)"
+        stated = _CONTRIBUTION_TITLES[largest]
+        yield f"{objective.title.lower()} is limited by {stated} ({share:.0f} % of the predicted variance)"
 
 
 def _ends(one: Evaluation, space: DesignSpace) -> Iterator[str]:
@@ -129,9 +129,9 @@ def compute_local_sensitivities(
         if changed is None:
             continue
         other, new, changed_by = changed
-        told = evaluate_rig(other, {**one.values, parameter.name: new})
+        stated = evaluate_rig(other, {**one.values, parameter.name: new})
         for objective in task.objectives:
-            before, after = here.predicted[objective.title], told.predicted[objective.title]
+            before, after = here.predicted[objective.title], stated.predicted[objective.title]
             if 0 < before < math.inf and 0 < after < math.inf:
                 power = math.log(factor) / math.log(changed_by)
                 found[objective.title, parameter.name] = (after / before) ** power - 1
@@ -270,7 +270,7 @@ def _lines(
     by_name: dict[str, list[Sensitivity]] = {}
     for one in effects:
         by_name.setdefault(one.parameter, []).append(one)
-    idle = [name for name, told in by_name.items() if all(one.morris_mu_star == 0.0 for one in told)]
+    idle = [name for name, stated in by_name.items() if all(one.morris_mu_star == 0.0 for one in stated)]
     if idle:
         yield f"no effect on any objective: {', '.join(idle)}; their values follow from constraints or are arbitrary"
 

@@ -284,10 +284,10 @@ class _Run:
     def _recommended(self, rigs: list[RigDesign], simulated: ConfirmationResult) -> RigDesign:
         """Return the best simulated rig, or the best predicted rig without valid simulations."""
         objectives = self.prepared.task.objectives
-        told = [rig for rig in rigs if all(one.title in rig.simulated for one in objectives)]
-        if told:
-            figures = [{one.title: rig.simulated[one.title].value for one in objectives} for rig in told]
-            return told[select_recommended(figures, objectives)]
+        values = [rig for rig in rigs if all(one.title in rig.simulated for one in objectives)]
+        if values:
+            figures = [{one.title: rig.simulated[one.title].value for one in objectives} for rig in values]
+            return values[select_recommended(figures, objectives)]
         if simulated.rigs:
             self.say("no simulation has valid values of all objectives; the recommended rig is based on predictions")
         return rigs[select_recommended([rig.predicted for rig in rigs], objectives)]
@@ -303,7 +303,7 @@ class _Run:
                 key = (objective.title, name)
                 mean, scatter = self.effects.morris.get(key, nothing)
                 sobol = self.effects.sobol.get(key, no_indices)
-                told = Sensitivity(
+                values = Sensitivity(
                     name,
                     objective.title,
                     mean,
@@ -316,7 +316,7 @@ class _Run:
                     sobol.total_half,
                     sobol.samples,
                 )
-                found.append(told)
+                found.append(values)
         return tuple(found)
 
     def _screened(self) -> pd.DataFrame:

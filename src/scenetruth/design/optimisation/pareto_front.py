@@ -85,7 +85,7 @@ def select_recommended(figures: Sequence[Mapping[str, float]], objectives: Seque
     }
 
     factors = [compute_target_ratios(each, objectives, least) for each in figures]
-    worst = [max(told) if all(map(math.isfinite, told)) else math.inf for told in factors]
+    worst = [max(values) if all(map(math.isfinite, values)) else math.inf for values in factors]
     good = [number for number, one in enumerate(worst) if one <= _AS_GOOD * min(worst)]
     return min(good, key=lambda number: (math.prod(factors[number]), worst[number]))
 

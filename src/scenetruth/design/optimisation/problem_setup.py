@@ -120,9 +120,9 @@ def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
             plain["estimate"] = {"method": one.method, **own, **one.settings}
         return Scene.from_dict(plain)
     except SceneError as error:
-        told = f" ({spec.scene})" if isinstance(spec.scene, str) else ""
+        text = f" ({spec.scene})" if isinstance(spec.scene, str) else ""
         problems += [
-            Problem(".".join(filter(None, ("scene", one.path))), f"{one.message}{told}", one.value)
+            Problem(".".join(filter(None, ("scene", one.path))), f"{one.message}{text}", one.value)
             for one in error.problems
         ]
     except EstimateError as error:
@@ -144,8 +144,8 @@ def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tup
             value_at(plain, place)
     except PathError as error:
         near = difflib.get_close_matches(path, NAMED_VARIABLES, n=1)
-        told = str(error).replace(", under 'set'", "")
-        problems.append(Problem(f"variables.{path}", f"{told}; did you mean '{near[0]}'?" if near else told))
+        text = str(error).replace(", under 'set'", "")
+        problems.append(Problem(f"variables.{path}", f"{text}; did you mean '{near[0]}'?" if near else text))
         return ()
     return found
 
@@ -211,8 +211,8 @@ def _named(name: str, variable: DesignVariable, entries: CatalogueEntries, probl
     for one in values:
         if one not in known:
             near = difflib.get_close_matches(str(one), list(known), n=2)
-            told = f"did you mean {' or '.join(near)}?" if near else f"valid entries: {', '.join(known)}"
-            problems.append(Problem(f"variables.{name}", f"unknown catalogue entry; {told}", one))
+            text = f"did you mean {' or '.join(near)}?" if near else f"valid entries: {', '.join(known)}"
+            problems.append(Problem(f"variables.{name}", f"unknown catalogue entry; {text}", one))
     if any(one not in known for one in values):
         return None
     return Parameter(name, choices=tuple(dict.fromkeys(values)))
@@ -361,4 +361,4 @@ def _with_unique_title(objective: Objective, others: list[Objective]) -> Objecti
     alone = len({one.region for one in others}) == 1 and objective.region in ("all", "interior")
     title = name if alone else f"{name} of {place}" if objective.region.startswith("object_") else f"{name}, {place}"
     same = sum((one.quantity, one.region) == (objective.quantity, objective.region) for one in others)
-    return replace(objective, title=f"{title}, {objective.told_in}" if same > 1 else title)
+    return replace(objective, title=f"{title}, {objective.statistic_title}" if same > 1 else title)

@@ -59,29 +59,29 @@ def compute_stage_uncertainty(
     if shifts.along > 0 and over_s > 0:
         d = math.hypot(shifts.guide, shifts.visit / math.sqrt(len(t))) / over_s
         slope = focal / disparity / over_s
-        told = _propagate_disparity(d, depth, disparity, slope * shifts.turn_x, slope * shifts.turn_y)
+        values = _propagate_disparity(d, depth, disparity, slope * shifts.turn_x, slope * shifts.turn_y)
         if over_t > 0:
             flow = shifts.visit / (math.sqrt(len(s)) * over_t)
             nearer = depth / disparity * shifts.visit / (over_s * over_t)
             lateral = depth * flow / focal
-            told |= {"flow_x": flow, "velocity_x": lateral, "velocity_z": nearer, "growth_rate": 2 * nearer / depth}
+            values |= {"flow_x": flow, "velocity_x": lateral, "velocity_z": nearer, "growth_rate": 2 * nearer / depth}
             # An apparent approach acts as equal growth of all lengths.
-            told |= {"growth_principal_1": nearer / depth, "growth_principal_2": nearer / depth}
-            told["velocity_epe"] = math.hypot(lateral, nearer)
-        found["stage"] = told
+            values |= {"growth_principal_1": nearer / depth, "growth_principal_2": nearer / depth}
+            values["velocity_epe"] = math.hypot(lateral, nearer)
+        found["stage"] = values
     lag = scene.stage.time_per_position_s / scene.frames.frame_interval_s
     if lag > 0 and scene.stage.scan == "unidirectional" and over_s > 0:
         moved, approach = (abs(signals.get(name) or 0.0) * lag for name in ("flow_x", "velocity_z"))
         turn = focal / disparity * approach / depth
         found["scan"] = _propagate_disparity(moved, depth, disparity, turn, turn)
-    return {what: {name: value for name, value in told.items() if value > 0} for what, told in found.items()}
+    return {what: {name: value for name, value in values.items() if value > 0} for what, values in found.items()}
 
 
 def _propagate_disparity(d: float, depth: float, disparity: float, slope_x: float, slope_y: float) -> dict[str, float]:
     """Return the uncertainties that follow from those of disparity and slopes."""
-    told = {"disparity": d, "depth": depth * d / disparity, "slope_x": slope_x, "slope_y": slope_y}
-    told["normal"] = math.degrees(math.hypot(slope_x, slope_y))
-    return told
+    values = {"disparity": d, "depth": depth * d / disparity, "slope_x": slope_x, "slope_y": slope_y}
+    values["normal"] = math.degrees(math.hypot(slope_x, slope_y))
+    return values
 
 
 @dataclass(frozen=True)

@@ -282,8 +282,8 @@ class Evaluation:
     @property
     def holds(self) -> bool:
         """Whether the rig is valid and satisfies all constraints."""
-        told = all(math.isfinite(value) for value in self.predicted.values())
-        return not self.problem and told and all(one.holds for one in self.constraints)
+        stated = all(math.isfinite(value) for value in self.predicted.values())
+        return not self.problem and stated and all(one.holds for one in self.constraints)
 
     @property
     def excess(self) -> float:
@@ -344,7 +344,7 @@ def compute_objective_contributions(objective: Objective, scene: Scene, predicti
     more = compute_stage_uncertainty(scene, prediction.by_region[region], signals)
     factor = hour * STATISTICS[objective.statistic].of_normal
     found = {"noise": compute_predicted_statistic(figure, objective.statistic)}
-    return found | {what: factor * told[quantity] for what, told in more.items() if quantity in told}
+    return found | {what: factor * stated[quantity] for what, stated in more.items() if quantity in stated}
 
 
 def _root_sum(values: Any) -> float:

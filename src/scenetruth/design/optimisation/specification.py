@@ -213,8 +213,8 @@ class DesignSpec(FrozenModel):
         if unknown:
             msg = f"unknown quantity {', '.join(unknown)}; valid quantities: {', '.join(QUANTITIES)}"
             raise ValueError(msg)
-        told = Counter((one.quantity, one.region, one.statistic) for one in value)
-        twice = [key for key, count in told.items() if count > 1]
+        entries = Counter((one.quantity, one.region, one.statistic) for one in value)
+        twice = [key for key, count in entries.items() if count > 1]
         if twice:
             msg = f"must be unique: {', '.join(f'{name} of {region}, {kind}' for name, region, kind in twice)}"
             raise ValueError(msg)

@@ -290,8 +290,8 @@ def assess_pattern(
     pitch = 1.0 if mm_per_px is None else mm_per_px / rig.mm_per_px
     if min(grey.shape) * pitch < _LEAST_PX:
         message = f"shows less than {_LEAST_PX} px of the rig's image along a side: use a larger picture"
-        told = " x ".join(f"{side * pitch:.3g}" for side in reversed(grey.shape)) + " px"
-        raise ArgumentError([Problem("picture", message, told)], source="a pattern")
+        text = " x ".join(f"{side * pitch:.3g}" for side in reversed(grey.shape)) + " px"
+        raise ArgumentError([Problem("picture", message, text)], source="a pattern")
     if pitch > 1:
         message = f"is coarser than the pixels of the rig, {rig.mm_per_px:.4g} mm per px: use a higher resolution"
         raise ArgumentError([Problem("mm_per_px", message, mm_per_px)], source="a pattern")
@@ -476,15 +476,15 @@ def describe_assessments(worths: Sequence[PatternAssessment]) -> list[str]:
     """Return sentences on the precision with each pattern, and comparisons with the first."""
     found = []
     for number, worth in enumerate(worths):
-        told = f"{worth.label}: RMS gradient {100 * worth.gradient:.3g} % of full scale per px"
-        told += f", noise {100 * worth.noise_std:.2g} %, speckle size {worth.size_px:.2g} px"
+        text = f"{worth.label}: RMS gradient {100 * worth.gradient:.3g} % of full scale per px"
+        text += f", noise {100 * worth.noise_std:.2g} %, speckle size {worth.size_px:.2g} px"
         if worth.disparity_px is not None:
-            told += f"; lowest standard deviation of disparity {worth.disparity_px:.2g} px per step"
+            text += f"; lowest standard deviation of disparity {worth.disparity_px:.2g} px per step"
         if worth.depth_mm is not None:
-            told += f", of depth {worth.depth_mm:.2g} mm"
+            text += f", of depth {worth.depth_mm:.2g} mm"
         if worth.flow_px is not None:
-            told += f", of flow {worth.flow_px:.2g} px per frame"
-        found.append(f"{told} (window σ {worth.window_sigma_px:g} px)")
+            text += f", of flow {worth.flow_px:.2g} px per frame"
+        found.append(f"{text} (window σ {worth.window_sigma_px:g} px)")
         found += _warnings(worth)
         if number and worths[0].gradient > 0 and worth.gradient > 0:
             ratio = _noise_over_gradient(worth) / _noise_over_gradient(worths[0])
@@ -514,7 +514,7 @@ def _warnings(worth: PatternAssessment) -> list[str]:
 def describe_pattern(pattern: Pattern) -> list[str]:
     """Return a description of a pattern, and its finest features at the smallest and largest depth."""
     rig, width = pattern.rig, pattern.size_mm
-    found = [f"{pattern.model.kind} of {width[0]:g} x {width[1]:g} mm: {pattern.told}"]
+    found = [f"{pattern.model.kind} of {width[0]:g} x {width[1]:g} mm: {pattern.description}"]
     if rig.depth_range_mm is not None and rig.depth_range_mm[0] < rig.depth_range_mm[1]:
         near, far = (pattern.model.finest_mm * rig.focal_length_px / depth for depth in rig.depth_range_mm)
         depths = " and ".join(f"{depth:.0f} mm" for depth in rig.depth_range_mm)

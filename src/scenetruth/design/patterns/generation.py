@@ -54,7 +54,7 @@ class Pattern:
     >>> from scenetruth.design.patterns import generate_pattern, PatternRig
     >>> rig = PatternRig.from_scene(focal_length_px=5000, distance_mm=600)
     >>> pattern = generate_pattern(rig, size_mm=(30, 20), seed=1)
-    >>> pattern.told
+    >>> pattern.description
     'dots of 0.480 mm (4.00 px), 50 % covered, centres at least 1 diameters apart'
 
     Its reflectance, between those of ink and paper, in texels of 0.1 mm:
@@ -71,9 +71,9 @@ class Pattern:
     drawing: PatternDrawing
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """One-line description."""
-        return self.model.told(self.rig.mm_per_px)
+        return self.model.description(self.rig.mm_per_px)
 
     def radiance(self, box_mm: Box, shape: tuple[int, int]) -> NDArray[np.float32]:
         """Return the mean reflectance of texels, shape (rows, columns).
@@ -149,7 +149,7 @@ def generate_pattern(
     --------
     >>> from scenetruth.design.patterns import generate_pattern, PatternRig
     >>> rig = PatternRig.from_scene(focal_length_px=5000, distance_mm=600)
-    >>> generate_pattern(rig, size_mm=(30, 20), seed=1).told
+    >>> generate_pattern(rig, size_mm=(30, 20), seed=1).description
     'dots of 0.480 mm (4.00 px), 50 % covered, centres at least 1 diameters apart'
     """
     rig = rig if isinstance(rig, PatternRig) else PatternRig.from_scene(rig)

@@ -79,8 +79,8 @@ def lay_out_pages(pattern: Pattern, page: str = "A4", margin_mm: float = 10.0) -
         problems.append(Problem("margin_mm", "must be from 0 to 100 mm", margin_mm))
     if problems:
         raise ArgumentError(problems, source="a pattern")
-    told = _compose_label(pattern)
-    laid = [(size, _compute_tile_area(size, margin_mm, told)) for size in sizes]
+    values = _compose_label(pattern)
+    laid = [(size, _compute_tile_area(size, margin_mm, values)) for size in sizes]
     laid = [(size, room) for size, room in laid if min(room[2:]) >= _LEAST_TILE_MM]
     if not laid:
         message = f"leaves less than {_LEAST_TILE_MM:g} mm for the pattern within its margins; choose a larger page"
@@ -91,7 +91,7 @@ def lay_out_pages(pattern: Pattern, page: str = "A4", margin_mm: float = 10.0) -
         message = f"takes {columns * rows:,} pages, more than {_MOST_PAGES}; choose larger pages or a smaller pattern"
         raise ArgumentError([Problem("page", message, page)], source="a pattern")
     return [
-        _page(pattern, size, room, (row, column), (rows, columns), margin_mm, told)
+        _page(pattern, size, room, (row, column), (rows, columns), margin_mm, values)
         for row in range(rows)
         for column in range(columns)
     ]
@@ -113,22 +113,22 @@ def _compose_label(pattern: Pattern) -> list[str]:
     return [
         f"scenetruth {version('scenetruth')}, {pattern.model.kind} pattern of {width:g} x {height:g} mm, "
         f"seed {pattern.seed}: "
-        f"{pattern.told}. For a focal length of {rig.focal_length_px:g} px at {rig.distance_mm:g} mm: "
+        f"{pattern.description}. For a focal length of {rig.focal_length_px:g} px at {rig.distance_mm:g} mm: "
         f"1 px is {rig.mm_per_px:.4g} mm.",
         "Print at 100 % (actual size; do not fit to the page), and check both rulers.",
     ]
 
 
-def _wrapped(told: list[str], width_mm: float) -> list[str]:
+def _wrapped(caption: list[str], width_mm: float) -> list[str]:
     letters = max(int(width_mm / (_LETTER * _TEXT_MM)), 20)
-    return [line for each in told for line in textwrap.wrap(each, letters)]
+    return [line for each in caption for line in textwrap.wrap(each, letters)]
 
 
-def _compute_tile_area(size: tuple[float, float], margin_mm: float, told: list[str]) -> Box:
+def _compute_tile_area(size: tuple[float, float], margin_mm: float, caption: list[str]) -> Box:
     """Return the largest tile on a page."""
     left, top = margin_mm + _RULER_SPACE_MM + _CROP_MM, margin_mm + _CROP_MM
     # One additional line for the page number.
-    text = _LINE_MM * (len(_wrapped(told, size[0] - 2 * margin_mm)) + 1)
+    text = _LINE_MM * (len(_wrapped(caption, size[0] - 2 * margin_mm)) + 1)
     below = _CROP_MM + _RULER_SPACE_MM + text
     return left, top, size[0] - left - margin_mm - _CROP_MM, size[1] - top - margin_mm - below
 
@@ -146,7 +146,7 @@ def _page(
     which: tuple[int, int],
     of: tuple[int, int],
     margin_mm: float,
-    told: list[str],
+    caption: list[str],
 ) -> PrintPage:
     (row, column), (rows, columns) = which, of
     left, top, most_width, most_height = room
@@ -162,7 +162,7 @@ def _page(
     if rows * columns > 1:
         where += f": row {row + 1} of {rows}, column {column + 1} of {columns}; cut along the crop marks"
     first = top + most_height + _CROP_MM + _RULER_SPACE_MM + _LINE_MM - 0.6
-    for n, line in enumerate([*_wrapped(told, size[0] - 2 * margin_mm), where + "."]):
+    for n, line in enumerate([*_wrapped(caption, size[0] - 2 * margin_mm), where + "."]):
         texts.append(PageText(margin_mm, first + n * _LINE_MM, line, _TEXT_MM))
     return PrintPage(size, (left, top, width, height), (x, y, width, height), tuple(lines), tuple(texts))
 
@@ -195,6 +195,6 @@ def _ruler(room: Box, *, upright: bool) -> tuple[list[PageLine], list[PageText]]
         tick = 3.0 if mm % 10 == 0 else 2.2 if mm % 5 == 0 else 1.4
         lines.append(PageLine(*at(mm, 0), *at(mm, tick), _HAIR_MM))
         if mm % 10 == 0:
-            told = f"{mm} mm" if mm == length else str(mm)
-            texts.append(PageText(*at(mm, 3.6 if upright else 5.6), told, 2.2, "middle", upright))
+            words = f"{mm} mm" if mm == length else str(mm)
+            texts.append(PageText(*at(mm, 3.6 if upright else 5.6), words, 2.2, "middle", upright))
     return lines, texts

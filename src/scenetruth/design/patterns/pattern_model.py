@@ -119,7 +119,7 @@ class PatternModel(FrozenModel, ABC):
         """Draw the pattern."""
 
     @abstractmethod
-    def told(self, mm_per_px: float) -> str:
+    def description(self, mm_per_px: float) -> str:
         """Return a one-line description, with lengths in mm and in px of the rig."""
 
     @property

@@ -39,11 +39,11 @@ def load_grey_values(picture: str | Path | NDArray[Any], encoding: str) -> Array
     if encoding not in ("linear", "srgb"):
         raise ArgumentError([Problem("encoding", "must be linear or srgb", encoding)], source="a pattern")
     image = _read(Path(picture)) if isinstance(picture, str | Path) else np.asarray(picture)
-    told = str(picture) if isinstance(picture, str | Path) else f"shape {image.shape}, {image.dtype}"
+    text = str(picture) if isinstance(picture, str | Path) else f"shape {image.shape}, {image.dtype}"
     if image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
-        raise ArgumentError([Problem("picture", "must be a single grey or colour picture", told)], source="a pattern")
+        raise ArgumentError([Problem("picture", "must be a single grey or colour picture", text)], source="a pattern")
     if image.dtype.kind not in "uifb" or not np.isfinite(image).all():
-        raise ArgumentError([Problem("picture", "must contain finite numbers", told)], source="a pattern")
+        raise ArgumentError([Problem("picture", "must contain finite numbers", text)], source="a pattern")
     slices = tuple(slice(max((side - _MOST_SIDE) // 2, 0), None) for side in image.shape[:2])
     image = image[slices][:_MOST_SIDE, :_MOST_SIDE]
     return compute_luminance(image, encoding).astype(np.float64)
@@ -74,9 +74,9 @@ def _read(file: Path) -> NDArray[Any]:
             warnings.simplefilter("ignore")
             image = np.asarray(imageio.imread(file.read_bytes(), extension=file.suffix))
     except Exception as error:  # imageio plugins raise various exceptions
-        told = " ".join(str(error).split())[:200] or type(error).__name__
+        text = " ".join(str(error).split())[:200] or type(error).__name__
         raise ArgumentError(
-            [Problem("picture", f"cannot be read as an image: {told}", str(file))], source="a pattern"
+            [Problem("picture", f"cannot be read as an image: {text}", str(file))], source="a pattern"
         ) from error
     return image[0] if image.ndim > 2 and image.shape[0] == 1 else image
 

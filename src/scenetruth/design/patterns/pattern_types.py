@@ -132,7 +132,7 @@ class GreyNoisePattern(PatternModel):
         field = generate_noise_field(self.wavelength_mm, size_mm, self.spectrum_exponent, peak, generator)
         return _GreyInk(field, self.contrast, self.radiances, self.wavelength_mm[0])
 
-    def told(self, mm_per_px: float) -> str:
+    def description(self, mm_per_px: float) -> str:
         """Return a one-line description; see `PatternModel`."""
         short, long = self.wavelength_mm
         lengths = f"{short:.3f} to {long:.3f} mm ({short / mm_per_px:.2f} to {long / mm_per_px:.2f} px)"
@@ -216,7 +216,7 @@ class NoisePattern(PatternModel):
 
         return float(ndtri(self.coverage))
 
-    def told(self, mm_per_px: float) -> str:
+    def description(self, mm_per_px: float) -> str:
         """Return a one-line description; see `PatternModel`."""
         short, long = self.wavelength_mm
         lengths = f"{short:.3f} to {long:.3f} mm ({short / mm_per_px:.2f} to {long / mm_per_px:.2f} px)"
@@ -320,7 +320,7 @@ class SpecklePattern(PatternModel):
         """Draw the pattern; see `PatternModel`."""
         return _Speckle(_place_centres(self, size_mm, generator), self.dot_mm)
 
-    def told(self, mm_per_px: float) -> str:
+    def description(self, mm_per_px: float) -> str:
         """Return a one-line description; see `PatternModel`."""
         apart = "anywhere" if self.spacing == 0 else f"centres at least {self.spacing:g} diameters apart"
         px = self.dot_mm / mm_per_px

@@ -37,7 +37,7 @@ def render_svg(pattern: Pattern, page: PrintPage) -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="{width}mm" '
         f'height="{height}mm" viewBox="0 0 {width} {height}">',
         f"<title>{escape(page.texts[-1].content)}</title>",
-        f"<desc>{escape('scenetruth ' + pattern.model.kind + ' pattern, ' + pattern.told)}</desc>",
+        f"<desc>{escape('scenetruth ' + pattern.model.kind + ' pattern, ' + pattern.description)}</desc>",
         f'<rect width="{width}" height="{height}" fill="#fff"/>',
         f'<clipPath id="tile"><rect {box}/></clipPath>',
         f'<g id="pattern" transform="{shift}"><g clip-path="url(#tile)">',
@@ -113,15 +113,15 @@ def write_pdf(file: Path, pattern: Pattern, pages: Sequence[PrintPage]) -> None:
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
 
-    told: dict[str, Any] = {
+    values: dict[str, Any] = {
         "Title": f"scenetruth {pattern.model.kind} pattern",
-        "Subject": pattern.told,
+        "Subject": pattern.description,
         "Creator": "scenetruth",
         "CreationDate": None,
     }
     # Keep all points of outlines, and text as text.
     settings = {"path.simplify": False, "pdf.fonttype": 42, "font.family": "DejaVu Sans", "pdf.compression": 6}
-    with rc_context(settings), PdfPages(file, metadata=told) as pdf:
+    with rc_context(settings), PdfPages(file, metadata=values) as pdf:
         for page in pages:
             figure = Figure(figsize=tuple(side / _MM_PER_INCH for side in page.size_mm))
             _draw(figure, pattern, page)
@@ -246,14 +246,14 @@ def export_pattern(pattern: Pattern, folder: str | Path, *, page: str = "A4", ma
         files[-1].write_text(render_svg(pattern, each), encoding="utf-8")
     write_texture_image(place / IMAGE, pattern)
     (place / SCENE_LINES).write_text(format_scene_lines(pattern), encoding="utf-8")
-    told = {
+    values = {
         "scenetruth": version("scenetruth"),
         "pattern": pattern.to_dict(),
         "rig": pattern.rig.model_dump(mode="json"),
         "page": page,
         "pages": len(pages),
     }
-    (place / SIGN).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    (place / SIGN).write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
     return [*files, place / IMAGE, place / SCENE_LINES, place / SIGN]
 
 
@@ -261,7 +261,7 @@ def format_scene_lines(pattern: Pattern, file: str = IMAGE) -> str:
     """Return the lines of a scene file that show the pattern on a plane."""
     width, height = pattern.size_mm
     return (
-        f"# {pattern.told}; seed {pattern.seed}\n"
+        f"# {pattern.description}; seed {pattern.seed}\n"
         "objects:\n"
         "  - name: pattern\n"
         f"    mesh: {{kind: plane, size_mm: [{width:g}, {height:g}]}}\n"
@@ -279,10 +279,10 @@ def write_texture_image(file: Path, pattern: Pattern) -> None:
     pitch = max(pattern.rig.mm_per_px / _PER_PX, math.sqrt(width * height / _MOST_TEXELS))
     shape = (max(round(height / pitch), 2), max(round(width / pitch), 2))
     reflectance = pattern.radiance((0.0, 0.0, width, height), shape)
-    told = PngInfo()
-    told.add_text("Software", "scenetruth")
-    told.add_text("Description", f"linear reflectance; {pattern.told}; seed {pattern.seed}")
-    options: dict[str, Any] = {"pnginfo": told, "dpi": (shape[1] / width * 25.4, shape[0] / height * 25.4)}
+    values = PngInfo()
+    values.add_text("Software", "scenetruth")
+    values.add_text("Description", f"linear reflectance; {pattern.description}; seed {pattern.seed}")
+    options: dict[str, Any] = {"pnginfo": values, "dpi": (shape[1] / width * 25.4, shape[0] / height * 25.4)}
     if pattern.model.kind == "grey_noise":
         Image.fromarray(np.round(65535 * reflectance).astype(np.uint16)).save(file, **options)
     else:

@@ -85,9 +85,9 @@ def predict_analytic(
     regions = select_regions(look.names, look.body, look.far_from_edges(scene.score.interior_margin_px))
     interval = scene.frames.frame_interval_s
     figures = compute_values(std, compute_signals(setup, look), regions, look.share, interval)
-    told = _point_inputs(look, seen)
+    entries = _point_inputs(look, seen)
     causes = {
-        region: _summarise_inputs(setup, told, seen.blur_px, mask, look.share) for region, mask in regions.items()
+        region: _summarise_inputs(setup, entries, seen.blur_px, mask, look.share) for region, mask in regions.items()
     }
     notes = (
         *_notes(scene, look, unknown, painting=painting),

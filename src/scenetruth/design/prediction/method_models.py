@@ -340,19 +340,19 @@ class StructureTensorModel(MethodModel):
 
         def textured(left: Array) -> _Texture:
             step = np.rint(np.abs(np.nan_to_num(left)) / _STEP_PX).astype(np.int64)
-            told = np.zeros((4, *step.shape))
+            entries = np.zeros((4, *step.shape))
             for one in np.unique(step).tolist():
                 here = step == one
-                for total, values in zip(told, changes(one), strict=True):
+                for total, values in zip(entries, changes(one), strict=True):
                     total[here] = values[here]
-            blur, blur_smoothed = told[0] / changes(0)[0], told[1] / changes(0)[1]
+            blur, blur_smoothed = entries[0] / changes(0)[0], entries[1] / changes(0)[1]
             return _Texture(
                 _scaled(normal, blur),
                 _scaled(smoothed, blur_smoothed),
                 _scaled(along_x, blur_smoothed),
                 _scaled(along_y, blur_smoothed),
-                told[2],
-                told[3],
+                entries[2],
+                entries[3],
             )
 
         c_x, c_y = setup.scene.camera.principal_point

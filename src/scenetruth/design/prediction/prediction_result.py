@@ -365,11 +365,11 @@ def compute_value(
     """Return a predicted value with its display units."""
     unit = UNITS[quantity]
     factor = 100.0 * _S_PER_H / frame_interval_s if unit in _UNITS_INSIDE else 1.0
-    told = None if signal is None else factor * signal
+    entries = None if signal is None else factor * signal
     std, rms, percentile = spread
     inside = _UNITS_INSIDE.get(unit, unit)
     return PredictedValue(
-        std, inside, signal, factor * std, told, unit, valid_fraction, factor * rms, factor * percentile
+        std, inside, signal, factor * std, entries, unit, valid_fraction, factor * rms, factor * percentile
     )
 
 
@@ -382,11 +382,11 @@ _SHOWN = ("depth", "slope", "velocity", "growth_rate", "principal_growth_rates",
 def write_prediction(prediction: Prediction, folder: Path, *, overwrite: bool = False) -> list[str]:
     """Write the table of a prediction and, if present, a figure of its maps."""
     names = [_TABLE]
-    with write_atomically(folder, overwrite=overwrite, claim=claim_folder(_TABLE)) as aside:
-        aside.mkdir()
-        prediction.to_dataframe().to_csv(aside / _TABLE, index=False)
+    with write_atomically(folder, overwrite=overwrite, claim=claim_folder(_TABLE)) as partial:
+        partial.mkdir()
+        prediction.to_dataframe().to_csv(partial / _TABLE, index=False)
         if prediction.maps is not None:
-            _draw(prediction, aside / _PICTURE)
+            _draw(prediction, partial / _PICTURE)
             names.append(_PICTURE)
     return names
 

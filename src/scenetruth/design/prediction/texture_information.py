@@ -203,10 +203,10 @@ def compute_deviations(
         for part, moment in ((products, moments[0]), (scatter, moments[1]))
     )
     columns = compute_columns(model, points)
-    told = compute_functionals(points, intrinsics, model)
+    values = compute_functionals(points, intrinsics, model)
     information, spread = (normal_matrix(each, columns, model) for each in (normal, squared))
-    variances = compute_variances(information, spread, columns, list(told.values()))
-    return add_error_products(dict(zip(told, np.sqrt(variances), strict=True)))
+    variances = compute_variances(information, spread, columns, list(values.values()))
+    return add_error_products(dict(zip(values, np.sqrt(variances), strict=True)))
 
 
 def _pattern_products(

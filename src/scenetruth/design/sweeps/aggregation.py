@@ -154,11 +154,11 @@ def _over_seeds(statistic: str, numbers: Sequence[float]) -> Interval:
 
 
 def _scatter(kept: Sequence[RetainedErrors], method: str, region: str, quantity: str) -> Interval | None:
-    told = [one for one in kept if (method, quantity) in one.errors and (method, region) in one.regions]
-    if len(told) < 2 or len({one.errors[method, quantity].shape for one in told}) > 1:
+    entries = [one for one in kept if (method, quantity) in one.errors and (method, region) in one.regions]
+    if len(entries) < 2 or len({one.errors[method, quantity].shape for one in entries}) > 1:
         return None
-    inside = np.logical_and.reduce([one.regions[method, region] for one in told])
-    return compute_scatter(np.stack([one.errors[method, quantity][inside] for one in told]))
+    inside = np.logical_and.reduce([one.regions[method, region] for one in entries])
+    return compute_scatter(np.stack([one.errors[method, quantity][inside] for one in entries]))
 
 
 def _make_record(

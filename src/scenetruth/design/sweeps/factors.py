@@ -123,8 +123,8 @@ def _spelled(path: str, text: str, problems: list[Problem]) -> Factor | None:
         return None
     values, wrong = read_yaml(f"[{text}]")
     if wrong or not isinstance(values, list):
-        told = "; ".join(problem.message for problem in wrong)
-        problems.append(Problem(where, f"{_SPELLING}: {told}" if told else _SPELLING, text))
+        line = "; ".join(problem.message for problem in wrong)
+        problems.append(Problem(where, f"{_SPELLING}: {line}" if line else _SPELLING, text))
         return None
     return Factor(path, tuple(map(_as_number, values)))
 

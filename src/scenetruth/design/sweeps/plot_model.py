@@ -186,8 +186,8 @@ def _curves_of_all(found: Sweep, rows: Sequence[SweepRecord], path: str, *, join
     for colour, (name, own, bound) in enumerate(groups):
         curves.append(_curve(name, axis, own, colour, joined=joined))
         if bound:
-            told = "Cramér-Rao bound" if len(groups) == 1 else f"Cramér-Rao bound, {name}"
-            curves.append(_curve(told, axis, bound, colour, joined=joined))
+            text = "Cramér-Rao bound" if len(groups) == 1 else f"Cramér-Rao bound, {name}"
+            curves.append(_curve(text, axis, bound, colour, joined=joined))
     return curves
 
 
@@ -233,10 +233,10 @@ def _over_two(
         for row in own
     )
     best = min(own, key=lambda row: abs(row.value))
-    told = f"smallest {format_short(best.value)} at " + ", ".join(
+    text = f"smallest {format_short(best.value)} at " + ", ".join(
         f"{path} = {format_level(one)}" for path, one in best.values.items()
     )
-    words = f"{number.title} of {name} over {first} and {second}: {told}."
+    words = f"{number.title} of {name} over {first} and {second}: {text}."
     panels = [
         SweepPanel(
             _title(found, name),
@@ -260,9 +260,9 @@ def _over_two(
     curves = []
     for colour, value in enumerate(values):
         label = f"{second} = {value}"
-        for rows, told in ((own, label), (bound, f"Cramér-Rao bound, {label}")):
+        for rows, text in ((own, label), (bound, f"Cramér-Rao bound, {label}")):
             here = [row for row in rows if format_level(row.values[second]) == value]
-            curves += [_curve(told, axes[first], here, colour)] if here else []
+            curves += [_curve(text, axes[first], here, colour)] if here else []
     return [*panels, _panel(_title(found, name), axes[first], number, curves)]
 
 
@@ -275,11 +275,13 @@ def _panel(title: str, x: PanelAxis, y: PanelAxis, curves: Sequence[SweepCurve])
 
 
 def _describe_curves(curves: Iterable[SweepCurve]) -> str:
-    told = []
+    entries = []
     for curve in curves:
         (x0, y0, *_), (x1, y1, *_) = curve.points[0], curve.points[-1]
-        told.append(f"{curve.name}: {format_short(y0)} at {format_place(x0)}, {format_short(y1)} at {format_place(x1)}")
-    return "; ".join(told) + "."
+        entries.append(
+            f"{curve.name}: {format_short(y0)} at {format_place(x0)}, {format_short(y1)} at {format_place(x1)}"
+        )
+    return "; ".join(entries) + "."
 
 
 def format_place(place: Place) -> str:

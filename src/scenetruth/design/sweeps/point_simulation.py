@@ -140,8 +140,8 @@ def bound_window_from_method(contestant: MethodSpec) -> BoundWindow:
 
 def _read_choice(settings: Any, name: str, words: Sequence[str], without: str, otherwise: str) -> str:
     """Return a setting if it is one of ``words``; otherwise ``without`` (no such setting) or ``otherwise``."""
-    told = getattr(settings, name, None)
-    return without if told is None else told if told in words else otherwise
+    entries = getattr(settings, name, None)
+    return without if entries is None else entries if entries in words else otherwise
 
 
 def name_bounds(contestants: Sequence[MethodSpec]) -> dict[str, str]:
@@ -282,8 +282,8 @@ def simulate_and_score(
                 for window in {each.window for each in seen}
             }
             for each in seen:
-                told, why = stds[each.window]
-                measured.bounds[names[each.contestant.label]] = each.least(told)
+                entries, why = stds[each.window]
+                measured.bounds[names[each.contestant.label]] = each.least(entries)
                 if why and f"no bound: {why}" not in measured.notes:
                     measured.notes.append(f"no bound: {why}")
     return measured
@@ -318,8 +318,8 @@ class _MethodErrors:
                 # Growth derived from depth and velocity has a larger window.
                 if self.reference is None or quantity not in std or (quantity == "growth_rate" and not self.grows):
                     continue
-                told = mask[self.reference] & np.isfinite(errors[self.reference])
-                sizes = compute_normal_statistics(std[quantity][told])
+                entries = mask[self.reference] & np.isfinite(errors[self.reference])
+                sizes = compute_normal_statistics(std[quantity][entries])
                 if sizes:
                     found.setdefault(region, {})[quantity] = sizes
         return found

@@ -39,14 +39,14 @@ def write_static_plots(found: Sweep, folder: str | Path, statistic: str = "rmse"
     """Write a PNG image of each quantity to a directory (atomic); return the paths."""
     made = []
     region = region or choose_main_region(found)
-    with write_atomically(folder, overwrite=True, claim=_claim) as aside:
-        aside.mkdir()
+    with write_atomically(folder, overwrite=True, claim=_claim) as partial:
+        partial.mkdir()
         for quantity in list_plotted_quantities(found):
             panels = build_panels(found, quantity, statistic, region)
             if panels:
                 name = f"{quantity}_{statistic}.png"
                 title = f"{format_statistic_title(quantity, statistic)}, region {region}"
-                _save(plot_panels(panels, title), aside / name)
+                _save(plot_panels(panels, title), partial / name)
                 made.append(Path(folder) / name)
     return made
 
@@ -103,12 +103,12 @@ def _draw(figure: Any, axes: Any, panel: SweepPanel) -> None:
     if len(panel.curves) > 1:
         # One legend entry for all bounds: each bound has the colour of its curve.
         handles, labels = axes.get_legend_handles_labels()
-        told = {
+        values = {
             ("Cramér-Rao bound" if label.startswith("Cramér-Rao bound") else label): one
             for one, label in zip(handles, labels, strict=True)
         }
-        names = sorted(told, key=lambda name: name == "Cramér-Rao bound")
-        axes.legend([told[name] for name in names], names, framealpha=0.8)
+        names = sorted(values, key=lambda name: name == "Cramér-Rao bound")
+        axes.legend([values[name] for name in names], names, framealpha=0.8)
 
 
 def _scale(axes: Any, panel: SweepPanel) -> None:
@@ -161,12 +161,12 @@ def _draw_heat(figure: Any, axes: Any, panel: SweepPanel, drawn: SweepMap) -> No
     axes.set_yticks(range(len(rows)), rows)
     if len(drawn.cells) <= _MOST_LABELLED:
         for x, y, number, low, high, bound in drawn.cells:
-            told = format_short(number)
-            told += f"\n{format_short(low, 2)} to {format_short(high, 2)}" if math.isfinite(low) else ""
-            told += f"\n({format_short(bound, 2)})" if math.isfinite(bound) else ""
+            text = format_short(number)
+            text += f"\n{format_short(low, 2)} to {format_short(high, 2)}" if math.isfinite(low) else ""
+            text += f"\n({format_short(bound, 2)})" if math.isfinite(bound) else ""
             colour = "black" if norm(number) > 0.6 else "white"
             at = columns.index(format_place(x)), rows.index(format_place(y))
-            axes.text(*at, told, ha="center", va="center", color=colour, fontsize=7)
+            axes.text(*at, text, ha="center", va="center", color=colour, fontsize=7)
     _bar(figure, axes, image, panel)
 
 

@@ -323,8 +323,8 @@ def _describe_problem(plan: SweepPlan, point: SweepPoint, problem: Problem) -> P
 
 
 def _spelled(plan: SweepPlan, point: SweepPoint) -> str:
-    told = ", ".join(f"{path} = {format_level(value)}" for path, value in plan.values(point).items())
-    return f"{told} of {plan.labels[point.scene]}" if len(plan.labels) > 1 else told
+    text = ", ".join(f"{path} = {format_level(value)}" for path, value in plan.values(point).items())
+    return f"{text} of {plan.labels[point.scene]}" if len(plan.labels) > 1 else text
 
 
 def _find_ineffective(plan: SweepPlan, factors: Sequence[Factor], own_methods: bool) -> Iterator[Problem]:

@@ -202,8 +202,8 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         again=again,
     )
     path = Path(folder) / PAGE
-    with write_atomically(path, overwrite=True) as aside:
-        aside.write_text(text, encoding="utf-8")
+    with write_atomically(path, overwrite=True) as partial:
+        partial.write_text(text, encoding="utf-8")
     return path
 
 
@@ -223,15 +223,15 @@ _COLUMNS = (
 
 
 def _values(found: Sweep) -> list[tuple[str, str]]:
-    told = []
+    entries = []
     for path in found.factors:
         values = {format_level(row.values[path]): row.values[path] for row in found.rows}
         labels = list(values)
         if all(isinstance(value, int | float) for value in values.values()):
             labels.sort(key=lambda label: float(values[label]))
         several = len(labels) > _MOST_VALUES
-        told.append((path, f"{len(labels)} levels, {labels[0]} to {labels[-1]}" if several else ", ".join(labels)))
-    return told
+        entries.append((path, f"{len(labels)} levels, {labels[0]} to {labels[-1]}" if several else ", ".join(labels)))
+    return entries
 
 
 def _find_best(found: Sweep, region: str) -> list[list[str]]:
@@ -250,7 +250,7 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
 
 
 def _lines(found: Sweep, region: str) -> list[list[str]]:
-    told: dict[tuple[Any, ...], dict[str, SweepRecord]] = {}
+    entries: dict[tuple[Any, ...], dict[str, SweepRecord]] = {}
     bounds: dict[tuple[Any, ...], float] = {}
     shown = list_plotted_quantities(found)
     for row in found.rows:
@@ -258,12 +258,12 @@ def _lines(found: Sweep, region: str) -> list[list[str]]:
             continue
         at = tuple(format_level(value) for value in row.values.values())
         if not row.is_bound:
-            told.setdefault((*at, row.scene, row.method, row.quantity), {})[row.statistic] = row
+            entries.setdefault((*at, row.scene, row.method, row.quantity), {})[row.statistic] = row
         elif row.statistic == "rmse":
             of = row.method.removeprefix("bound").removeprefix(" of ")
             bounds[(*at, row.scene, of, row.quantity)] = row.value
     lines = []
-    for key, rows in told.items():
+    for key, rows in entries.items():
         *values, scene, method, quantity = key
         alone = bounds.get((*values, scene, "", quantity), math.nan)
         bound = bounds.get((*values, scene, method, quantity), alone)

@@ -255,8 +255,8 @@ class Sweep(Result):
         """
         wanted = None if methods is None else set(methods)
         for row in self.rows:
-            told = (row.quantity, row.statistic, row.region, row.seed)
-            if told != (quantity, statistic, region, seed):
+            entries = (row.quantity, row.statistic, row.region, row.seed)
+            if entries != (quantity, statistic, region, seed):
                 continue
             if (wanted is None or row.method in wanted) and scene in (None, row.scene):
                 yield row

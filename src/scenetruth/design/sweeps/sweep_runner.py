@@ -97,8 +97,8 @@ def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: P
             method = find_method(one.method)
             wrong += requirements(blank, method, validate_settings(method, one.settings))
         for problem in wrong:
-            told = Problem(problem.path, f"{problem.message}; at {where}", problem.value)
-            problems.setdefault((problem.path, problem.message), told)
+            entries = Problem(problem.path, f"{problem.message}; at {where}", problem.value)
+            problems.setdefault((problem.path, problem.message), entries)
         if len(problems) >= _MOST_LISTED:
             break
     if progress is not None and points:
@@ -226,8 +226,8 @@ def sweep(
 def _announce(job: SweepTask, missing: int, kept: int) -> None:
     plan = job.plan
     seeds = f"{plan.each} seed{'s' if plan.each > 1 else ''}"
-    told = f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to run"
-    say(told + (f", {kept:,} results reused" if kept else ""))
+    text = f"{len(plan.points):,} points with {seeds}: {len(plan):,} simulations, {missing:,} of them to run"
+    say(text + (f", {kept:,} results reused" if kept else ""))
 
 
 def _write(found: Sweep, job: SweepTask, again: str) -> None:
@@ -236,14 +236,14 @@ def _write(found: Sweep, job: SweepTask, again: str) -> None:
 
     assert found.folder is not None
     frame = found.to_dataframe()
-    with write_atomically(found.folder / "results.parquet", overwrite=True) as aside:
-        frame.to_parquet(aside)
-    with write_atomically(found.folder / "results.csv", overwrite=True) as aside:
-        frame.to_csv(aside, index=False)
+    with write_atomically(found.folder / "results.parquet", overwrite=True) as partial:
+        frame.to_parquet(partial)
+    with write_atomically(found.folder / "results.csv", overwrite=True) as partial:
+        frame.to_csv(partial, index=False)
     methods = [one.spelled for one in job.contestants]
-    told = {"format": 1, "factors": found.factors, "scenes": found.scenes, "methods": methods, "command": again}
-    with write_atomically(found.folder / INDEX, overwrite=True) as aside:
-        aside.write_text(json.dumps(told, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    entries = {"format": 1, "factors": found.factors, "scenes": found.scenes, "methods": methods, "command": again}
+    with write_atomically(found.folder / INDEX, overwrite=True) as partial:
+        partial.write_text(json.dumps(entries, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     write_static_plots(found, found.folder / "plots")
     write_sweep_report(found, found.folder, again)
 

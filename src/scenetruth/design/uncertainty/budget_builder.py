@@ -197,7 +197,7 @@ def budget(
         options = {"workers": workers, "scheduler": scheduler, "progress": progress, "notice": say}
         work = _Work(job, causes, numbers, options)
         parts, totals = compute_contributions(work.done(simulated_share))
-        told = Budget(
+        values = Budget(
             scene=whole.description,
             method=chosen.method,
             draws=len(numbers),
@@ -208,8 +208,8 @@ def budget(
             totals=totals,
         )
         if output is not None:
-            _write(told, place, region)
-    return told
+            _write(values, place, region)
+    return values
 
 
 _MAX_SEEDS = 1000
@@ -285,8 +285,8 @@ class _Work:
         run = SimulationRun(self.contrast, self.seeds[0], 0)
         maps = self._read(run.kinds, run.seed)
         if maps is None:
-            told = [Problem("scene", line) for line in self.failures]
-            raise EstimateError(told, source="images of the scene with its lens and lighting")
+            values = [Problem("scene", line) for line in self.failures]
+            raise EstimateError(values, source="images of the scene with its lens and lighting")
         with suppress_warnings():
             recording, truth = simulate_run(self.job, run)
             sight = build_observation_model(self.scene, recording, truth, maps.known)
@@ -340,8 +340,8 @@ class _Work:
             pass
         found = make()
         path.parent.mkdir(parents=True, exist_ok=True)
-        with write_atomically(path, overwrite=True) as aside:
-            aside.write_text(json.dumps([[*key, value] for key, value in found.items()]), encoding="utf-8")
+        with write_atomically(path, overwrite=True) as partial_:
+            partial_.write_text(json.dumps([[*key, value] for key, value in found.items()]), encoding="utf-8")
         return found
 
     def _tell(self, what: str, done: int, total: int) -> None:
@@ -374,7 +374,7 @@ def _mitigations(scene: Scene, calibration: Any, causes: Sequence[UncertaintySou
 def _write(found: Budget, folder: Path, region: str) -> None:
     from scenetruth.design.uncertainty.budget_report import write_page, write_waterfall
 
-    with write_atomically(folder / "budget.csv", overwrite=True) as aside:
-        found.to_dataframe().to_csv(aside, index=False)
+    with write_atomically(folder / "budget.csv", overwrite=True) as partial_:
+        found.to_dataframe().to_csv(partial_, index=False)
     write_waterfall(found, folder / "waterfall.png", region)
     write_page(found, folder, region)

@@ -92,8 +92,8 @@ def write_waterfall(found: Budget, path: Path, region: str = "interior") -> None
     patches = [Patch(color=colour, label=_TITLES[group]) for group, colour in COLOURS.items()]
     patches.append(Patch(color="#888888", alpha=0.45, label="pale: predicted, not simulated"))
     figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), fontsize=9, frameon=False)
-    with write_atomically(path, overwrite=True) as aside:
-        figure.savefig(aside, format="png")
+    with write_atomically(path, overwrite=True) as partial:
+        figure.savefig(partial, format="png")
 
 
 def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], region: str) -> None:
@@ -202,8 +202,8 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
                 "showarrow": False,
             }
         ]
-    told = "; ".join(f"{step.title} {format_two_digits(step.value)}" for step in steps)
-    alt = f"{_heading(quantity)}, {unit}: {told}; combined {format_two_digits(total.root_sum_square)}."
+    line = "; ".join(f"{step.title} {format_two_digits(step.value)}" for step in steps)
+    alt = f"{_heading(quantity)}, {unit}: {line}; combined {format_two_digits(total.root_sum_square)}."
     return Chart(f"waterfall-{quantity}", alt, [bar], layout)
 
 
@@ -286,8 +286,8 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         charts=script_json({one.name: {"data": one.data, "layout": one.layout} for one in waterfalls}),
     )
     path = folder / PAGE_NAME
-    with write_atomically(path, overwrite=True) as aside:
-        aside.write_text(text, encoding="utf-8")
+    with write_atomically(path, overwrite=True) as partial:
+        partial.write_text(text, encoding="utf-8")
     return path
 
 

@@ -171,8 +171,8 @@ def compute_explained_fraction(
             errors[GROWTH] = compute_growth_error(sight, _select_motion(errors)) * percent_per_hour(sight.intrinsics)
     for quantity, values in left.errors.items():
         for region, mask in regions.items():
-            told = [errors[quantity] for errors in maps.values() if quantity in errors]
-            inside = mask & np.isfinite([values, *told]).all(axis=0)
+            entries = [errors[quantity] for errors in maps.values() if quantity in errors]
+            inside = mask & np.isfinite([values, *entries]).all(axis=0)
             rest = values[inside]
             whole = float(rest @ rest)
             for kind, errors in maps.items():
@@ -318,8 +318,8 @@ def _surface_contributions(found: BudgetTable, quantity: str, region: str) -> It
     squares["rest"] = left
     for kind, square in squares.items():
         expected = found.predicted.get(kind, {}).get((quantity, inside), math.nan)
-        told = (all_sources()[kind].title, "", quantity, region, get_units(quantity))
-        yield Contribution(kind, *told, predicted=expected, value=math.sqrt(square))
+        entries = (all_sources()[kind].title, "", quantity, region, get_units(quantity))
+        yield Contribution(kind, *entries, predicted=expected, value=math.sqrt(square))
 
 
 def _difference(

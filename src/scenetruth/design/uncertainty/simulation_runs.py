@@ -65,10 +65,12 @@ class ErrorMaps:
     @property
     def known(self) -> Mask:
         """Mask of pixels with valid depth and, if present, motion."""
-        told = {name: np.isfinite(values) for name, values in self.errors.items()}
+        entries = {name: np.isfinite(values) for name, values in self.errors.items()}
         # Motion maps of a single frame are present, but empty.
-        wanted = [name for name in ("depth", "velocity_z") if name in told and told[name].any()] or list(told)[:1]
-        return np.asarray(np.all([told[name] for name in wanted], axis=0))
+        wanted = [name for name in ("depth", "velocity_z") if name in entries and entries[name].any()] or list(entries)[
+            :1
+        ]
+        return np.asarray(np.all([entries[name] for name in wanted], axis=0))
 
 
 def compute_error_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> ErrorMaps:
@@ -84,8 +86,8 @@ def compute_error_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreS
         if variable not in found or variable not in exact:
             continue
         pair = read_pair(found, exact, name)
-        told = pair.estimate if pair.full is None else np.where(pair.full, pair.estimate, np.nan)
-        errors[name], truths[name] = told[0] - pair.truth[0], pair.truth[0]
+        entries = pair.estimate if pair.full is None else np.where(pair.full, pair.estimate, np.nan)
+        errors[name], truths[name] = entries[0] - pair.truth[0], pair.truth[0]
     if GROWTH not in errors and has_growth_rate(found, exact):
         windowed = compute_growth_pairs(found, exact, settings)["growth_rate_windowed"]
         errors[GROWTH], truths[GROWTH] = (windowed.estimate - windowed.truth)[0], windowed.truth[0]
@@ -131,9 +133,9 @@ class BudgetTask:
 def _key(job: BudgetTask, run: SimulationRun) -> str:
     """Return a hash of all inputs of a run."""
     plain = restrict_sources(job.scene, run.kinds, run.seed).to_dict()
-    told = {key: value for key, value in plain.items() if key not in ("description", "estimate", "storage")}
+    entries = {key: value for key, value in plain.items() if key not in ("description", "estimate", "storage")}
     wrong = {kind: job.calibration.model_dump() for kind in run.kinds if all_sources()[kind].group == "calibration"}
-    parts = [told, wrong, run.draw if wrong else 0, job.method, json.loads(job.settings), job.versions]
+    parts = [entries, wrong, run.draw if wrong else 0, job.method, json.loads(job.settings), job.versions]
     return compute_key(parts)
 
 
@@ -176,8 +178,8 @@ def simulate_run(job: BudgetTask, run: SimulationRun) -> tuple[xr.Dataset, xr.Da
         previous = image if chain.remembers else None
     dims = linear["image"].dims
     recording = linear.assign(image=(dims, images, linear["image"].attrs), radiance=(dims, radiance))
-    told = {"full_scale": float(chain.full_scale), "scene": json.dumps(scene.to_dict())}
-    recording.attrs = {**{key: value for key, value in linear.attrs.items() if not key.endswith("_hash")}, **told}
+    entries = {"full_scale": float(chain.full_scale), "scene": json.dumps(scene.to_dict())}
+    recording.attrs = {**{key: value for key, value in linear.attrs.items() if not key.endswith("_hash")}, **entries}
     return recording, truth
 
 

@@ -298,10 +298,10 @@ class Budget(Result):
                 }
             )
             rows.append({"cause": "signed_sum", "title": "signed sum per pixel", **place, "value": one.signed_sum})
-            told = {"simulated": one.simulated, "value": one.simulated, "valid_fraction": one.valid_fraction}
-            rows.append({"cause": "everything", "title": "all sources", **place, **told})
-            told = {"simulated": one.ideal, "value": one.ideal}
-            rows.append({"cause": "ideal_images", "title": "ideal images", **place, **told})
+            values = {"simulated": one.simulated, "value": one.simulated, "valid_fraction": one.valid_fraction}
+            rows.append({"cause": "everything", "title": "all sources", **place, **values})
+            values = {"simulated": one.ideal, "value": one.ideal}
+            rows.append({"cause": "ideal_images", "title": "ideal images", **place, **values})
         return pd.DataFrame(rows, columns=list(Contribution.__dataclass_fields__))
 
     def summary(self, region: str = "interior") -> str:

@@ -61,7 +61,7 @@ def recording_key(recording: xr.Dataset) -> str:
     check_dataset(recording, "recording")
     recording = single_row(recording)
     image, grid = recording["image"], compute_pixel_grid(recording)
-    told = {
+    entries = {
         **read_intrinsics(recording).to_attrs(),
         "full_scale": float(recording.attrs["full_scale"]),
         "distortion": [float(value) for value in recording.attrs.get("distortion", ())],
@@ -74,7 +74,7 @@ def recording_key(recording: xr.Dataset) -> str:
         "stage_x_mm": [float(value) for value in recording["stage_x_mm"].values],
         "pixels": [grid.first_x, grid.first_y, grid.step_px],
     }
-    found = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    found = hashlib.sha256(json.dumps(entries, sort_keys=True).encode())
     for values, bad in each_frame(recording):
         found.update(np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).data)
         found.update(np.packbits(bad).data)
@@ -212,5 +212,5 @@ def write_recording(
         raise OutputExistsError(place, "is not empty; specify an empty or a new folder")
     scale = image_scale(recording, images)
     masks = write_images(recording, place, images, scale, progress)
-    told = json.dumps(describe_camera(recording, images, scale, masks), indent=2, ensure_ascii=False)
-    (place / CAMERA_FILE).write_text(told + "\n", encoding="utf-8")
+    entries = json.dumps(describe_camera(recording, images, scale, masks), indent=2, ensure_ascii=False)
+    (place / CAMERA_FILE).write_text(entries + "\n", encoding="utf-8")

@@ -49,15 +49,15 @@ def read_metadata(folder: Path, frame_interval_s: float, problems: list[Problem]
     if not file.is_file():
         return ResultsMetadata()
     try:
-        told = parse_json(file.read_bytes())
+        entries = parse_json(file.read_bytes())
     except (ValueError, OSError) as error:
         problems.append(Problem(METADATA_FILE, f"cannot be read: {error}"))
         return ResultsMetadata()
-    if not isinstance(told, dict):
+    if not isinstance(entries, dict):
         problems.append(Problem(METADATA_FILE, f"must be a mapping with any of {', '.join(_KEYS)}"))
         return ResultsMetadata()
-    problems += [_unknown(key, key, _KEYS) for key in told if key not in _KEYS]
-    t, method = told.get("t"), told.get("method", "")
+    problems += [_unknown(key, key, _KEYS) for key in entries if key not in _KEYS]
+    t, method = entries.get("t"), entries.get("method", "")
     frames = None
     if t is not None:
         frames = t if isinstance(t, list) else [t]
@@ -70,7 +70,7 @@ def read_metadata(folder: Path, frame_interval_s: float, problems: list[Problem]
     if not isinstance(method, str) or not method.isprintable():
         problems.append(Problem(f"{METADATA_FILE}: method", "must be a name", method))
         method = ""
-    return ResultsMetadata(frames, method, _factors(told.get("units", {}), frame_interval_s, problems))
+    return ResultsMetadata(frames, method, _factors(entries.get("units", {}), frame_interval_s, problems))
 
 
 def _factors(units: Any, frame_interval_s: float, problems: list[Problem]) -> dict[str, float]:
@@ -439,8 +439,8 @@ class ResultsFolder(Method):
         lines = []
         for file in sorted(Path(self._where).rglob("*")):
             if file.is_file():
-                told = file.stat()
-                lines.append(f"{file.relative_to(self._where)} {told.st_size} {told.st_mtime_ns}")
+                entries = file.stat()
+                lines.append(f"{file.relative_to(self._where)} {entries.st_size} {entries.st_mtime_ns}")
         return "\n".join(lines)
 
     def requirements(self, recording: xr.Dataset, settings: ResultsFolderSettings) -> list[Problem]:

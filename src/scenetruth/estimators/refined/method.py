@@ -82,9 +82,9 @@ def fill_estimate(
     needed = _needed(reader.shape[2], settings)
     rounds, curved, noted = [], [], ExclusionReport(recording)
     for number, frames in enumerate(needed):
-        told = None if progress is None else _later(progress, number, len(needed), settings.max_iterations)
-        if told is not None:
-            told(0)
+        entries = None if progress is None else _later(progress, number, len(needed), settings.max_iterations)
+        if entries is not None:
+            entries(0)
         taken = times[frames.first : frames.last] - times[frames.output]
         images = ImageStack(
             splines.frames(frames.first, frames.last),
@@ -123,12 +123,12 @@ def fill_estimate(
             rounds.append(0)
             curved.append(0.0)
             continue
-        found = refine(images, start.fields, settings, told)
+        found = refine(images, start.fields, settings, entries)
         found = refit_motion_models(found, settings)
         images, beside = found.images, empty_discontinuity_context(found.images.shape)
         noted.leave_out(frames.first, images.left_out)
         if settings.discontinuity_refit:
-            found, beside = refit_discontinuities(images, start.fields, found, settings, told)
+            found, beside = refit_discontinuities(images, start.fields, found, settings, entries)
         maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm)
         for name, values in _state_defects(maps, recording, reader, images, frames.output).items():
             put(name, {"t": number}, values)
@@ -137,8 +137,8 @@ def fill_estimate(
                 put(name, {"t": number}, values.reshape(*values.shape[:-1], *_cameras(recording)))
         rounds.append(found.rounds)
         curved.append(round(float(found.curved.mean()), 4))
-        if told is not None:
-            told(settings.max_iterations)
+        if entries is not None:
+            entries(settings.max_iterations)
     return {
         "iterations": rounds,
         "curved_fraction": curved,

@@ -159,8 +159,8 @@ def compute_maps(
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:6] * abs(baseline_mm)}
             if settings.accelerated:
                 # In a window of too few frames, it is zero by definition, hence invalid.
-                told = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
-                found |= {"acceleration": told * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
+                entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
+                found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm, images.spline)
     rough = np.zeros_like(known)
     if settings.fallback == "plane_sweep" and cameras > 1:
@@ -215,8 +215,8 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: ImageStack, sigma_
 
     texture = gradient.astype(np.float64)
     total = np.maximum(gaussian_filter(texture, sigma_px), 1e-300)
-    aside = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
-    middle_px = sigma_px**2 * np.hypot(*aside)
+    partial = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
+    middle_px = sigma_px**2 * np.hypot(*partial)
     return np.asarray(textured(texture, noise, images.count, images.spline) | (middle_px < FARTHEST * sigma_px))
 
 

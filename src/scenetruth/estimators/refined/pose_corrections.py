@@ -187,20 +187,20 @@ def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
     height, width = fields.shape[1:]
     rows, columns = np.minimum(rows, height - 1), np.minimum(columns, width - 1)
     counts = shifts.sums[..., 6].mean(axis=-1)
-    told = counts > _LEAST_SHARE * counts.max()
-    apart = math.isqrt(told.size // _MOST_BLOCKS) + 1
-    some = np.zeros_like(told)
+    entries = counts > _LEAST_SHARE * counts.max()
+    apart = math.isqrt(entries.size // _MOST_BLOCKS) + 1
+    some = np.zeros_like(entries)
     some[::apart, ::apart] = True
-    told &= some
-    sums = shifts.sums[told]
+    entries &= some
+    sums = shifts.sums[entries]
     left = np.sqrt(sums[..., 5].sum(axis=-1) / np.maximum(sums[..., 6].sum(axis=-1), 1.0))
     images = max(sums.shape[1] - 1, 1)
     noise = float(np.quantile(left, 0.25)) * np.sqrt(sums.shape[1] / images) if left.size else float("nan")
     return Blocks(
         sums[..., [0, 1, 1, 2]].reshape(*sums.shape[:2], 2, 2),
         sums[..., 3:5],
-        fields[:, rows[told], columns[told]],
-        np.stack([columns[told], rows[told]]).astype(np.float64),
+        fields[:, rows[entries], columns[entries]],
+        np.stack([columns[entries], rows[entries]]).astype(np.float64),
         noise,
     )
 
@@ -283,9 +283,9 @@ def _part_of(blocks: Blocks, view: ImageView, part: slice, *, accelerated: bool)
     matrix = np.matmul(a.reshape(count, -1, a.shape[-1]).swapaxes(1, 2), weighted.reshape(count, -1, a.shape[-1]))
     size = np.sqrt(np.maximum(np.einsum("pii->pi", matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / (size[:, :, None] * size[:, None]))
-    told = values > _SINGULAR_SHARE
+    entries = values > _SINGULAR_SHARE
     apart = (
-        vectors * np.where(told, 1.0 / np.sqrt(np.maximum(values, _SINGULAR_SHARE)), 0.0)[:, None] / size[:, :, None]
+        vectors * np.where(entries, 1.0 / np.sqrt(np.maximum(values, _SINGULAR_SHARE)), 0.0)[:, None] / size[:, :, None]
     )
     by_image = np.matmul(weight, e)
     mixed = np.einsum("pnki,pnkj->pinj", a, by_image, optimize=True).reshape(count, a.shape[-1], -1)
@@ -296,7 +296,7 @@ def _part_of(blocks: Blocks, view: ImageView, part: slice, *, accelerated: bool)
         np.einsum("pnki,pnk->pni", e, shift, optimize=True).reshape(count, -1),
         np.einsum("pim,pnki,pnk->pm", apart, a, shift, optimize=True),
         square,
-        np.maximum(shifts - told.sum(axis=1), 1).astype(np.float64),
+        np.maximum(shifts - entries.sum(axis=1), 1).astype(np.float64),
     )
 
 
@@ -344,8 +344,8 @@ class PoseCorrections:
         reference = np.flatnonzero((view.s == 0) & (view.s_y == 0) & (view.t == 0))
         if reference.size:
             parts = parts - parts[reference[0]]
-        told = np.abs(parts).max(axis=(0, 1)) > 0
-        self._parts = parts[..., told].reshape(count * CORRECTIONS, -1)
+        entries = np.abs(parts).max(axis=(0, 1)) > 0
+        self._parts = parts[..., entries].reshape(count * CORRECTIONS, -1)
         self._times = view.t
         self._unknown = np.zeros(self._parts.shape[1])
         self._covariance: Array = np.eye(len(self._unknown))
@@ -376,10 +376,10 @@ class PoseCorrections:
         excess = 1.0
         unknown: Array = self._unknown
         for _ in range(_PASSES):
-            told = elimination.equations(kept)
+            entries = elimination.equations(kept)
             noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
-            matrix = parts.T @ told.matrix @ parts / noise
-            side = parts.T @ told.side / noise - self._unknown
+            matrix = parts.T @ entries.matrix @ parts / noise
+            side = parts.T @ entries.side / noise - self._unknown
             covariance = np.asarray(np.linalg.inv(matrix + np.eye(len(matrix))), dtype=np.float64)
             step = covariance @ side
             unknown = self._unknown + step

@@ -318,8 +318,8 @@ def fill_estimate(
     dim, usual = LowTextureCount(task), Counter[int]()
     steps = [step_count(len(group), images.shape[-2:]) * len(registrations) for group in groups]
     for number, group in enumerate(groups):
-        told = None if progress is None else _later(progress, sum(steps[:number]), sum(steps))
-        maps = run(_at(task, images, group), registrations, told)
+        entries = None if progress is None else _later(progress, sum(steps[:number]), sum(steps))
+        maps = run(_at(task, images, group), registrations, entries)
         if settings.tau != "auto":
             dim.add(maps)
         values, counts = np.unique(maps.working_point[np.isfinite(maps.working_point)], return_counts=True)

@@ -108,8 +108,10 @@ def check_file_size(file: Path, most: int, missing: str) -> int:
     except ValueError as error:
         raise SceneError([Problem("file", str(error), str(file))]) from error
     except OSError as error:
-        told = missing if isinstance(error, FileNotFoundError | NotADirectoryError) else f"{missing}: {error.strerror}"
-        raise SceneError([Problem("file", told, str(file))]) from error
+        values = (
+            missing if isinstance(error, FileNotFoundError | NotADirectoryError) else f"{missing}: {error.strerror}"
+        )
+        raise SceneError([Problem("file", values, str(file))]) from error
     if size > most:
         raise SceneError([Problem("file", f"has {size:,} bytes; the maximum is {most:,}", str(file))])
     return size

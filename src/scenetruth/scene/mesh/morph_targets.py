@@ -35,8 +35,8 @@ def read_morph_states(file: Path, vertices: Floats) -> tuple[Floats, Floats]:
     except SceneError:
         raise
     except Exception as error:  # arbitrary JSON raises various exceptions
-        told = " ".join(str(error).split())[:200]
-        raise _problem(f"cannot be read as glTF with morph targets: {type(error).__name__} {told}", file) from error
+        text = " ".join(str(error).split())[:200]
+        raise _problem(f"cannot be read as glTF with morph targets: {type(error).__name__} {text}", file) from error
 
 
 def _problem(message: str, file: Path) -> SceneError:

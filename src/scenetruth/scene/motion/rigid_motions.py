@@ -174,8 +174,8 @@ class Nutation(MotionModel):
         """Return the point map, see `MotionModel`."""
         centre = position_mm if self.point_mm is None else self.point_mm
         direction = np.asarray(self.direction) / np.linalg.norm(self.direction)
-        aside = np.asarray(self.towards) - (direction @ np.asarray(self.towards)) * direction
-        first = np.cross(direction, aside / np.linalg.norm(aside))
+        partial = np.asarray(self.towards) - (direction @ np.asarray(self.towards)) * direction
+        first = np.cross(direction, partial / np.linalg.norm(partial))
         second = np.cross(direction, first)
         amplitude_first, amplitude_second = np.deg2rad(self.amplitudes_deg)
 

@@ -101,8 +101,8 @@ def read_image_header(file: Path) -> tuple[int, int, int]:
 
 
 def _unreadable(file: Path, error: Exception) -> SceneError:
-    told = " ".join(str(error).split())[:200] or type(error).__name__
-    return SceneError([Problem("file", f"cannot be read as an image: {told}", str(file))])
+    text = " ".join(str(error).split())[:200] or type(error).__name__
+    return SceneError([Problem("file", f"cannot be read as an image: {text}", str(file))])
 
 
 def _read_image(file: Path) -> NDArray[Any]:

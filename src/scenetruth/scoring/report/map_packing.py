@@ -120,13 +120,13 @@ def pack_map(values: NDArray[Any], limits: tuple[float, float] | None = None) ->
     codes[coded] = at[coded].astype(np.uint16) + np.uint16(_FIRST)
     exact = known & ~coded
     codes[exact] = _EXACT
-    predictor, told = min(
+    predictor, entries = min(
         ((way, _predicted_by(codes, way)) for way in (_RAW, _ROWS, _PLANE)), key=lambda one: _cost(one[1])
     )
-    told = told.ravel()
+    entries = entries.ravel()
     content = (
-        (told >> 8).astype(np.uint8).tobytes()
-        + (told & 255).astype(np.uint8).tobytes()
+        (entries >> 8).astype(np.uint8).tobytes()
+        + (entries & 255).astype(np.uint8).tobytes()
         + numbers[exact].astype("<f8").tobytes()
     )
     # Searching for repeated strings in the residual differences takes time and saves little.
@@ -142,8 +142,8 @@ def unpack_map(packed: PackedMap) -> Map:
     height, width = packed.shape
     size = height * width
     upper, lower = (np.frombuffer(content, np.uint8, size, at * size).astype(np.uint16) for at in (0, 1))
-    told = (upper << 8 | lower).reshape(packed.shape)
-    codes = (told >> 1) ^ (np.uint16(0) - (told & np.uint16(1)))
+    entries = (upper << 8 | lower).reshape(packed.shape)
+    codes = (entries >> 1) ^ (np.uint16(0) - (entries & np.uint16(1)))
     if packed.predictor >= _ROWS:
         codes = np.cumsum(codes, axis=1, dtype=np.uint16)
     if packed.predictor == _PLANE:

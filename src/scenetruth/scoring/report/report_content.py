@@ -110,12 +110,16 @@ def _rows(score: Score, region: str, shown: list[str]) -> Iterator[tuple[str, st
 
 def _outliers(score: Score) -> dict[str, Any]:
     """Return headings and rows of the outlier table; without headings if no rate is meaningful."""
-    told = [rate for rate in RATES[:-1] if rate in score.regions["all"].get(OUTLIERS, {})]
+    entries = [rate for rate in RATES[:-1] if rate in score.regions["all"].get(OUTLIERS, {})]
     return {
-        "headings": [_RATES[rate] for rate in told],
+        "headings": [_RATES[rate] for rate in entries],
         "rows": [
-            (region, [score.regions[region][OUTLIERS][rate] for rate in told], score.regions[region][OUTLIERS]["count"])
-            for region in (REGIONS if told else ())
+            (
+                region,
+                [score.regions[region][OUTLIERS][rate] for rate in entries],
+                score.regions[region][OUTLIERS]["count"],
+            )
+            for region in (REGIONS if entries else ())
         ],
     }
 
@@ -145,15 +149,15 @@ def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
 
 def _settings(score: Score) -> dict[str, str]:
     """Return the settings of the score as text, by default the default settings."""
-    told = score.metadata.get("score_settings") or ScoreSettings().model_dump()
-    contrast = [format_percent_value(bound) for bound in told["contrast_classes"]]
+    entries = score.metadata.get("score_settings") or ScoreSettings().model_dump()
+    contrast = [format_percent_value(bound) for bound in entries["contrast_classes"]]
     return {
         "contrast_low": contrast[0],
         "contrast_high": contrast[1],
-        "contrast_window": f"{told['contrast_window_px']:g}",
-        "growth_window": f"{told['growth_window_px']:g}",
-        "growth_coverage": format_percent_value(told["growth_min_coverage"]),
-        "growth_slope": f"{told['growth_max_slope_deg']:g}",
+        "contrast_window": f"{entries['contrast_window_px']:g}",
+        "growth_window": f"{entries['growth_window_px']:g}",
+        "growth_coverage": format_percent_value(entries["growth_min_coverage"]),
+        "growth_slope": f"{entries['growth_max_slope_deg']:g}",
     }
 
 
@@ -269,18 +273,18 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
         name = next((name for name in names if name in summaries and summaries[name].count), None)
         if name is None:
             continue
-        told = summaries[name]
+        entries = summaries[name]
         bar = (
             ""
-            if told.median_std is None
-            else f", with a median stated standard deviation of {format_number(told.median_std)} {told.units}"
+            if entries.median_std is None
+            else f", with a median stated standard deviation of {format_number(entries.median_std)} {entries.units}"
         )
         rest = (
-            f"is the median{bar}; 90 % of the values lie between {format_number(told.low)} and "
-            f"{format_number(told.high)} {told.units}. "
-            f"The density is {format_percent_value(told.density)} % of all pixels."
+            f"is the median{bar}; 90 % of the values lie between {format_number(entries.low)} and "
+            f"{format_number(entries.high)} {entries.units}. "
+            f"The density is {format_percent_value(entries.density)} % of all pixels."
         )
-        found.append(SummarySentence(told.title, format_number(told.median), told.units, rest))
+        found.append(SummarySentence(entries.title, format_number(entries.median), entries.units, rest))
     return found
 
 

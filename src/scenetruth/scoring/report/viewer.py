@@ -98,8 +98,8 @@ class Viewer:
 
 def build_viewer(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None) -> Viewer:
     """Read, subsample and pack the content of the viewer."""
-    told = {} if score is None else score.metadata.get("score_settings") or {}
-    settings = ScoreSettings(**told)
+    entries = {} if score is None else score.metadata.get("score_settings") or {}
+    settings = ScoreSettings(**entries)
     margin_px = float((score.metadata if score else {}).get("margin_px", settings.interior_margin_px))
     grid, camera = compute_pixel_coordinates(estimate), read_intrinsics(estimate)
     step = max(1, math.ceil(math.sqrt(grid.x.size * grid.y.size / _MOST_PIXELS)))

@@ -80,15 +80,15 @@ def build_layers(
         has = entry.variable in estimate
         if has and entry.variable not in known:
             known[entry.variable] = thinned(find_valid_pixels(estimate, entry.variable), step)
-        told = truth is not None and has_quantity(truth, name)
+        entries = truth is not None and has_quantity(truth, name)
         if entry.error == "difference":
             if has:
                 maps["estimate"] = np.where(known[entry.variable], thinned(read_quantity(estimate, name), step), np.nan)
-            if told and truth is not None:
+            if entries and truth is not None:
                 maps["truth"] = thinned(read_quantity(truth, name), step)
             if len(maps) == 2:
                 maps["error"] = maps["estimate"] - maps["truth"]
-        elif has and told and truth is not None and entry.error != "distance":
+        elif has and entries and truth is not None and entry.error != "distance":
             angle = angle_deg(
                 read_quantity(estimate, name), read_quantity(truth, name), lines=entry.error == "axis_angle"
             )
@@ -115,8 +115,8 @@ def _list_shown(estimate: xr.Dataset, truth: xr.Dataset | None, *, grows: bool) 
     for name, entry in QUANTITIES.items():
         if not entry.variable or (entry.is_growth and not grows) or entry.error == "distance":
             continue
-        told = truth is not None and has_quantity(truth, name)
-        if name in of_estimate or (told and (entry.error == "difference" or entry.variable in estimate)):
+        entries = truth is not None and has_quantity(truth, name)
+        if name in of_estimate or (entries and (entry.error == "difference" or entry.variable in estimate)):
             names.append(name)
     return names
 
@@ -149,9 +149,9 @@ def _further(estimate: xr.Dataset, truth: xr.Dataset | None, step: int) -> Itera
     compared = {entry.variable for entry in QUANTITIES.values()}
     stated = {f"{variable}_std" for variable in compared}
     parts = (("estimate", estimate, compared | stated), ("truth", truth, {*compared, *_INVALID}))
-    for origin, part, told in parts:
+    for origin, part, entries in parts:
         for name in () if part is None else map(str, part.data_vars):
-            if part is None or name in told or part[name].dims != _MAP_DIMS:
+            if part is None or name in entries or part[name].dims != _MAP_DIMS:
                 continue
             values = thinned(part[name].values, step)
             if values.dtype.kind not in "iubf":

@@ -86,8 +86,8 @@ class ConformanceReport:
         lines = [f"{self.method}: {len(self.passed)} of {len(self.outcomes)} checks passed, {counts}"]
         for item in self.outcomes:
             if item.status == "failed":
-                told = item.told.replace("\n", "\n    ")
-                lines.append(f"  FAILED {item.name}: {item.says}\n    {told}")
+                values = item.told.replace("\n", "\n    ")
+                lines.append(f"  FAILED {item.name}: {item.says}\n    {values}")
         lines += [f"  skipped {name}: {why}" for name, why in self.skipped.items()]
         return "\n".join(lines)
 
@@ -218,9 +218,9 @@ class EstimatorCheck:
             except (CheckFailure, NotApplicable):
                 raise
             except Exception as error:  # any error of the method
-                told = " ".join(f"{type(error).__name__}: {error}".split())
+                text = " ".join(f"{type(error).__name__}: {error}".split())
                 remedy = "return an estimate, or raise an EstimateError that states the missing requirement"
-                raise CheckFailure(self.check.says, "an estimate", f"it raised {told}", remedy) from error
+                raise CheckFailure(self.check.says, "an estimate", f"it raised {text}", remedy) from error
 
 
 def estimator_checks(
@@ -335,14 +335,14 @@ def check_estimator(
 def _outcome(check: EstimatorCheck) -> CheckOutcome:
     start = time.perf_counter()
     status: Literal["passed", "failed", "skipped"] = "passed"
-    told = ""
+    text = ""
     try:
         check()
     except NotApplicable as reason:
-        status, told = "skipped", str(reason)
+        status, text = "skipped", str(reason)
     except CheckFailure as error:
-        status, told = "failed", str(error)
-    return CheckOutcome(check.check.name, check.check.says, status, told, time.perf_counter() - start)
+        status, text = "failed", str(error)
+    return CheckOutcome(check.check.name, check.check.says, status, text, time.perf_counter() - start)
 
 
 def _names(path: str, given: str | Iterable[str]) -> list[str]:

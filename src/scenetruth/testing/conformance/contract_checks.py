@@ -85,12 +85,12 @@ def check_declared_outputs(bench: ConformanceBench) -> None:
     missing = [name for name in sorted(bench.method.gives) if name not in found]
     blank = [name for name in sorted(bench.method.gives) if name in found and not found[name].notnull().any()]
     if missing or blank:
-        told = [f"no {', '.join(missing)}"] if missing else []
-        told += [f"NaN everywhere in {', '.join(blank)}"] if blank else []
+        entries = [f"no {', '.join(missing)}"] if missing else []
+        entries += [f"NaN everywhere in {', '.join(blank)}"] if blank else []
         raise CheckFailure(
             f"a textured plane was estimated, images {sizes}, noise-free",
             f"all of {', '.join(sorted(bench.method.gives))}, with valid pixels",
-            "; ".join(told),
+            "; ".join(entries),
             "return it, or remove it from `gives`; check a method that requires larger or more images with "
             "size=, cameras=, frames=",
         )
@@ -133,7 +133,7 @@ def check_invalid_is_nan(bench: ConformanceBench) -> None:
         # A method may require texture everywhere if it reports this.
         pass
     else:
-        wrong += [f"{told}, where a third of the images is blank" for told in _invalid_values(found, bench)]
+        wrong += [f"{entries}, where a third of the images is blank" for entries in _invalid_values(found, bench)]
     if wrong:
         raise CheckFailure(
             "the plain recording was estimated, and a recording whose right third has a constant grey value",
@@ -201,10 +201,10 @@ class _Interruption(Exception):
 @conformance_check()
 def check_progress(bench: ConformanceBench) -> None:
     """Progress is optional and does not change the estimate, and exceptions of the callback are propagated."""
-    told: list[tuple[object, object, object]] = []
+    entries: list[tuple[object, object, object]] = []
 
     def listen(what: object, done: object, total: object) -> None:
-        told.append((what, done, total))
+        entries.append((what, done, total))
 
     found = bench.estimate(bench.recording(), listen)
     require_equal_to_rounding(
@@ -214,10 +214,10 @@ def check_progress(bench: ConformanceBench) -> None:
         expectation="the same estimate",
         remedy="only report progress: the estimate must not depend on the callback",
     )
-    if not told:
+    if not entries:
         msg = "the method reports no progress"
         raise NotApplicable(msg)
-    wrong = [item for item in told if not _is_progress_call(*item)]
+    wrong = [item for item in entries if not _is_progress_call(*item)]
     if wrong:
         raise CheckFailure(
             "a progress callback was given",

@@ -123,9 +123,9 @@ def check_non_finite(bench: ConformanceBench) -> None:
     except ScenetruthError as error:
         if any(word in str(error).lower() for word in _NON_FINITE_WORDS):
             return
-        told = " ".join(str(error).split())
+        text = " ".join(str(error).split())
         raise CheckFailure(
-            done, "an explicit error, or an estimate", f"another error: {told}", _NON_FINITE_REMEDY
+            done, "an explicit error, or an estimate", f"another error: {text}", _NON_FINITE_REMEDY
         ) from error
     away = {
         name: item.where(

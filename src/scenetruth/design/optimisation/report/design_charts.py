@@ -44,7 +44,11 @@ class AxisSpec:
     @property
     def title(self) -> str:
         """Title of the axis."""
-        return self.name if self.objective is None else f"{self.name}: {self.objective.told_in}, {self.objective.unit}"
+        return (
+            self.name
+            if self.objective is None
+            else f"{self.name}: {self.objective.statistic_title}, {self.objective.unit}"
+        )
 
     def predicted(self, rig: RigDesign) -> float:
         """Return the position of a predicted rig."""
@@ -222,11 +226,11 @@ def _hover_text(rig: RigDesign) -> str:
     lines = [f"<b>Rig {rig.number}</b>"]
     for title, value in rig.predicted.items():
         found = rig.simulated.get(title)
-        told = f"{title}: predicted {format_number(value)}"
+        text = f"{title}: predicted {format_number(value)}"
         if found is not None:
             between = format_interval(found.pi_low, found.pi_high)
-            told += f", simulated {format_number(found.value)}" + (f" ({between})" if between else "")
-        lines.append(told)
+            text += f", simulated {format_number(found.value)}" + (f" ({between})" if between else "")
+        lines.append(text)
     return "<br>".join([*lines, *(f"{path} = {format_value(value)}" for path, value in rig.parameters.items())])
 
 
@@ -270,12 +274,12 @@ def _chart(design: DesignResult, x: AxisSpec, y: AxisSpec, name: str) -> Chart:
     ends_of = [
         f"{format_number(x.predicted(rig))} and {format_number(y.predicted(rig))}" for rig in (rigs[0], rigs[-1])
     ]
-    told = (
+    text = (
         f"{y.title} over {x.title}; lower is better{' for both' if is_front else ''}. Predictions of {len(rigs)} rigs, "
         f"from {ends_of[0]} to {ends_of[1]}; {len(confirmed)} of them were simulated. Recommended: "
         f"rig {best.number} with {format_number(x.predicted(best))} and {format_number(y.predicted(best))}."
     )
-    return Chart(name, told, data, layout)
+    return Chart(name, text, data, layout)
 
 
 def _feasible(screened: pd.DataFrame) -> pd.DataFrame:
@@ -293,8 +297,10 @@ def _most_influential(design: DesignResult) -> str | None:
     }
     for one in design.sensitivities:
         if one.parameter in worth and one.objective == design.objectives[0].title:
-            told = [abs(each) for each in (one.sobol_total, one.morris_mu_star, one.ten_percent) if math.isfinite(each)]
-            worth[one.parameter] = told[0] if told else 0.0
+            values = [
+                abs(each) for each in (one.sobol_total, one.morris_mu_star, one.ten_percent) if math.isfinite(each)
+            ]
+            worth[one.parameter] = values[0] if values else 0.0
     return max(worth, key=lambda path: worth[path], default=None)
 
 
@@ -361,11 +367,11 @@ def _ten_percent(place: int, objective: Objective, own: Sequence[Sensitivity]) -
         "showlegend": False,
         "height": _AROUND_PX + _BAR_PX * len(shown),
     }
-    told = "; ".join(
+    text = "; ".join(
         f"{one.parameter} {format_signed_percent(one.ten_percent)} ({format_signed_percent(one.ten_percent_less)})"
         for one in reversed(shown)
     )
-    words = f"Change of {objective.title} for an increase (decrease) of a parameter by 10 %: {told}."
+    words = f"Change of {objective.title} for an increase (decrease) of a parameter by 10 %: {text}."
     return Chart(f"ten-percent-{place}", words, data, layout)
 
 
@@ -411,11 +417,11 @@ def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Char
         "height": _AROUND_PX + 40 + _BAR_PX * len(shown),
         "legend": {"traceorder": "reversed"},
     }
-    told = "; ".join(
+    text = "; ".join(
         f"{one.parameter} {format_estimate(one.sobol_total, one.sobol_total_half, one.sobol_samples)}"
         for one in reversed(shown)
     )
-    return Chart(f"sobol-{place}", f"Total Sobol' indices of {objective.title}: {told}.", data, layout)
+    return Chart(f"sobol-{place}", f"Total Sobol' indices of {objective.title}: {text}.", data, layout)
 
 
 def _folded(path: str) -> str:

@@ -97,16 +97,16 @@ def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
         predicted = design.recommended.predicted[objective.title]
         simulated = design.recommended.simulated.get(objective.title)
         if simulated is None:
-            source = f"predicted {objective.told_in}; not simulated"
+            source = f"predicted {objective.statistic_title}; not simulated"
             figure = predicted
         else:
             between = format_interval(simulated.pi_low, simulated.pi_high)
-            told = f"95 %: {between}; " if between else ""
+            line = f"95 %: {between}; " if between else ""
             several = "recording" if simulated.seeds == 1 else "recordings"
             rms = compute_rig_interval(design.recommended, objective.title, "rmse")
             beside = f"; RMSE {format_number(rms.value)}" if objective.statistic != "rmse" and rms.seeds else ""
-            told += f"predicted {format_number(predicted)}{beside}"
-            source = f"{objective.told_in} in {simulated.seeds} simulated {several} ({told})"
+            line += f"predicted {format_number(predicted)}{beside}"
+            source = f"{objective.statistic_title} in {simulated.seeds} simulated {several} ({line})"
             figure = simulated.value
         verdict = _verdict(design, objective)
         found.append(ObjectiveResult(objective.title, format_number(figure), objective.unit, source, verdict))
@@ -124,41 +124,41 @@ def _verdict(design: DesignResult, objective: Objective) -> str:
     if not simulated.value <= wanted:
         return f"{aim}. Not met."
     if math.isfinite(simulated.pi_high) and simulated.pi_high > wanted:
-        told = "Met by the mean, but not by the whole interval."
+        line = "Met by the mean, but not by the whole interval."
     else:
-        told = f"Met{' by the whole interval' if math.isfinite(simulated.pi_high) else ''}."
+        line = f"Met{' by the whole interval' if math.isfinite(simulated.pi_high) else ''}."
     rms = compute_rig_interval(design.recommended, title, "rmse")
-    return f"{aim}. {told}" + (" The RMSE is above the target." if rms.value > wanted else "")
+    return f"{aim}. {line}" + (" The RMSE is above the target." if rms.value > wanted else "")
 
 
 def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
     """Return the warnings of the report with the identifiers of the related sections."""
-    told = []
+    values = []
     broken = [one for one in design.recommended.constraints if not one.holds]
     if broken:
         names = ", ".join(one.title for one in broken)
-        told.append((f"The recommended rig violates constraints: {names}.", "constraints"))
+        values.append((f"The recommended rig violates constraints: {names}.", "constraints"))
     if not design.recommended.is_confirmed:
-        told.append(("The recommended rig was not simulated: its values are predictions.", "agreement"))
+        values.append(("The recommended rig was not simulated: its values are predictions.", "agreement"))
     for objective in design.objectives:
         figure = design.recommended.predicted[objective.title]
         if objective.title in design.recommended.simulated:
             figure = design.recommended.simulated[objective.title].value
         if objective.wanted is not None and not figure <= objective.wanted:
             aim = f"{format_number(figure)} {objective.unit}, target {format_length(objective.wanted)} {objective.unit}"
-            told.append((f"The recommended rig does not meet the target. {objective.title}: {aim}.", "alternatives"))
-        told += _far_off(design, objective, figure)
+            values.append((f"The recommended rig does not meet the target. {objective.title}: {aim}.", "alternatives"))
+        values += _far_off(design, objective, figure)
         if design.recommended.density(objective.title) < SUFFICIENT_DENSITY:
             share = f"{100 * design.recommended.density(objective.title):.0f} %"
             words = f"{objective.title}: only {share} of the pixels are valid; the statistics refer to these."
-            told.append((words, "agreement"))
+            values.append((words, "agreement"))
     notable = [one for one in design.discrepancies if one.notable]
     if notable:
         count = f"{len(notable)} of {len(design.discrepancies)}"
         own = sum(one.rig == design.recommended.number for one in notable)
         which = f", {own} of them for the recommended rig" if own else ""
-        told.append((f"Prediction and simulation differ notably in {count} values{which}.", "agreement"))
-    return told
+        values.append((f"Prediction and simulation differ notably in {count} values{which}.", "agreement"))
+    return values
 
 
 def _far_off(design: DesignResult, objective: Objective, figure: float) -> list[tuple[str, str]]:
@@ -168,13 +168,13 @@ def _far_off(design: DesignResult, objective: Objective, figure: float) -> list[
     if objective.statistic == "rmse" or wanted is None or not figure <= wanted or not rms.value > wanted:
         return []
     value = f"{format_number(figure)} {objective.unit}"
-    words = f"{objective.title}: the errors have outliers. The {objective.told_in} is {value},"
+    words = f"{objective.title}: the errors have outliers. The {objective.statistic_title} is {value},"
     return [(f"{words} but the RMSE {format_number(rms.value)} {objective.unit}.", "alternatives")]
 
 
 def describe_sensitivities(design: DesignResult) -> list[str]:
     """Return a line on the most influential parameters of each objective, for changes of ±10 %."""
-    told = []
+    values = []
     for objective in design.objectives:
         own = [
             one
@@ -189,8 +189,8 @@ def describe_sensitivities(design: DesignResult) -> list[str]:
                 f"a decrease by {format_signed_percent(one.ten_percent_less)}"
                 for one in own
             ]
-            told.append(f"{objective.title}: {_listed(parts)}.")
-    return told
+            values.append(f"{objective.title}: {_listed(parts)}.")
+    return values
 
 
 def _listed(parts: Sequence[str]) -> str:
@@ -285,8 +285,8 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
         length=format_length,
     )
     path = Path(folder) / PAGE
-    with write_atomically(path, overwrite=True) as aside:
-        aside.write_text(text, encoding="utf-8")
+    with write_atomically(path, overwrite=True) as partial:
+        partial.write_text(text, encoding="utf-8")
     return path
 
 
@@ -315,10 +315,10 @@ def write_design_files(design: DesignResult, folder: Path) -> None:
     _write_text(
         folder / PREVIEW_FILE, head + yaml.safe_dump(to_plain_data(light.plain), sort_keys=False, allow_unicode=True)
     )
-    with write_atomically(folder / FRONT_FILE, overwrite=True) as aside:
-        design.to_dataframe().to_csv(aside, index=False)
-    with write_atomically(folder / SCREENING_FILE, overwrite=True) as aside:
-        write_screening_table(design.screened, aside)
+    with write_atomically(folder / FRONT_FILE, overwrite=True) as partial:
+        design.to_dataframe().to_csv(partial, index=False)
+    with write_atomically(folder / SCREENING_FILE, overwrite=True) as partial:
+        write_screening_table(design.screened, partial)
     _write_text(
         folder / RESULT_FILE, json.dumps(design.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     )
@@ -327,5 +327,5 @@ def write_design_files(design: DesignResult, folder: Path) -> None:
 
 
 def _write_text(path: Path, text: str) -> None:
-    with write_atomically(path, overwrite=True) as aside:
-        aside.write_text(text, encoding="utf-8")
+    with write_atomically(path, overwrite=True) as partial:
+        partial.write_text(text, encoding="utf-8")

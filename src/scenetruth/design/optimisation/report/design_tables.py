@@ -69,7 +69,12 @@ def build_front_table(design: DesignResult) -> HtmlTable:
     rigs, first = design.rigs, {rig.number for rig in design.front}
     for objective in design.objectives:
         of = f"{objective.title}, {objective.unit}"
-        columns += [f"{of}: predicted {objective.told_in}", "simulated", "95 %", *_OTHER[objective.statistic].values()]
+        columns += [
+            f"{of}: predicted {objective.statistic_title}",
+            "simulated",
+            "95 %",
+            *_OTHER[objective.statistic].values(),
+        ]
     priced = any(rig.price is not None for rig in rigs)
     columns += [*parameters, *(["price, €"] if priced else []), "tightest constraint", "limiting factors", "scene file"]
     lines, marked = [], None
@@ -80,9 +85,9 @@ def build_front_table(design: DesignResult) -> HtmlTable:
         line.append(HtmlCell("yes" if rig.number in first else "no"))
         for objective in design.objectives:
             found = rig.simulated.get(objective.title, _NOTHING)
-            told = format_interval(found.pi_low, found.pi_high) or UNDEFINED
+            entries = format_interval(found.pi_low, found.pi_high) or UNDEFINED
             line += [_number_cell(rig.predicted.get(objective.title)), _number_cell(found.value)]
-            line.append(HtmlCell(told, found.pi_low if math.isfinite(found.pi_low) else None))
+            line.append(HtmlCell(entries, found.pi_low if math.isfinite(found.pi_low) else None))
             others = [compute_rig_interval(rig, objective.title, name) for name in _OTHER[objective.statistic]]
             line += [_number_cell(one.value) for one in others]
         line += [
@@ -226,11 +231,11 @@ def _tightness(one: ConstraintValue) -> tuple[bool, float]:
 
 def _range(entry: Any, value: Any) -> tuple[str, str]:
     """Return the range or choices of a parameter, and the end at which the value is."""
-    told = entry if isinstance(entry, Mapping) else {"values": entry}
-    low, high, values = told.get("from"), told.get("to"), told.get("values")
+    entries = entry if isinstance(entry, Mapping) else {"values": entry}
+    low, high, values = entries.get("from"), entries.get("to"), entries.get("values")
     if _is_number(low) and _is_number(high):
         spare = _AT_THE_END * (high - low)
-        between = f"{format_value(low)} to {format_value(high)}" + (", logarithmic" if told.get("log") else "")
+        between = f"{format_value(low)} to {format_value(high)}" + (", logarithmic" if entries.get("log") else "")
         return between, _end(value, low + spare, high - spare)
     if isinstance(values, list | tuple):
         ordered = len(values) > 1 and all(map(_is_number, values))

@@ -122,8 +122,8 @@ def svg_vertical_dimension(
     high = _LINE * (len(lines) - 1)
     first = max(min((v0 + v1 - high) / 2 + 4.5, within[1] - high - 4), within[0] + 12)
     beside, anchor = (u + 9, "start") if right else (u - 9, "end")
-    told = [svg_text((beside, first + _LINE * place), text, anchor) for place, text in enumerate(lines)]
-    return _arrows((u, v0), (u, v1)) + "".join(told)
+    values = [svg_text((beside, first + _LINE * place), text, anchor) for place, text in enumerate(lines)]
+    return _arrows((u, v0), (u, v1)) + "".join(values)
 
 
 def svg_scale_bar(start: PaperPoint, length: float, text: str) -> str:
@@ -255,7 +255,7 @@ def describe_side_view(view: SideView) -> str:
     near, middle, far = view.seen_mm
     width, height = view.field_mm(middle)
     count = len(view.cameras_mm)
-    told = [
+    values = [
         f"{count} camera positions over {format_length(view.travel_mm)} mm along X"
         if count > 1
         else "one camera position",
@@ -266,10 +266,10 @@ def describe_side_view(view: SideView) -> str:
         ),
     ]
     if view.rows > 1:
-        told.insert(1, f"{view.rows} rows of positions in Y")
+        values.insert(1, f"{view.rows} rows of positions in Y")
     if view.sharp is not None:
-        told.append(_sharp_words(view))
-    return "; ".join(told) + "."
+        values.append(_sharp_words(view))
+    return "; ".join(values) + "."
 
 
 def _between(near: float, far: float, digits: int = 3) -> str:
@@ -350,8 +350,8 @@ def _on_whole(view: SideView, frame: Viewport) -> list[str]:
     drawn = [*_sharp_limits(view, frame), *_field_size(view, frame)]
     drawn += [svg_line((left, frame.beside(0.0)), (left, bottom + 26), "thin")]
     drawn += [svg_line((frame.along(near), bottom - 8), (frame.along(near), bottom + 26), "thin")]
-    told = f"{format_length(near)} mm to the nearest visible point"
-    drawn.append(svg_horizontal_dimension(left, frame.along(near), bottom + 21, told, within))
+    line = f"{format_length(near)} mm to the nearest visible point"
+    drawn.append(svg_horizontal_dimension(left, frame.along(near), bottom + 21, line, within))
     if view.travel_mm > 0:
         v0, v1 = (frame.beside(each(view.cameras_mm)) for each in (min, max))
         drawn += [svg_line((left - 42, v), (left - CAMERA_LENGTH - 4, v), "thin") for v in (v0, v1)]
@@ -368,17 +368,17 @@ def _on_upright(view: SideView, frame: Viewport) -> list[str]:
     within = (4.0, width - 4.0)
     u0, u1 = (frame.beside(slope * middle) for slope in (view.left, view.right))
     drawn = [svg_line((u, frame.along(middle)), (u, top - 8), "thin") for u in (u0, u1)]
-    told = f"{format_length(view.field_mm(middle)[0])} mm wide at {format_length(middle)} mm"
+    line = f"{format_length(view.field_mm(middle)[0])} mm wide at {format_length(middle)} mm"
     if view.travel_mm > 0:
-        drawn.append(svg_text((width / 2, top - 30), f"{told},"))
-        told = f"{format_length(view.common_mm(middle))} mm of it seen by all positions"
-    drawn.append(svg_horizontal_dimension(u0, u1, top - 4, told, within))
+        drawn.append(svg_text((width / 2, top - 30), f"{line},"))
+        line = f"{format_length(view.common_mm(middle))} mm of it seen by all positions"
+    drawn.append(svg_horizontal_dimension(u0, u1, top - 4, line, within))
     if view.travel_mm > 0:
         v = bottom + CAMERA_LENGTH + 16
         ends = [frame.beside(each(view.cameras_mm)) for each in (min, max)]
         drawn += [svg_line((u, bottom + CAMERA_LENGTH + 5), (u, v + 4), "thin") for u in ends]
-        told = f"{len(view.cameras_mm)} positions over {format_length(view.travel_mm)} mm"
-        drawn.append(svg_horizontal_dimension(ends[0], ends[1], v, told, within, above=False))
+        line = f"{len(view.cameras_mm)} positions over {format_length(view.travel_mm)} mm"
+        drawn.append(svg_horizontal_dimension(ends[0], ends[1], v, line, within, above=False))
     at_left = 66.0
     drawn += [svg_line((frame.beside(0.0), bottom), (at_left - 4, bottom), "thin")]
     drawn += [svg_line((left + 8, frame.along(near)), (at_left - 4, frame.along(near)), "thin")]
@@ -408,8 +408,8 @@ def _on_stage(view: SideView, frame: Viewport) -> list[str]:
     for place, x in enumerate(view.cameras_mm):
         s = place - view.reference
         if s % every == 0:
-            told = f"s = {s}: X = {format_length(x)} mm".replace("-", "−")
-            drawn.append(svg_text((left - CAMERA_LENGTH - 10, frame.beside(x) + 4.5), told, "end"))
+            line = f"s = {s}: X = {format_length(x)} mm".replace("-", "−")
+            drawn.append(svg_text((left - CAMERA_LENGTH - 10, frame.beside(x) + 4.5), line, "end"))
     return [*drawn, _bar(frame, (left, bottom + 24))]
 
 
@@ -419,10 +419,10 @@ def _on_object(view: SideView, frame: Viewport) -> list[str]:
     drawn = [*_sharp_limits(view, frame), *_field_size(view, frame)]
     drawn += [svg_line((frame.along(z), bottom - 8), (frame.along(z), bottom + 20), "thin") for z in (near, far)]
     deep = f"{format_length(far - near)} mm deep, " if far - near > 1e-6 * far else ""
-    told = f"{deep}visible {_between(near, far, 4)}"
+    line = f"{deep}visible {_between(near, far, 4)}"
     drawn.append(
         svg_horizontal_dimension(
-            frame.along(near), frame.along(far), bottom + 15, told, (6, frame.size[0] - 6), above=False
+            frame.along(near), frame.along(far), bottom + 15, line, (6, frame.size[0] - 6), above=False
         )
     )
     return [*drawn, _bar(frame, (left, bottom + 58))]

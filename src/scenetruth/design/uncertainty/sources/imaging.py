@@ -100,8 +100,8 @@ class IlluminationDriftSource(UncertaintySource):
     def size(self, scene: Scene, calibration: Calibration) -> str:
         """Return drift and flicker."""
         light = scene.lighting
-        told = [f"{100 * light.drift_per_frame:g} % per frame"] if light.drift_per_frame else []
-        return ", ".join(told + ([f"± {100 * light.flicker.amplitude:g} %"] if light.flicker else []))
+        values = [f"{100 * light.drift_per_frame:g} % per frame"] if light.drift_per_frame else []
+        return ", ".join(values + ([f"± {100 * light.flicker.amplitude:g} %"] if light.flicker else []))
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
         """Yield the change of all grey values."""
