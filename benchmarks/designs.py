@@ -125,7 +125,8 @@ def other_seeds(design: DesignResult, count: int, max_size_px: int | None, folde
         found = [get_simulated_statistic(job.figures(number), one.title, one.statistic) for number in range(count)]
         inside = sum(told.low <= figure <= told.high for figure in found)
         print(
-            f"  {one.title}, {one.statistic_title}, {one.unit}, other seeds: {', '.join(f'{figure:.4g}' for figure in found)}"
+            f"  {one.title}, {one.statistic_title}, {one.unit}, other seeds: "
+            f"{', '.join(f'{figure:.4g}' for figure in found)}"
         )
         print(f"  {inside} of {count} within {told.low:.4g} to {told.high:.4g}", end="")
         reached = sum(figure <= (one.wanted or 0.0) for figure in found)

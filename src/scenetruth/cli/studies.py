@@ -162,7 +162,8 @@ def emva1288(
     ):
         results = run_emva(folder, presets or (), progress=report)
     for one in results:
-        typer.echo(f"{one.sensor:16} {one.quantity:22} {one.told:10.5g} {one.measured:10.5g} {100 * one.error:+8.3f} %")
+        values = f"{one.nominal:10.5g} {one.measured:10.5g} {100 * one.error:+8.3f} %"
+        typer.echo(f"{one.sensor:16} {one.quantity:22} {values}")
     print_wrote((output / "emva.csv", output / "emva_levels.csv"), "and a figure of each sensor")
 
 
