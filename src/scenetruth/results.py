@@ -6,20 +6,20 @@ import json
 import math
 import types
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, Union, get_args, get_origin, get_type_hints
 
-from scenetruth.errors import StoreError
+from scenetruth.errors import ArgumentError, Problem, StoreError
 from scenetruth.output import write_atomically
 from scenetruth.plain_data import parse_json
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["QuantityValue", "Result", "from_plain_data", "to_plain_data"]
+__all__ = ["QuantityValue", "Result", "from_plain_data", "refuse_unknown", "to_plain_data"]
 
 _MAX_HTML_ROWS = 60
 
@@ -194,6 +194,24 @@ class Result(ABC):
         return (
             f"{lines}{table.head(_MAX_HTML_ROWS).to_html(index=False, na_rep='', float_format='{:.4g}'.format)}{more}"
         )
+
+
+def refuse_unknown(**choices: tuple[Any, Iterable[Any]]) -> None:
+    """Raise an `ArgumentError` that lists every argument, given with its choices, that is none of them.
+
+    >>> refuse_unknown(region=("moon", ["all", "interior"]))
+    Traceback (most recent call last):
+    scenetruth.errors.ArgumentError: 1 problem with the arguments:
+      - region: must be one of all, interior (got 'moon')
+    """
+    listed = {name: (given, list(known)) for name, (given, known) in choices.items()}
+    problems = [
+        Problem(name, f"must be one of {', '.join(map(str, known)) or 'none'}", given)
+        for name, (given, known) in listed.items()
+        if given not in known
+    ]
+    if problems:
+        raise ArgumentError(problems)
 
 
 def to_plain_data(value: Any) -> Any:

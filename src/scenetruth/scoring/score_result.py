@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from scenetruth.errors import ArgumentError, Problem, ScoreError, StoreError
+from scenetruth.errors import Problem, ScoreError, StoreError
 from scenetruth.input_files import regular_file_size
 from scenetruth.number_format import format_count, format_number, format_percent_value
 from scenetruth.plain_data import parse_json, plain_problems
-from scenetruth.results import QuantityValue, Result
+from scenetruth.results import QuantityValue, Result, refuse_unknown
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, QUANTITY_GROUPS, get_title, get_units
 from scenetruth.scoring.regions import REGIONS, is_further_region
 from scenetruth.scoring.statistics import RATES, STATISTICS
@@ -173,17 +173,9 @@ class Score(Result):
         ArgumentError
             If the score lacks one of them; the message lists those that it has.
         """
-        quantities = self.regions.get(region)
-        values = (quantities or self.regions["all"]).get(quantity)
-        problems = []
-        if quantities is None:
-            problems.append(Problem("region", f"must be one of {', '.join(self.regions)}", region))
-        if values is None:
-            problems.append(Problem("quantity", f"must be one of {', '.join(self.regions['all'])}", quantity))
-        elif statistic not in values:
-            problems.append(Problem("statistic", f"must be one of {', '.join(values)}", statistic))
-        if problems or values is None:
-            raise ArgumentError(problems)
+        refuse_unknown(region=(region, self.regions), quantity=(quantity, self.regions["all"]))
+        values = self.regions[region][quantity]
+        refuse_unknown(statistic=(statistic, values))
         number, count = values[statistic], values.get("count")
         unit = get_units(quantity) if statistic in _IN_UNITS else "1"
         size = None if count is None else int(count)

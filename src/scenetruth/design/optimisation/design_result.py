@@ -24,7 +24,7 @@ from scenetruth.design.optimisation.design_records import (
 from scenetruth.errors import ArgumentError, Problem, StoreError
 from scenetruth.output import claim_folder, write_atomically
 from scenetruth.plain_data import parse_json
-from scenetruth.results import QuantityValue, Result, from_plain_data, to_plain_data
+from scenetruth.results import QuantityValue, Result, from_plain_data, refuse_unknown, to_plain_data
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -340,20 +340,13 @@ class DesignResult(Result):
         ArgumentError
             If there is no such objective, rig or statistic.
         """
-        objective = next((one for one in self.objectives if (one.quantity, one.region) == (quantity, region)), None)
-        chosen = self.recommended if rig is None else next((one for one in self.rigs if one.number == rig), None)
-        problems = []
-        if objective is None:
-            listed = ", ".join(f"{one.quantity} in {one.region}" for one in self.objectives)
-            problems.append(
-                Problem("quantity", f"is not an objective in region {region}; objectives: {listed}", quantity)
-            )
-        if chosen is None:
-            problems.append(Problem("rig", f"must be one of {', '.join(str(one.number) for one in self.rigs)}", rig))
-        if statistic is not None and statistic not in STATISTICS:
-            problems.append(Problem("statistic", f"must be one of {', '.join(STATISTICS)}", statistic))
-        if problems or objective is None or chosen is None:
-            raise ArgumentError(problems)
+        refuse_unknown(
+            quantity=((quantity, region), [(one.quantity, one.region) for one in self.objectives]),
+            rig=(self.recommended.number if rig is None else rig, [one.number for one in self.rigs]),
+            statistic=(statistic, [None, *STATISTICS]),
+        )
+        objective = next(one for one in self.objectives if (one.quantity, one.region) == (quantity, region))
+        chosen = self.recommended if rig is None else next(one for one in self.rigs if one.number == rig)
         wanted = statistic or objective.statistic
         simulated = chosen.simulated.get(objective.title)
         if simulated is None or wanted != objective.statistic:

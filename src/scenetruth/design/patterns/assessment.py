@@ -26,7 +26,7 @@ from scenetruth.design.patterns.pattern_spectrum import (
     sample_patch,
 )
 from scenetruth.errors import ArgumentError, Problem
-from scenetruth.results import QuantityValue, Result
+from scenetruth.results import QuantityValue, Result, refuse_unknown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -179,14 +179,7 @@ class PatternAssessment(Result):
         ArgumentError
             If there is none; the message lists those that there are.
         """
-        choices = {"quantity": (quantity, UNITS), "statistic": (statistic, ("rmse",)), "region": (region, ("all",))}
-        problems = [
-            Problem(name, f"must be one of {', '.join(listed)}", given)
-            for name, (given, listed) in choices.items()
-            if given not in listed
-        ]
-        if problems:
-            raise ArgumentError(problems)
+        refuse_unknown(quantity=(quantity, UNITS), statistic=(statistic, ["rmse"]), region=(region, ["all"]))
         number = getattr(self, quantity)
         return QuantityValue(
             math.nan if number is None else number, UNITS[quantity], statistic=statistic, region=region

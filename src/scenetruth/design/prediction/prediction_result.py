@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from scenetruth.errors import ArgumentError, Problem
 from scenetruth.output import claim_folder, write_atomically
-from scenetruth.results import QuantityValue, Result
+from scenetruth.results import QuantityValue, Result, refuse_unknown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -291,16 +290,7 @@ class Prediction(Result):
         ArgumentError
             If one of them is not predicted; the message lists those that are.
         """
-        problems = []
-        if region not in self.regions:
-            problems.append(Problem("region", f"is not predicted; must be one of {', '.join(self.regions)}", region))
-        if quantity not in self.quantities:
-            listed = ", ".join(self.quantities) or "none"
-            problems.append(
-                Problem("quantity", f"is not predicted for this scene and method; predicted: {listed}", quantity)
-            )
-        if problems:
-            raise ArgumentError(problems)
+        refuse_unknown(region=(region, self.regions), quantity=(quantity, self.quantities))
         return self.precisions[region][quantity]
 
     def value(self, quantity: str, statistic: str = "rmse", *, region: str = "interior") -> QuantityValue:
@@ -323,8 +313,7 @@ class Prediction(Result):
         """
         one = self.precision(quantity, region)
         values = {"rmse": one.rmse, "scaled_median_abs_error": one.value, "p95_abs_error": one.p95_abs_error}
-        if statistic not in values:
-            raise ArgumentError([Problem("statistic", f"must be one of {', '.join(values)}", statistic)])
+        refuse_unknown(statistic=(statistic, values))
         return QuantityValue(values[statistic], one.value_unit, statistic=statistic, region=region)
 
     def summary(self) -> str:

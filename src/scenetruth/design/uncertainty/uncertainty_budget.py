@@ -13,7 +13,7 @@ from scenetruth.design.uncertainty.simulation_runs import GROWTH
 from scenetruth.design.uncertainty.source import Mitigation
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.number_format import format_two_digits
-from scenetruth.results import QuantityValue, Result
+from scenetruth.results import QuantityValue, Result, refuse_unknown
 from scenetruth.scoring.quantities import get_title
 
 if TYPE_CHECKING:
@@ -226,12 +226,16 @@ class Budget(Result):
         ArgumentError
             If there is no such contribution; the message lists those that there are.
         """
-        for one in self.parts:
-            if (one.cause, one.quantity, one.region) == (source, quantity, region):
-                return one
-        self.combined(quantity, region)
-        sources = dict.fromkeys(one.cause for one in self.parts)
-        raise ArgumentError([Problem("source", f"must be one of {', '.join(sources)}", source)])
+        refuse_unknown(
+            source=(source, dict.fromkeys(one.cause for one in self.parts)),
+            quantity=(quantity, self.quantities),
+            region=(region, self.regions),
+        )
+        place = (source, quantity, region)
+        matching = [one for one in self.parts if (one.cause, one.quantity, one.region) == place]
+        if not matching:
+            raise ArgumentError([Problem("source", f"has no contribution to {quantity} in region {region}", source)])
+        return matching[0]
 
     def combined(self, quantity: str, region: str = "interior") -> CombinedUncertainty:
         """Return the combined uncertainty of one quantity, and the error of the simulation with all sources.
@@ -241,17 +245,8 @@ class Budget(Result):
         ArgumentError
             If there is no such quantity or region; the message lists those that there are.
         """
-        for one in self.totals:
-            if (one.quantity, one.region) == (quantity, region):
-                return one
-        choices = {"quantity": (quantity, self.quantities), "region": (region, self.regions)}
-        raise ArgumentError(
-            [
-                Problem(name, f"must be one of {', '.join(listed)}", given)
-                for name, (given, listed) in choices.items()
-                if given not in listed
-            ]
-        )
+        refuse_unknown(quantity=(quantity, self.quantities), region=(region, self.regions))
+        return next(one for one in self.totals if (one.quantity, one.region) == (quantity, region))
 
     def value(self, quantity: str, statistic: str = "rmse", *, region: str = "interior") -> QuantityValue:
         """Return the error of a quantity with all sources: simulated, or combined where it was not simulated.
@@ -273,8 +268,7 @@ class Budget(Result):
         ArgumentError
             If none; the message lists those that there are.
         """
-        if statistic != "rmse":
-            raise ArgumentError([Problem("statistic", "must be rmse, the only statistic of a budget", statistic)])
+        refuse_unknown(statistic=(statistic, ["rmse"]))
         one = self.combined(quantity, region)
         return QuantityValue(one.value, one.unit, statistic=statistic, region=region, n=self.draws)
 
