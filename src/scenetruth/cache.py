@@ -25,7 +25,7 @@ _MAX_MB = 1000.0
 _MAGIC = b"scenetruth cache 1\n"
 _DIGEST = hashlib.sha256().digest_size
 _ALIGNMENT = 64
-_SUFFIX, _ASIDE = ".entry", ".aside"
+_SUFFIX, _PARTIAL = ".entry", ".aside"
 # Age at which temporary files of killed writers are removed.
 _ABANDONED_S = 3600.0
 
@@ -136,15 +136,15 @@ def write_entry(key: str, arrays: Arrays) -> None:
         return
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        number, aside = tempfile.mkstemp(suffix=_ASIDE, dir=folder)
+        number, partial = tempfile.mkstemp(suffix=_PARTIAL, dir=folder)
         try:
             with os.fdopen(number, "wb") as file:
                 for piece in _packed(arrays):
                     file.write(piece)
-            os.replace(aside, folder / f"{key}{_SUFFIX}")
+            os.replace(partial, folder / f"{key}{_SUFFIX}")
         except BaseException:
             with contextlib.suppress(OSError):
-                os.unlink(aside)
+                os.unlink(partial)
             raise
         _prune(folder, most)
 
@@ -194,7 +194,7 @@ def _prune(folder: Path, most: float) -> None:
             state = path.stat()
             if path.suffix == _SUFFIX:
                 entries.append((state.st_mtime, state.st_size, path))
-            elif path.suffix == _ASIDE and state.st_mtime < time.time() - _ABANDONED_S:
+            elif path.suffix == _PARTIAL and state.st_mtime < time.time() - _ABANDONED_S:
                 path.unlink()
     total = sum(size for _, size, _ in entries)
     for _, size, path in sorted(entries, key=lambda entry: entry[0]):

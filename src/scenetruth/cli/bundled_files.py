@@ -52,49 +52,51 @@ RECIPES = BundledFiles("recipe", "RECIPE", "dataset run", "datasets", takes_fold
 DESIGNS = BundledFiles("design", "SPEC", "design optimise", "designs")
 
 
-def resolve_file(shelf: BundledFiles, given: Path) -> Path:
+def resolve_file(category: BundledFiles, given: Path) -> Path:
     """Return the file of a command-line argument: an existing path, otherwise a bundled file."""
-    exists = os.path.exists(given) if shelf.takes_folders else os.path.exists(given) and not os.path.isdir(given)
+    exists = os.path.exists(given) if category.takes_folders else os.path.exists(given) and not os.path.isdir(given)
     if exists or not given.name:
         return given
-    bundled = shelf.files()
+    bundled = category.files()
     if given.suffix not in _SUFFIXES and str(given) == given.name:
         if given.name in bundled:
             return bundled[given.name]
         if not os.path.isdir(given):
-            raise _refused(shelf, _unknown(shelf, given.name, list(bundled)), given)
+            raise _refused(category, _unknown(category, given.name, list(bundled)), given)
     elif given.suffix in _SUFFIXES and given.stem in bundled:
-        raise _refused(shelf, f"no such file; use the bundled {shelf.noun} by name: {given.stem}", given)
-    elif given.suffix in _SUFFIXES and (other := _other_category(shelf, given.stem)) is not None:
+        raise _refused(category, f"no such file; use the bundled {category.noun} by name: {given.stem}", given)
+    elif given.suffix in _SUFFIXES and (other := _other_category(category, given.stem)) is not None:
         message = f"no such file; '{given.stem}' is a bundled {other.noun}: {other.call(given.stem)}"
-        raise _refused(shelf, message, given)
+        raise _refused(category, message, given)
     return given
 
 
-def _unknown(shelf: BundledFiles, name: str, bundled: list[str]) -> str:
+def _unknown(category: BundledFiles, name: str, bundled: list[str]) -> str:
     from difflib import get_close_matches
 
-    message = f"no such file, and no bundled {shelf.noun} of this name"
-    if (other := _other_category(shelf, name)) is not None:
+    message = f"no such file, and no bundled {category.noun} of this name"
+    if (other := _other_category(category, name)) is not None:
         message += f"; '{name}' is a bundled {other.noun}: `{other.call(name)}`"
     near = [f"'{match}'" for match in get_close_matches(name.lower(), bundled, n=3)]
-    question = f"; did you mean the {shelf.noun} {' or '.join(near)}?" if near else ";"
-    return f"{message}{question} `scenetruth list {shelf.noun}s` lists all"
+    question = f"; did you mean the {category.noun} {' or '.join(near)}?" if near else ";"
+    return f"{message}{question} `scenetruth list {category.noun}s` lists all"
 
 
-def _other_category(shelf: BundledFiles, name: str) -> BundledFiles | None:
-    return next((other for other in (SCENES, RECIPES, DESIGNS) if other is not shelf and name in other.files()), None)
+def _other_category(category: BundledFiles, name: str) -> BundledFiles | None:
+    return next(
+        (other for other in (SCENES, RECIPES, DESIGNS) if other is not category and name in other.files()), None
+    )
 
 
-def _refused(shelf: BundledFiles, message: str, given: Path) -> Exception:
+def _refused(category: BundledFiles, message: str, given: Path) -> Exception:
     from scenetruth.errors import Problem, RecipeError, SceneError
 
-    kind: type[SceneError | RecipeError] = SceneError if shelf is SCENES else RecipeError
-    if shelf is DESIGNS:
+    kind: type[SceneError | RecipeError] = SceneError if category is SCENES else RecipeError
+    if category is DESIGNS:
         from scenetruth.design.optimisation.design_records import DesignSpecError
 
         kind = DesignSpecError
-    return kind([Problem(shelf.metavar, message, str(given))])
+    return kind([Problem(category.metavar, message, str(given))])
 
 
 _METHODS = Path(__file__).resolve().parents[1] / "estimators" / "methods"
@@ -112,7 +114,7 @@ def method_names(incomplete: str) -> list[str]:
     return _beginning(incomplete, [*own, *offered])
 
 
-def file_completer(shelf: BundledFiles) -> Callable[[str], list[str]]:
+def file_completer(category: BundledFiles) -> Callable[[str], list[str]]:
     """Return the completion of file arguments with names of bundled files; without a result, shells complete paths."""
 
     def complete(incomplete: str) -> list[str]:
@@ -122,7 +124,7 @@ def file_completer(shelf: BundledFiles) -> Callable[[str], list[str]]:
             here = [start + file.name for file in folder.iterdir() if file.suffix in (".yaml", ".yml")]
         except OSError:
             here = []
-        return _beginning(incomplete, [*shelf.files(), *here])
+        return _beginning(incomplete, [*category.files(), *here])
 
     return complete
 

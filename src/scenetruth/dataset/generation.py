@@ -351,8 +351,8 @@ def _message(path: Path) -> str:
         return f"cannot be read: {error}"
 
 
-def _catalogue_missing(shelf: SampleStore, writer: CatalogueWriter, done: set[int]) -> None:
-    for row in shelf.rows(done - list_catalogued(shelf.folder)):
+def _catalogue_missing(store: SampleStore, writer: CatalogueWriter, done: set[int]) -> None:
+    for row in store.rows(done - list_catalogued(store.folder)):
         writer.add(row)
     writer.flush()
 
@@ -362,7 +362,7 @@ class _Work:
     """Collect results of workers; a sample is recorded before its directory is removed."""
 
     places: DatasetFolder
-    shelf: SampleStore
+    store: SampleStore
     writer: CatalogueWriter
     outcome: DatasetRunResult
     total: int
@@ -373,7 +373,7 @@ class _Work:
         self.writer.add({**found.values, "seconds": found.seconds})
         self.places.failure(found.number).unlink(missing_ok=True)
         self.outcome.made += 1
-        write_with_retry(lambda: self.shelf.added(found.number), "a tar file", self.say)
+        write_with_retry(lambda: self.store.added(found.number), "a tar file", self.say)
         self.tell()
 
     def failed(self, found: TaskResult, attempts: int) -> None:

@@ -107,12 +107,12 @@ def lock_output(target: str | Path, claim: Claim = claim_file) -> Iterator[None]
         raise
 
 
-def scratch_path(aside: Path) -> Path:
+def scratch_path(partial: Path) -> Path:
     """Return another temporary path next to that of `write_atomically`; it is cleaned up in the same manner."""
     return (
-        aside.with_name(aside.name.replace(".partial-", ".scratch-"))
-        if ".partial-" in aside.name
-        else (aside.with_name(f".{aside.name}.scratch-{this_writer()}"))
+        partial.with_name(partial.name.replace(".partial-", ".scratch-"))
+        if ".partial-" in partial.name
+        else (partial.with_name(f".{partial.name}.scratch-{this_writer()}"))
     )
 
 

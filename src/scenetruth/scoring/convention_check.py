@@ -491,9 +491,9 @@ def detect_convention_mismatches(
     >>> maps = {"depth": depth, "disparity": 500 / depth, "velocity": still, "flow": still[:2], "mixed": depth < 0}
     >>> truth = label("truth", maps, camera, t=[0])
     >>> estimate = label("estimate", {"depth": 0.001 * depth}, camera, t=[0])
-    >>> [(slip.kind, slip.quantity) for slip in detect_convention_mismatches(estimate, truth)]
+    >>> [(mismatch.kind, mismatch.quantity) for mismatch in detect_convention_mismatches(estimate, truth)]
     [('metres', 'depth')]
-    >>> [slip.kind for slip in detect_convention_mismatches({"depth": -depth[0]}, truth)]
+    >>> [mismatch.kind for mismatch in detect_convention_mismatches({"depth": -depth[0]}, truth)]
     ['sign']
     >>> detect_convention_mismatches(label("estimate", {"depth": 1.01 * depth}, camera, t=[0]), truth)
     []
