@@ -1,0 +1,68 @@
+"""Sheets, saddles and leaves that grow alike, or not alike, along and across."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks.trust import Plain, noise, plane, rig
+
+__all__ = ["SCENES"]
+
+
+def sheet(rate_per_hour: float, share: float | None, *, texture: Plain | None = None, **more: Any) -> Plain:
+    """Return a scene of a growing sheet with its share of growth along X; None for isotropic growth."""
+    growth: Plain = {"kind": "growth", "rate_per_hour": rate_per_hour}
+    if share is not None:
+        growth["along_share"] = share
+    return rig([plane(texture or noise(4, 20), deformation=[growth], **more)])
+
+
+def saddle(rate_per_hour: float, share: float | None, curvature_per_mm: float = 0.01) -> Plain:
+    """Return a scene of a growing saddle."""
+    mesh = {"kind": "saddle", "size_mm": [80, 64], "curvature_per_mm": curvature_per_mm}
+    return sheet(rate_per_hour, share, mesh=mesh)
+
+
+def leaf(rate_per_hour: float, share: float | None, **more: Any) -> Plain:
+    """Return a scene of a leaf that grows faster at its base than at its tip."""
+    growth: Plain = {"kind": "growth", "rate_per_hour": rate_per_hour, "base_to_tip": [1.5, 0.5]}
+    if share is not None:
+        growth["along_share"] = share
+    mesh = {
+        "kind": "leaf", "outline": "ovate", "length_mm": 56, "width_mm": 44, "bend_along_deg": -20,
+        "bend_across_deg": -20, "fold_deg": 15, "resolution_mm": 0.7,
+    }
+    rotations = [{"axis": [0, 1, 0], "angle_deg": 8}, {"axis": [0, 0, 1], "angle_deg": 10}]
+    pose = {"position_mm": [-26, 0, 600], "rotations": rotations}
+    blade = {
+        "name": "leaf", "mesh": mesh, "texture": {"kind": "leaf", "channel": "green"}, "pose": pose,
+        "deformation": [growth], **more,
+    }
+    soil = {
+        "name": "soil", "mesh": {"kind": "plane", "size_mm": [200, 160]}, "pose": {"position_mm": [0, 0, 640]},
+        "texture": noise(4, 24),
+    }
+    return rig([blade, soil], sensor={"noise_std": 0.002})
+
+
+# Rates of several per cent an hour and a minute between frames, as plants have them, and others for clear signals.
+SCENES: dict[str, Plain] = {
+    "sheet 0.7": sheet(0.3, 0.7),
+    "sheet -0.5": sheet(0.3, -0.5),
+    "sheet 2": sheet(0.3, 2.0),
+    "sheet 0.9": sheet(0.3, 0.9),
+    "sheet 0.3, weak": sheet(0.1, 0.3),
+    "sheet 1.5": sheet(0.1, 1.5),
+    "saddle 0.9": saddle(0.3, 0.9),
+    "saddle 0": saddle(0.2, 0.0),
+    "saddle 1.5": saddle(0.2, 1.5),
+    "leaf 0.7": leaf(0.3, 0.7),
+    "leaf 1": leaf(0.15, 1.0),
+    "leaf 0.2": leaf(0.3, 0.2),
+    "isotropic sheet": sheet(0.3, None),
+    "isotropic saddle": saddle(0.2, None),
+    "isotropic leaf": leaf(0.3, None),
+    "isotropic sheet, slow": sheet(0.03, None),
+    "still sheet": sheet(0.0, None),
+    "isotropic sheet, coarse": sheet(0.2, None, texture=noise(8, 40)),
+}
