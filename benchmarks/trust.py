@@ -1,6 +1,6 @@
 """How far the stated standard deviations of a method can be trusted: errors in units of them, scene by scene.
 
-Run it from the top of the repository: ``python -m benchmarks.trust [NAME ...] [--aside] [--kept FILE] [--cache FOLDER]``;
+Run it from the top of the repository: ``python -m benchmarks.trust [NAME ...] [--aside] [--kept FILE] [--cache DIR]``;
 small scenes of 240 x 180 pixels, 5 cameras, 9 frames. Every third scene of a family stands aside (``--aside``): it is
 looked at only to confirm what was chosen on the others. Families are in the modules ``trust_*`` beside this one.
 """
@@ -20,9 +20,9 @@ import benchmarks
 import numpy as np
 import xarray as xr
 from benchmarks.jobs import arguments, ends, heading, line, number
-from scenetruth.scoring.regions import main_regions
 
 import scenetruth as st
+from scenetruth.scoring.regions import main_regions
 
 __all__ = ["Plain", "assess", "family", "list_scenes", "plane", "rig", "simulated"]
 
@@ -86,7 +86,7 @@ def simulated(scene: Plain, cache: str | None) -> tuple[xr.Dataset, xr.Dataset]:
     source = json.dumps(scene, sort_keys=True)
     file = None if cache is None else Path(cache) / f"{hashlib.sha256(source.encode()).hexdigest()[:24]}.pickle"
     if file is not None and file.exists():
-        return pickle.loads(file.read_bytes())  # noqa: S301 - written below
+        return pickle.loads(file.read_bytes())
     recording, truth = st.simulate(scene)
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -29,17 +29,29 @@ def leaf(rate_per_hour: float, share: float | None, **more: Any) -> Plain:
     if share is not None:
         growth["along_share"] = share
     mesh = {
-        "kind": "leaf", "outline": "ovate", "length_mm": 56, "width_mm": 44, "bend_along_deg": -20,
-        "bend_across_deg": -20, "fold_deg": 15, "resolution_mm": 0.7,
+        "kind": "leaf",
+        "outline": "ovate",
+        "length_mm": 56,
+        "width_mm": 44,
+        "bend_along_deg": -20,
+        "bend_across_deg": -20,
+        "fold_deg": 15,
+        "resolution_mm": 0.7,
     }
     rotations = [{"axis": [0, 1, 0], "angle_deg": 8}, {"axis": [0, 0, 1], "angle_deg": 10}]
     pose = {"position_mm": [-26, 0, 600], "rotations": rotations}
     blade = {
-        "name": "leaf", "mesh": mesh, "texture": {"kind": "leaf", "channel": "green"}, "pose": pose,
-        "deformation": [growth], **more,
+        "name": "leaf",
+        "mesh": mesh,
+        "texture": {"kind": "leaf", "channel": "green"},
+        "pose": pose,
+        "deformation": [growth],
+        **more,
     }
     soil = {
-        "name": "soil", "mesh": {"kind": "plane", "size_mm": [200, 160]}, "pose": {"position_mm": [0, 0, 640]},
+        "name": "soil",
+        "mesh": {"kind": "plane", "size_mm": [200, 160]},
+        "pose": {"position_mm": [0, 0, 640]},
         "texture": noise(4, 24),
     }
     return rig([blade, soil], sensor={"noise_std": 0.002})

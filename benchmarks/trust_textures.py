@@ -30,16 +30,25 @@ def plaid(wave_px: float, angle_deg: float) -> Plain:
 
 def checkers(square_px: float, angle_deg: float) -> Plain:
     """Return a scene of a checkerboard."""
-    return turned(
-        {"kind": "checkerboard", "square_mm": square_px * PIXEL_MM, "radiances": [0.3, 0.7]}, angle_deg
-    )
+    return turned({"kind": "checkerboard", "square_mm": square_px * PIXEL_MM, "radiances": [0.3, 0.7]}, angle_deg)
 
 
 SCENES: dict[str, Plain] = {
     **{
         f"stripes {wave:g} px {angle:g} deg": stripes(wave, angle)
         for wave, angle in (
-            (9, 0), (14, 0), (11, 5), (9, 10), (14, 30), (9, 45), (9, 60), (14, 90), (12, 75), (20, 10), (7, 90), (10, 20),
+            (9, 0),
+            (14, 0),
+            (11, 5),
+            (9, 10),
+            (14, 30),
+            (9, 45),
+            (9, 60),
+            (14, 90),
+            (12, 75),
+            (20, 10),
+            (7, 90),
+            (10, 20),
         )
     },
     **{
