@@ -174,7 +174,7 @@ def record_lists(records: Records, checkout: Path) -> None:
         records.put(f"{key} / place", place)
         for suite in ("core", "full"):
             levels = member(case, "values", "levels")(suite)
-            records.put(f"{key} / {suite}", [member(case, "label_of", "level_label")(level) for level in levels])
+            records.put(f"{key} / {suite}", [member(case, "label_of", "get_label")(level) for level in levels])
             records.put(f"{key} / {suite} seeds", member(case, "seeds")[suite])
         records.put(f"{key} / quantities", list(member(case, "quantities")))
         for word in ("title", "question", "varied"):

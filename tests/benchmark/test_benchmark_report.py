@@ -160,7 +160,7 @@ def test_our_own_methods_are_told_from_others() -> None:
 
 def test_values_with_names_are_drawn_at_their_names() -> None:
     case = all_cases()["gallery"]
-    values = [case.value_of(name) for name in ("leaf", "cube", "star")]
+    values = [case.parse_level(name) for name in ("leaf", "cube", "star")]
     found = [
         BenchmarkRecord(case.kind, value, "mine", "disparity", METHOD_VALID, "rmse", 0.1 + value) for value in values
     ]
@@ -171,12 +171,12 @@ def test_values_with_names_are_drawn_at_their_names() -> None:
     assert chart.data[0]["x"] == ["cube", "leaf", "star"]
     assert chart.data[0]["mode"] == "markers"
     assert chart.layout["xaxis"]["categoryarray"] == ["cube", "leaf", "star"]
-    assert f"mine: 0.1 at cube, {case.value_of('star'):g} at star" in chart.alt
+    assert f"mine: 0.1 at cube, {case.parse_level('star'):g} at star" in chart.alt
 
 
 def test_others_that_are_ahead_in_one_scene_or_one_quantity_are_told_too() -> None:
     case = all_cases()["gallery"]
-    leaf, star = case.value_of("leaf"), case.value_of("star")
+    leaf, star = case.parse_level("leaf"), case.parse_level("star")
     figures = {(leaf, "mine"): 0.1, (leaf, "theirs"): 0.2, (star, "mine"): 0.1, (star, "theirs"): 0.05}
     found = [
         BenchmarkRecord(case.kind, value, label, "disparity", pixels, "rmse", number, unit="px")

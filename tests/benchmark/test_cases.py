@@ -76,19 +76,19 @@ def test_unknown_cases_are_named() -> None:
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.kind)
 def test_values_are_named_and_found_by_their_names(case: Case) -> None:
     values = case.values("full")
-    labels = [case.label_of(value) for value in values]
+    labels = [case.get_label(value) for value in values]
     assert len(set(labels)) == len(values)
-    assert [case.value_of(label) for label in labels] == pytest.approx(values, rel=1e-5)
+    assert [case.parse_level(label) for label in labels] == pytest.approx(values, rel=1e-5)
     with pytest.raises(ArgumentError, match="must be"):
-        case.value_of("nothing")
+        case.parse_level("nothing")
 
 
 def test_every_scene_of_the_library_is_in_the_gallery() -> None:
     files = sorted(Path(__file__).parents[2].glob("scenes/*.yaml"))
     case = all_cases()["gallery"]
-    assert [case.label_of(value) for value in case.values("full")] == [file.stem for file in files]
+    assert [case.get_label(value) for value in case.values("full")] == [file.stem for file in files]
     assert case.values("core") == ()
-    scene = case.scene(case.value_of("finite_elements"))
+    scene = case.scene(case.parse_level("finite_elements"))
     # Wherever the comparison runs, and the same bytes everywhere.
     assert Path(scene["objects"][0]["mesh"]["file"]).is_absolute()
     assert scene["render"]["backend"] == "raycast"

@@ -62,9 +62,9 @@ def test_a_writer_is_alive_until_it_ends() -> None:
     # Another process has got the number since.
     assert Writer(this_writer().host, os.getpid(), this_writer().start - 1).is_dead
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    from scenetruth.output.locks import _start_of
+    from scenetruth.output.locks import _read_start_time
 
-    writer = Writer(this_writer().host, child.pid, _start_of(child.pid))
+    writer = Writer(this_writer().host, child.pid, _read_start_time(child.pid))
     assert not writer.is_dead
     child.kill()
     # It counts as dead before anybody has asked for its result.

@@ -35,7 +35,7 @@ def plain_maps(
         "depth": depth,
         "velocity": velocity.T,
         "disparity": camera.focal_px * baseline / depth,
-        "flow": camera.flow_of(directions, rates).T,
+        "flow": camera.compute_flow(directions, rates).T,
         "normal": viewpoint.directions_to_camera(normal).T,
         "object_id": np.where(seen, body, -1),
         "face_id": np.where(seen, hits.face - world.face_offsets[body], -1),

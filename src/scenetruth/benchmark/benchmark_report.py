@@ -65,7 +65,7 @@ def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float]
                 continue
             seen.add(kind)
             good = f"{100 * share:.0f} % of {quantity} within {INLIER_PX:g} px"
-            title = f"{case.title}, {case.varied} = {case.label_of(value)}: {good}"
+            title = f"{case.title}, {case.varied} = {case.get_label(value)}: {good}"
             words = f"Image of the reference camera and the errors of {one.quantity} by {label}; {title}."
             pictures.append(WorstRegion(label, title, words, _drawn(one, label)))
     return pictures
@@ -145,7 +145,7 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     table = [
         [
             row.method,
-            case.label_of(row.level),
+            case.get_label(row.level),
             row.quantity,
             row.pixels,
             row.statistic,
@@ -169,7 +169,7 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
         "table": table,
         "concluded": concluded,
         "again": shlex.join(again),
-        "values": ", ".join(map(case.label_of, values)),
+        "values": ", ".join(map(case.get_label, values)),
     }
 
 

@@ -63,7 +63,7 @@ class Ranking:
                 # Undefined values are excluded from the median.
                 there = [one for one in figures if not math.isnan(one)]
                 numbers[label] = statistics.median(there) if there else math.nan
-        label = "" if value is None else case.label_of(value)
+        label = "" if value is None else case.get_label(value)
         return RankedMethod(case, quantity, statistic, label, rows[0].unit, numbers) if numbers else None
 
 
@@ -134,7 +134,7 @@ class BenchmarkResult(Result):
 
         frame = pd.DataFrame([asdict(row) for row in self.rows], columns=list(BenchmarkRecord.__dataclass_fields__))
         cases = {case.kind: case for case in self.cases}
-        labels = [cases[row.case].label_of(row.level) if math.isfinite(row.level) else "" for row in self.rows]
+        labels = [cases[row.case].get_label(row.level) if math.isfinite(row.level) else "" for row in self.rows]
         frame.insert(frame.columns.get_loc("level") + 1, "label", pd.Series(labels, dtype=object))
         return frame
 
@@ -171,7 +171,7 @@ class BenchmarkResult(Result):
         """
         place = level
         if isinstance(level, str):
-            place = next((one.value_of(level) for one in self.cases if one.kind == case), math.nan)
+            place = next((one.parse_level(level) for one in self.cases if one.kind == case), math.nan)
         for row in self.rows:
             if (row.case, row.method, row.quantity, row.statistic, row.pixels) == (
                 *(case, method, quantity, statistic),

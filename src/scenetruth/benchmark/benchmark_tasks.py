@@ -68,7 +68,7 @@ def list_design_points(
     """Return the design points of cases."""
     found = []
     for case in cases:
-        chosen = tuple(case.value_of(value) for value in (case.values(suite) if values is None else values))
+        chosen = tuple(case.parse_level(value) for value in (case.values(suite) if values is None else values))
         groups = [chosen] if case.one_scene else [(value,) for value in chosen]
         chosen_seeds = tuple(range(case.seeds[suite]) if seeds is None else seeds)
         found += [DesignPoint(case.kind, group, chosen_seeds) for group in groups]

@@ -161,7 +161,7 @@ class DesignPoint:
     @property
     def name(self) -> str:
         """The name of its file."""
-        return "all" if len(self.values) > 1 else all_cases()[self.case].label_of(self.values[0])
+        return "all" if len(self.values) > 1 else all_cases()[self.case].get_label(self.values[0])
 
 
 @dataclass

@@ -62,7 +62,7 @@ def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[st
     values = errors[kept]
     if not values.size:
         return {}
-    blocks, number = _blocks_of(kept)
+    blocks, number = _number_blocks(kept)
     median = float(np.median(np.abs(values)))
     count = np.bincount(blocks, minlength=number).astype(np.float64)
     sums = [np.bincount(blocks, each, number).astype(np.float64) for each in (values, values**2)]
@@ -81,7 +81,7 @@ def compute_interval_statistics(errors: Map, kept: NDArray[np.bool_]) -> dict[st
     return found
 
 
-def _blocks_of(kept: NDArray[np.bool_]) -> tuple[NDArray[np.intp], int]:
+def _number_blocks(kept: NDArray[np.bool_]) -> tuple[NDArray[np.intp], int]:
     """Return the block index of every evaluated pixel, and the number of non-empty blocks."""
     seed, y, x = np.nonzero(kept)
     wide = kept.shape[2] // BLOCK_PX + 1
@@ -148,7 +148,7 @@ def compute_statistic_records(case: Case, value: float, found: Sequence[CaseEsti
         errors, entries, std = _stacks(found, quantity, region)
         common = np.logical_and.reduce(list(entries.values())) if entries else np.zeros(0, dtype=bool)
         for label, known in entries.items():
-            rows = _rows_of(errors[label], known, common, region, std.get(label), alone=len(entries) == 1)
+            rows = _compute_rows(errors[label], known, common, region, std.get(label), alone=len(entries) == 1)
             for pixels, statistic, size, at in rows:
                 unit = "1" if statistic in _SHARES else get_units(quantity)
                 if quantity in _IN_PX or statistic != "inlier_rate":
@@ -197,7 +197,7 @@ def _stacks(
     )
 
 
-def _rows_of(
+def _compute_rows(
     errors: Map, known: Mask, common: Mask, region: Mask, std: Map | None, *, alone: bool
 ) -> Iterator[tuple[str, str, IntervalStatistic, float]]:
     """Yield (pixels, statistic, value, threshold) of one method and quantity."""

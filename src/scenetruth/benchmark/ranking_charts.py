@@ -225,7 +225,7 @@ def _confidence(found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkReco
         y = f"{y}, {get_units(quantity)}"
     layout = {
         "title": {
-            "text": f"{get_title(quantity)}: {title.lower()}<br><sub>at {case.varied} = {case.label_of(value)}</sub>"
+            "text": f"{get_title(quantity)}: {title.lower()}<br><sub>at {case.varied} = {case.get_label(value)}</sub>"
         },
         "xaxis": {"title": {"text": x}},
         "yaxis": {"title": {"text": y}, "rangemode": "tozero"},
@@ -279,13 +279,13 @@ def _format_place(place: float | str) -> str:
 
 def _place(case: Case, value: float) -> float | str:
     """Return the axis position of a level: its name, if it has one."""
-    return case.label_of(value) if case.labels() else value
+    return case.get_label(value) if case.labels() else value
 
 
 def _axis(case: Case, rows: Sequence[BenchmarkRecord]) -> dict[str, Any]:
     if case.labels():
         values = sorted({row.level for row in rows if math.isfinite(row.level)})
-        names = [case.label_of(value) for value in values]
+        names = [case.get_label(value) for value in values]
         return {"type": "category", "categoryorder": "array", "categoryarray": names}
     return {"type": "log" if case.logarithmic else "linear"}
 

@@ -226,7 +226,7 @@ def _unfit(case: Case, suite: str, values: Sequence[float | str] | None) -> Iter
     else:
         for value in values:
             try:
-                case.value_of(value)
+                case.parse_level(value)
             except ArgumentError as error:
                 yield from error.problems
 

@@ -188,7 +188,7 @@ def _sums(
 
     found = {}
     for (k, m), n in index_pairs(model.fields).items():
-        degree = model.degree_of(k) + model.degree_of(m)
+        degree = model.get_degree(k) + model.get_degree(m)
         for j in range(degree + 1):
             along = correlate1d(products[n], weights[j], axis=1, mode="constant")[:, chosen[1]]
             for i in range(degree + 1 - j):
@@ -206,8 +206,8 @@ def normal_matrix(sums: dict[tuple[int, int, int], Map], columns: Columns, model
     pairs = index_pairs(model.fields)
 
     def full(p: int, q: int) -> Map:
-        one, other = sorted((model.field_of(p), model.field_of(q)))
-        (x, y), (more_x, more_y) = model.powers_of(p), model.powers_of(q)
+        one, other = sorted((model.get_field(p), model.get_field(q)))
+        (x, y), (more_x, more_y) = model.get_powers(p), model.get_powers(q)
         return sums[pairs[one, other], x + more_x, y + more_y]
 
     count = len(columns)

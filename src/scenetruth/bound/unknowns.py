@@ -73,20 +73,20 @@ class WindowUnknowns:
         """Number of parameters of a window."""
         return _PER_FIELD * (self.fields - self.brightness) + self.brightness
 
-    def field_of(self, parameter: int) -> int:
+    def get_field(self, parameter: int) -> int:
         """Return the field of a parameter."""
         several = self.fields - self.brightness
         own = parameter // _PER_FIELD
         return own if own < several else several + parameter - _PER_FIELD * several
 
-    def powers_of(self, parameter: int) -> tuple[int, int]:
+    def get_powers(self, parameter: int) -> tuple[int, int]:
         """Return the powers of the distance along x and y by which a parameter is multiplied."""
         if parameter >= _PER_FIELD * (self.fields - self.brightness):
             return 0, 0
         side = parameter % _PER_FIELD
         return int(side == 1), int(side == 2)
 
-    def degree_of(self, field: int) -> int:
+    def get_degree(self, field: int) -> int:
         """Return the highest power of the distance in a field."""
         if field == 0:
             return int(self.surface == "plane")

@@ -263,7 +263,7 @@ class Camera(FrozenModel):
         normalised = np.stack([(points[..., 0] - camera_x_mm) / z, points[..., 1] / z], axis=-1)
         return np.asarray(self.focal_px * self.distortion.distort(normalised) + self.principal_point)
 
-    def flow_of(self, directions: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def compute_flow(self, directions: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Convert rates of X / Z and Y / Z, (n, 2), at ray directions, (n, 3), into optical flow in px, distorted."""
         if self.distortion is None:
             return self.focal_px * rates

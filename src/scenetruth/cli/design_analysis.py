@@ -59,7 +59,7 @@ def budget(
         found = make_budget(
             loaded,
             output=output,
-            method=_method_of(loaded, method, chosen) if chosen else method,
+            method=_select_method(loaded, method, chosen) if chosen else method,
             calibration=known,
             seeds=design_options.read_seeds(seeds) or 4,
             simulated_share=simulated_share,
@@ -80,7 +80,7 @@ def budget(
         raise typer.Exit(1)
 
 
-def _method_of(scene: Scene, method: str | None, settings: Mapping[str, Any]) -> MethodSpec:
+def _select_method(scene: Scene, method: str | None, settings: Mapping[str, Any]) -> MethodSpec:
     from scenetruth.estimators import MethodSpec
 
     if method is not None and method != scene.estimate.method:

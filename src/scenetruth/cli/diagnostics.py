@@ -78,7 +78,7 @@ def check_packages() -> list[DoctorCheck]:
     if not needed:
         told = "requirements are unknown, because scenetruth is run from its sources without installation"
         return [DoctorCheck("packages", "needed", "missing", told, "pip install . or make setup")]
-    wrong = [(one, problem) for one in needed if (problem := _problem_of(one))]
+    wrong = [(one, problem) for one in needed if (problem := _find_problem(one))]
     found = [
         DoctorCheck("packages", one.name, "broken", problem, f"pip install '{one.name}{one.specifier}'", needed=True)
         for one, problem in wrong
@@ -92,7 +92,7 @@ def check_extras() -> list[DoctorCheck]:
     found = []
     for extra, brings in EXTRAS.items():
         wanted = _requirements(extra)
-        problems = [problem for one in wanted if (problem := _problem_of(one))]
+        problems = [problem for one in wanted if (problem := _find_problem(one))]
         there = [f"{one.name} {version}" for one in wanted if (version := _version(one.name))]
         missing = bool(problems) or not wanted
         told = f"{brings}: {', '.join([*problems, *([] if problems else there)])}"
@@ -115,10 +115,10 @@ def _requirements(extra: str) -> list[Requirement]:
         lines = metadata.requires("scenetruth") or []
     except metadata.PackageNotFoundError:
         return []
-    return [one for one in map(Requirement, lines) if extra in _extras_of(one)]
+    return [one for one in map(Requirement, lines) if extra in _list_extras(one)]
 
 
-def _extras_of(requirement: Requirement) -> Iterator[str]:
+def _list_extras(requirement: Requirement) -> Iterator[str]:
     """Yield the extras of a requirement; the empty name if it is a base requirement."""
     marker = requirement.marker
     for extra in ("", *EXTRAS):
@@ -133,7 +133,7 @@ def _version(name: str) -> str:
         return ""
 
 
-def _problem_of(requirement: Requirement) -> str:
+def _find_problem(requirement: Requirement) -> str:
     version = _version(requirement.name)
     if not version:
         return f"{requirement.name} is not installed"

@@ -137,7 +137,7 @@ def _cases() -> list[dict[str, Any]]:
     rows = []
     for case in all_cases().values():
         suite = "core" if case.core else "full"
-        levels = [str(case.label_of(value)) for value in case.values(suite)]
+        levels = [str(case.get_label(value)) for value in case.values(suite)]
         rows.append(
             {
                 "name": case.kind,

@@ -518,7 +518,7 @@ class TableDistribution(IndexedDistribution):
         try:
             if regular_file_size(Path(self.file)) > _MAX_BYTES:
                 return [Problem("file", f"has more than {_MAX_BYTES:,} bytes", self.file)]
-            columns = _columns_of(self.file)
+            columns = _read_columns(self.file)
         except (OSError, ValueError, csv.Error) as error:
             entries = getattr(error, "strerror", None) or error
             return [Problem("file", f"cannot be read: {entries}", self.file)]
@@ -529,11 +529,11 @@ class TableDistribution(IndexedDistribution):
         return []
 
     def _values(self) -> tuple[Any, ...]:
-        return _columns_of(self.file)[self.column]
+        return _read_columns(self.file)[self.column]
 
 
 @lru_cache(maxsize=16)
-def _columns_of(file: str) -> dict[str, tuple[Any, ...]]:
+def _read_columns(file: str) -> dict[str, tuple[Any, ...]]:
     with Path(file).open(newline="", encoding="utf-8-sig") as stream:
         lines = [line for line in csv.reader(stream, strict=True) if line]
     if not lines:

@@ -379,13 +379,13 @@ class _Work:
     def failed(self, found: TaskResult, attempts: int) -> None:
         failure: dict[str, Any] = {**found.failure, "attempts": attempts}
         failure.setdefault("again", f"scenetruth dataset sample {self.places.recipe} {found.number} -o sample")
-        write_with_retry(lambda: self._tell_of(found.number, failure), "what went wrong", self.say)
+        write_with_retry(lambda: self._write_failure(found.number, failure), "what went wrong", self.say)
         self.outcome.failed.append(found.number)
         lines = str(failure["message"]).splitlines()
         self.say(f"sample {found.number} failed: {lines[0] if len(lines) == 1 else ' '.join(lines[:3])}")
         self.tell()
 
-    def _tell_of(self, number: int, failure: Mapping[str, Any]) -> None:
+    def _write_failure(self, number: int, failure: Mapping[str, Any]) -> None:
         self.places.failed.mkdir(exist_ok=True)
         with write_atomically(self.places.failure(number), overwrite=True) as partial:
             partial.write_text(json.dumps(failure, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

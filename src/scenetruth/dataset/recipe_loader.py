@@ -99,7 +99,7 @@ class Recipe(RecipeModel):
         try:
             recipe = cls.model_validate(dict(values), context=validation_context(folder))
         except ValidationError as error:
-            problems = [*_problems_of(error, values), *_missing_bases(values, folder)]
+            problems = [*_build_problems(error, values), *_missing_bases(values, folder)]
             raise RecipeError(problems, source=source) from error
         for where, entry in [(f"parameters.{key}", item) for key, item in recipe.parameters.items()] + [
             (f"distributions.{key}", item) for key, item in recipe.distributions.items()
@@ -236,7 +236,7 @@ def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     return Scene.from_dict(plain)
 
 
-def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> Sequence[Problem]:
+def _build_problems(error: ValidationError, plain: Mapping[str, Any]) -> Sequence[Problem]:
     found: dict[tuple[str, str], Problem] = {}
     for entry in error.errors(include_url=False)[:_MAX_LISTED]:
         path = _path_in(plain, entry["loc"])

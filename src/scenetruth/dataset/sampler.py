@@ -171,11 +171,11 @@ class Sampler:
 
     def attempt(self, draw: int, attempt: int) -> Draw:
         """Return one draw of a sample before the acceptance test."""
-        base = self._base_of(draw, attempt)
+        base = self._draw_base(draw, attempt)
         values: dict[str, Any] = {}
         named: dict[str, Any] = {}
         for item in self._order:
-            value = self._value_of(item, draw, attempt, named)
+            value = self._compute_value(item, draw, attempt, named)
             values[item.key] = value
             named |= {item.key: value, **({item.name: value} if item.name else {})}
         values = {item.key: values[item.key] for item in self.varied}
@@ -183,13 +183,13 @@ class Sampler:
         if self.recipe.scene_seed == "per_sample" and "seed" not in values:
             plain["seed"] = int(generator_for(self.recipe.seed, "scene", draw, attempt).integers(2**63))
         number = draw * self.recipe.steps
-        return Draw(number, draw, 0, "", base, values, attempt + 1, (), self._split_of(draw, named), plain)
+        return Draw(number, draw, 0, "", base, values, attempt + 1, (), self._draw_split(draw, named), plain)
 
     def middle(self, base: int) -> dict[str, Any]:
         """Return a scene as plain values, with every varied field at the centre of its distribution."""
         named: dict[str, Any] = {}
         for item in self._order:
-            named[item.key] = value = self._middle_of(item, named)
+            named[item.key] = value = self._get_middle_value(item, named)
             if item.name:
                 named[item.name] = value
         return self._scene_with(base, {item.key: named[item.key] for item in self.varied})
@@ -259,7 +259,7 @@ class Sampler:
                 self._put(plain, place, values[item.key])
         return plain
 
-    def _base_of(self, draw: int, attempt: int) -> int:
+    def _draw_base(self, draw: int, attempt: int) -> int:
         weights = [base.weight for base in self.recipe.base]
         at = generator_for(self.recipe.seed, "base", draw, attempt).random() * math.fsum(weights)
         for place, weight in enumerate(weights):
@@ -268,25 +268,25 @@ class Sampler:
                 return place
         return len(weights) - 1
 
-    def _value_of(self, item: VariedField, draw: int, attempt: int, named: Mapping[str, Any]) -> Any:
+    def _compute_value(self, item: VariedField, draw: int, attempt: int, named: Mapping[str, Any]) -> Any:
         distribution = item.distribution
         if isinstance(distribution, RandomDistribution):
             return distribution.value(self._uniforms.of(item.key, distribution, draw, attempt))
         if isinstance(distribution, IndexedDistribution):
-            return distribution.value(self._place_of(item, draw) % len(distribution))
+            return distribution.value(self._compute_value_index(item, draw) % len(distribution))
         assert isinstance(distribution, DerivedDistribution)
         try:
             return distribution.value(named)
         except ValueError as error:
             raise SceneError([Problem(item.where, str(error))]) from error
 
-    def _middle_of(self, item: VariedField, named: Mapping[str, Any]) -> Any:
+    def _get_middle_value(self, item: VariedField, named: Mapping[str, Any]) -> Any:
         distribution = item.distribution
         if isinstance(distribution, RandomDistribution):
             return distribution.middle
-        return self._value_of(item, 0, 0, named)
+        return self._compute_value(item, 0, 0, named)
 
-    def _place_of(self, item: VariedField, draw: int) -> int:
+    def _compute_value_index(self, item: VariedField, draw: int) -> int:
         own = item.distribution
         assert isinstance(own, IndexedDistribution)
         if not own.period:
@@ -298,7 +298,7 @@ class Sampler:
                 draw //= len(other.distribution)
         return draw
 
-    def _split_of(self, draw: int, named: Mapping[str, Any]) -> str:
+    def _draw_split(self, draw: int, named: Mapping[str, Any]) -> str:
         recipe = self.recipe
         for key, wanted in recipe.hold_out.items():
             if any(named[one] == value for one in self._held[key] for value in wanted):

@@ -30,7 +30,7 @@ def compute_code_fingerprint(method: Any) -> str:
     found = find_method(method)
     named = method.partition(":")[0] if isinstance(method, str) and ":" in method else ""
     files, texts = set[Path](), list[str]()
-    code = _code_of(found)
+    code = _find_defining_code(found)
     for module in dict.fromkeys([named, getattr(code, "__module__", "")]):
         file = getattr(sys.modules.get(module), "__file__", None)
         if file and is_user_file(file):
@@ -38,7 +38,7 @@ def compute_code_fingerprint(method: Any) -> str:
             files.update(mine)
             texts += [secrets.token_hex()] if _is_outdated(module, mine) else []
         elif module and not file and module not in sys.builtin_module_names:
-            texts.append(_text_of(code))
+            texts.append(_read_source_text(code))
     if isinstance(found, CommandMethod):
         for file in found.named_files():
             files.update(with_imported(file))
@@ -47,7 +47,7 @@ def compute_code_fingerprint(method: Any) -> str:
     if not files and not texts:
         return ""
     values = hashlib.sha256()
-    for piece in sorted(_hash_of(file) for file in files):
+    for piece in sorted(_compute_file_hash(file) for file in files):
         values.update(piece)
     for text in texts:
         values.update(hashlib.sha256(text.encode("utf-8", "backslashreplace")).digest())
@@ -59,7 +59,7 @@ _LOADED: dict[str, tuple[Any, list[bytes]]] = {}
 
 def _is_outdated(module: str, files: list[Path]) -> bool:
     """Return whether files have changed since their module was loaded: its results must then not be reused."""
-    pieces = [_hash_of(file) for file in files]
+    pieces = [_compute_file_hash(file) for file in files]
     spec = getattr(sys.modules.get(module), "__spec__", None)
     seen, before = _LOADED.get(module, (None, []))
     if spec is None or spec is not seen:
@@ -68,7 +68,7 @@ def _is_outdated(module: str, files: list[Path]) -> bool:
     return pieces != before
 
 
-def _code_of(found: Any) -> Any:
+def _find_defining_code(found: Any) -> Any:
     """Return the function or class that defines a method."""
     code = found.function if isinstance(found, FunctionMethod) else found
     while isinstance(code, functools.partial):
@@ -78,7 +78,7 @@ def _code_of(found: Any) -> Any:
     return code if hasattr(code, "__qualname__") else type(code)
 
 
-def _text_of(code: Any) -> str:
+def _read_source_text(code: Any) -> str:
     try:
         return inspect.getsource(code)
     except (OSError, TypeError):
@@ -97,7 +97,7 @@ def _pieces(code: Any) -> Iterator[str]:
         yield from _pieces(one) if inspect.iscode(one) else plain
 
 
-def _hash_of(file: Path) -> bytes:
+def _compute_file_hash(file: Path) -> bytes:
     # File names are excluded: a folder may be moved.
     try:
         with file.open("rb") as opened:

@@ -160,7 +160,7 @@ def find_method(name: object) -> Estimator:
     if name in _OFFERED:
         return _OFFERED[name]
     if ":" in name:
-        return _made(_attribute_of(name), name)
+        return _made(_load_attribute(name), name)
     # A plugin cannot override a built-in method, whose name therefore needs no search of the installed packages.
     entries = [entry for entry in _own_entries() if entry.name == name]
     entries = entries or [entry for entry in list_methods() if entry.name == name]
@@ -227,10 +227,10 @@ def _name_problem(name: str, names: list[str], taken: set[str]) -> str:
     return ""
 
 
-def _attribute_of(path: str) -> Any:
+def _load_attribute(path: str) -> Any:
     module, _, attribute = path.partition(":")
     if module.endswith(".py"):
-        raise _refused(f"names a file, not a module; omit .py: {_module_of(module)}:{attribute}", path)
+        raise _refused(f"names a file, not a module; omit .py: {_derive_module_name(module)}:{attribute}", path)
     try:
         with _searched(os.getcwd()):
             return getattr(importlib.import_module(module), attribute)
@@ -249,11 +249,11 @@ def _file_hint(name: str) -> str:
     dotted = _DOTTED.fullmatch(name) is not None
     if not name.endswith(".py") and not (dotted and Path(f"{name.replace('.', '/')}.py").is_file()):
         return ""
-    module = _module_of(name) if name.endswith(".py") else name
+    module = _derive_module_name(name) if name.endswith(".py") else name
     return f"no such method; specify a function with its module: {module}:FUNCTION"
 
 
-def _module_of(file: str) -> str:
+def _derive_module_name(file: str) -> str:
     """Return the import name of the module in a file, relative to the current folder."""
     path = Path(file).with_suffix("")
     if path.is_absolute() and path.is_relative_to(Path.cwd()):
@@ -458,7 +458,7 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
         return method.settings.model_validate(dict(fields))
     except ValidationError as error:
         values: dict[str, list[Problem]] = {}
-        for problem in (_problem_of(entry, method) for entry in error.errors(include_url=False)[:_MAX_PROBLEMS]):
+        for problem in (_build_problem(entry, method) for entry in error.errors(include_url=False)[:_MAX_PROBLEMS]):
             values.setdefault(problem.path, []).append(problem)
         # For a setting that may be a number or a word, pydantic reports an error for each alternative.
         problems = [
@@ -472,7 +472,7 @@ _MAX_PROBLEMS = 100
 """Largest number of invalid settings that are reported, because the search for similar names takes time."""
 
 
-def _problem_of(entry: Any, method: Estimator) -> Problem:
+def _build_problem(entry: Any, method: Estimator) -> Problem:
     keys = [str(key) for key in entry["loc"]]
     path = ".".join(key for key in keys if not key.startswith(_UNION_TYPES) and key not in _UNION_MEMBERS)
     message, value = entry["msg"].removeprefix("Value error, "), entry.get("input")

@@ -74,15 +74,15 @@ def _imported(file: Path, root: Path) -> Iterator[Path]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield from _files_of(alias.name.split("."), {file.parent, root})
+                yield from _list_defining_files(alias.name.split("."), {file.parent, root})
         elif isinstance(node, ast.ImportFrom):
             folders = {file.parents[node.level - 1]} if 0 < node.level <= len(file.parents) else {file.parent, root}
             parts = node.module.split(".") if node.module else []
             for alias in node.names:
-                yield from _files_of([*parts, alias.name], folders)
+                yield from _list_defining_files([*parts, alias.name], folders)
 
 
-def _files_of(parts: list[str], folders: set[Path]) -> Iterator[Path]:
+def _list_defining_files(parts: list[str], folders: set[Path]) -> Iterator[Path]:
     """Yield the existing files that define a dotted name: those of its packages and its own."""
     for folder in folders:
         for count in range(len(parts) + 1):
@@ -125,7 +125,7 @@ class FunctionMethod(Method):
         if any(item.kind in endless for item in rest):
             msg = "has variadic parameters; name each setting, so that it can be validated"
             raise TypeError(msg)
-        hints = _hints_of(function)
+        hints = _get_type_hints(function)
         self._takes_progress = any(item.name == "progress" for item in rest)
         fields: dict[str, Any] = {
             item.name: (hints.get(item.name, Any), Field(... if item.default is item.empty else item.default))
@@ -162,7 +162,7 @@ def _reject_unknown_quantities(found: Mapping[Any, Any]) -> None:
         raise EstimateError(problems)
 
 
-def _hints_of(function: Callable[..., Any]) -> dict[str, Any]:
+def _get_type_hints(function: Callable[..., Any]) -> dict[str, Any]:
     try:
         return get_type_hints(function)
     except Exception:  # annotations may refer to names that exist only for type checkers

@@ -176,7 +176,7 @@ class Kitti(FlowOptions, PairOptions, PictureOptions):
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write the files of every frame except the last."""
-        pair = self.pair_of(source)
+        pair = self.get_pair(source)
         lost = 0
         for number, t in enumerate(source.pairs_of_frames):
             name = f"{number:06d}"
@@ -355,7 +355,7 @@ class Spring(FlowOptions, PairOptions, PictureOptions):
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write all frames."""
-        pair, recorded = self.pair_of(source), source.recording["t"].values.tolist()
+        pair, recorded = self.get_pair(source), source.recording["t"].values.tolist()
         for number, t in enumerate(source.frames, start=1):
             for side, s in (("left", pair.left), ("right", pair.right)):
                 name = f"frame_{side}"

@@ -125,7 +125,7 @@ class PairOptions(ExportFormat):
         if "depth" not in source.maps and "disparity" not in source.maps:
             yield Problem("depth", "is missing, and disparity too; disparities need one of them")
 
-    def pair_of(self, source: ExportSource) -> CameraPair:
+    def get_pair(self, source: ExportSource) -> CameraPair:
         """Return the pair of data without problems."""
         pair = source.pair(self.left)
         if isinstance(pair, Problem):
@@ -134,9 +134,7 @@ class PairOptions(ExportFormat):
 
     def pair_notes(self, source: ExportSource) -> list[str]:
         """Return notes on deviations of a pair from its nominal geometry."""
-        return [
-            f"{problem.path}: {problem.message.split(';')[0]}" for problem in _differences(source, self.pair_of(source))
-        ]
+        return [f"{item.path}: {item.message.split(';')[0]}" for item in _differences(source, self.get_pair(source))]
 
 
 def _differences(source: ExportSource, pair: CameraPair) -> Iterator[Problem]:

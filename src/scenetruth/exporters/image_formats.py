@@ -213,7 +213,7 @@ class Pfm(PairOptions, PictureOptions):
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write one directory per frame."""
-        pair = self.pair_of(source)
+        pair = self.get_pair(source)
         for t in source.frames:
             place = folder / f"t{t:+d}"
             for number, s in enumerate((pair.left, pair.right)):

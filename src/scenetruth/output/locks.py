@@ -40,12 +40,12 @@ class Writer:
     @property
     def is_dead(self) -> bool:
         """Whether the process has ended; False for processes of other machines."""
-        return self.host == _host() and _start_of(self.process) != self.start
+        return self.host == _host() and _read_start_time(self.process) != self.start
 
 
 def this_writer() -> Writer:
     """Return the current process."""
-    return Writer(_host(), os.getpid(), _start_of(os.getpid()))
+    return Writer(_host(), os.getpid(), _read_start_time(os.getpid()))
 
 
 def written_by(name: str) -> tuple[str, Writer] | None:
@@ -62,7 +62,7 @@ def _host() -> str:
     return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
 
 
-def _start_of(process: int) -> int:
+def _read_start_time(process: int) -> int:
     """Return the start time of a process, 0 where unavailable, -1 if there is no such process."""
     try:
         # The second field, the name of the program, may contain spaces and parentheses.

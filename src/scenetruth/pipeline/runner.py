@@ -235,10 +235,10 @@ class PipelineRunner:
 
         files = self.folder.paths(method)
         if self._has(method, files.estimate, files.score_json, files.score_csv):
-            self._score_of(method)
+            self._load_score(method)
             return
         self._refuse_existing(files.score_json, files.score_csv)
-        estimated, truth = self._estimate_of(method), self.truth
+        estimated, truth = self._load_estimate(method), self.truth
         if truth is None:
             raise StoreError(self.folder.truth, "no such store: scoring needs a truth")
         self._refuse_resources("score")
@@ -279,14 +279,14 @@ class PipelineRunner:
         from scenetruth.scoring.report.score_report import matches_fingerprint, write_report_with
 
         files = self.folder.paths(method)
-        made_of = self._made_of(files, figures, figures_also)
+        made_of = self._compute_report_digest(files, figures, figures_also)
         if not self.overwrite and files.figures.is_dir() and matches_fingerprint(files.report, made_of):
             self._say(f"{files.report} is up to date")
             return
         self._refuse_existing(files.report, files.figures)
         self._refuse_resources("report")
-        estimated, truth = self._estimate_of(method), self.truth
-        scored = None if truth is None else self._score_of(method)
+        estimated, truth = self._load_estimate(method), self.truth
+        scored = None if truth is None else self._load_score(method)
         parts = {str(self.folder.recording): self.recording.attrs, str(files.estimate): estimated.attrs}
         if truth is not None and scored is not None:
             parts |= {str(self.folder.truth): truth.attrs, str(files.score_json): dict(scored.metadata)}
@@ -321,7 +321,7 @@ class PipelineRunner:
                 picture.rename(made / picture.name)
             (made / "figures").rmdir()
 
-    def _made_of(self, files: MethodPaths, figures: Collection[str] | None, also: Collection[str]) -> str:
+    def _compute_report_digest(self, files: MethodPaths, figures: Collection[str] | None, also: Collection[str]) -> str:
         stores = [store for store in (self.folder.recording, self.folder.truth, files.estimate) if store.exists()]
         seals = [open_store_files(store).read("zarr.json").decode(errors="replace") for store in stores]
         scored = files.score_json.read_bytes().hex() if files.score_json.exists() else None
@@ -340,12 +340,12 @@ class PipelineRunner:
         }
         return lambda name: helper.draw(name, stores, folder)
 
-    def _estimate_of(self, method: str) -> xr.Dataset:
+    def _load_estimate(self, method: str) -> xr.Dataset:
         if method not in self._estimates:
             self._estimates[method] = open_store(self.folder.paths(method).estimate, kind="estimate")
         return self._estimates[method]
 
-    def _score_of(self, method: str) -> Score:
+    def _load_score(self, method: str) -> Score:
         from scenetruth.scoring import Score
 
         if method not in self.scores:

@@ -38,7 +38,7 @@ class Machine:
 def inspect_machine(output: Path) -> Machine:
     """Return the resources of this machine."""
     free = free_memory_bytes()
-    pages = _text_of(_MINE / "statm").split()
+    pages = _read_text(_MINE / "statm").split()
     memory = free if free is None or len(pages) < 2 else free + int(pages[1]) * os.sysconf("SC_PAGE_SIZE")
     return Machine(memory, free_disk_bytes(output), processors(), unwritable_folder(output))
 
@@ -87,7 +87,7 @@ def free_memory_bytes(mine: Path = _MINE, memory: Path = _MEMORY, groups: Path =
     """Return the memory still available to this process, by all limits."""
     found = [
         _available(memory),
-        *(_left_in(folder) for folder in _groups_of(mine, groups)),
+        *(_left_in(folder) for folder in _list_groups(mine, groups)),
         _left_of_address_space(mine),
     ]
     known = [value for value in found if value is not None]
@@ -95,17 +95,17 @@ def free_memory_bytes(mine: Path = _MINE, memory: Path = _MEMORY, groups: Path =
 
 
 def _available(memory: Path) -> int | None:
-    for line in _text_of(memory).splitlines():
+    for line in _read_text(memory).splitlines():
         name, _, rest = line.partition(":")
         if name == "MemAvailable" and rest.split():
             return int(rest.split()[0]) * 1024
     return None
 
 
-def _groups_of(mine: Path, groups: Path) -> list[tuple[Path, str, str, str]]:
+def _list_groups(mine: Path, groups: Path) -> list[tuple[Path, str, str, str]]:
     """Return memory control groups: folder, file of the limit, file of the usage, key of the reclaimable pages."""
     found = []
-    for line in _text_of(mine / "cgroup").splitlines():
+    for line in _read_text(mine / "cgroup").splitlines():
         number, _, rest = line.partition(":")
         controllers, _, place = rest.partition(":")
         if number == "0" and not controllers:
@@ -122,11 +122,11 @@ def _groups_of(mine: Path, groups: Path) -> list[tuple[Path, str, str, str]]:
 
 def _left_in(group: tuple[Path, str, str, str]) -> int | None:
     folder, limit_file, use_file, freed = group
-    limit, use = _text_of(folder / limit_file).strip(), _text_of(folder / use_file).strip()
+    limit, use = _read_text(folder / limit_file).strip(), _read_text(folder / use_file).strip()
     if not limit.isdigit() or not use.isdigit() or int(limit) >= _NO_LIMIT:
         return None
     # Cached file pages count as used, but are reclaimed on demand.
-    pages = [line.split()[1] for line in _text_of(folder / "memory.stat").splitlines() if line.startswith(f"{freed} ")]
+    pages = [row.split()[1] for row in _read_text(folder / "memory.stat").splitlines() if row.startswith(f"{freed} ")]
     return int(limit) - int(use) + (int(pages[0]) if pages else 0)
 
 
@@ -136,13 +136,13 @@ def _left_of_address_space(mine: Path) -> int | None:
     except ImportError:
         return None
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    pages = _text_of(mine / "statm").split()
+    pages = _read_text(mine / "statm").split()
     if limit == resource.RLIM_INFINITY or not pages:
         return None
     return int(limit) - int(pages[0]) * resource.getpagesize()
 
 
-def _text_of(file: Path) -> str:
+def _read_text(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8", errors="replace")
     except OSError:

@@ -123,7 +123,7 @@ def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | Non
     try:
         scene = Scene.model_validate(validated, context=validation_context(folder))
     except ValidationError as error:
-        raise SceneError([*_problems_of(error, plain), *problems], source=source) from error
+        raise SceneError([*_build_problems(error, plain), *problems], source=source) from error
     if problems:
         raise SceneError(problems, source=source)
     return scene
@@ -228,12 +228,12 @@ def _in_estimate(problem: Problem) -> Problem:
     return Problem(".".join(filter(None, ("estimate", problem.path))), message, problem.value)
 
 
-def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
+def _build_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
     found: dict[tuple[str, str], tuple[str, Problem]] = {}
     entries = error.errors(include_url=False)
     for entry in entries[:_MAX_PROBLEMS]:
         path = _path_in(plain, entry["loc"], entry["type"])
-        message, value = _message_of(entry, path), entry.get("input")
+        message, value = _build_message(entry, path), entry.get("input")
         # Missing values cannot be displayed.
         shown = None if entry["type"] == "missing" or value in ((), []) else value
         problem = Problem(path, message[:1].lower() + message[1:], shown)
@@ -250,7 +250,7 @@ def _problems_of(error: ValidationError, plain: Mapping[str, Any]) -> list[Probl
 _MAX_PROBLEMS = 100  # suggestions take some milliseconds per problem
 
 
-def _message_of(entry: ErrorDetails, path: str) -> str:
+def _build_message(entry: ErrorDetails, path: str) -> str:
     message, value = entry["msg"].removeprefix("Value error, "), entry.get("input")
     match entry["type"]:
         case "extra_forbidden":

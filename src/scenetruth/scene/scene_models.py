@@ -52,7 +52,7 @@ def make_summary_rows(
         "camera": f"{camera.width} x {camera.height} px, f = {camera.focal_px:g} px{lens}",
         "stage": f"{rows}{stage.positions} positions, {stage.baseline_mm:g} mm apart{unequal}",
         "frames": f"{frames.count}, {frames.frame_interval_s:g} s apart",
-        **{f"{_noun(thing)} '{thing.name}'": _text_of(thing) for thing in things},
+        **{f"{_noun(thing)} '{thing.name}'": _describe_item(thing) for thing in things},
         "light": _light(lighting),
         "sensor": _sensor(sensor),
     }
@@ -68,7 +68,7 @@ def _noun(thing: SceneObject | PlantModel) -> str:
     return "plant" if isinstance(thing, PlantModel) else "object"
 
 
-def _text_of(thing: SceneObject | PlantModel) -> str:
+def _describe_item(thing: SceneObject | PlantModel) -> str:
     shape = (
         f"{_plant_kind(thing)} of {len(thing.places())} leaves" if isinstance(thing, PlantModel) else thing.mesh.kind
     )

@@ -43,11 +43,11 @@ def suggest_key(location: Sequence[str | int]) -> str:
     """Return a suggestion for an unknown key, as the end of a message."""
     *around, last = location
     path, models = _place_at(around)
-    here = sorted({name for model in models for name in _fields_of(model)})
+    here = sorted({name for model in models for name in _list_fields(model)})
     key = str(last)
     guesses = [f"'{name}'" for name in _nearest(key, here, _HERE)]
     others = sorted(
-        {place.kind for place in _places() if place.path == _pattern(path) and key in _fields_of(place.model)}
+        {place.kind for place in _places() if place.path == _pattern(path) and key in _list_fields(place.model)}
     )
     if others:
         return f"; it belongs to `kind` {_listed(others)}" + (_question(guesses) or _list_keys(here))
@@ -59,7 +59,7 @@ def suggest_key(location: Sequence[str | int]) -> str:
 
 def list_kinds(location: Sequence[str | int]) -> list[str]:
     """Return the valid discriminator values at a location, in order."""
-    return sorted(filter(None, {_kind_of(model) for model in _place_at(location)[1]}))
+    return sorted(filter(None, {_get_kind(model) for model in _place_at(location)[1]}))
 
 
 def suggest_setting(name: str) -> str:
@@ -103,7 +103,7 @@ def _where(key: str, path: Sequence[str]) -> list[str]:
     """Return the closest paths that end in a key, with the `kind` values if not all members have the key."""
     kinds: dict[Path, set[str]] = {}
     for place in _places():
-        if key in _fields_of(place.model):
+        if key in _list_fields(place.model):
             kinds.setdefault(place.path, set()).add(place.kind)
     distances = {other: _distance(_pattern(path), other) for other in kinds}
     nearest = [other for other in sorted(kinds) if distances[other] == min(distances.values())]
@@ -141,12 +141,12 @@ def _place_at(location: Sequence[str | int]) -> tuple[list[str], list[type[BaseM
         if isinstance(part, int):
             path.append(str(part))
             continue
-        chosen = [model for model in models if part in (_kind_of(model), model.__name__)]
+        chosen = [model for model in models if part in (_get_kind(model), model.__name__)]
         if len(models) > 1 and chosen:
             models = chosen
             continue
-        inner = [found for model in models if part in _fields_of(model) for _, found in _models_of(model, part)]
-        if inner or any(part in _fields_of(model) for model in models):
+        inner = [found for model in models if part in _list_fields(model) for _, found in _list_models(model, part)]
+        if inner or any(part in _list_fields(model) for model in models):
             path.append(part)
             models = inner
     return path, models
@@ -154,7 +154,7 @@ def _place_at(location: Sequence[str | int]) -> tuple[list[str], list[type[BaseM
 
 @cache
 def _collect_keys() -> frozenset[str]:
-    return frozenset(name for place in _places() if place.path != ("estimate",) for name in _fields_of(place.model))
+    return frozenset(name for place in _places() if place.path != ("estimate",) for name in _list_fields(place.model))
 
 
 @cache
@@ -165,22 +165,22 @@ def _places() -> tuple[_Place, ...]:
 def _walk(model: type[BaseModel], path: Path, kind: str, above: tuple[type[BaseModel], ...]) -> Iterator[_Place]:
     """Yield the location of a model and all locations inside it."""
     yield _Place(path, model, kind)
-    for name in _fields_of(model):
-        inner = _models_of(model, name)
+    for name in _list_fields(model):
+        inner = _list_models(model, name)
         several = len({found for _, found in inner}) > 1
         for listed, found in inner:
             if found not in above:
                 place = (*path, name, *(("N",) if listed else ()))
-                yield from _walk(found, place, _kind_of(found) if several else kind, (*above, model))
+                yield from _walk(found, place, _get_kind(found) if several else kind, (*above, model))
 
 
-def _fields_of(model: type[BaseModel]) -> tuple[str, ...]:
+def _list_fields(model: type[BaseModel]) -> tuple[str, ...]:
     if model is MethodChoice:
         return ("method", *type(choose({}).settings).model_fields)
     return tuple(model.model_fields)
 
 
-def _models_of(model: type[BaseModel], field: str) -> list[tuple[bool, type[BaseModel]]]:
+def _list_models(model: type[BaseModel], field: str) -> list[tuple[bool, type[BaseModel]]]:
     """Return the models allowed in a field, and whether in a list."""
     if model is MethodChoice:
         return []
@@ -197,6 +197,6 @@ def _models_in(annotation: Any, listed: bool = False) -> Iterator[tuple[bool, ty
             yield from _models_in(part, listed or origin in (tuple, list))
 
 
-def _kind_of(model: type[BaseModel]) -> str:
+def _get_kind(model: type[BaseModel]) -> str:
     field = model.model_fields.get("kind")
     return str(get_args(field.annotation)[0]) if field is not None and get_origin(field.annotation) is Literal else ""

@@ -220,16 +220,16 @@ def _read_array(file: Path, key: str | None) -> NDArray[Any]:
 
             store: Any = zarr.open(str(file), mode="r")
             names = [] if isinstance(store, zarr.Array) else sorted(store.array_keys())
-            return _values_of(store if isinstance(store, zarr.Array) else store[_chosen(names, key)], file)
+            return _load_values(store if isinstance(store, zarr.Array) else store[_chosen(names, key)], file)
         with file.open("rb") as stream:
             if stream.read(2) != b"PK":
                 # A .npy array is memory-mapped, so its shape is checked before it is read.
-                return _values_of(np.load(file, allow_pickle=False, mmap_mode="r"), file)
+                return _load_values(np.load(file, allow_pickle=False, mmap_mode="r"), file)
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as archive:
                 name = _chosen(sorted(archive.files), key)
                 _refuse_many(_numbers_in(archive, name), file)
-                return _values_of(archive[name], file)
+                return _load_values(archive[name], file)
     except SceneError:
         raise
     except Exception as error:  # numpy and zarr raise various exceptions
@@ -245,7 +245,7 @@ def _chosen(names: list[str], key: str | None) -> str:
     return chosen
 
 
-def _values_of(loaded: Any, file: Path) -> NDArray[Any]:
+def _load_values(loaded: Any, file: Path) -> NDArray[Any]:
     _refuse_many(math.prod(int(size) for size in loaded.shape), file)
     return np.array(loaded[...])
 

@@ -205,9 +205,9 @@ class _Builder:
 
     def refuse(self, message: str, line: int, value: Any = None, *, key: str | None = None) -> None:
         """Append a problem at the current position, or at a key of the open mapping."""
-        path = [part for part in (self._key_of(item) for item in self._open) if part is not None]
+        path = [part for part in (self._get_item_key(item) for item in self._open) if part is not None]
         if key is not None:
-            path = [part for part in (self._key_of(item) for item in self._open[:-1]) if part is not None] + [key]
+            path = [part for part in (self._get_item_key(item) for item in self._open[:-1]) if part is not None] + [key]
         self.problems.append(Problem(".".join(path), f"line {line}: {message}", value))
         if len(self.problems) >= _MAX_PROBLEMS:
             raise _EnoughError
@@ -218,13 +218,13 @@ class _Builder:
         raise _EnoughError
 
     @staticmethod
-    def _key_of(item: _Open) -> str | None:
+    def _get_item_key(item: _Open) -> str | None:
         return str(len(item.value)) if isinstance(item.value, list) else item.key
 
     def _begin(self, value: Any, event: Any, line: int) -> None:
         ordinary = _PREFIX + ("map" if isinstance(value, dict) else "seq")
         if event.tag not in (None, "!", ordinary):
-            self.refuse(f"the tag {_tag_of(event.tag)} is not supported; remove it", line)
+            self.refuse(f"the tag {_format_tag(event.tag)} is not supported; remove it", line)
         if self._expects_key():
             self.refuse("a mapping or list cannot be a key", line)
             raise _EnoughError
@@ -293,7 +293,7 @@ class _Builder:
             return None, "YAML reads this as a date, which no field accepts: quote it if it is text"
         make = getattr(self._constructor, f"construct_yaml_{tag}", None) if tag in _READ_AS else None
         if make is None:
-            return None, f"the tag {_tag_of(tag)} is not supported; remove it"
+            return None, f"the tag {_format_tag(tag)} is not supported; remove it"
         try:
             value = make(self._node(_PREFIX + tag, text[: _LONGEST_WORD + 1]))
         except (ValueError, LookupError, ArithmeticError):
@@ -361,7 +361,7 @@ class _Builder:
                 here.merged.setdefault(key, entry)
 
 
-def _tag_of(tag: str) -> str:
+def _format_tag(tag: str) -> str:
     """Return a tag in file notation."""
     short = tag.removeprefix(_PREFIX)
     return short if short.startswith(("!", "tag:")) else f"!!{short}"

@@ -113,9 +113,9 @@ def _hypotheses(
             if move is not None or turn is not None:
                 yield MismatchHypothesis(move, turn), expected
             if suspicious:
-                some = expected[:, :: _step_of(expected)]
+                some = expected[:, :: _compute_sample_step(expected)]
                 known = np.isfinite(some).all(axis=0)
-                factor = fit_factor(found[:, :: _step_of(expected)][:, known], some[:, known])
+                factor = fit_factor(found[:, :: _compute_sample_step(expected)][:, known], some[:, known])
                 scaled = nearest_scale(material.quantity, factor, material.facts)
                 if scaled is not None:
                     yield MismatchHypothesis(move, turn, scaled), scaled.factor * expected
@@ -155,13 +155,13 @@ def _judged(
     return MismatchVerdict(hypothesis, float(explained), errors)
 
 
-def _step_of(values: Map) -> int:
+def _compute_sample_step(values: Map) -> int:
     return max(1, int(values.shape[1]) // _GLANCED)
 
 
 def _is_near(found: Map, truth: Map, expected: Map) -> bool:
     """Return whether an estimate may be closer to a prediction than to the truth; rejects most hypotheses early."""
-    step = _step_of(found)
+    step = _compute_sample_step(found)
     found, truth, expected = found[:, ::step], truth[:, ::step], expected[:, ::step]
     change = lengths(expected - truth)
     if np.isnan(change).any():

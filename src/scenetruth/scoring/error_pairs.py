@@ -74,24 +74,24 @@ def _step(places: Map) -> float:
     return float(np.median(np.abs(np.diff(places)))) if places.size > 1 else 1.0
 
 
-def _slope_of(normal: Map) -> Map:
+def _compute_slope(normal: Map) -> Map:
     # The slope of a face seen edge-on is infinite.
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(-normal[:2] / normal[2])
 
 
-def _mean_of(principal: Map) -> Map:
+def _compute_mean(principal: Map) -> Map:
     return np.asarray(principal.mean(axis=0))
 
 
-def _product_of(principal: Map) -> Map:
+def _compute_product(principal: Map) -> Map:
     return np.asarray(principal[0] * principal[1])
 
 
 _FOLLOWS: Mapping[str, tuple[str, Callable[[Map], Map]]] = {
-    "slope": ("normal", _slope_of),
-    "mean_curvature": ("curvature", _mean_of),
-    "gaussian_curvature": ("curvature", _product_of),
+    "slope": ("normal", _compute_slope),
+    "mean_curvature": ("curvature", _compute_mean),
+    "gaussian_curvature": ("curvature", _compute_product),
 }
 """Variables that can be computed from another variable of a truth."""
 

@@ -90,7 +90,7 @@ def truth_maps(
         focal * baseline_mm,
     )
     if camera.distortion is not None:
-        flow = np.ascontiguousarray(camera.flow_of(directions, flow.T).T)
+        flow = np.ascontiguousarray(camera.compute_flow(directions, flow.T).T)
     mixed = mixed_pixels(geometry.caster, viewpoint, camera, body.reshape(shape))
     barycentric = np.where(hits.face >= 0, hits.weights.T, np.nan)
     curvature, rotation, growth, principal, direction = fill_surface_maps(

@@ -140,11 +140,11 @@ class Case:
         """Return the names of levels that are not numbers, such as scenes; empty if all are numbers."""
         return {}
 
-    def label_of(self, value: float) -> str:
+    def get_label(self, value: float) -> str:
         """Return the name of a level in tables, on axes, on the command line, and in file names."""
         return self.labels().get(value, f"{value:g}")
 
-    def value_of(self, given: float | str) -> float:
+    def parse_level(self, given: float | str) -> float:
         """Return the level for a number or a name."""
         named = {label: value for value, label in self.labels().items()}
         if given in named:

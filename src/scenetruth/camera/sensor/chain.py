@@ -51,7 +51,7 @@ class SensorChain(FrozenModel):
     @property
     def unit(self) -> Unit:
         """Unit of the images."""
-        return _unit_of(self.effects)
+        return _get_output_unit(self.effects)
 
     @cached_property
     def full_scale(self) -> float:
@@ -123,7 +123,7 @@ class OpenSensor:
         return signal
 
 
-def _unit_of(effects: Sequence[Effect]) -> Unit:
+def _get_output_unit(effects: Sequence[Effect]) -> Unit:
     return effects[-1].gives if effects else "radiance"
 
 
@@ -136,7 +136,7 @@ def _largest_number(effects: Sequence[Effect]) -> float:
 def _limits(effects: Sequence[Effect]) -> list[float]:
     """Return the mean signal levels at saturation before each effect and after the last."""
     scale = _largest_number(effects)
-    limits = [1.0 if _unit_of(effects) == "share of full scale" else np.inf]
+    limits = [1.0 if _get_output_unit(effects) == "share of full scale" else np.inf]
     for effect in reversed(effects):
         limits.append(effect.largest_input(limits[-1], scale))
     return limits[::-1]

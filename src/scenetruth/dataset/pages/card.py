@@ -99,7 +99,7 @@ def build_card_contents(
 ) -> dict[str, Any]:
     """Draw the figures of a card, and return the contents of its templates."""
     recipe = sampler.recipe
-    quantities = collect_quantities(sampler, _values_of(table))
+    quantities = collect_quantities(sampler, _list_values(table))
     paired = select_paired(quantities)
     statistics = [_statistic(name, table[name].to_pylist()) for name in STATISTICS if name in table.column_names]
     statistics = [one for one in statistics if one.numbers]
@@ -147,7 +147,7 @@ def _reasons(table: pyarrow.Table) -> list[tuple[str, str]]:
     return [(reason, format_count(count)) for reason, count in tabulate_rejections(found)]
 
 
-def _values_of(table: pyarrow.Table) -> dict[str, list[Any]]:
+def _list_values(table: pyarrow.Table) -> dict[str, list[Any]]:
     import pyarrow.compute as pc
 
     drawn = table.filter(pc.equal(table["step"], 0))

@@ -258,13 +258,13 @@ def _field(entry: pyarrow.Field, sampler: Sampler) -> dict[str, Any]:
         "@id": f"{CATALOGUE}/{entry.name}",
         "name": entry.name,
         "description": describe_column(entry.name, sampler),
-        "dataType": _type_of(kind),
+        "dataType": _get_croissant_type(kind),
         "source": {"fileObject": {"@id": "catalogue.parquet"}, "extract": {"column": entry.name}},
     }
     return found | ({"isArray": True, "arrayShape": "-1"} if listed else {})
 
 
-def _type_of(kind: pyarrow.DataType) -> str:
+def _get_croissant_type(kind: pyarrow.DataType) -> str:
     import pyarrow as pa
 
     if pa.types.is_floating(kind):

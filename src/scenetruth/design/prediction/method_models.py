@@ -79,11 +79,11 @@ class MethodModel(ABC):
     """Name of the method."""
 
     @abstractmethod
-    def motion_of(self, settings: Any) -> Motion:
+    def get_motion_model(self, settings: Any) -> Motion:
         """Return the motion model of the method: its unknowns of the velocity gradient."""
 
     @abstractmethod
-    def frames_of(self, settings: Any, count: int) -> int:
+    def count_frames(self, settings: Any, count: int) -> int:
         """Return the number of frames estimated together, of a recording of ``count`` frames."""
 
     @abstractmethod
@@ -122,8 +122,8 @@ def prepare_method(scene: Scene, method: str, window_sigma_px: float | None, mot
     settings: Any = chosen.settings
     sigma = float(settings.window_sigma_px if window_sigma_px is None else window_sigma_px)
     pinhole = scene.model_copy(update={"camera": scene.camera.without_distortion()})
-    views = _views(scene, model.frames_of(settings, scene.frames.count))
-    return MethodSetup(pinhole, settings, sigma, model.motion_of(settings) if motion is None else motion, views)
+    views = _views(scene, model.count_frames(settings, scene.frames.count))
+    return MethodSetup(pinhole, settings, sigma, model.get_motion_model(settings) if motion is None else motion, views)
 
 
 def select_frames(views: ImageTimes, frames: int) -> ImageTimes:
@@ -147,11 +147,11 @@ class RefinedModel(MethodModel):
 
     name: ClassVar[str] = "refined"
 
-    def motion_of(self, settings: RefinedSettings) -> Motion:
+    def get_motion_model(self, settings: RefinedSettings) -> Motion:
         """Return the motion model; for ``auto``, the model used where growth is present."""
         return "growing" if settings.motion == "auto" else settings.motion
 
-    def frames_of(self, settings: RefinedSettings, count: int) -> int:
+    def count_frames(self, settings: RefinedSettings, count: int) -> int:
         """Return the number of frames estimated together."""
         return min(settings.window_frames, count)
 
@@ -239,11 +239,11 @@ class StructureTensorModel(MethodModel):
 
     name: ClassVar[str] = "structure_tensor"
 
-    def motion_of(self, settings: StructureTensorSettings) -> Motion:
+    def get_motion_model(self, settings: StructureTensorSettings) -> Motion:
         """Return the motion model: no velocity gradient, since growth is interpreted as approach."""
         return "translation"
 
-    def frames_of(self, settings: StructureTensorSettings, count: int) -> int:
+    def count_frames(self, settings: StructureTensorSettings, count: int) -> int:
         """Return the number of frames estimated together."""
         return choose_acquisition_axes(np.arange(3.0) - 1.0, count, settings).frames
 

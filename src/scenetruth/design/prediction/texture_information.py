@@ -197,8 +197,8 @@ def compute_deviations(
         {
             (number, j, i): part[k, m] / new**2 * moment[j, i]
             for (k, m), number in index_pairs(model.fields).items()
-            for j in range(model.degree_of(k) + model.degree_of(m) + 1)
-            for i in range(model.degree_of(k) + model.degree_of(m) + 1 - j)
+            for j in range(model.get_degree(k) + model.get_degree(m) + 1)
+            for i in range(model.get_degree(k) + model.get_degree(m) + 1 - j)
         }
         for part, moment in ((products, moments[0]), (scatter, moments[1]))
     )

@@ -204,8 +204,8 @@ class RefinedPropagation:
         place = at[0] - box[0].start, at[1] - box[1].start
         found = {}
         for parameter in range(self._model.parameters):
-            i, j = self._model.powers_of(parameter)
-            inside = np.where(mask, right[self._model.field_of(parameter)][box], 0.0)
+            i, j = self._model.get_powers(parameter)
+            inside = np.where(mask, right[self._model.get_field(parameter)][box], 0.0)
             found[parameter] = sum_over_windows(inside, self._weights[i], self._weights[j])[place]
         return found
 

@@ -82,7 +82,7 @@ def _factors(units: Any, frame_interval_s: float, problems: list[Problem]) -> di
         if name not in QUANTITIES:
             problems.append(_unknown(f"units.{name}", name, tuple(QUANTITIES)))
             continue
-        known = _units_of(name, frame_interval_s)
+        known = _get_allowed_units(name, frame_interval_s)
         if not isinstance(unit, str) or unit not in known:
             problems.append(Problem(f"{METADATA_FILE}: units.{name}", f"must be one of {', '.join(known)}", unit))
             continue
@@ -90,7 +90,7 @@ def _factors(units: Any, frame_interval_s: float, problems: list[Problem]) -> di
     return found
 
 
-def _units_of(name: str, frame_interval_s: float) -> dict[str, float]:
+def _get_allowed_units(name: str, frame_interval_s: float) -> dict[str, float]:
     """Return the units allowed for a quantity, the default first, with their conversion factors."""
     what = name.removesuffix("_std")
     if what == "depth":
@@ -261,7 +261,7 @@ def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Da
         frames: Frames = {}
         bad = len(problems)
         for item in items:
-            frames |= _frames_of(item, recording, note, problems)
+            frames |= _read_frames(item, recording, note, problems)
         if len(problems) == bad:
             found[name] = _in_our_units(name, frames, note, recording, items, problems)
     arrays, times = _together(found, recording)
@@ -276,7 +276,7 @@ def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Da
     return made
 
 
-def _frames_of(item: ResultFile, recording: xr.Dataset, note: ResultsMetadata, problems: list[Problem]) -> Frames:
+def _read_frames(item: ResultFile, recording: xr.Dataset, note: ResultsMetadata, problems: list[Problem]) -> Frames:
     """Return the maps of a file by frame, shape (c, y, x); empty, with problems appended, if the file is invalid."""
     path, size = item.path.name, (recording.sizes["y"], recording.sizes["x"])
     try:
@@ -295,11 +295,11 @@ def _frames_of(item: ResultFile, recording: xr.Dataset, note: ResultsMetadata, p
         infinite = int((np.abs(maps) > np.finfo(np.float32).max).sum())
     if infinite:
         problems.append(Problem(path, f"contains {infinite} infinite or too large values; write NaN where invalid"))
-    times = _times_of(item, maps.shape[1], recording, note, problems)
+    times = _find_frame_numbers(item, maps.shape[1], recording, note, problems)
     return {t: maps[:, place] for place, t in enumerate(times)}
 
 
-def _times_of(
+def _find_frame_numbers(
     item: ResultFile, count: int, recording: xr.Dataset, note: ResultsMetadata, problems: list[Problem]
 ) -> list[int]:
     """Return the frames of a file; empty, with a problem appended, if they are undetermined."""

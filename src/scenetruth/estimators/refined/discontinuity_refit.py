@@ -303,10 +303,10 @@ def refit_discontinuities(
 
 
 def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
-    return np.asarray(seen.square > _limit_of(seen.gradient, noise))
+    return np.asarray(seen.square > _compute_residual_limit(seen.gradient, noise))
 
 
-def _limit_of(gradient: NDArray[Any], noise: float) -> Map:
+def _compute_residual_limit(gradient: NDArray[Any], noise: float) -> Map:
     """Return the largest mean square residual of a pixel that is explained."""
     return np.maximum((_NOISES * noise) ** 2, _SHIFT_PX**2 * gradient.astype(np.float64))
 
@@ -412,7 +412,7 @@ def _solve(
     """Fit the windows around the pixels of a band, and return the output of `solve_members`."""
     pixels = np.argwhere(where)
     found = np.empty((len(pixels), 2))
-    limit = _limit_of(local_gradient(band.products), noise)
+    limit = _compute_residual_limit(local_gradient(band.products), noise)
     products = np.ascontiguousarray(band.products.transpose(1, 2, 0))
     reach = np.array([images.farthest, images.longest, images.aside, DISCONTINUITY_PX])
     fixed = products, limit, fields, reach, window_weights(sigma), model, images.view(), band.first, fit

@@ -213,7 +213,7 @@ class Elimination:
         self._size = CORRECTIONS * len(view.s)
         accelerated = len(np.unique(view.t)) >= _ACCELERATED
         self._parts = [
-            _part_of(blocks, view, slice(first, first + _PIECE), accelerated=accelerated)
+            _compute_part(blocks, view, slice(first, first + _PIECE), accelerated=accelerated)
             for first in range(0, len(blocks.shift), _PIECE)
         ]
 
@@ -274,7 +274,7 @@ class _Part:
         return np.asarray(self.plain - np.einsum("pms,pm->ps", self.mixed, self.own_shift, optimize=True))
 
 
-def _part_of(blocks: Blocks, view: ImageView, part: slice, *, accelerated: bool) -> _Part:
+def _compute_part(blocks: Blocks, view: ImageView, part: slice, *, accelerated: bool) -> _Part:
     moves = compute_point_derivatives(view, blocks.fields[:, part], blocks.at[:, part], accelerated=accelerated)
     weight, shift = blocks.weight[part], blocks.shift[part]
     a, e = moves.by_point, moves.by_image

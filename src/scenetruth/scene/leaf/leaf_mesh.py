@@ -172,18 +172,18 @@ def _half(leaf: LeafForm, rim: Floats, edge: float) -> _Half:
     dense = (rim[:-1, None] * (1 - share) + rim[1:, None] * share).reshape(-1, 2)
     tree = cKDTree(np.concatenate([dense, rim[-1:]]))
 
-    def depth_of(points: Any) -> Any:
+    def compute_depth(points: Any) -> Any:
         found = tree.query(points, distance_upper_bound=_BAND * edge)[0] / edge
         return np.minimum(found, _BAND)
 
     axis: Floats = np.column_stack([along, np.zeros(len(along))])
-    depth = depth_of(lattice)
+    depth = compute_depth(lattice)
     kept = depth > _CLEAR
     kept[kept] = inside(lattice[kept], np.concatenate([rim, axis[::-1]]))
     number = np.full((len(rows) + 1, len(columns)), -1)
     number[1:].ravel()[kept] = len(rim) + len(axis) + np.arange(np.count_nonzero(kept))
     number[0, first - columns[0] :][: len(axis)] = len(rim) + np.arange(len(axis))
-    depths = np.concatenate([np.zeros(len(rim)), depth_of(axis), depth[kept]])
+    depths = np.concatenate([np.zeros(len(rim)), compute_depth(axis), depth[kept]])
     deep = _lattice_faces(number)
     deep = deep[(deep >= 0).all(axis=1)]
     deep = deep[depths[deep].mean(axis=1) > _DEEP]

@@ -40,7 +40,7 @@ class Margin:
     corners: NDArray[np.intp]
 
 
-def _tip_of(leaf: LeafForm) -> str:
+def _get_tip_type(leaf: LeafForm) -> str:
     return leaf.tip or ("round" if leaf.outline == "elliptic" else "acuminate")
 
 
@@ -73,11 +73,11 @@ def _solve_shift(base: float, widest: float, tip: float) -> float:
 
 
 def _relative_width(leaf: LeafForm, xi: Any) -> Any:
-    tip, widest = _TIP[_tip_of(leaf)], _WIDEST[leaf.outline]
+    tip, widest = _TIP[_get_tip_type(leaf)], _WIDEST[leaf.outline]
     # A round leaf that is widest far from its middle requires a blunt base.
     base = min(_BASE[leaf.outline], -0.8 * tip / np.log(widest))
     plain = xi**base * (1 - xi ** _shift(base, widest, tip)) ** tip
-    if _tip_of(leaf) == "acuminate":
+    if _get_tip_type(leaf) == "acuminate":
         plain *= 1 - _DRAWN_OUT * np.exp((xi - 1) / _DRAWN_LENGTH)
     return plain
 
@@ -94,7 +94,7 @@ def compute_half_width_mm(leaf: LeafForm, a_mm: Floats) -> Floats:
         raise ValueError(msg)
     xi = np.clip(np.asarray(a_mm, dtype=np.float64) / leaf.length_mm, 0, 1)
     width: Floats = leaf.full_width_mm / 2 * _relative_width(leaf, xi) / _largest(leaf)
-    if _tip_of(leaf) == "round":
+    if _get_tip_type(leaf) == "round":
         return width
     # The wedge avoids degenerate triangles at a slender end and is negligible elsewhere.
     wedge = np.tan(np.radians(_WEDGE_DEG)) * leaf.length_mm * (1 - xi) * xi**_WEDGE

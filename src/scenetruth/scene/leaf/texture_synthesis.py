@@ -79,7 +79,7 @@ class _Canvas:
     def size_mm(self) -> tuple[float, float]:
         return self.shape[1] / self.texels_per_mm, self.shape[0] / self.texels_per_mm
 
-    def texels_of(self, points_mm: Floats) -> Floats:
+    def compute_texels(self, points_mm: Floats) -> Floats:
         return (points_mm - self.low_mm) * self.texels_per_mm - 0.5
 
     def places(self) -> tuple[Image, Image]:
@@ -94,7 +94,7 @@ def paint_leaf(
     entry: LeafAppearance, mesh: TriangleMesh, generator: np.random.Generator
 ) -> tuple[LeafPainting, Floats, Floats]:
     """Return the texture of a leaf, and the texture coordinates of upper side and underside, shape (m, 3, 2) each."""
-    leaf = _leaf_of(entry, mesh)
+    leaf = _get_leaf_form(entry, mesh)
     canvas = _canvas(entry, leaf)
     key = compute_painting_key(entry, mesh, generator)
     found = load_or_compute(key, lambda: {"coefficients": _painted(entry, leaf, canvas, generator)})
@@ -105,18 +105,18 @@ def paint_leaf(
 
 def compute_painting_shape(entry: LeafAppearance, mesh: TriangleMesh) -> tuple[int, int]:
     """Return the rows and columns of the raster of both sides."""
-    rows, columns = _canvas(entry, _leaf_of(entry, mesh)).shape
+    rows, columns = _canvas(entry, _get_leaf_form(entry, mesh)).shape
     return rows, 2 * columns
 
 
 def compute_painting_key(entry: LeafAppearance, mesh: TriangleMesh, generator: np.random.Generator) -> str:
     """Return the cache key of the raster."""
-    leaf, state = _leaf_of(entry, mesh), generator.bit_generator.state
+    leaf, state = _get_leaf_form(entry, mesh), generator.bit_generator.state
     sources = source_hash(Path(__file__).parent, Path(band_limited.__file__).parent)
     return entry_key("leaf", sources, entry.model_dump(mode="json"), leaf.model_dump(mode="json"), state)
 
 
-def _leaf_of(entry: LeafAppearance, mesh: TriangleMesh) -> LeafForm:
+def _get_leaf_form(entry: LeafAppearance, mesh: TriangleMesh) -> LeafForm:
     leaf = mesh.source
     if not isinstance(leaf, LeafForm):
         message = "requires a mesh with `kind` leaf; use a noise, image, plaid or uniform texture"
@@ -204,7 +204,7 @@ def _draw(raster: Image, vein: Vein, canvas: _Canvas) -> None:
     from scenetruth.scene.leaf.leaf_kernels import draw_veins
 
     sigmas = np.maximum(vein.width_mm * canvas.texels_per_mm / _FWHM, _SHARPEST)
-    draw_veins(raster, canvas.texels_of(vein.points_mm), sigmas, vein.strength)
+    draw_veins(raster, canvas.compute_texels(vein.points_mm), sigmas, vein.strength)
 
 
 def _nets(

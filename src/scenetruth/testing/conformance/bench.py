@@ -167,7 +167,7 @@ class ConformanceBench:
             least_kept=least_kept,
         )
 
-    def known_of(self, truth: Maps) -> dict[str, xr.DataArray]:
+    def restrict_truth(self, truth: Maps) -> dict[str, xr.DataArray]:
         """Return a truth, restricted to the valid maps of the estimate of the plain recording."""
         return {name: truth[name].where(np.isfinite(item)) for name, item in self.maps.items()}
 

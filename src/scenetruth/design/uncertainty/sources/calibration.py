@@ -49,7 +49,7 @@ class CalibrationSource(UncertaintySource):
         """Return the errors of a draw, ±1 standard deviation, by an orthogonal design over four draws."""
         return [1.0 if signs[draw % len(signs)] == "+" else -1.0 for signs in self.signs]
 
-    def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
+    def compute_responses(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
         """Yield the errors of the affected quantities, for given errors of the components."""
         raise NotImplementedError
 
@@ -69,7 +69,7 @@ class CalibrationSource(UncertaintySource):
     def _completed(self, sight: ObservationModel, off: list[float]) -> Iterator[Errors]:
         """Yield the errors of all quantities, zero for those not affected."""
         none = dict.fromkeys(_QUANTITIES, np.zeros_like(sight.depth))
-        return ({**none, **errors} for errors in self.responses_of(sight, *off))
+        return ({**none, **errors} for errors in self.compute_responses(sight, *off))
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
         """Return a better calibration."""
@@ -88,7 +88,7 @@ class StageScaleSource(CalibrationSource):
     unit = "%"
     signs = ("+-+-",)
 
-    def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
+    def compute_responses(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
         """Yield the errors for a relative error."""
         share = off[0] / 100
         velocity = {f"velocity_{axis}": share * sight.velocity[k] for k, axis in enumerate("xyz")}
@@ -111,7 +111,7 @@ class FocalLengthSource(CalibrationSource):
     unit = "%"
     signs = ("++--",)
 
-    def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
+    def compute_responses(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
         """Yield the errors for a relative error."""
         share = off[0] / 100
         found = {"depth": share * sight.depth, "velocity_z": share * sight.velocity[2]}
@@ -175,7 +175,7 @@ class PrincipalPointSource(CalibrationSource):
     unit = "px"
     signs = ("+--+", "+-")
 
-    def responses_of(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
+    def compute_responses(self, sight: ObservationModel, *off: float) -> Iterator[Errors]:
         """Yield the errors for a displacement along x, and along y."""
         c_x, c_y = sight.intrinsics.principal_point_px
         for k, one in enumerate(off):
