@@ -103,5 +103,5 @@ def thread_count() -> int:
         import numba
 
         return int(numba.get_num_threads())
-    told = os.environ.get("NUMBA_NUM_THREADS", "")
-    return int(told) if told.isdecimal() and int(told) > 0 else os.cpu_count() or 1
+    given = os.environ.get("NUMBA_NUM_THREADS", "")
+    return int(given) if given.isdecimal() and int(given) > 0 else os.cpu_count() or 1

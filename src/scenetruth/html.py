@@ -130,13 +130,13 @@ def template_environment(package: str, *, autoescape: bool = True, **options: An
     )
 
 
-def render_page(package: str, template: str, charts: Any, **told: Any) -> str:
+def render_page(package: str, template: str, charts: Any, **values: Any) -> str:
     """Return a rendered page."""
     return (
         template_environment(package)
         .get_template(template)
         .render(
-            **told,
+            **values,
             table_of=make_table,
             plotly=plotly_script(),
             charts=script_json(charts),

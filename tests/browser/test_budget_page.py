@@ -30,7 +30,7 @@ def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px:
 
 
 def test_no_figure_loses_its_last_digits(browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(budget_report, "number", lambda value: f"{value / 1000:.6f}")
+    monkeypatch.setattr(budget_report, "format_two_digits", lambda value: f"{value / 1000:.6f}")
     phone = {"width": 375, "height": 800}
     with opened(browser, write_page(budget_of_a_cube(), tmp_path), ".chart .main-svg", viewport=phone) as page:
         beyond = page.evaluate(

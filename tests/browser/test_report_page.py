@@ -176,7 +176,7 @@ def test_keys_move_the_cursor_and_take_profiles(page: Any) -> None:
     assert page.evaluate("scenetruthReport.profile.at") == now["y"]
     assert page.evaluate("scenetruthReport.view.scale") == 1.5
     page.wait_for_timeout(500)
-    assert "Image" in page.locator("#told").text_content()
+    assert "Image" in page.locator("#announcement").text_content()
     canvas.press("c")
     canvas.press("0")
     settle(page)
@@ -198,17 +198,17 @@ def test_sliders_choose_images_and_estimates(page: Any, case: Case) -> None:
     assert first[0] == image.sel(s=0, t=0).values[50, 90]
     page.locator("#camera").press("ArrowRight")
     settle(page)
-    assert page.locator("#camera-told").text_content() == "s = 1"
+    assert page.locator("#camera-value").text_content() == "s = 1"
     assert numbers(page)[0] == image.sel(s=1, t=0).values[50, 90]
     # There are images of one camera at other frames: the other slider goes back, and the page says why.
     assert (
-        page.locator("#images-told").text_content() == "Images of cameras other than s = 0 are available at t = 0 only."
+        page.locator("#images-note").text_content() == "Images of cameras other than s = 0 are available at t = 0 only."
     )
-    assert page.locator("#images-told").is_visible()
+    assert page.locator("#images-note").is_visible()
     page.locator("#frame").press("ArrowRight")
     settle(page)
-    assert page.locator("#camera-told").text_content() == "s = 0"
-    assert page.locator("#frame-told").text_content() == "t = 1"
+    assert page.locator("#camera-value").text_content() == "s = 0"
+    assert page.locator("#frame-value").text_content() == "t = 1"
     assert numbers(page)[0] == image.sel(s=0, t=1).values[50, 90]
     # And another estimate.
     exact = case.truth["depth"].sel(t=1).values[50, 90]

@@ -83,12 +83,12 @@ def test_packages_that_are_missing_or_old_are_named_with_the_command_that_instal
         packages, extras = check_packages(), {one.name: one for one in check_extras()}
     assert not is_fit(packages)
     assert states(packages) == {"needed": "broken", "scipy": "broken", "typer": "broken"}
-    assert packages[1].told == "scipy is not installed"
+    assert packages[1].message == "scipy is not installed"
     assert packages[1].remedy.startswith("pip install 'scipy>=")
-    assert "typer 0.1 is installed, but >=" in packages[2].told
+    assert "typer 0.1 is installed, but >=" in packages[2].message
     assert set(extras) == set(EXTRAS)
     assert extras["design"].state == extras["formats"].state == "missing"
-    assert "h5py 0.1" in extras["formats"].told
+    assert "h5py 0.1" in extras["formats"].message
     assert extras["design"].remedy == "pip install 'scenetruth[design]'"
     assert is_fit(list(extras.values()))
 
@@ -116,10 +116,10 @@ def test_caches_are_told_with_what_is_in_them(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "room" / "later.py").touch()
     os.utime(code / f"later.second-1.{tag}.nbi", (0, 0))
     found = check_caches()
-    assert found[0].told == f"{tmp_path}: 1 kernels, 2 MB"
-    assert found[1].told == f"{textures}: 1 entries, 3 MB"
+    assert found[0].message == f"{tmp_path}: 1 kernels, 2 MB"
+    assert found[1].message == f"{textures}: 1 entries, 3 MB"
     monkeypatch.setenv("SCENETRUTH_CACHE", "off")
-    assert "off" in check_caches()[1].told
+    assert "off" in check_caches()[1].message
     monkeypatch.setenv("SCENETRUTH_CACHE", "/proc/nothing")
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/nothing")
     assert states(check_caches()) == {"compiled code": "broken", "textures": "broken"}
@@ -131,7 +131,7 @@ def test_a_machine_with_little_left_is_told(monkeypatch: pytest.MonkeyPatch) -> 
     with mock.patch("scenetruth.resources.system.free_disk_bytes", return_value=10_000_000):
         disk = next(one for one in check_machine() if one.name == "disk")
     assert disk.state == "missing"
-    assert disk.told.startswith("0.0 GB free at ")
+    assert disk.message.startswith("0.0 GB free at ")
     assert disk.remedy
 
 
@@ -140,7 +140,7 @@ def test_terminals_without_all_characters_are_told(encoding: str, state: str) ->
     with mock.patch.object(sys, "stdout", io.TextIOWrapper(io.BytesIO(), encoding=encoding)):
         found = check_terminal()
     assert found.state == state
-    assert encoding in found.told
+    assert encoding in found.message
 
 
 def test_everything_in_json_and_as_a_table(monkeypatch: pytest.MonkeyPatch) -> None:

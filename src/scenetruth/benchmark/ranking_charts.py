@@ -64,14 +64,14 @@ def compute_rank_leaders(found: BenchmarkResult) -> RankLeaders:
         first, *further = one.of_methods.items() or [("", math.nan)]
         if further and further[0][1] > first[1]:
             best[first[0]].append(one.case.title)
-    entries, all_told = ([one for one in some if _can_lead(one, found)] for some in (headlines, figures))
+    entries, all_figures = ([one for one in some if _can_lead(one, found)] for some in (headlines, figures))
     return RankLeaders(
         found.own,
         others,
         len(entries),
         [ahead for one in entries if (ahead := _rank_difference(one, found)) is not None],
-        len(all_told),
-        [ahead for one in all_told if (ahead := _rank_difference(one, found)) is not None],
+        len(all_figures),
+        [ahead for one in all_figures if (ahead := _rank_difference(one, found)) is not None],
         [(label, titles) for label, titles in best.items() if titles],
     )
 

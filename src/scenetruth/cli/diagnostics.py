@@ -46,12 +46,12 @@ CheckState = Literal["ok", "missing", "broken"]
 
 @dataclass(frozen=True)
 class DoctorCheck:
-    """Result of one check with its description (``told``); ``needed`` if `scenetruth run` requires it."""
+    """Result of one check with its description (``message``); ``needed`` if `scenetruth run` requires it."""
 
     group: str
     name: str
     state: CheckState
-    told: str
+    message: str
     remedy: str = ""
     needed: bool = False
 
@@ -76,15 +76,15 @@ def check_packages() -> list[DoctorCheck]:
     """Check the required packages, and list those that are missing."""
     needed = _requirements("")
     if not needed:
-        told = "requirements are unknown, because scenetruth is run from its sources without installation"
-        return [DoctorCheck("packages", "needed", "missing", told, "pip install . or make setup")]
+        text = "requirements are unknown, because scenetruth is run from its sources without installation"
+        return [DoctorCheck("packages", "needed", "missing", text, "pip install . or make setup")]
     wrong = [(one, problem) for one in needed if (problem := _find_problem(one))]
     found = [
         DoctorCheck("packages", one.name, "broken", problem, f"pip install '{one.name}{one.specifier}'", needed=True)
         for one, problem in wrong
     ]
-    told = f"{len(needed) - len(wrong)} of {len(needed)} are installed"
-    return [DoctorCheck("packages", "needed", "broken" if wrong else "ok", told, needed=True), *found]
+    text = f"{len(needed) - len(wrong)} of {len(needed)} are installed"
+    return [DoctorCheck("packages", "needed", "broken" if wrong else "ok", text, needed=True), *found]
 
 
 def check_extras() -> list[DoctorCheck]:
@@ -95,9 +95,9 @@ def check_extras() -> list[DoctorCheck]:
         problems = [problem for one in wanted if (problem := _find_problem(one))]
         there = [f"{one.name} {version}" for one in wanted if (version := _version(one.name))]
         missing = bool(problems) or not wanted
-        told = f"{brings}: {', '.join([*problems, *([] if problems else there)])}"
+        text = f"{brings}: {', '.join([*problems, *([] if problems else there)])}"
         remedy = f"pip install 'scenetruth[{extra}]'" if missing else ""
-        found.append(DoctorCheck("extras", extra, "missing" if missing else "ok", told, remedy))
+        found.append(DoctorCheck("extras", extra, "missing" if missing else "ok", text, remedy))
     return found
 
 
@@ -161,14 +161,14 @@ def _compiled() -> DoctorCheck:
     current = [file for file in indices if not _is_older(file)]
     size = sum(_size(file) for file in _files(place, "*.nbc"))
     where = "next to the package, in __pycache__" if place == _PACKAGE else str(place)
-    told = f"{where}: {len(current)} kernels, {size / 1e6:.0f} MB"
+    text = f"{where}: {len(current)} kernels, {size / 1e6:.0f} MB"
     if not _can_be_written(place):
         return DoctorCheck(
-            "caches", "compiled code", "broken", f"{told}; is not writable", "set NUMBA_CACHE_DIR elsewhere"
+            "caches", "compiled code", "broken", f"{text}; is not writable", "set NUMBA_CACHE_DIR elsewhere"
         )
     if not current:
-        return DoctorCheck("caches", "compiled code", "missing", told, "run `scenetruth precompile` (1 to 2 min, once)")
-    return DoctorCheck("caches", "compiled code", "ok", told)
+        return DoctorCheck("caches", "compiled code", "missing", text, "run `scenetruth precompile` (1 to 2 min, once)")
+    return DoctorCheck("caches", "compiled code", "ok", text)
 
 
 def _is_older(index: Path) -> bool:
@@ -186,11 +186,11 @@ def _textures() -> DoctorCheck:
     if folder is None:
         return DoctorCheck("caches", "textures", "ok", "off, or no home directory: textures are computed in each run")
     entries = list(_files(folder, "*.entry"))
-    told = f"{folder}: {len(entries)} entries, {sum(map(_size, entries)) / 1e6:.0f} MB"
+    text = f"{folder}: {len(entries)} entries, {sum(map(_size, entries)) / 1e6:.0f} MB"
     if _can_be_written(folder):
-        return DoctorCheck("caches", "textures", "ok", told)
+        return DoctorCheck("caches", "textures", "ok", text)
     remedy = "set SCENETRUTH_CACHE to a writable directory, or to off"
-    return DoctorCheck("caches", "textures", "broken", f"{told}; is not writable", remedy)
+    return DoctorCheck("caches", "textures", "broken", f"{text}; is not writable", remedy)
 
 
 def _files(folder: Path, pattern: str) -> Iterable[Path]:
@@ -252,9 +252,9 @@ def check_machine() -> list[DoctorCheck]:
         from scenetruth.resources import inspect_machine
         from scenetruth.resources.system import free_disk_bytes
     except Exception as error:  # any exception of a library that cannot be loaded
-        told = f"cannot be loaded: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        text = f"cannot be loaded: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
         return [
-            DoctorCheck("machine", "libraries", "broken", told, "pip install --force-reinstall scenetruth", needed=True)
+            DoctorCheck("machine", "libraries", "broken", text, "pip install --force-reinstall scenetruth", needed=True)
         ]
     here, cache = Path(), cache_folder()
     machine = inspect_machine(here)
@@ -264,8 +264,8 @@ def check_machine() -> list[DoctorCheck]:
         _amount("disk", machine.disk_bytes, f"free at {here.absolute()}", "free some space, or use another disk"),
     ]
     if cache is not None:
-        told = f"free at {cache}"
-        found.append(_amount("disk of the cache", free_disk_bytes(cache), told, "set SCENETRUTH_CACHE elsewhere"))
+        text = f"free at {cache}"
+        found.append(_amount("disk of the cache", free_disk_bytes(cache), text, "set SCENETRUTH_CACHE elsewhere"))
     return found
 
 
@@ -273,8 +273,8 @@ def _amount(name: str, count: int | None, where: str, remedy: str) -> DoctorChec
     if count is None:
         return DoctorCheck("machine", name, "ok", f"unknown {where}")
     enough = count >= _LEAST_BYTES
-    told = f"{count / 1e9:.1f} GB {where}"
-    return DoctorCheck("machine", name, "ok" if enough else "missing", told, "" if enough else remedy)
+    text = f"{count / 1e9:.1f} GB {where}"
+    return DoctorCheck("machine", name, "ok" if enough else "missing", text, "" if enough else remedy)
 
 
 def check_terminal() -> DoctorCheck:
@@ -320,25 +320,25 @@ def render_alone(name: str) -> tuple[bool, str]:
 
 def check_rendering(answers: Mapping[str, tuple[bool, str]]) -> list[DoctorCheck]:
     """Return the working renderers, from the answers of `render_alone`."""
-    rendered, told = answers["raycast"]
+    rendered, text = answers["raycast"]
     remedy = "" if rendered else "pip install --force-reinstall embreex"
-    found = [DoctorCheck("rendering", "raycast", "ok" if rendered else "broken", told, remedy, needed=True)]
+    found = [DoctorCheck("rendering", "raycast", "ok" if rendered else "broken", text, remedy, needed=True)]
     opengl = [name for name in RENDERERS if name != "raycast"]
     for name in opengl:
-        rendered, told = answers[name]
+        rendered, text = answers[name]
         others = [other for other in opengl if other != name and answers[other][0]]
         if not rendered:
-            told += f"; not required: {others[0]} works" if others else "; not required: raycast renders all scenes"
-        remedy = "" if rendered or others else _remedy(name, told)
+            text += f"; not required: {others[0]} works" if others else "; not required: raycast renders all scenes"
+        remedy = "" if rendered or others else _remedy(name, text)
         label = f"pyrender ({name})"
-        found.append(DoctorCheck("rendering", label, "ok" if rendered else "missing", told, remedy))
+        found.append(DoctorCheck("rendering", label, "ok" if rendered else "missing", text, remedy))
     return found
 
 
-def _remedy(platform: str, told: str) -> str:
+def _remedy(platform: str, text: str) -> str:
     from scenetruth.render.opengl import REMEDIES
 
-    return "pip install 'scenetruth[opengl]'" if told.startswith("No module named") else REMEDIES[platform]
+    return "pip install 'scenetruth[opengl]'" if text.startswith("No module named") else REMEDIES[platform]
 
 
 def run_checks() -> list[DoctorCheck]:
@@ -374,7 +374,7 @@ def print_checks(findings: Sequence[DoctorCheck]) -> None:
         table.add_row(
             f"  {visible(one.name, lines=False)}",
             Text(one.state, style=_STYLES[one.state]),
-            visible(one.told, lines=False),
+            visible(one.message, lines=False),
         )
         if one.remedy:
             table.add_row("", "", Text(f"-> {visible(one.remedy, lines=False)}", style=_STYLES[one.state]))
@@ -385,5 +385,5 @@ def print_checks(findings: Sequence[DoctorCheck]) -> None:
 
 def checks_to_json(findings: Sequence[DoctorCheck]) -> str:
     """Return the checks and the versions of all packages as JSON."""
-    told = {"fit": is_fit(findings), "findings": [asdict(one) for one in findings], "packages": installed_versions()}
-    return json.dumps(told, indent=2)
+    checks = {"fit": is_fit(findings), "findings": [asdict(one) for one in findings], "packages": installed_versions()}
+    return json.dumps(checks, indent=2)

@@ -167,7 +167,7 @@ def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, tar
     return row
 
 
-def _row(draw: Draw, scene: Scene, told: list[str], folder: Path) -> dict[str, Any]:
+def _row(draw: Draw, scene: Scene, messages: list[str], folder: Path) -> dict[str, Any]:
     recording = open_store(folder / RECORDING, kind="recording")
     truth = open_store(folder / TRUTH, kind="truth")
     row = {
@@ -185,7 +185,7 @@ def _row(draw: Draw, scene: Scene, told: list[str], folder: Path) -> dict[str, A
         "backend": recording.attrs["render_backend"],
         "values": dict(draw.values),
         "statistics": compute_truth_statistics(truth),
-        "warnings": told,
+        "warnings": messages,
         "files": {name: _file(folder / name) for name in (SCENE, RECORDING, TRUTH)},
     }
     return dict(_finite(row))

@@ -212,7 +212,7 @@ class EstimationTask:
     >>> def put(name, at, values):
     ...     if name == "disparity":
     ...         print(at, values.shape, values[20, 30].round(2).item())
-    >>> told = estimation.fill(put)
+    >>> result = estimation.fill(put)
     {'t': 0} (40, 60) 0.25
     {'t': 1} (40, 60) 0.25
 

@@ -20,7 +20,7 @@ from scenetruth.validation_studies.csv_tables import write_table
 __all__ = ["SensorComparison", "compare_with_settings", "measure_sensor", "run_emva"]
 
 
-_MEASURED, _TOLD = "#0072B2", "#D55E00"
+_MEASURED, _NOMINAL = "#0072B2", "#D55E00"
 
 
 def draw_transfer(name: str, sensor: EmvaSensor, found: PhotonTransfer, file: Path) -> None:
@@ -48,7 +48,7 @@ def draw_transfer(name: str, sensor: EmvaSensor, found: PhotonTransfer, file: Pa
 def _draw_variance(ax: Any, sensor: EmvaSensor, found: PhotonTransfer) -> None:
     ax.plot(found.mean_dn, found.variance_dn2, "o", color=_MEASURED, markersize=4, label="measured")
     ends = np.array([0.0, found.mean_dn.max()])
-    ax.plot(ends, sensor.gain_dn_per_e * ends, color=_TOLD, linewidth=1.2, label="nominal: K times mean")
+    ax.plot(ends, sensor.gain_dn_per_e * ends, color=_NOMINAL, linewidth=1.2, label="nominal: K times mean")
     ax.set(
         xlabel="mean - dark, DN",
         ylabel="temporal variance - dark, DN²",
@@ -61,7 +61,7 @@ def _draw_response(ax: Any, sensor: EmvaSensor, found: PhotonTransfer) -> None:
     ax.plot(found.photons, found.mean_dn, "o", color=_MEASURED, markersize=4, label="measured")
     ends = np.array([0.0, sensor.saturation_capacity_e / sensor.quantum_efficiency])
     responsivity = sensor.gain_dn_per_e * sensor.quantum_efficiency
-    ax.plot(ends, responsivity * ends, color=_TOLD, linewidth=1.2, label="nominal: K η photons")
+    ax.plot(ends, responsivity * ends, color=_NOMINAL, linewidth=1.2, label="nominal: K η photons")
     saturation = found.saturation_e * found.gain_dn_per_e
     ax.axhline(saturation, color="#999999", linestyle="--", linewidth=1, label="measured saturation")
     ax.set(xlabel="photons per pixel", ylabel="mean - dark, DN", title="response")

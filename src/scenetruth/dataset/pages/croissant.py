@@ -242,8 +242,8 @@ def _is_plain_list(kind: pyarrow.DataType) -> bool:
     return bool(pa.types.is_list(kind) and not pa.types.is_nested(kind.value_type))
 
 
-def _is_described_elsewhere(table: pyarrow.Table, told: list[pyarrow.Field]) -> str:
-    left_out = [name for name in table.schema.names if name not in {entry.name for entry in told}]
+def _is_described_elsewhere(table: pyarrow.Table, described: list[pyarrow.Field]) -> str:
+    left_out = [name for name in table.schema.names if name not in {entry.name for entry in described}]
     more = f" The file also has columns of lists of structures: {', '.join(left_out)}." if left_out else ""
     return f"One record per sample.{more}"
 

@@ -159,9 +159,9 @@ def _distribution(optuna: Any, parameter: Parameter) -> Any:
     return optuna.distributions.FloatDistribution(0.0, 1.0)
 
 
-def _unit(parameter: Parameter, told: float) -> float:
+def _unit(parameter: Parameter, sampled: float) -> float:
     """Return the coordinate in the unit cube of a sampler's value."""
-    return (told + 0.5) / parameter.levels if parameter.levels else float(told)
+    return (sampled + 0.5) / parameter.levels if parameter.levels else float(sampled)
 
 
 def _enqueue(study: Any, space: DesignSpace, one: Evaluation) -> None:

@@ -73,8 +73,8 @@ def predict_analytic(
         raise SceneError(problems)
     slopes = _slopes(look)
     with np.errstate(all="ignore"):
-        told_of = all_method_models()[method].from_spectrum(setup, look, seen)
-        std = compute_quantities(told_of, slopes)
+        deviations = all_method_models()[method].from_spectrum(setup, look, seen)
+        std = compute_quantities(deviations, slopes)
         cost: dict[str, float] = {}
         if (seen.pattern > 0).any():
             without = replace(seen, pattern=np.zeros_like(seen.pattern))
@@ -92,7 +92,7 @@ def predict_analytic(
     notes = (
         *_notes(scene, look, unknown, painting=painting),
         *_too_fine(look, seen),
-        *_describe_eigenvalue_bias(told_of, look, interval),
+        *_describe_eigenvalue_bias(deviations, look, interval),
     )
     return Prediction("analytic", method, tuple(regions), interval, figures, causes, None, notes, cost)
 
@@ -151,11 +151,11 @@ def _point_inputs(look: SurfaceSamples, seen: ImagedTexture) -> dict[str, Array]
 
 
 def _summarise_inputs(
-    setup: MethodSetup, told: Mapping[str, Array], blur_px: Array, mask: Mask, share: Array
+    setup: MethodSetup, inputs: Mapping[str, Array], blur_px: Array, mask: Mask, share: Array
 ) -> PredictionInputs:
     moving = mask & (blur_px > _RESTS_PX)
     return PredictionInputs(
-        **{name: weighted_median(values[mask], share[mask]) for name, values in told.items()},
+        **{name: weighted_median(values[mask], share[mask]) for name, values in inputs.items()},
         blur_px=weighted_quantile(blur_px[moving], share[moving], _MOST_BLUR) if moving.any() else 0.0,
         window_sigma_px=setup.window_sigma_px,
         motion=setup.motion,

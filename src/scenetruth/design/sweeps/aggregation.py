@@ -189,7 +189,7 @@ def collect_result(job: SweepTask, keys: Sequence[str], failed: Mapping[str, str
                 continue
             measured, path = read_simulation_result(job, key), job.store.arrays_path(key)
             found[plan.at(number)[1]] = (measured, path if job.keeps else None)
-            failures += [f"{job.told(number)}: {label}: {why}" for label, why in measured.failures.items()]
+            failures += [f"{job.label(number)}: {label}: {why}" for label, why in measured.failures.items()]
             notes |= dict.fromkeys(measured.notes)
             labels |= dict.fromkeys([*measured.figures, *measured.failures])
             grows |= measured.grows

@@ -53,7 +53,7 @@ class SweepCurve:
     colour: int  # index of the colour
     is_bound: bool = False  # shows the Cramér-Rao bound
     joined: bool = True
-    told: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
     """Labels of the points with all factors, if more than the factor of the axis varies."""
 
 

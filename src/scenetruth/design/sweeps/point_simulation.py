@@ -412,7 +412,7 @@ class SweepTask:
         """Return whether the results of a simulation exist and have no failure to repeat."""
         return self.store.is_done(key, key, arrays=self.keeps)
 
-    def told(self, number: int) -> str:
+    def label(self, number: int) -> str:
         """Return a label of a simulation with scene, levels and seed."""
         point, seed = self.plan.at(number)
         values = ", ".join(f"{path} = {format_level(value)}" for path, value in self.plan.values(point).items())
@@ -437,7 +437,7 @@ def run_sweep_task(job: SweepTask, number: int) -> TaskResult:
         job.store.write(key, key, _plain(found))
         return {"simulation": number}
 
-    return perform_task(number, work, label=job.told(number), versions=job.versions)
+    return perform_task(number, work, label=job.label(number), versions=job.versions)
 
 
 def _plain(found: SimulationResult) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def _trace(curve: SweepCurve) -> dict[str, Any]:
         "name": curve.name,
         "x": [point[0] for point in curve.points],
         "y": [_finite(point[1]) for point in curve.points],
-        "customdata": list(curve.told) or [format_place(point[0]) for point in curve.points],
+        "customdata": list(curve.labels) or [format_place(point[0]) for point in curve.points],
         "hovertemplate": "%{y:.3g} at %{customdata}<extra>" + escape(curve.name) + "</extra>",
     }
     if curve.is_bound:

@@ -83,7 +83,7 @@ def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: P
         if progress is not None:
             progress("checks", done, len(points))
         scene = plan.scene(number)
-        where = job.told(number).rpartition(", seed")[0]
+        where = job.label(number).rpartition(", seed")[0]
         wrong: list[Problem] = []
         try:
             refuse_beyond_limits(scene, job.limits)

@@ -188,10 +188,10 @@ class RefinedPropagation:
 
     def own(self) -> dict[str, Errors]:
         """Return the modelled errors with ideal images: zero for planes with a modelled motion."""
-        nothing = {name: np.zeros_like(self._sight.texture) for name in self._told()}
+        nothing = {name: np.zeros_like(self._sight.texture) for name in self._list_quantities()}
         return {"slope": nothing} if self._model.surface == "plane" else {}
 
-    def _told(self) -> list[str]:
+    def _list_quantities(self) -> list[str]:
         moving = ["velocity_x", "velocity_y", "velocity_z"] if self._model.moving else []
         return ["disparity", "depth", *moving]
 

@@ -146,7 +146,7 @@ def perform_run(job: BudgetTask, number: int) -> TaskResult:
     def work() -> dict[str, Any]:
         path = job.path(run)
         found = _errors(job, run)
-        arrays: dict[str, Any] = {"told": np.array(json.dumps(asdict(run)))}
+        arrays: dict[str, Any] = {"run": np.array(json.dumps(asdict(run)))}
         for group, maps in (("error", found.errors), ("truth", found.truths)):
             arrays |= {f"{group}.{name}": values.astype(np.float32) for name, values in maps.items()}
         arrays |= {f"region.{name}": mask for name, mask in found.regions.items()}

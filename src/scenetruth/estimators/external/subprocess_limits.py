@@ -212,7 +212,7 @@ def _watch(
     pid: int, tree: ProcessTree, begun: float, timeout_s: float, memory_mb: float | None, progress: Progress | None
 ) -> tuple[Literal["", "time", "memory"], float]:
     """Wait for a process to end; return the exceeded limit, if any, and the peak memory."""
-    peak = look_s = told_s = 0.0
+    peak = look_s = report_s = 0.0
     pause_s = 0.001
     # The process is not reaped here, so that its id cannot be reused.
     while os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
@@ -225,9 +225,9 @@ def _watch(
             look_s = passed + max(min(passed / 4, _POLL_INTERVAL_S), _SHARE * spent)
             if memory_mb is not None and peak > memory_mb:
                 return "memory", peak
-        if progress is not None and passed >= told_s:
+        if progress is not None and passed >= report_s:
             progress("command", int(passed), math.ceil(timeout_s))
-            told_s = passed + _PROGRESS_S
+            report_s = passed + _PROGRESS_S
         time.sleep(pause_s)
         pause_s = min(1.5 * pause_s, _LONGEST_PAUSE_S)
     return "", peak

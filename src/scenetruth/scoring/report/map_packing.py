@@ -164,9 +164,9 @@ def _predicted_by(codes: Codes, predictor: int) -> Codes:
     return (left << np.uint16(1)) ^ (np.uint16(0) - (left >> np.uint16(15)))
 
 
-def _cost(told: Codes) -> float:
+def _cost(differences: Codes) -> float:
     """Return the approximate number of bits that differences require."""
-    return float(np.log2(told[::2].astype(np.float32) + 1).sum())
+    return float(np.log2(differences[::2].astype(np.float32) + 1).sum())
 
 
 _THINNED = 1.2

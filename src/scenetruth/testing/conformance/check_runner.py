@@ -35,7 +35,7 @@ class CheckOutcome:
     name: str
     says: str
     status: Literal["passed", "failed", "skipped"]
-    told: str
+    message: str
     seconds: float
 
 
@@ -57,8 +57,8 @@ class ConformanceReport:
 
     Examples
     --------
-    >>> told = CheckOutcome("exclusion_mask", "Masked pixels are left out.", "skipped", "refuses masks", 0.1)
-    >>> print(ConformanceReport("my_method", (told,)))
+    >>> outcome = CheckOutcome("exclusion_mask", "Masked pixels are left out.", "skipped", "refuses masks", 0.1)
+    >>> print(ConformanceReport("my_method", (outcome,)))
     my_method: 0 of 1 checks passed, 0 failed, 1 skipped
       skipped exclusion_mask: refuses masks
     """
@@ -74,19 +74,19 @@ class ConformanceReport:
     @property
     def failed(self) -> dict[str, str]:
         """The problems by name of the check."""
-        return {item.name: item.told for item in self.outcomes if item.status == "failed"}
+        return {item.name: item.message for item in self.outcomes if item.status == "failed"}
 
     @property
     def skipped(self) -> dict[str, str]:
         """The reasons for skipped checks by name of the check."""
-        return {item.name: item.told for item in self.outcomes if item.status == "skipped"}
+        return {item.name: item.message for item in self.outcomes if item.status == "skipped"}
 
     def __str__(self) -> str:
         counts = f"{len(self.failed)} failed, {len(self.skipped)} skipped"
         lines = [f"{self.method}: {len(self.passed)} of {len(self.outcomes)} checks passed, {counts}"]
         for item in self.outcomes:
             if item.status == "failed":
-                values = item.told.replace("\n", "\n    ")
+                values = item.message.replace("\n", "\n    ")
                 lines.append(f"  FAILED {item.name}: {item.says}\n    {values}")
         lines += [f"  skipped {name}: {why}" for name, why in self.skipped.items()]
         return "\n".join(lines)

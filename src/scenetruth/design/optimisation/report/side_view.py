@@ -355,8 +355,8 @@ def _on_whole(view: SideView, frame: Viewport) -> list[str]:
     if view.travel_mm > 0:
         v0, v1 = (frame.beside(each(view.cameras_mm)) for each in (min, max))
         drawn += [svg_line((left - 42, v), (left - CAMERA_LENGTH - 4, v), "thin") for v in (v0, v1)]
-        told_at_left = [f"{format_length(view.travel_mm)} mm", f"{len(view.cameras_mm)} positions"]
-        drawn.append(svg_vertical_dimension(left - 38, v0, v1, told_at_left, (0, frame.size[1]), right=False))
+        left_lines = [f"{format_length(view.travel_mm)} mm", f"{len(view.cameras_mm)} positions"]
+        drawn.append(svg_vertical_dimension(left - 38, v0, v1, left_lines, (0, frame.size[1]), right=False))
     drawn.append(_bar(frame, (left, bottom + 60)))
     return [*drawn, *_directions((right - 40, bottom + 44), "Z", "X")]
 
@@ -382,20 +382,20 @@ def _on_upright(view: SideView, frame: Viewport) -> list[str]:
     at_left = 66.0
     drawn += [svg_line((frame.beside(0.0), bottom), (at_left - 4, bottom), "thin")]
     drawn += [svg_line((left + 8, frame.along(near)), (at_left - 4, frame.along(near)), "thin")]
-    told_at_left = [f"{format_length(near)} mm", "to the", "nearest", "point"]
-    drawn.append(svg_vertical_dimension(at_left, frame.along(near), bottom, told_at_left, (0, height), right=False))
+    left_lines = [f"{format_length(near)} mm", "to the", "nearest", "point"]
+    drawn.append(svg_vertical_dimension(at_left, frame.along(near), bottom, left_lines, (0, height), right=False))
     if view.sharp is not None and view.sharp.near_mm < frame.z_mm[1]:
         at_right = width - 92.0
         v0, v1 = (frame.along(min(max(z, 0.0), frame.z_mm[1])) for z in (view.sharp.far_mm, view.sharp.near_mm))
         drawn += [svg_line((right - 8, v), (at_right + 4, v), "thin") for v in (v0, v1)]
         limits = view.sharp.near_mm, view.sharp.far_mm
-        told_at_right = [
+        right_lines = [
             "blur under",
             f"{format_length(view.sharp.limit_px)} px from",
             f"{format_length(limits[0])} to",
             f"{format_length(limits[1])} mm",
         ]
-        drawn.append(svg_vertical_dimension(at_right, v0, v1, told_at_right, (0, height), right=True))
+        drawn.append(svg_vertical_dimension(at_right, v0, v1, right_lines, (0, height), right=True))
     drawn.append(_bar(frame, (16.0, height - 14)))
     return [*drawn, *_directions((width - 60, height - 14), "X", "Z", up=True)]
 

@@ -1,8 +1,8 @@
 // The page itself: sorting of tables, light and dark colours, printing, and the start of the viewer.
 
 function keyOf(cell) {
-  const told = cell.dataset.key;
-  if (told !== undefined) return told === "" ? null : parseFloat(told);
+  const key = cell.dataset.key;
+  if (key !== undefined) return key === "" ? null : parseFloat(key);
   return cell.textContent.trim();
 }
 
@@ -64,13 +64,13 @@ function start() {
   const spellCamera = ([row, column]) => (rows ? "s_y = " + row + ", s = " : "s = ") + column;
   const reference = state.camera;
   const changed = () => { showAll(); drawSurface(); };
-  const setCamera = slider(byId("camera"), byId("camera-told"), cameras, spellCamera, (n) => {
+  const setCamera = slider(byId("camera"), byId("camera-value"), cameras, spellCamera, (n) => {
     state.camera = n;
     // Images of other cameras exist at one frame only.
     if (n !== reference && !chosenImage()) { state.frame = data.frame; setFrame(frames.indexOf(state.frame)); }
     changed();
   });
-  const setFrame = slider(byId("frame"), byId("frame-told"), frames, (t) => "t = " + t, (n) => {
+  const setFrame = slider(byId("frame"), byId("frame-value"), frames, (t) => "t = " + t, (n) => {
     state.frame = frames[n];
     if (state.camera !== reference && !chosenImage()) { state.camera = reference; setCamera(reference); }
     changed();
@@ -78,8 +78,8 @@ function start() {
   setCamera(state.camera);
   setFrame(frames.indexOf(state.frame));
   const missing = cameras.length > 1 && frames.length > 1 && data.images.shown.length < cameras.length * frames.length;
-  byId("images-told").hidden = !missing;
-  byId("images-told").textContent = "Images of cameras other than " + spellCamera(cameras[reference]) + " are available at t = " + data.frame + " only.";
+  byId("images-note").hidden = !missing;
+  byId("images-note").textContent = "Images of cameras other than " + spellCamera(cameras[reference]) + " are available at t = " + data.frame + " only.";
 
   const quantity = byId("quantity"), along = byId("profile-quantity"), count = byId("panel-count");
   for (const group of data.groups) {

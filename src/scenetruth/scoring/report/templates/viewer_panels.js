@@ -340,7 +340,7 @@ let telling = 0;
 function tell() {
   clearTimeout(telling);
   telling = setTimeout(() => {
-    byId("told").textContent = byId("place").textContent + ": " + panels.map((panel) => panel.layer.title + " " + panel.output.textContent).join("; ");
+    byId("announcement").textContent = byId("place").textContent + ": " + panels.map((panel) => panel.layer.title + " " + panel.output.textContent).join("; ");
   }, 400);
 }
 

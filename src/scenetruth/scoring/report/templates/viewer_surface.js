@@ -104,10 +104,10 @@ async function arrows(points) {
 async function drawSurface() {
   const host = byId("surface-plot");
   if (!host || !surfaceWanted) return;
-  const asked = ++surfaceDrawn, said = byId("surface-told");
+  const asked = ++surfaceDrawn, status = byId("surface-status");
   if (!hasWebGl()) {
     host.hidden = true;
-    said.textContent = "This browser does not support 3D (it has no WebGL); the figure “surface” below shows the same data.";
+    status.textContent = "This browser does not support 3D (it has no WebGL); the figure “surface” below shows the same data.";
     return;
   }
   const layer = layers.get(byId("surface-colour").value);
@@ -115,16 +115,16 @@ async function drawSurface() {
   const truth = byId("surface-truth") && byId("surface-truth").checked ? await field("depth:truth") : null;
   if (asked !== surfaceDrawn) return;
   if (depth === null || colour === null) {
-    said.textContent = "Depth or the selected colour is not available at t = " + state.frame + ".";
+    status.textContent = "Depth or the selected colour is not available at t = " + state.frame + ".";
     host.hidden = true;
     return;
   }
   host.hidden = false;
   const points = mesh(depth, colour), [cmin, cmax] = limits.get(layer.scale), style = getComputedStyle(document.body);
   const ink = style.getPropertyValue("--ink").trim(), line = style.getPropertyValue("--line").trim();
-  const told = points.place.map(([px, py], n) => "x = " + data.x[px] + ", y = " + data.y[py] + " px<br>" + harmless(layer.title + ": " + spellValue(layer, colour, points.intensity[n])));
+  const labels = points.place.map(([px, py], n) => "x = " + data.x[px] + ", y = " + data.y[py] + " px<br>" + harmless(layer.title + ": " + spellValue(layer, colour, points.intensity[n])));
   const traces = [{type: "mesh3d", x: points.x, y: points.y, z: points.z, i: points.i, j: points.j, k: points.k, intensity: points.intensity,
-    colorscale: colourScale(colours.get(layer.scale)), cmin, cmax, flatshading: false, text: told, hovertemplate: "%{text}<extra></extra>",
+    colorscale: colourScale(colours.get(layer.scale)), cmin, cmax, flatshading: false, text: labels, hovertemplate: "%{text}<extra></extra>",
     lighting: {ambient: 0.75, diffuse: 0.4, specular: 0.05, roughness: 0.9}, lightposition: {x: -1000, y: -4000, z: -3000},
     colorbar: {title: {text: harmless(layer.title).replace(", ", ",<br>") + (layer.units === "1" ? "" : "<br>[" + harmless(layer.units) + "]"), side: "top"}, thickness: 14, len: 0.8}}];
   let words = points.x.length + " points without smoothing.";
@@ -148,7 +148,7 @@ async function drawSurface() {
       camera: {eye: {x: -0.6, y: -1.28, z: 0.6}, projection: {type: "orthographic"}}}};
   if (host.clientWidth < 600) Object.assign(traces[0].colorbar, {orientation: "h", y: -0.02, yanchor: "top", len: 1, thickness: 10});
   await Plotly.react(host, traces, layout, {scrollZoom: false});
-  said.textContent = words;
+  status.textContent = words;
 }
 
 function prepareSurface() {

@@ -16,8 +16,8 @@ async function unpack(packed) {
   for (let y = 0, n = 0; y < height; y++) {
     let along = 0;
     for (let x = 0; x < width; x++, n++) {
-      const told = (content[n] << 8) | content[size + n];
-      let code = (told >>> 1) ^ -(told & 1);
+      const zigzag = (content[n] << 8) | content[size + n];
+      let code = (zigzag >>> 1) ^ -(zigzag & 1);
       if (packed.predictor >= 1) code = along = (along + code) & 65535;
       if (packed.predictor === 2) code = above[x] = above[x] + code;
       code &= 65535;
