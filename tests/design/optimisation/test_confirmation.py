@@ -89,9 +89,9 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path) -> None:
     assert first.discrepancies[0].predicted == pytest.approx(rig.predicted["Depth"])
     assert first.changes == ()
     # What is there is not made again; one seed more is.
-    before = {file: file.stat().st_mtime_ns for file in tmp_path.glob("*.json")}
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")}
     again = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=3, max_size_px=None), tmp_path)
-    after = {file: file.stat().st_mtime_ns for file in tmp_path.glob("*.json")}
+    after = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")}
     assert (len(before), len(after)) == (2, 3)
     assert before.items() <= after.items()
     assert again.rigs[7].simulated["Depth"].seeds == 3

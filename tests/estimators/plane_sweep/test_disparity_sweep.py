@@ -114,7 +114,9 @@ def test_strips_hardly_show() -> None:
     strips = choose(strip_rows=20)
     one_by_one = choose(strip_rows=20, memory_bytes=0)
     np.testing.assert_array_equal(strips.disparity, one_by_one.disparity)
-    assert (np.abs(whole.disparity - strips.disparity) > 0.01).mean() < 0.01
+    # The sweep gives medians of 3 x 3 pixels.
+    medians = [ndimage.median_filter(found.disparity, 3) for found in (whole, strips)]
+    assert (np.abs(medians[0] - medians[1]) > 0.01).mean() < 0.01
 
 
 @pytest.mark.parametrize("baseline_mm", [5.0, -5.0])

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined import ImageStack, fine_contrast
+from scenetruth.estimators.refined import DefectFilteredFrames, ImageStack, Splines, fine_contrast
 from tests.helpers.nightly import by_night, nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
@@ -193,8 +193,6 @@ def test_one_camera_needs_more_than_one_frame_at_once() -> None:
 
 def test_noise_is_no_larger_than_what_is_fine(noisy: xr.Dataset) -> None:
     """White noise as it is; of a wave across both axes, the product of its second differences over six."""
-    from scenetruth.estimators.refined import DefectFilteredFrames, Splines
-
     generator = np.random.default_rng(4)
     y, x = np.mgrid[:90, :120]
     wave = 0.1 * np.cos(0.8 * x) * np.cos(0.6 * y)

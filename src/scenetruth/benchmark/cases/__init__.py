@@ -27,9 +27,4 @@ __all__ = [
     "all_cases", "apply_changes", "build_reference_scene", "select_cases",
 ]  # fmt: skip
 
-__getattr__, __dir__ = export_lazily(
-    __name__,
-    {
-        "scenes": "GalleryCase",
-    },
-)
+__getattr__, __dir__ = export_lazily(__name__, {"scenes": "GalleryCase"})
