@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from scenetruth.compilation import keep_compiled_code
+from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from scenetruth.benchmark import BenchmarkResult, compare
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from scenetruth.scene import Scene, load_scene
     from scenetruth.schema import make_estimate, make_recording
     from scenetruth.scoring import Score, compute_growth_rate, detect_convention_mismatches, score, write_report
-    from scenetruth.simulation import simulate
+    from scenetruth.simulation import Simulation, simulate
     from scenetruth.storage import load_store, open_store, save_store
     from scenetruth.truth import make_truth, track_points
 
@@ -58,116 +59,51 @@ if TYPE_CHECKING:
 keep_compiled_code()
 
 __all__ = [
-    "ArgumentError",
-    "BackendUnavailableError",
-    "BenchmarkResult",
-    "Budget",
-    "DesignResult",
-    "DesignSpecError",
-    "EstimateError",
-    "EstimateWarning",
-    "ExportError",
-    "Limits",
-    "MachineError",
-    "MismatchError",
-    "OutputExistsError",
-    "Prediction",
-    "Problem",
-    "Recipe",
-    "RecipeError",
-    "RecordingError",
-    "RenderError",
-    "RunDirectory",
-    "Scene",
-    "SceneError",
-    "SceneWarning",
-    "ScenetruthError",
-    "Score",
-    "ScoreError",
-    "Simulation",
-    "StoreError",
-    "Sweep",
-    "assess_pattern",
-    "budget",
-    "check_recipe",
-    "compare",
-    "compute_growth_rate",
-    "cramer_rao_bound",
-    "detect_convention_mismatches",
-    "estimate",
-    "estimate_dataset",
-    "export",
-    "export_formats",
-    "generate_pattern",
-    "load_recipe",
-    "load_scene",
-    "load_store",
-    "make_estimate",
-    "make_recording",
-    "make_truth",
-    "open_dataset",
-    "open_store",
-    "optimise",
-    "predict",
-    "preview_dataset",
-    "run_dataset",
-    "run_scene",
-    "save_store",
-    "score",
-    "simulate",
-    "sweep",
-    "track_points",
-    "verify",
-    "write_card",
-    "write_report",
-]
+    "ArgumentError", "BackendUnavailableError", "BenchmarkResult", "Budget", "DesignResult", "DesignSpecError",
+    "EstimateError", "EstimateWarning", "ExportError", "Limits", "MachineError", "MismatchError", "OutputExistsError",
+    "Prediction", "Problem", "Recipe", "RecipeError", "RecordingError", "RenderError", "RunDirectory", "Scene",
+    "SceneError", "SceneWarning", "ScenetruthError", "Score", "ScoreError", "Simulation", "StoreError", "Sweep",
+    "assess_pattern", "budget", "check_recipe", "compare", "compute_growth_rate", "cramer_rao_bound",
+    "detect_convention_mismatches", "estimate", "estimate_dataset", "export", "export_formats", "generate_pattern",
+    "load_recipe", "load_scene", "load_store", "make_estimate", "make_recording", "make_truth", "open_dataset",
+    "open_store", "optimise", "predict", "preview_dataset", "run_dataset", "run_scene", "save_store", "score",
+    "simulate", "sweep", "track_points", "verify", "write_card", "write_report",
+]  # fmt: skip
 
-_HOMES = {
-    "budget": "design.uncertainty",
-    "optimise": "design.optimisation",
-    "generate_pattern": "design.patterns",
-    "assess_pattern": "design.patterns",
-    "cramer_rao_bound": "bound",
-    "detect_convention_mismatches": "scoring",
-    "Budget": "design.uncertainty",
-    "BenchmarkResult": "benchmark",
-    "DesignResult": "design.optimisation",
-    "Prediction": "design.prediction",
-    "Sweep": "design.sweeps",
-    "predict": "design.prediction",
-    "sweep": "design.sweeps",
-    "Limits": "resources",
-    "compare": "benchmark",
-    "check_recipe": "dataset.generation",
-    "estimate_dataset": "dataset.dataset_estimation",
-    "preview_dataset": "dataset.pages.preview_page",
-    "write_card": "dataset.pages.card",
-    "load_recipe": "dataset.recipe_loader",
-    "open_dataset": "dataset.reading",
-    "Recipe": "dataset.recipe_loader",
-    "run_dataset": "dataset.generation",
-    "Scene": "scene",
-    "load_scene": "scene",
-    "Simulation": "simulation",
-    "simulate": "simulation",
-    "make_estimate": "schema",
-    "make_recording": "schema",
-    "estimate": "estimators",
-    "Score": "scoring",
-    "score": "scoring",
-    "load_store": "storage",
-    "open_store": "storage",
-    "RunDirectory": "pipeline",
-    "export": "dataset.dataset_export",
-    "export_formats": "exporters",
-    "run_scene": "pipeline",
-    "verify": "dataset.dataset_export",
-    "save_store": "storage",
-    "make_truth": "truth",
-    "compute_growth_rate": "scoring",
-    "track_points": "truth",
-    "write_report": "scoring",
-}
+_import_name, __dir__ = export_lazily(
+    __name__,
+    {
+        "benchmark": "BenchmarkResult compare",
+        "bound": "cramer_rao_bound",
+        "dataset.dataset_estimation": "estimate_dataset",
+        "dataset.dataset_export": "export verify",
+        "dataset.generation": "check_recipe run_dataset",
+        "dataset.pages.card": "write_card",
+        "dataset.pages.preview_page": "preview_dataset",
+        "dataset.reading": "open_dataset",
+        "dataset.recipe_loader": "Recipe load_recipe",
+        "design.optimisation": "DesignResult optimise",
+        "design.patterns": "assess_pattern generate_pattern",
+        "design.prediction": "Prediction predict",
+        "design.sweeps": "Sweep sweep",
+        "design.uncertainty": "Budget budget",
+        "errors": (
+            "ArgumentError BackendUnavailableError DesignSpecError EstimateError EstimateWarning ExportError "
+            "MachineError MismatchError OutputExistsError Problem RecipeError RecordingError RenderError SceneError "
+            "SceneWarning ScenetruthError ScoreError StoreError"
+        ),
+        "estimators": "estimate",
+        "exporters": "export_formats",
+        "pipeline": "RunDirectory run_scene",
+        "resources": "Limits",
+        "scene": "Scene load_scene",
+        "schema": "make_estimate make_recording",
+        "scoring": "Score compute_growth_rate detect_convention_mismatches score write_report",
+        "simulation": "Simulation simulate",
+        "storage": "load_store open_store save_store",
+        "truth": "make_truth track_points",
+    },
+)
 
 _NAMESPACES = ("bound", "camera", "dataset", "design", "errors", "estimators", "testing")
 """Public subpackages, imported on access."""
@@ -178,12 +114,7 @@ def __getattr__(name: str) -> Any:
         return _installed_version()
     if name in _NAMESPACES:
         return import_module(f"scenetruth.{name}")
-    if name not in __all__:
-        msg = f"module 'scenetruth' has no attribute '{name}'"
-        raise AttributeError(msg)
-    value = getattr(import_module(f"scenetruth.{_HOMES.get(name, 'errors')}"), name)
-    globals()[name] = value
-    return value
+    return _import_name(name)
 
 
 def _installed_version() -> str:
@@ -194,7 +125,3 @@ def _installed_version() -> str:
         return version("scenetruth")
     except PackageNotFoundError:
         return "0+unknown"  # source files without installation
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, "__version__"})

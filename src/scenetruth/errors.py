@@ -8,26 +8,10 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
-    "ArgumentError",
-    "BackendUnavailableError",
-    "DesignSpecError",
-    "EstimateError",
-    "EstimateWarning",
-    "ExportError",
-    "MachineError",
-    "MismatchError",
-    "OutputExistsError",
-    "Problem",
-    "RecipeError",
-    "RecordingError",
-    "RenderError",
-    "SceneError",
-    "SceneWarning",
-    "ScenetruthError",
-    "ScoreError",
-    "StoreError",
-    "visible",
-]
+    "ArgumentError", "BackendUnavailableError", "DesignSpecError", "EstimateError", "EstimateWarning", "ExportError",
+    "MachineError", "MismatchError", "OutputExistsError", "Problem", "RecipeError", "RecordingError", "RenderError",
+    "SceneError", "SceneWarning", "ScenetruthError", "ScoreError", "StoreError", "visible",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any
 
-from scenetruth.compilation import thread_count
+from scenetruth import compilation
 
 __all__ = ["bands", "in_bands", "in_threads"]
 
@@ -29,8 +29,8 @@ def in_threads(work: Callable[[Any], None], jobs: Iterable[Any]) -> None:
                 return
             work(job)
 
-    helpers = min(thread_count(), len(left)) - 1
-    started = [_pool(thread_count()).submit(take) for _ in range(helpers)]
+    helpers = min(compilation.thread_count(), len(left)) - 1
+    started = [_pool(compilation.thread_count()).submit(take) for _ in range(helpers)]
     try:
         take()
     finally:
@@ -49,7 +49,7 @@ def in_bands(kernel: Callable[..., None], count: int, *arguments: Any, least: in
     ``count``: Number of indices. With 0, the kernel is not called.
     ``least``: Minimum number of indices per call, equivalent to some tens of microseconds.
     """
-    threads = thread_count()
+    threads = compilation.thread_count()
     parts = 1 if threads == 1 else max(min(_BANDS * threads, count // least), 1)
     if parts == 1:
         if count > 0:
@@ -74,5 +74,5 @@ if hasattr(os, "register_at_fork"):
 
 def bands(count: int) -> list[tuple[int, int]]:
     """Return first and last + 1 of as many bands of rows as threads."""
-    parts = max(min(thread_count(), count), 1)
+    parts = max(min(compilation.thread_count(), count), 1)
     return [(count * n // parts, count * (n + 1) // parts) for n in range(parts)]

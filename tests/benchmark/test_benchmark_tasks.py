@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, compute_point_key
-from scenetruth.benchmark.cases.scenes import GalleryCase
+from scenetruth.benchmark.cases import GalleryCase
 from scenetruth.benchmark.design_point import DesignPoint
 from scenetruth.scene import load_scene
 from tests.helpers.scenes import SCENES

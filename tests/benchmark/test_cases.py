@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from scenetruth.benchmark.benchmark_tasks import list_design_points
-from scenetruth.benchmark.cases import SUITES, Case, all_cases, scenes, select_cases
+from scenetruth.benchmark.cases import SUITES, Case, GalleryCase, all_cases, select_cases
 from scenetruth.benchmark.suite import select_available_cases
 from scenetruth.errors import ArgumentError
 from scenetruth.scene import Scene
@@ -100,7 +100,7 @@ def test_what_cannot_be_measured_here_is_left_out_in_words(
     assert [case.kind for case in select_available_cases("full", None, None)] == [case.kind for case in CASES]
     with pytest.raises(ArgumentError, match="no levels in the suite core"):
         select_available_cases("core", ["gallery"], None)
-    monkeypatch.setattr(scenes, "scene_files", tuple)
+    monkeypatch.setattr(GalleryCase, "files", staticmethod(tuple))
     kinds = {case.kind for case in select_available_cases("full", None, None)}
     assert kinds == {case.kind for case in CASES} - {"gallery"}
     assert messages == [

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.uncertainty import budget_report
-from scenetruth.design.uncertainty.budget_report import write_page
+from scenetruth.design.uncertainty import write_page
 from tests.helpers.browser_pages import opened, reads_well
 from tests.helpers.sample_budget import budget_of_a_cube
 
@@ -29,10 +28,12 @@ def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px:
     assert page.locator(".chart .nsewdrag").first.bounding_box()["width"] > 100
 
 
-def test_no_figure_loses_its_last_digits(browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(budget_report, "format_two_digits", lambda value: f"{value / 1000:.6f}")
+def test_no_figure_loses_its_last_digits(browser: Any, tmp_path: Path) -> None:
+    # Seven characters, as many as a figure has: 0.00014 mm, 5.0e-06 mm.
     phone = {"width": 375, "height": 800}
-    with opened(browser, write_page(budget_of_a_cube(), tmp_path), ".chart .main-svg", viewport=phone) as page:
+    with opened(
+        browser, write_page(budget_of_a_cube(scale=1e-4), tmp_path), ".chart .main-svg", viewport=phone
+    ) as page:
         beyond = page.evaluate(
             """[...document.querySelectorAll('.chart .bartext')].map((one) => one.getBoundingClientRect().right
                - one.closest('.chart').getBoundingClientRect().right)"""

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.design.optimisation.report.design_report import write_design_page
+from scenetruth.design.optimisation import write_design_page
 from tests.helpers.browser_pages import opened, reads_well
 from tests.helpers.sample_design import design
 

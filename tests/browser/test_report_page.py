@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scenetruth.scoring import score, write_report
-from scenetruth.scoring.report.map_packing import RELATIVE_ROUNDING
+from scenetruth.scoring.report import RELATIVE_ROUNDING
 from tests.helpers.browser_pages import opened, reads_well
 from tests.helpers.synthetic_case import Case, make_case, with_error_bars
 

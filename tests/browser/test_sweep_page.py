@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.sweeps.sweep_report import write_sweep_report
+from scenetruth.design.sweeps import write_sweep_report
 from tests.helpers.browser_pages import opened, reads_well
 from tests.helpers.sample_sweep import over_two
 

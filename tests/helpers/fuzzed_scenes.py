@@ -55,11 +55,7 @@ def all_kinds() -> list[str]:
         (PlantModel, ("plant",)),
     ]
     found = {kind for base, names in rooms for kind in kinds_in(base, *(f"scenetruth.scene.{name}" for name in names))}
-    return sorted(
-        found
-        | set(kinds_in(Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noise_sources"))
-        | {"chain", "emva1288", "gaussian"}
-    )
+    return sorted(found | set(kinds_in(Effect, "scenetruth.camera.sensor")) | {"chain", "emva1288", "gaussian"})
 
 
 @cache

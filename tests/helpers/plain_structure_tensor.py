@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
 from scenetruth.estimators.method_settings import StructureTensorSettings
-from scenetruth.estimators.structure_tensor.filters import DERIVATIVE, DERIVATIVE_MOMENT, SMOOTHING, gaussian_window
+from scenetruth.estimators.structure_tensor import DERIVATIVE, DERIVATIVE_MOMENT, SMOOTHING, gaussian_window
 from scenetruth.schema import image_to_grey
 
 Array = NDArray[np.float64]

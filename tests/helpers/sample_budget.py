@@ -9,15 +9,16 @@ from scenetruth.design.uncertainty import Budget, CombinedUncertainty, Contribut
 __all__ = ["budget_of_a_cube"]
 
 
-def budget_of_a_cube(noise: str = "sensor noise") -> Budget:
-    """Return a budget of depth, most of which is the stage's yaw."""
+def budget_of_a_cube(noise: str = "sensor noise", scale: float = 1.0) -> Budget:
+    """Return a budget of depth, most of which is the stage's yaw; all figures are multiplied by the scale."""
 
     def part(
         cause: str, title: str, figure: float, simulated: float = math.nan, seen: float = math.nan
     ) -> Contribution:
         told = ("100 µrad", "depth", "interior", "mm")
         predicted, drawn = (4.2, 1.39) if cause == "stage_yaw" else (figure, math.nan)
-        return Contribution(cause, title, *told, predicted, drawn, simulated, seen, figure)
+        figures = (scale * predicted, scale * drawn, scale * simulated)
+        return Contribution(cause, title, *told, *figures, seen, scale * figure)
 
     parts = [
         part("noise", noise, 0.05),
@@ -28,6 +29,6 @@ def budget_of_a_cube(noise: str = "sensor noise") -> Budget:
         part("curvature", "curved surfaces", math.nan),
     ]
     whole = math.sqrt(sum(one.value**2 for one in parts if math.isfinite(one.value)))
-    total = CombinedUncertainty("depth", "interior", "mm", whole, whole, 1.5, 0.16, 660.0, 0.9)
+    total = CombinedUncertainty("depth", "interior", "mm", whole, whole, scale * 1.5, scale * 0.16, 660.0, 0.9)
     remedies = {"stage_yaw": Mitigation("an air bearing", {"stage_yaw": 0.025})}
     return Budget("A cube", "structure_tensor", parts, [total], 3, remedies)

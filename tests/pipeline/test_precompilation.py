@@ -14,7 +14,7 @@ from scenetruth import pipeline
 from scenetruth.camera.sensor import build_sensor_chain
 from scenetruth.compilation import announced_compilation
 from scenetruth.estimators import MethodChoice
-from scenetruth.estimators.structure_tensor.tensor_kernels import estimate_tile
+from scenetruth.estimators.structure_tensor import estimate_tile
 from scenetruth.pipeline import FigureWorker, precompile, scene_pipeline
 from scenetruth.pipeline.precompilation import compile_late_truth_kernels, compile_method, small_recording
 from scenetruth.truth import visibility_kernels

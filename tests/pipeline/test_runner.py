@@ -11,7 +11,7 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.errors import EstimateError
 from scenetruth.estimators import prepare
-from scenetruth.estimators.structure_tensor import execution
+from scenetruth.estimators.structure_tensor import MEMORY_LIMITS
 from scenetruth.pipeline.runner import write_estimate
 from tests.helpers.analytic_plane import Plane
 
@@ -29,7 +29,7 @@ def test_groups_of_frames_leave_no_trace(
     whole = st.estimate(recording)
     st.save_store(recording, tmp_path / "recording.zarr")
     # Two frames at a time, of five.
-    monkeypatch.setattr(execution, "_MAP_BYTES", 2 * 84 * 60 * 56)
+    monkeypatch.setattr(MEMORY_LIMITS, "map_bytes", 2 * 84 * 60 * 56)
     told: list[tuple[str, int, int]] = []
     work = prepare(
         st.open_store(tmp_path / "recording.zarr"), progress=lambda what, done, total: told.append((what, done, total))

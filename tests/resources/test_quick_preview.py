@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 
 import scenetruth as st
@@ -19,7 +20,7 @@ from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_models import compute_image_times
 from scenetruth.scene.scene_report import describe_scene
 from scenetruth.truth import GeometryPass, interior_warnings, truth_maps
-from tests.helpers.scenes import LIBRARY, SCENES, cube, small
+from tests.helpers.scenes import LIBRARY, cube, small
 
 
 @pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
@@ -103,11 +104,15 @@ def test_motions_that_cannot_be_are_told() -> None:
     assert [problem.path for problem in about.value.problems] == [problem.path for problem in exact.value.problems]
 
 
-def test_meshes_that_take_long_to_read_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = st.load_scene(SCENES / "finite_elements.yaml")
-    monkeypatch.setattr("scenetruth.scene.mesh.mesh_file._QUICKLY_READ", 10)
-    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
-    assert glimpse.left_out == [scene.objects[0].name]
+@pytest.mark.parametrize(("comment_bytes", "left_out"), [(0, []), (3_000_000, ["cube"])])
+def test_meshes_that_take_long_to_read_are_left_out(tmp_path: Path, comment_bytes: int, left_out: list[str]) -> None:
+    plain = cube().to_dict()
+    trimesh.creation.box((20, 20, 20)).export(tmp_path / "box.obj")
+    with (tmp_path / "box.obj").open("a") as file:
+        file.write("\n" + "# 45678\n" * (comment_bytes // 8))
+    plain["objects"][0] |= {"name": "cube", "mesh": {"kind": "file", "file": str(tmp_path / "box.obj")}}
+    scene = st.Scene.from_dict(plain)
+    assert make_quick_preview(scene, list_object_workloads(scene)[0]).left_out == left_out
 
 
 def test_surfaces_that_begin_at_the_camera_take_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:

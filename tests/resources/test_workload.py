@@ -14,11 +14,8 @@ from hypothesis import strategies as some
 import scenetruth as st
 from scenetruth.resources.workload import compute_workload, list_object_workloads, sharp_images
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.texture.band_limited_noise import (
-    compute_noise_shape,
-    contains_wavelength,
-    make_band_limited_noise,
-)
+from scenetruth.scene.mesh import count_elements
+from scenetruth.scene.texture import compute_noise_shape, contains_wavelength, make_band_limited_noise
 from tests.helpers.scenes import LIBRARY, SCENES, cube, small
 
 MESHES: list[dict[str, Any]] = [
@@ -88,14 +85,11 @@ def test_files_are_counted_without_being_read_as_meshes(tmp_path: Path, suffix: 
     assert 642 <= size.vertices <= 3 * 1280
 
 
-def test_lines_are_counted_over_the_borders_of_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from scenetruth.scene.mesh import file_preflight as reading
-
+def test_lines_are_counted_over_the_borders_of_pieces(tmp_path: Path) -> None:
     file = tmp_path / "grid.obj"
     file.write_text("".join(f"v {n} 0 0\n" for n in range(100)) + "f 1 2 3\nvn 0 0 1\nf 2 3 4\n")
     for size in (1, 2, 3, 7, 64):
-        monkeypatch.setattr(reading, "_PIECE", size)
-        assert reading.count_elements(file) == (100, 2)
+        assert count_elements(file, piece_bytes=size) == (100, 2)
 
 
 @pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)

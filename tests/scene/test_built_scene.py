@@ -28,7 +28,7 @@ from scenetruth.resources import refuse_beyond_limits
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.mesh import load_mesh_file, make_box
 from scenetruth.scene.scene_report import check_scene, describe_scene
-from scenetruth.scene.texture.image_textures import MAX_PIXELS, compute_luminance
+from scenetruth.scene.texture import MAX_PIXELS, compute_luminance
 from tests.helpers.scenes import SCENES, cube
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as some
 
 from scenetruth.errors import ScoreError, StoreError
 from scenetruth.scoring import Score, score
-from scenetruth.scoring.report.report_content import build_score_content
+from scenetruth.scoring.report import build_score_content
 from tests.helpers.synthetic_case import make_case
 
 CASE = make_case()

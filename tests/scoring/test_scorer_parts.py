@@ -11,8 +11,8 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.scoring import alignment
-from scenetruth.scoring.figures.error_figures import _samples
-from scenetruth.scoring.report.report_content import describe_maps
+from scenetruth.scoring.figures import iterate_error_samples
+from scenetruth.scoring.report import describe_maps
 from tests.helpers.synthetic_case import Case, make_case
 
 FRAMES = (-1, 0, 1)
@@ -63,7 +63,7 @@ def assert_same(found: Any, expected: Any) -> None:
 def test_histograms_hold_every_error_once(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     def gathered() -> dict[tuple[str, str], list[float]]:
         found: dict[tuple[str, str], list[float]] = {}
-        for name, samples in _samples(case.estimate, case.truth, ("depth", "velocity_epe"), 4.0):
+        for name, samples in iterate_error_samples(case.estimate, case.truth, ("depth", "velocity_epe"), 4.0):
             for region, values in samples.items():
                 found.setdefault((name, region), []).extend(values.tolist())
         return found

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from scenetruth.schema import STATUS_NORMAL, VARIABLES, label, read_intrinsics
 from scenetruth.scoring import QUANTITIES, Score, plot_one, score
-from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
-from scenetruth.scoring.figures.map_figures import draw_estimated_growth, draw_growth
-from scenetruth.scoring.report.report_content import describe_maps
+from scenetruth.scoring.figures import collect_figure_arrays, draw_estimated_growth, draw_growth
+from scenetruth.scoring.report import describe_maps
 from scenetruth.scoring.statistics import angle_deg
 from tests.helpers.nightly import by_night
 from tests.helpers.synthetic_case import Case, make_growing_case

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from scenetruth.benchmark.benchmark_report import _SUMMARY_STATISTICS
 from scenetruth.benchmark.cases import all_cases
-from scenetruth.design.optimisation import design_records
-from scenetruth.design.sweeps import sweep_result
+from scenetruth.design import optimisation, sweeps
 from scenetruth.scoring.error_pairs import EstimateTruthPair
 from scenetruth.scoring.statistics import (
     RATES,
@@ -209,10 +208,8 @@ def test_diverged_estimate_overflows_nothing() -> None:
 
 def test_all_packages_use_the_same_names() -> None:
     assert {*STATISTICS} <= {*STATISTIC_TITLES}
-    assert {*sweep_result.STATISTICS} <= {*STATISTIC_TITLES}
-    assert {*design_records.STATISTICS, *(one.scored for one in design_records.STATISTICS.values())} <= {
-        *STATISTIC_TITLES
-    }
+    assert {*sweeps.STATISTICS} <= {*STATISTIC_TITLES}
+    assert {*optimisation.STATISTICS, *(one.scored for one in optimisation.STATISTICS.values())} <= {*STATISTIC_TITLES}
     assert {*_SUMMARY_STATISTICS, *(case.headline[1] for case in all_cases().values())} <= {*STATISTIC_TITLES}
     assert len({*STATISTIC_TITLES.values()}) == len(STATISTIC_TITLES)
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import scenetruth as st
 from scenetruth.cli.app import app
-from scenetruth.estimators.structure_tensor.filters import transfer
+from scenetruth.estimators.structure_tensor import transfer
 from scenetruth.validation_studies import paper_figure2 as figure2
 from scenetruth.validation_studies.paper_figure2 import (
     FOCAL_LENGTH_PX,

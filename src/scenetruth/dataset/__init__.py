@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from scenetruth.dataset.dataset_estimation import estimate_dataset
@@ -17,50 +18,22 @@ if TYPE_CHECKING:
     from scenetruth.dataset.samples import Partition
 
 __all__ = [
-    "DatasetRunResult",
-    "Partition",
-    "Recipe",
-    "RecipeReport",
-    "Sampler",
-    "SceneDataset",
-    "check_recipe",
-    "estimate_dataset",
-    "export",
-    "load_recipe",
-    "open_dataset",
-    "preview_dataset",
-    "run_dataset",
-    "verify",
+    "DatasetRunResult", "Partition", "Recipe", "RecipeReport", "Sampler", "SceneDataset", "check_recipe",
+    "estimate_dataset", "export", "load_recipe", "open_dataset", "preview_dataset", "run_dataset", "verify",
     "write_card",
-]
+]  # fmt: skip
 
-_HOMES = {
-    "DatasetRunResult": "generation",
-    "Partition": "samples",
-    "Recipe": "recipe_loader",
-    "Sampler": "sampler",
-    "SceneDataset": "reading",
-    "RecipeReport": "generation",
-    "check_recipe": "generation",
-    "estimate_dataset": "dataset_estimation",
-    "export": "dataset_export",
-    "load_recipe": "recipe_loader",
-    "open_dataset": "reading",
-    "preview_dataset": "pages.preview_page",
-    "run_dataset": "generation",
-    "verify": "dataset_export",
-    "write_card": "pages.card",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        msg = f"module 'scenetruth.dataset' has no attribute '{name}'"
-        raise AttributeError(msg)
-    value = getattr(import_module(f"scenetruth.dataset.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = export_lazily(
+    __name__,
+    {
+        "dataset_estimation": "estimate_dataset",
+        "dataset_export": "export verify",
+        "generation": "DatasetRunResult RecipeReport check_recipe run_dataset",
+        "pages.card": "write_card",
+        "pages.preview_page": "preview_dataset",
+        "reading": "SceneDataset open_dataset",
+        "recipe_loader": "Recipe load_recipe",
+        "sampler": "Sampler",
+        "samples": "Partition",
+    },
+)

@@ -15,23 +15,7 @@ from scenetruth.estimators.registry import (
 )
 
 __all__ = [
-    "DEFAULT_METHOD",
-    "EstimationTask",
-    "Estimator",
-    "Method",
-    "MethodChoice",
-    "MethodEntry",
-    "MethodLike",
-    "MethodSettings",
-    "MethodSpec",
-    "Needs",
-    "StreamingMethod",
-    "choose",
-    "estimate",
-    "find_method",
-    "list_methods",
-    "offered",
-    "prepare",
-    "requirements",
-    "validate_settings",
-]
+    "DEFAULT_METHOD", "EstimationTask", "Estimator", "Method", "MethodChoice", "MethodEntry", "MethodLike",
+    "MethodSettings", "MethodSpec", "Needs", "StreamingMethod", "choose", "estimate", "find_method", "list_methods",
+    "offered", "prepare", "requirements", "validate_settings",
+]  # fmt: skip

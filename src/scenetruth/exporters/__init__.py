@@ -12,18 +12,7 @@ from scenetruth.exporters.export_writer import (
 from scenetruth.exporters.format_base import ExportFormat, FlowOptions, PairOptions, PictureOptions, load_formats
 
 __all__ = [
-    "CameraPair",
-    "ExportFormat",
-    "ExportResult",
-    "ExportSource",
-    "FlowKind",
-    "FlowOptions",
-    "PairOptions",
-    "PictureOptions",
-    "checked_source",
-    "choose_format",
-    "export_data",
-    "export_formats",
-    "load_formats",
+    "CameraPair", "ExportFormat", "ExportResult", "ExportSource", "FlowKind", "FlowOptions", "PairOptions",
+    "PictureOptions", "checked_source", "choose_format", "export_data", "export_formats", "load_formats",
     "write_export",
-]
+]  # fmt: skip

@@ -18,16 +18,6 @@ from scenetruth.output.ownership import (
 )
 
 __all__ = [
-    "Claim",
-    "OwnershipResult",
-    "check_output",
-    "claim_file",
-    "claim_folder",
-    "claim_pictures",
-    "describe_foreign_files",
-    "is_full_disk",
-    "lock_output",
-    "remove_leftovers",
-    "scratch_path",
-    "write_atomically",
-]
+    "Claim", "OwnershipResult", "check_output", "claim_file", "claim_folder", "claim_pictures",
+    "describe_foreign_files", "is_full_disk", "lock_output", "remove_leftovers", "scratch_path", "write_atomically",
+]  # fmt: skip

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from scenetruth.pipeline.figure_worker import FigureWorker, open_figure_worker
@@ -15,51 +16,20 @@ if TYPE_CHECKING:
     from scenetruth.pipeline.scene_pipeline import STAGES, RunStage, run_pipeline, run_scene
 
 __all__ = [
-    "STAGES",
-    "FigureWorker",
-    "MethodPaths",
-    "PipelineRunner",
-    "RunDirectory",
-    "RunResult",
-    "RunStage",
-    "VerificationResult",
-    "compute_method_workload",
-    "export_run",
-    "method_choices",
-    "open_figure_worker",
-    "precompile",
-    "run_pipeline",
-    "run_problems",
-    "run_scene",
-    "verify_run",
-]
+    "STAGES", "FigureWorker", "MethodPaths", "PipelineRunner", "RunDirectory", "RunResult", "RunStage",
+    "VerificationResult", "compute_method_workload", "export_run", "method_choices", "open_figure_worker", "precompile",
+    "run_pipeline", "run_problems", "run_scene", "verify_run",
+]  # fmt: skip
 
-# The second process starts while the libraries of the stages are loaded.
-_HOMES = {
-    "FigureWorker": "figure_worker",
-    "MethodPaths": "run_directory",
-    "RunDirectory": "run_directory",
-    "RunResult": "runner",
-    "PipelineRunner": "runner",
-    "VerificationResult": "finished_runs",
-    "compute_method_workload": "preflight",
-    "export_run": "finished_runs",
-    "open_figure_worker": "figure_worker",
-    "method_choices": "preflight",
-    "run_problems": "preflight",
-    "verify_run": "finished_runs",
-    "precompile": "precompilation",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        msg = f"module 'scenetruth.pipeline' has no attribute '{name}'"
-        raise AttributeError(msg)
-    value = getattr(import_module(f"scenetruth.pipeline.{_HOMES.get(name, 'scene_pipeline')}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = export_lazily(
+    __name__,
+    {
+        "figure_worker": "FigureWorker open_figure_worker",
+        "finished_runs": "VerificationResult export_run verify_run",
+        "precompilation": "precompile",
+        "preflight": "compute_method_workload method_choices run_problems",
+        "run_directory": "MethodPaths RunDirectory",
+        "runner": "PipelineRunner RunResult",
+        "scene_pipeline": "STAGES RunStage run_pipeline run_scene",
+    },
+)

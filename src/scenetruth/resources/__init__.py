@@ -7,20 +7,7 @@ from scenetruth.resources.system import Machine, inspect_machine
 from scenetruth.resources.workload import MethodWorkload, ObjectWorkload, RecordingWorkload, Workload, compute_workload
 
 __all__ = [
-    "Forecast",
-    "Limits",
-    "Machine",
-    "MethodWorkload",
-    "ObjectWorkload",
-    "RecordingWorkload",
-    "StageForecast",
-    "Workload",
-    "compute_workload",
-    "estimate_cost",
-    "inspect_machine",
-    "limited_objects",
-    "limits_from",
-    "machine_problems",
-    "refuse_beyond_limits",
-    "refuse_resources",
-]
+    "Forecast", "Limits", "Machine", "MethodWorkload", "ObjectWorkload", "RecordingWorkload", "StageForecast",
+    "Workload", "compute_workload", "estimate_cost", "inspect_machine", "limited_objects", "limits_from",
+    "machine_problems", "refuse_beyond_limits", "refuse_resources",
+]  # fmt: skip

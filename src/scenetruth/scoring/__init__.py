@@ -12,23 +12,7 @@ from scenetruth.scoring.scorer import score, score_settings
 from scenetruth.scoring.statistics import STATISTIC_TITLES, STATISTICS
 
 __all__ = [
-    "FIGURES",
-    "QUANTITIES",
-    "REGIONS",
-    "STATISTICS",
-    "STATISTIC_TITLES",
-    "ConventionMismatch",
-    "FigureInfo",
-    "Quantity",
-    "Score",
-    "compute_growth_rate",
-    "detect_convention_mismatches",
-    "get_units",
-    "matches_fingerprint",
-    "plot_all",
-    "plot_one",
-    "region_masks",
-    "score",
-    "score_settings",
-    "write_report",
-]
+    "FIGURES", "QUANTITIES", "REGIONS", "STATISTICS", "STATISTIC_TITLES", "ConventionMismatch", "FigureInfo",
+    "Quantity", "Score", "compute_growth_rate", "detect_convention_mismatches", "get_units", "matches_fingerprint",
+    "plot_all", "plot_one", "region_masks", "score", "score_settings", "write_report",
+]  # fmt: skip

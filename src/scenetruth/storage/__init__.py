@@ -15,21 +15,7 @@ from scenetruth.storage.store_files import (
 from scenetruth.storage.writer import StoreWriter, save_store, write_store
 
 __all__ = [
-    "RECORDING",
-    "SCENE",
-    "TRUTH",
-    "StoreKind",
-    "StoreWriter",
-    "claim_store",
-    "is_image_name",
-    "is_store",
-    "is_zip_name",
-    "load_store",
-    "open_store",
-    "open_store_files",
-    "save_store",
-    "store_name",
-    "verify_store",
-    "write_images",
-    "write_store",
-]
+    "RECORDING", "SCENE", "TRUTH", "StoreKind", "StoreWriter", "claim_store", "is_image_name", "is_store",
+    "is_zip_name", "load_store", "open_store", "open_store_files", "save_store", "store_name", "verify_store",
+    "write_images", "write_store",
+]  # fmt: skip

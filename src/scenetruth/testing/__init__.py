@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from scenetruth.testing.accuracy import assert_accuracy
@@ -17,26 +18,15 @@ if TYPE_CHECKING:
     from scenetruth.testing.tolerances import LimitError
 
 __all__ = [
-    "ConformanceError",
-    "ConformanceReport",
-    "EstimatorCheck",
-    "LimitError",
-    "assert_accuracy",
-    "check_estimator",
+    "ConformanceError", "ConformanceReport", "EstimatorCheck", "LimitError", "assert_accuracy", "check_estimator",
     "estimator_checks",
-]
+]  # fmt: skip
 
-_HOMES = {"LimitError": "tolerances", "assert_accuracy": "accuracy"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        msg = f"module 'scenetruth.testing' has no attribute '{name}'"
-        raise AttributeError(msg)
-    value = getattr(import_module(f"scenetruth.testing.{_HOMES.get(name, 'conformance')}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = export_lazily(
+    __name__,
+    {
+        "accuracy": "assert_accuracy",
+        "conformance": "ConformanceError ConformanceReport EstimatorCheck check_estimator estimator_checks",
+        "tolerances": "LimitError",
+    },
+)

@@ -22,24 +22,8 @@ from scenetruth.truth.truth_dataset import (
 )
 
 __all__ = [
-    "Geometries",
-    "GeometryPass",
-    "PixelPoints",
-    "PointTracker",
-    "SurfacePoints",
-    "TruthMaps",
-    "TruthOptions",
-    "TruthPoses",
-    "TruthViews",
-    "blank_truth",
-    "compile_visibility",
-    "fill_truth",
-    "find_visible_points",
-    "interior_warnings",
-    "make_truth",
-    "refuse_arguments",
-    "track_points",
-    "truth_by_rows",
-    "truth_from_world",
+    "Geometries", "GeometryPass", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps", "TruthOptions",
+    "TruthPoses", "TruthViews", "blank_truth", "compile_visibility", "fill_truth", "find_visible_points",
+    "interior_warnings", "make_truth", "refuse_arguments", "track_points", "truth_by_rows", "truth_from_world",
     "truth_maps",
-]
+]  # fmt: skip

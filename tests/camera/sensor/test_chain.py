@@ -184,7 +184,7 @@ def test_chains_that_do_not_fit_are_refused_effect_by_effect(
 
 
 def all_kinds() -> dict[str, type[Effect]]:
-    found = kinds_in(Effect, "scenetruth.camera.sensor.effects", "scenetruth.camera.sensor.noise_sources")
+    found = kinds_in(Effect, "scenetruth.camera.sensor")
     return {kind: model for kind, model in found.items() if issubclass(model, Effect)}
 
 

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 import scenetruth as st
 from scenetruth.camera import LinearImage, SensorChain
-from scenetruth.camera.sensor.effects import (
+from scenetruth.camera.sensor import (
     BayerFilter,
     BayerOrder,
     FullScaleGain,

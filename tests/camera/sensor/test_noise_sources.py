@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scenetruth.camera.sensor.noise_sources import (
+from scenetruth.camera.sensor import (
     DarkCurrent,
     DarkSignalNonuniformity,
     GaussianNoise,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.camera import PRESETS, EmvaSensor, GaussianSensor, LinearImage
-from scenetruth.camera.sensor.sensor_types import PresetName
+from scenetruth.camera.sensor import PresetName
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene, load_scene
 from tests.helpers.nightly import nightly

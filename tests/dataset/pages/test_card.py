@@ -18,7 +18,7 @@ from scenetruth.dataset import write_card
 from scenetruth.dataset.fingerprint import open_sampler
 from scenetruth.dataset.generation import run_dataset
 from scenetruth.dataset.layout import DatasetFolder
-from scenetruth.dataset.pages.croissant import Publication, describe_column
+from scenetruth.dataset.pages import Publication, describe_column
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.errors import OutputExistsError, RecipeError, StoreError
 from tests.helpers.command_line import scenetruth
@@ -191,10 +191,14 @@ def test_a_part_of_a_data_set_has_no_card(dataset: Path) -> None:
 
 
 def test_nothing_half_written_stays(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def failing(*_: object) -> None:
-        raise OSError(28, "No space left on device")
+    write_text = Path.write_text
 
-    monkeypatch.setattr("scenetruth.dataset.pages.card.build_croissant", failing)
+    def write_all_but_metadata(path: Path, text: str, **options: Any) -> int:
+        if text.startswith("{"):
+            raise OSError(28, "No space left on device")
+        return write_text(path, text, **options)
+
+    monkeypatch.setattr(Path, "write_text", write_all_but_metadata)
     before = {path.name for path in dataset.iterdir()}
     with pytest.raises(StoreError, match="disk is full"):
         write_card(dataset)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenetruth.dataset.pages.figures import (
+from scenetruth.dataset.pages import (
     PlotQuantity,
     draw_contact_sheet,
     draw_histograms,

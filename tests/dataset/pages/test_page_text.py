@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from scenetruth.dataset.pages.figures import collect_quantities, split_quantities
-from scenetruth.dataset.pages.page_text import (
+from scenetruth.dataset.pages import (
+    collect_quantities,
     describe_criterion,
     describe_distribution,
     describe_splits,
@@ -13,6 +13,7 @@ from scenetruth.dataset.pages.page_text import (
     format_code,
     format_label,
     format_title,
+    split_quantities,
 )
 from tests.helpers.dataset_makers import Make
 from tests.helpers.small_recipes import SCENE

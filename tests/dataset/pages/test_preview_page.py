@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenetruth.dataset import preview_dataset
-from scenetruth.dataset.pages.preview_page import PAGE, SIMPLIFIED, render_thumbnail, simplify_scene
+from scenetruth.dataset.pages import PAGE, SIMPLIFIED, render_thumbnail, simplify_scene
 from scenetruth.dataset.recipe_validation import draw_samples, select_numbers
 from scenetruth.errors import OutputExistsError, RecipeError
 from scenetruth.scene import Scene, load_scene

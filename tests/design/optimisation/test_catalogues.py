@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from scenetruth.camera.sensor import PRESETS
-from scenetruth.design.optimisation.catalogues import load_catalogues
-from scenetruth.design.optimisation.design_records import DesignSpecError
+from scenetruth.design.optimisation import load_catalogues
+from scenetruth.errors import DesignSpecError
 
 
 def test_every_entry_that_ships_has_a_source() -> None:

@@ -12,29 +12,29 @@ import pytest
 
 import scenetruth as st
 from scenetruth.design.optimisation import (
+    STATISTICS,
+    ConfirmationSpec,
+    ConfirmationTask,
     DesignSpec,
     Objective,
     PredictionInterval,
     RigDesign,
-    check_rank_consistency,
-    prepare_problem,
-)
-from scenetruth.design.optimisation.confirmation import (
-    ConfirmationTask,
     check_pair_rank,
+    check_rank_consistency,
     compare_with_prediction,
+    compose_summary,
+    compute_prediction_interval,
+    compute_rig_interval,
+    describe_rank_consistency,
+    evaluate_rig,
     get_simulated_statistic,
+    prepare_problem,
     reduce_scene,
+    rig_from_evaluation,
     simulate_candidate,
     simulate_candidates,
     simulate_objectives,
 )
-from scenetruth.design.optimisation.design_records import STATISTICS, compute_prediction_interval, compute_rig_interval
-from scenetruth.design.optimisation.design_result import compose_summary, describe_rank_consistency
-from scenetruth.design.optimisation.interpretation import rig_from_evaluation
-from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
-from scenetruth.design.optimisation.specification import ConfirmationSpec
-from scenetruth.jobs.results import TaskResult
 from scenetruth.scene import Scene
 from tests.helpers.small_specification import objective, scene, spec
 
@@ -78,7 +78,7 @@ def test_a_rig_of_which_little_is_told_says_so() -> None:
         assert ("only 60 % of the pixels are valid" in words) == told
 
 
-def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path) -> None:
     prepared = prepare_problem(DesignSpec.from_dict(spec()))
     values = {"stage.baseline_mm": 4.0, "stage.positions": 3, "optics.psf": None}
     rig = rig_from_evaluation(7, evaluate_rig(prepared.task, values), prepared)
@@ -88,16 +88,12 @@ def test_seeds_make_intervals_and_are_simulated_once(tmp_path: Path, monkeypatch
     assert 0 < told.pi_low < told.value < told.pi_high
     assert first.discrepancies[0].predicted == pytest.approx(rig.predicted["Depth"])
     assert first.changes == ()
-    numbers: list[int] = []
     # What is there is not made again; one seed more is.
-
-    def counted(job: ConfirmationTask, number: int) -> TaskResult:
-        numbers.append(number)
-        return simulate_candidate(job, number)
-
-    monkeypatch.setattr("scenetruth.design.optimisation.confirmation.simulate_candidate", counted)
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")}
     again = simulate_candidates([rig], prepared, ConfirmationSpec(rigs=1, seeds=3, max_size_px=None), tmp_path)
-    assert numbers == [2]
+    after = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")}
+    assert (len(before), len(after)) == (2, 3)
+    assert before.items() <= after.items()
     assert again.rigs[7].simulated["Depth"].seeds == 3
     figures = again.rigs[7].figures["Depth"]
     # A median is no larger than √2 of the rms; what 95 % lie below, no larger than √20 of it.

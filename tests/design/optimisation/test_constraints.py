@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scenetruth.design.optimisation.catalogues import load_catalogues
-from scenetruth.design.optimisation.constraints import ConstraintSpec, evaluate_bound
-from scenetruth.design.optimisation.rig_context import RigContext
-from scenetruth.design.optimisation.specification import CONSTRAINT_MODULES
+from scenetruth.design.optimisation import (
+    CONSTRAINT_MODULES,
+    ConstraintSpec,
+    RigContext,
+    evaluate_bound,
+    load_catalogues,
+)
 from scenetruth.design.prediction import predict, recommend
 from scenetruth.discovery import kinds_in
 from scenetruth.scene import Scene

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.design.optimisation.design_records import STATISTICS, compute_predicted_statistic
-from scenetruth.design.prediction import PredictedValue
-from scenetruth.design.prediction.region_statistics import compute_spread
+from scenetruth.design.optimisation import STATISTICS, compute_predicted_statistic
+from scenetruth.design.prediction import PredictedValue, compute_spread
 from scenetruth.scoring.statistics import error_statistics
 
 DRAWS = 200_000

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from scenetruth.design.optimisation import PredictionInterval, RigDesign, Sensitivity
-from scenetruth.design.optimisation.design_result import compose_summary, format_parameter
+from scenetruth.design.optimisation import PredictionInterval, RigDesign, Sensitivity, compose_summary, format_parameter
 from tests.helpers.small_specification import objective
 
 

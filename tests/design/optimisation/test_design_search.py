@@ -10,21 +10,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.design.optimisation import DesignSpace, Evaluation, Parameter
-from scenetruth.design.optimisation.design_search import (
+from scenetruth.design.optimisation import (
+    DesignSpace,
+    Evaluation,
+    Parameter,
+    SearchSpec,
+    add_alternatives,
     allocate_evaluations,
     analyse_sensitivity,
+    find_pareto_front,
     refine_locally,
     search_with_optuna,
-)
-from scenetruth.design.optimisation.pareto_front import (
-    add_alternatives,
-    find_pareto_front,
     select_distinguishable,
     select_recommended,
     thin_front,
 )
-from scenetruth.design.optimisation.specification import SearchSpec
 from tests.helpers.small_specification import Formula, constraint, objective, square
 
 TWO = (objective("a"), objective("b"))

@@ -7,14 +7,19 @@ from typing import Any
 
 import pytest
 
-from scenetruth.design.optimisation import DesignSpace, DesignSpec, Evaluation, Parameter, RuleOfThumb, Sensitivity
-from scenetruth.design.optimisation.constraints import evaluate_bound
-from scenetruth.design.optimisation.interpretation import (
+from scenetruth.design.optimisation import (
+    DesignSpace,
+    DesignSpec,
+    Evaluation,
+    Parameter,
+    RigContext,
+    RuleOfThumb,
+    Sensitivity,
     check_rules_of_thumb,
     describe_limiting_factors,
+    evaluate_bound,
     list_assumptions,
 )
-from scenetruth.design.optimisation.rig_context import RigContext
 from scenetruth.design.prediction import predict
 from scenetruth.scene import Scene
 from tests.helpers.small_specification import objective, scene, spec

@@ -14,11 +14,15 @@ import pytest
 import yaml
 
 import scenetruth as st
-from scenetruth.design.optimisation import DesignResult, DesignSpec, optimise, prepare_problem
-from scenetruth.design.optimisation.design_records import DesignSpecError
-from scenetruth.design.optimisation.report.design_report import write_design_page
-from scenetruth.design.optimisation.rig_evaluation import evaluate_rig
-from scenetruth.errors import MachineError, OutputExistsError, StoreError
+from scenetruth.design.optimisation import (
+    DesignResult,
+    DesignSpec,
+    evaluate_rig,
+    optimise,
+    prepare_problem,
+    write_design_page,
+)
+from scenetruth.errors import DesignSpecError, MachineError, OutputExistsError, StoreError
 from tests.helpers.small_specification import spec
 
 SMALL = {"predictions": 120, "morris_trajectories": 1, "sobol": 0}

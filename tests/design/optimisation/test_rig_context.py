@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenetruth.design.optimisation.rig_context import compute_stage_shifts_px, compute_stage_uncertainty
+from scenetruth.design.optimisation import compute_stage_shifts_px, compute_stage_uncertainty
 from scenetruth.design.prediction import PredictionInputs, predict
 from scenetruth.scene import Scene
 from tests.helpers.small_specification import scene

@@ -12,18 +12,23 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from scenetruth.camera.sensor import EmvaSensor
-from scenetruth.design.optimisation import DesignSpace, DesignSpec, Evaluation, Parameter, prepare_problem
-from scenetruth.design.optimisation.catalogues import load_catalogues
-from scenetruth.design.optimisation.interpretation import compute_local_sensitivities, rig_from_evaluation
-from scenetruth.design.optimisation.problem_setup import OptimisationProblem
-from scenetruth.design.optimisation.rig_evaluation import (
+from scenetruth.design.optimisation import (
     BaseRig,
+    DesignSpace,
+    DesignSpec,
+    Evaluation,
+    IlluminationSpec,
+    OptimisationProblem,
+    Parameter,
     build_rig,
+    compute_local_sensitivities,
     compute_objective_contributions,
     evaluate_rig,
+    load_catalogues,
+    prepare_problem,
     rank_evaluations,
+    rig_from_evaluation,
 )
-from scenetruth.design.optimisation.specification import IlluminationSpec
 from scenetruth.design.prediction import predict
 from scenetruth.errors import SceneError
 from scenetruth.scene import Scene

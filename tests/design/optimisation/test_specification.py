@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from scenetruth.design.optimisation import DesignSpec, load_design_spec, prepare_problem
-from scenetruth.design.optimisation.design_records import DesignSpecError
+from scenetruth.errors import DesignSpecError
 from scenetruth.input_files import bundled_files
 from scenetruth.scoring import QUANTITIES
 from tests.helpers.nightly import nightly

@@ -15,17 +15,21 @@ from scenetruth.benchmark.design_point import add_noise
 from scenetruth.bound import closed_form_bound
 from scenetruth.bound.image_gradients import gradient_along
 from scenetruth.camera import Defocus, GaussianPsf
-from scenetruth.design.patterns import Pattern, assess_pattern, generate_pattern
-from scenetruth.design.patterns.assessment import (
+from scenetruth.design.patterns import (
+    InkDots,
+    Pattern,
+    assess_pattern,
     assessments_to_dataframe,
+    compute_contrast_transfer,
+    compute_pattern_statistics,
     compute_size_table,
+    compute_spectrum,
     compute_theoretical_statistics,
     describe_assessments,
+    format_scene_lines,
+    generate_pattern,
+    write_texture_image,
 )
-from scenetruth.design.patterns.pattern_model import InkDots
-from scenetruth.design.patterns.pattern_rig import compute_contrast_transfer
-from scenetruth.design.patterns.pattern_spectrum import compute_pattern_statistics, compute_spectrum
-from scenetruth.design.patterns.printing import format_scene_lines, write_texture_image
 from scenetruth.errors import ArgumentError
 from tests.helpers.nightly import nightly
 from tests.helpers.pattern_rigs import FOCAL_PX, Z_MM, plain_rig

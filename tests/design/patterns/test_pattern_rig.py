@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.design.patterns import PatternRig
-from scenetruth.design.patterns.pattern_rig import compute_grey_level, find_grey_level
+from scenetruth.design.patterns import PatternRig, compute_grey_level, find_grey_level
 from scenetruth.errors import ArgumentError
 from tests.helpers.pattern_rigs import plain_rig
 from tests.helpers.scenes import SCENES

@@ -11,15 +11,19 @@ from scipy.special import j1
 from scipy.stats import multivariate_normal, norm
 
 from scenetruth.bound import texture_gradient
-from scenetruth.design.patterns import Pattern, generate_pattern
-from scenetruth.design.patterns.pattern_model import GreyPicture, InkAreas, InkDots
-from scenetruth.design.patterns.pattern_spectrum import PatternSpectrum, compute_pattern_statistics
-from scenetruth.design.patterns.pattern_types import (
+from scenetruth.design.patterns import (
     GreyNoisePattern,
+    GreyPicture,
+    InkAreas,
+    InkDots,
     NoisePattern,
+    Pattern,
+    PatternSpectrum,
     SpecklePattern,
     compute_boolean_covariance,
     compute_clipped_covariance,
+    compute_pattern_statistics,
+    generate_pattern,
 )
 from scenetruth.errors import ArgumentError
 from tests.helpers.pattern_rigs import plain_rig

@@ -20,9 +20,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 import scenetruth as st
-from scenetruth.design.patterns import Pattern, export_pattern, generate_pattern
-from scenetruth.design.patterns.page_layout import lay_out_pages
-from scenetruth.design.patterns.pattern_model import InkDots
+from scenetruth.design.patterns import InkDots, Pattern, export_pattern, generate_pattern, lay_out_pages
 from scenetruth.errors import ArgumentError
 from tests.helpers.pattern_rigs import plain_rig
 

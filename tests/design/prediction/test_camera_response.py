@@ -14,7 +14,7 @@ from scipy.special import j1
 
 import scenetruth as st
 from scenetruth.camera import LinearImage, build_sensor_chain
-from scenetruth.design.prediction.camera_response import (
+from scenetruth.design.prediction import (
     compute_blur_px,
     compute_derivative_response,
     compute_grey_levels,

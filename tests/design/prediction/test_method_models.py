@@ -13,7 +13,7 @@ import scenetruth as st
 from scenetruth.benchmark.design_point import add_noise
 from scenetruth.bound import closed_form_bound, texture_gradient
 from scenetruth.design import Prediction, predict
-from scenetruth.design.prediction.method_models import all_method_models
+from scenetruth.design.prediction import all_method_models
 from tests.helpers.prediction_scenes import wall
 
 NOISES = 20

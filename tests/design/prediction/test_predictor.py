@@ -16,10 +16,7 @@ from PIL import Image
 
 import scenetruth as st
 from scenetruth.design import PredictedValue
-from scenetruth.design.prediction import predict, recommend
-from scenetruth.design.prediction.prediction_result import TITLES, UNITS
-from scenetruth.design.prediction.predictor import predict_quickly
-from scenetruth.design.prediction.region_statistics import weighted_median
+from scenetruth.design.prediction import TITLES, UNITS, predict, predict_quickly, recommend, weighted_median
 from scenetruth.resources.enforcement import limited_objects
 from scenetruth.scene import Scene
 from scenetruth.scoring import QUANTITIES

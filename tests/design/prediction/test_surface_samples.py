@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.benchmark.design_point import add_noise
 from scenetruth.design import predict
-from scenetruth.design.prediction.surface_samples import SurfaceSamples, label_patches, rasterise, sample_surface
-from scenetruth.design.prediction.texture_information import compute_flow
+from scenetruth.design.prediction import SurfaceSamples, compute_flow, label_patches, rasterise, sample_surface
 from scenetruth.resources import Limits, limited_objects
 from scenetruth.scene import Scene
 from tests.helpers.nightly import by_day, nightly

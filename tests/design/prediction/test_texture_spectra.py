@@ -11,12 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from scenetruth.bound import texture_gradient
-from scenetruth.design.prediction.texture_spectra import (
-    SpectralComponents,
-    analytic_spectra,
-    compute_ring_spectrum,
-    measure_spectrum,
-)
+from scenetruth.design.prediction import SpectralComponents, analytic_spectra, compute_ring_spectrum, measure_spectrum
 from scenetruth.scene import Scene
 from tests.helpers.prediction_scenes import wall
 

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.design.sweeps.aggregation import (
+from scenetruth.design.sweeps import (
     Interval,
     compute_mean,
+    compute_normal_statistics,
     compute_positive_mean,
     compute_root_mean_square,
     compute_scatter,
 )
-from scenetruth.design.sweeps.point_simulation import compute_normal_statistics
 
 TRIALS = 600
 # Of 600 intervals that hold in 95 of 100 cases, 91.5 to 98 hold with four standard deviations.

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.design.sweeps.factors import Factor, format_level, parse_factors, split_assignments
+from scenetruth.design.sweeps import Factor, format_level, parse_factors, split_assignments
 
 NUMBERS = st.floats(min_value=1e-6, max_value=1e6)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from scenetruth.design.sweeps.sweep_plan import build_plan
+from scenetruth.design.sweeps import build_plan
 from scenetruth.errors import ArgumentError, SceneError
 from scenetruth.scene import Scene
 from tests.helpers.sweep_scenes import scene

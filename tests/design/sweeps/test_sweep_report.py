@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenetruth.design.sweeps import Sweep
-from scenetruth.design.sweeps.plot_model import build_panels, list_plotted_quantities
-from scenetruth.design.sweeps.static_plots import write_static_plots
-from scenetruth.design.sweeps.sweep_report import build_chart, write_sweep_report
+from scenetruth.design.sweeps import (
+    Sweep,
+    build_chart,
+    build_panels,
+    list_plotted_quantities,
+    write_static_plots,
+    write_sweep_report,
+)
 from tests.helpers.sample_sweep import BASELINE, HOSTILE, KIND, NOISE, over_two, rows
 
 

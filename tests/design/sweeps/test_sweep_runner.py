@@ -19,9 +19,7 @@ import xarray as xr
 import yaml
 
 import scenetruth as st
-from scenetruth.design.sweeps import Sweep, sweep
-from scenetruth.design.sweeps.point_simulation import bound_window_from_method
-from scenetruth.design.sweeps.sweep_plan import build_plan
+from scenetruth.design.sweeps import Sweep, bound_window_from_method, build_plan, sweep
 from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError
 from scenetruth.estimators.method_specs import MethodSpec, parse_methods
 from tests.helpers.nightly import nightly

@@ -12,9 +12,16 @@ import pytest
 
 import scenetruth as st
 from scenetruth.benchmark.design_point import ignore_scene_warnings
-from scenetruth.design.uncertainty import Budget, Calibration, budget
-from scenetruth.design.uncertainty.simulation_runs import BudgetTask, SimulationRun, simulate_run
-from scenetruth.design.uncertainty.source import resolve_calibration, restrict_sources
+from scenetruth.design.uncertainty import (
+    Budget,
+    BudgetTask,
+    Calibration,
+    SimulationRun,
+    budget,
+    resolve_calibration,
+    restrict_sources,
+    simulate_run,
+)
 from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError, SceneError
 from tests.helpers.budget_scenes import laboratory
 from tests.helpers.nightly import nightly

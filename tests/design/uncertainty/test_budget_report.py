@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.design.uncertainty import Budget
-from scenetruth.design.uncertainty.budget_report import compute_bars, make_waterfalls, write_page, write_waterfall
+from scenetruth.design.uncertainty import Budget, compute_bars, make_waterfalls, write_page, write_waterfall
 from scenetruth.number_format import format_two_digits
 from tests.helpers.sample_budget import budget_of_a_cube
 

@@ -9,14 +9,14 @@ from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.design.uncertainty.observation_model import (
+from scenetruth.design.uncertainty import (
     ObservationModel,
     build_observation_model,
     displace_camera,
     disturb_poses,
+    make_stage_schedule,
     shift_in_time,
 )
-from scenetruth.design.uncertainty.sources.stage import make_stage_schedule
 from scenetruth.provenance import build_schedule
 from tests.helpers.budget_scenes import laboratory
 

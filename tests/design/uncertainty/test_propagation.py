@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.benchmark.design_point import add_noise, ignore_scene_warnings
 from scenetruth.bound import cramer_rao_bound
-from scenetruth.design.uncertainty.observation_model import ImageDisturbance, ObservationModel, build_observation_model
-from scenetruth.design.uncertainty.propagation import Propagation, select_propagation
+from scenetruth.design.uncertainty import (
+    ImageDisturbance,
+    ObservationModel,
+    Propagation,
+    build_observation_model,
+    select_propagation,
+)
 from scenetruth.estimators.method_settings import RefinedSettings, StructureTensorSettings
 from tests.helpers.budget_scenes import laboratory
 

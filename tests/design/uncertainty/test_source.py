@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from scenetruth.camera import build_sensor_chain
-from scenetruth.design.uncertainty import Calibration
-from scenetruth.design.uncertainty.source import active_sources, all_sources, contrast_sources, restrict_sources
+from scenetruth.design.uncertainty import Calibration, active_sources, all_sources, contrast_sources, restrict_sources
 from tests.helpers.budget_scenes import laboratory
 
 CALIBRATED = Calibration(focal_length_percent=0, principal_point_px=0, baseline_percent=0)

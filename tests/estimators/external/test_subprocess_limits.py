@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from scenetruth.errors import EstimateError
-from scenetruth.estimators.external.subprocess_limits import can_list_processes, last_lines, run_program
+from scenetruth.estimators.external import can_list_processes, last_lines, run_program
 from tests.helpers.external_scripts import is_gone, wait_for
 
 pytestmark = pytest.mark.skipif(not can_list_processes(), reason="this system tells of no processes (/proc)")

@@ -11,8 +11,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators import opencv_common, prepare
-from scenetruth.estimators.methods import opencv_scene_flow
+from scenetruth.estimators import find_method, opencv_common, prepare
 from scenetruth.pipeline.runner import write_estimate
 from scenetruth.storage import reader
 from tests.helpers.analytic_plane import Plane
@@ -116,7 +115,7 @@ def deep(request: pytest.FixtureRequest) -> xr.Dataset:
 
 def at_once(recording: xr.Dataset, name: str) -> xr.Dataset:
     """The estimate from all images and all maps together, with the default settings."""
-    settings = opencv_scene_flow.METHOD.settings()
+    settings: Any = find_method("opencv_scene_flow").settings()
     images = recording["image"].values
     if images.dtype != np.uint8:
         low, high = np.nanpercentile(images[..., ::4, ::4].astype(np.float64), (0.1, 99.9))

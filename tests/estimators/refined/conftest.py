@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from tests.helpers.warped_images import COUNT, HEIGHT, WIDTH, Array, Warped, warped_by
+from tests.helpers.kernel_images import COUNT, HEIGHT, WIDTH, Array, Warped, warped_by
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined.image_consistency import fine_contrast
-from scenetruth.estimators.refined.image_stack import ImageStack
-from scenetruth.estimators.refined.initialisation import CameraLayout, map_to_reference
-from scenetruth.estimators.refined.kernels import warp
+from scenetruth.estimators.refined import DefectFilteredFrames, ImageStack, Splines, fine_contrast
 from tests.helpers.nightly import by_night, nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
@@ -194,42 +191,8 @@ def test_one_camera_needs_more_than_one_frame_at_once() -> None:
         st.estimate(PLANE.recording(1, 5), "refined", window_frames=1)
 
 
-@pytest.mark.parametrize(("s", "t"), [(0.0, 1.0), (1.0, 0.0), (-1.0, -2.0)])
-def test_fields_of_another_image_are_brought_back(s: float, t: float) -> None:
-    """What the kernel fetches for the reference's pixels, the inverse brings back, to half a pixel's change of d."""
-    start = PLANE.start()
-    height, width = PLANE.size
-    y, x = np.mgrid[:height, :width].astype(np.float64)
-    centre = ((width - 1) / 2, (height - 1) / 2)
-    view = warp.ImageView(np.array([s]), np.zeros(1), np.array([t]), np.zeros((1, 4)), PLANE.focal_px, *centre)
-    # Where the other image sees the points, by the kernel itself: it fetches ramps.
-    ramps = np.empty((2, 1, height, width), dtype=np.float32)
-    nothing, gradient = np.zeros((0, 0, 0), np.uint8), np.empty((2, height, width), np.float32)
-    for out, ramp in zip(ramps, (x, y), strict=True):
-        warp.warp_rows(ramp[None].astype(np.float32), view, start, nothing, nothing, 0, out, gradient, (0, height))
-    d, q_x, q_y, q_z = start
-    there = np.stack([d / (1 + t * d * q_z / PLANE.focal_px), q_x, q_y, q_z])
-    # The other image's own fields: those of the points it sees, at its pixels.
-    known = np.isfinite(ramps[0, 0])
-    own = np.full_like(start, np.nan)
-    columns, rows = (np.rint(ramp[0][known]).astype(int) for ramp in ramps)
-    own[:, rows, columns] = there[:, known]
-    from scenetruth.estimators.refined.initialisation import fill_gaps
-
-    own = fill_gaps(own, np.isfinite(own[0]))
-    back = map_to_reference(
-        own, s, t, CameraLayout(np.stack([np.arange(-2.0, 3.0), np.zeros(5)], axis=-1), 4.0, PLANE.focal_px, centre)
-    )
-    inner = (slice(None), slice(15, -15), slice(25, -25))
-    assert np.abs((back - start)[inner])[0].max() < 0.01
-    np.testing.assert_allclose(back[inner][1:], start[inner][1:], atol=2e-4)
-
-
 def test_noise_is_no_larger_than_what_is_fine(noisy: xr.Dataset) -> None:
     """White noise as it is; of a wave across both axes, the product of its second differences over six."""
-    from scenetruth.estimators.refined.image_stack import Splines
-    from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
-
     generator = np.random.default_rng(4)
     y, x = np.mgrid[:90, :120]
     wave = 0.1 * np.cos(0.8 * x) * np.cos(0.6 * y)

@@ -7,9 +7,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.estimators.method_settings import RefinedSettings
-from scenetruth.estimators.refined.image_stack import ImageStack, Splines
-from scenetruth.estimators.refined.iterations import refine
-from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+from scenetruth.estimators.refined import DefectFilteredFrames, ImageStack, Splines, refine
 from tests.helpers.curved_surface import curved
 from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane, turning

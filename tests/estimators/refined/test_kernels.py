@@ -15,7 +15,7 @@ from scenetruth.estimators.refined.kernels import pixel_equations, warp, window_
 from scenetruth.estimators.refined.kernels import pixel_equations as equations
 from scenetruth.estimators.refined.noise_estimation import EVEN, spline_slope_transfer, spline_transfer
 from scenetruth.estimators.refined.row_bands import window_weights
-from tests.helpers.warped_images import COUNT, HEIGHT, VIEW, WIDTH, Array, warped_by
+from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, warped_by
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 

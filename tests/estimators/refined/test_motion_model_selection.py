@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined.fit_maps import between, blank_fit, every_other, with_bias
+from scenetruth.estimators.refined import between, blank_fit, every_other, with_bias
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 from tests.helpers.nightly import by_night, nightly
 from tests.helpers.wavy_plane import MovingPlane

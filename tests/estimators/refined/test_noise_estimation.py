@@ -11,12 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st_
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.noise_estimation import (
-    EVEN,
-    GreyVariance,
-    estimate_variance,
-    photon_transfer_variance,
-)
+from scenetruth.estimators.refined import EVEN, GreyVariance, estimate_variance, photon_transfer_variance
 from tests.helpers.estimated_plane import INSIDE, errors, estimated
 from tests.helpers.wavy_plane import MovingPlane
 

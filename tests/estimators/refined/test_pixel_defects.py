@@ -8,21 +8,16 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
 import scenetruth as st
-from scenetruth.estimators.refined.image_stack import NO_DEFECTS
-from scenetruth.estimators.refined.kernels import photo_consistency, warp
-from scenetruth.estimators.refined.kernels.warp import smooth_over
-from scenetruth.estimators.refined.pixel_defects import (
+from scenetruth.estimators.refined import (
     DefectFilteredFrames,
     fill_defects,
     find_dead_pixels,
     find_saturated_runs,
     spread_defects,
 )
-from tests.helpers.warped_images import COUNT, HEIGHT, VIEW, WIDTH
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 PLANE = MovingPlane(seed=2, size=(90, 120), gradient=turning(4e-3, -3e-3, 5e-3))
@@ -172,34 +167,6 @@ def test_clipped_images_say_how_much_and_black_is_no_fault(dtype: type, noisy: x
     assert sum(frames.counts.values()) == frames.counts["saturated"]
 
 
-def test_one_pixel_is_filled_as_cubics_go_on() -> None:
-    y, x = np.mgrid[:9, :10].astype(np.float64)
-    image = x**3 - 2 * x**2 * y + y**3 + x * y - 7
-    holed = image.copy()
-    holed[4, 5] = 1e6
-    smooth_over(holed, np.array([[4, 5]]), 1)
-    np.testing.assert_allclose(holed, image, atol=1e-9)
-
-
-def test_filled_squares_have_the_least_squared_laplacian() -> None:
-    """Beside a solver that knows nothing of it: least squares over the image mirrored at its ends."""
-    generator = np.random.default_rng(8)
-    image = generator.normal(0, 1, (9, 9))
-    bad = np.zeros((9, 9), dtype=bool)
-    bad[4:6, 4:6] = True
-    found = image.copy()
-    smooth_over(found, np.argwhere(bad), 400)
-
-    def laplacian(values: NDArray[Any]) -> NDArray[Any]:
-        return np.asarray(ndimage.laplace(values.reshape(9, 9), mode="mirror").ravel())
-
-    columns = np.stack([laplacian(np.eye(81)[n]) for n in np.flatnonzero(bad)], axis=1)
-    fixed = laplacian(np.where(bad, 0.0, image))
-    expected = np.linalg.lstsq(columns, -fixed, rcond=None)[0]
-    np.testing.assert_allclose(found[bad], expected, atol=1e-9)
-    np.testing.assert_array_equal(found[~bad], image[~bad])
-
-
 def test_an_image_without_any_pixel_is_black() -> None:
     assert (fill_defects(np.full((4, 5), np.nan, np.float32), np.ones((4, 5), bool)) == 0).all()
 
@@ -217,33 +184,3 @@ def test_samples_that_are_used_have_three_per_cent_of_a_filled_pixel() -> None:
     assert left[~out].max() == pytest.approx(0.030, abs=0.001)
     assert spread_defects(np.zeros((1, 4, 4), bool)).sum() == 0
     assert spread_defects(np.ones((1, 4, 4), bool)).all()
-
-
-def test_bad_pixels_are_not_fetched(images: Any, fields: Any, warped: Any) -> None:
-    coefficients = np.stack([ndimage.spline_filter(image, 5, mode="mirror") for image in images]).astype(np.float32)
-    bad = (np.random.default_rng(9).random((COUNT, HEIGHT, WIDTH)) < 0.1).astype(np.uint8)
-    empty = np.zeros((0, 0, 0), dtype=np.uint8)
-    gradient = np.empty((2, HEIGHT, WIDTH), dtype=np.float32)
-    found, free = np.empty((2, COUNT, HEIGHT, WIDTH), dtype=np.float32)
-    for out, flags in ((found, bad), (free, NO_DEFECTS)):
-        warp.warp_rows(coefficients, VIEW, fields, empty, flags, 0, out, gradient, (0, HEIGHT))
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    d, q_x, q_y, q_z = fields
-    for n in range(COUNT):
-        scale = 1 / (1 + VIEW.t[n] * d * q_z / VIEW.focal)
-        at_x = (x - VIEW.centre_x + d * (VIEW.t[n] * q_x - VIEW.s[n])) * scale + VIEW.centre_x
-        at_y = (y - VIEW.centre_y + d * (VIEW.t[n] * q_y - VIEW.s_y[n])) * scale + VIEW.centre_y
-        shown = np.isfinite(free[n])
-        rows, columns = (np.floor(at[shown] + 0.5).astype(int) for at in (at_y, at_x))
-        expected = free[n][shown].copy()
-        expected[bad[n, rows, columns] == 1] = np.nan
-        np.testing.assert_array_equal(found[n][shown], expected)
-        assert np.isnan(found[n][~shown]).all()
-    # And not judged.
-    variances = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    even = np.ones((COUNT, 1, 1), np.float32), np.zeros((COUNT, 1, 1), np.float32)
-    photo_consistency.judge_rows(coefficients, VIEW, fields, bad, *even, 32, variances, (0, HEIGHT))
-    several = np.isfinite(found).sum(axis=0) >= 3
-    np.testing.assert_array_equal(np.isfinite(variances[0]), several)
-    expected = np.nanvar(found[:, several].astype(np.float64), axis=0, ddof=1)
-    np.testing.assert_allclose(variances[0][several], expected, rtol=1e-4, atol=1e-5)

@@ -18,11 +18,16 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth import threads
+from scenetruth import compilation
 from scenetruth.compilation import thread_count
-from scenetruth.estimators.structure_tensor import execution
-from scenetruth.estimators.structure_tensor.execution import carry_to_reference
-from scenetruth.estimators.structure_tensor.registration import CELL, Rectangle, Registration
+from scenetruth.estimators.structure_tensor import (
+    CELL,
+    MEMORY_LIMITS,
+    Rectangle,
+    Registration,
+    carry_to_reference,
+    forget_second_best,
+)
 from tests.helpers.analytic_plane import Plane
 from tests.helpers.nightly import nightly
 
@@ -37,8 +42,8 @@ def same(one: xr.Dataset, two: xr.Dataset) -> None:
 def test_bands_and_groups(monkeypatch: pytest.MonkeyPatch, scratch_bytes: int, settings: dict[str, int]) -> None:
     recording = Plane(velocity=(0.1, -0.05, 0.3), slope=0.3, size=(90, 80)).recording(np.arange(5) - 2, 11, noise=0.01)
     whole = st.estimate(recording, progress=None, **settings)  # type: ignore[arg-type]
-    monkeypatch.setattr(execution, "_SCRATCH_BYTES", scratch_bytes)
-    monkeypatch.setattr(execution, "_BAND_ROWS", 32)
+    monkeypatch.setattr(MEMORY_LIMITS, "scratch_bytes", scratch_bytes)
+    monkeypatch.setattr(MEMORY_LIMITS, "band_rows", 32)
     parts = st.estimate(recording, progress=None, **settings)  # type: ignore[arg-type]
     # The window over the texture's spectrum ends with a band's border: error bars to the last digits, all else exactly.
     bars = [str(name) for name in whole.data_vars if str(name).endswith("_std")]
@@ -51,8 +56,7 @@ def test_one_thread_and_several(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = Plane(velocity=(0.1, -0.05, 0.3), size=(70, 80)).recording(np.arange(5) - 2, 9)
     found = []
     for count in (1, 2, 5):
-        for module in (execution, threads):
-            monkeypatch.setattr(module, "thread_count", lambda count=count: count)
+        monkeypatch.setattr(compilation, "thread_count", lambda count=count: count)
         found.append(st.estimate(recording))
     same(found[0], found[1])
     same(found[0], found[2])
@@ -79,7 +83,7 @@ def test_what_could_not_be_tried_everywhere_is_not_chosen(
     areas = [Rectangle(*area) for *_, area in items]
     before = np.random.default_rng(seed).integers(-1, len(items), (2, 21, 55)).astype(np.int16)
     after = before.copy()
-    execution._forget_second_best(after, registrations, areas, first_row)
+    forget_second_best(after, registrations, areas, first_row)
     for t, y, x in np.ndindex(before.shape):
         chosen = before[t, y, x]
         lacks = any(

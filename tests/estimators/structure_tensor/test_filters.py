@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.estimators.structure_tensor.filters import (
+from scenetruth.estimators.structure_tensor import (
     DERIVATIVE,
     PAPER,
     SMOOTHING,

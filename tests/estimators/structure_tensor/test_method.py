@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.estimators.method_settings import StructureTensorSettings
-from scenetruth.estimators.structure_tensor.filters import (
+from scenetruth.estimators.structure_tensor import (
     DERIVATIVE,
     SMOOTHING,
     choose_acquisition_axes,

@@ -11,9 +11,15 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.estimators.method_settings import StructureTensorSettings
-from scenetruth.estimators.structure_tensor.filters import PAPER, choose_acquisition_axes, gaussian_window, transfer
-from scenetruth.estimators.structure_tensor.maps import STRIDE
-from scenetruth.estimators.structure_tensor.noise_model import propagate_noise, texture_transfer
+from scenetruth.estimators.structure_tensor import (
+    PAPER,
+    STRIDE,
+    choose_acquisition_axes,
+    gaussian_window,
+    propagate_noise,
+    texture_transfer,
+    transfer,
+)
 from scenetruth.schema import STATUS_VALID
 from tests.helpers.analytic_plane import Plane
 from tests.helpers.nightly import by_night, nightly

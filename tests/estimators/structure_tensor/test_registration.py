@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.structure_tensor.registration import (
+from scenetruth.estimators.structure_tensor import (
     CELL,
     Rectangle,
     find_working_point,

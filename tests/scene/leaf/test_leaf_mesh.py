@@ -12,9 +12,7 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.scene.leaf.leaf_kernels import inside
-from scenetruth.scene.leaf.leaf_mesh import LeafMesh, LeafShape
-from scenetruth.scene.leaf.margin import compute_entire_margin, compute_half_width_mm, compute_margin
+from scenetruth.scene.leaf import LeafMesh, LeafShape, compute_entire_margin, compute_half_width_mm, compute_margin
 from scenetruth.scene.mesh import TriangleMesh
 from tests.helpers.scenes import cube
 
@@ -271,15 +269,6 @@ def test_form_has_the_stated_signs_and_angles() -> None:
     assert side[2] == pytest.approx(-15 * np.sin(np.radians(30)), rel=0.01)
     assert leaf(undulation={"amplitude_mm": 2.0}).vertices_mm[:, 2].max() == pytest.approx(2, rel=0.1)
     assert np.ptp(leaf().vertices_mm[:, 2]) == 0
-
-
-def test_inside_is_the_even_odd_rule() -> None:
-    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
-    star = np.column_stack([np.cos(angle), np.sin(angle)]) * np.where(np.arange(40) % 2, 1.0, 0.5)[:, None]
-    points = np.random.default_rng(2).uniform(-1.1, 1.1, (3000, 2))
-    from matplotlib.path import Path as Outline
-
-    np.testing.assert_array_equal(inside(points, star), Outline(star).contains_points(points))
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
-from scenetruth.scene.leaf.margin import _SHIFTS, _solve_shift
+from scenetruth.scene.leaf import SHIFTS, solve_shift
 from scenetruth.scene.plant import _matrix
 
 
-@pytest.mark.parametrize("place", _SHIFTS)
+@pytest.mark.parametrize("place", SHIFTS)
 def test_exponents_are_those_that_are_found(place: tuple[float, float, float]) -> None:
-    assert _SHIFTS[place] == _solve_shift(*place)
+    assert SHIFTS[place] == solve_shift(*place)
 
 
 angles = some.floats(-7, 7) | some.floats(-1e-3, 1e-3) | some.just(0.0)

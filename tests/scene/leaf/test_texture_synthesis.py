@@ -8,15 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.leaf.leaf_kernels import draw_dots, draw_veins, inside, net
-from scenetruth.scene.leaf.leaf_mesh import LeafMesh
-from scenetruth.scene.leaf.margin import compute_entire_margin, compute_half_width_mm
-from scenetruth.scene.leaf.texture_synthesis import LeafTexture
-from scenetruth.scene.leaf.veins import make_main_veins, make_side_veins
+from scenetruth.scene.leaf import (
+    LeafMesh,
+    LeafTexture,
+    compute_entire_margin,
+    compute_half_width_mm,
+    make_main_veins,
+    make_side_veins,
+)
 from scenetruth.scene.mesh import TriangleMesh, make_plane
 from scenetruth.scene.scene_report import describe_scene
 from scenetruth.scene.texture import Painted
@@ -182,7 +186,7 @@ def test_every_lobe_has_its_veins_inside_the_blade() -> None:
         assert (vein.points_mm[0] == 0).all()
         # Points of the margin stand 0.1 mm apart.
         assert np.hypot(*(margin * (1, np.sign(end[1]) or 1.0) - end).T).min() < 0.1
-        assert inside(vein.points_mm[1:-1] * 0.999, outline).all()
+        assert Outline(outline).contains_points(vein.points_mm[1:-1] * 0.999).all()
     veins = make_side_veins(entry, texture_of(secondary_veins=7), np.random.default_rng(1))
     starts = np.array([vein.points_mm[0] for vein in veins])
     turns = np.arctan2(ends[:, 1], ends[:, 0])
@@ -200,7 +204,7 @@ def test_every_lobe_has_its_veins_inside_the_blade() -> None:
         assert min(np.sum(np.array(across) > 0), np.sum(np.array(across) < 0)) >= 3
     for vein in veins:
         # They end where they come near to the margin.
-        out = vein.points_mm[1:][~inside(vein.points_mm[1:], outline)]
+        out = vein.points_mm[1:][~Outline(outline).contains_points(vein.points_mm[1:])]
         assert all(np.hypot(*(outline - point).T).min() < 0.01 * LENGTH for point in out)
 
 
@@ -219,53 +223,6 @@ def test_veins_of_lobes_are_seen() -> None:
             for points in (on, beside)
         )
         assert bright > 1.2 * dark
-
-
-def test_dots_are_as_many_as_a_poisson_process_has() -> None:
-    raster = np.zeros((200, 300), dtype=np.float32)
-    places = np.array([[20.0, 30.0], [20.5, 30.0], [150.25, 100.5]])
-    draw_dots(raster, places, 2.0, np.ones(3))
-    y, x = np.mgrid[:200, :300]
-    left = np.ones((200, 300))
-    for column, row in places:
-        square = (x - column) ** 2 + (y - row) ** 2
-        left *= 1 - np.exp(-square / 8)
-    # Dots end at 4.5 standard deviations, where exp(-4.5² / 2) = 4e-5.
-    np.testing.assert_allclose(raster, 1 - left, atol=5e-5)
-    assert raster.max() <= 1
-
-
-def test_lines_have_their_profile() -> None:
-    raster = np.zeros((40, 60), dtype=np.float32)
-    draw_veins(raster, np.array([[-5.0, 20.0], [30.0, 20.0], [65.0, 20.0]]), np.full(3, 2.0), np.array([1.0, 0.5, 0.5]))
-    rows = np.arange(40) - 20
-    expected = np.exp(-(rows**2) / 8) * (np.abs(rows) < 8)
-    np.testing.assert_allclose(raster[:, 45], 0.5 * expected, atol=1e-6)
-    np.testing.assert_allclose(raster[20, :30], 1 - 0.5 * (np.arange(30) + 5) / 35, atol=1e-6)
-
-
-def test_net_is_the_border_of_nearest_seeds() -> None:
-    """The kernel against a plain reading over all seeds around."""
-    generator = np.random.default_rng(5)
-    seeds = 0.5 + generator.uniform(-0.36, 0.36, (8, 8, 2))
-    powers = generator.uniform(0.3, 1, (8, 8))
-    x, y = np.meshgrid(np.linspace(-3, 5, 23).astype(np.float32), np.linspace(-4, 9, 19).astype(np.float32))
-    cell, sigma = (1.0, 1.9), 0.15
-    found = net(x, y, seeds, powers, cell, sigma)
-    row, column = np.mgrid[-8:12, -10:14]
-    places = (np.stack([column, row], axis=-1) + seeds[row % 8, column % 8]).reshape(-1, 2) * cell
-    power = powers[row % 8, column % 8].ravel()
-    for i, j in np.ndindex(x.shape):
-        apart = places - (x[i, j], y[i, j])
-        first = np.argmin((apart**2).sum(1))
-        across = places - places[first]
-        size = np.linalg.norm(across, axis=1)
-        size[first] = np.inf
-        distance = ((apart + apart[first]) / 2 * across).sum(1) / size
-        lines = (power + power[first]) / 2 * np.exp(-(distance**2) / (2 * sigma**2)) * (np.abs(distance) < 4 * sigma)
-        lines[first] = 0
-        # Float32 results; a profile ends at four standard deviations.
-        assert found[i, j] == pytest.approx(lines.max(), abs=1e-6)
 
 
 def test_only_leaves_wear_leaves() -> None:

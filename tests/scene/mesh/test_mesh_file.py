@@ -16,8 +16,7 @@ from scenetruth.errors import SceneError
 from scenetruth.raycast import Topology
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.built_scene import BuiltScene, build_scene
-from scenetruth.scene.mesh import load_mesh_file, make_box
-from scenetruth.scene.mesh.solids import make_sphere
+from scenetruth.scene.mesh import load_mesh_file, make_box, make_sphere
 from scenetruth.scene.scene_report import describe_scene
 from scenetruth.truth import GeometryPass, truth_maps
 from tests.helpers.ball_mesh import DISTANCE, RADIUS, Floats, ball, write

@@ -11,9 +11,16 @@ from scipy.spatial.transform import Rotation
 
 import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.mesh import TriangleMesh, make_sheet
-from scenetruth.scene.mesh.sheets import make_relief, make_saddle
-from scenetruth.scene.mesh.solids import make_cylinder, make_sphere, make_spherical_cap, make_stairs
+from scenetruth.scene.mesh import (
+    TriangleMesh,
+    make_cylinder,
+    make_relief,
+    make_saddle,
+    make_sheet,
+    make_sphere,
+    make_spherical_cap,
+    make_stairs,
+)
 from tests.helpers.scenes import cube
 from tests.helpers.smooth_surfaces import POSITION, SPEED, SPIN_DEG, TILT_DEG, scene_of
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.mesh.solids import make_torus
+from scenetruth.scene.mesh import make_torus
 from scenetruth.scene.reference_configuration import AnalyticConfiguration, make_reference_configuration
 from scenetruth.scene.scene_report import find_lighting_problems
 from scenetruth.scene.surface_tensor_kernels import CURVATURE, NORMAL, surface_tensors

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.scene import motion
 from scenetruth.scene.mesh import PlaneMesh
-from scenetruth.scene.motion import Motion, compose
-from scenetruth.scene.motion.rigid_motions import ConstantRotation, ConstantVelocity, Exponential
+from scenetruth.scene.motion import ConstantRotation, ConstantVelocity, Exponential, Motion, compose
 from scenetruth.scene.scene_object import Pose, SceneObject
 from scenetruth.scene.texture import UniformTexture
 from tests.helpers.moving_sheets import differences

@@ -7,13 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from scenetruth.scene.mesh import TriangleMesh, make_plane
 from scenetruth.scene.scene_object import Texture
-from scenetruth.scene.texture import NoiseTexture, PlaidTexture, SurfaceTexture, UniformTexture
-from scenetruth.scene.texture.image_textures import EmbeddedTexture
-from scenetruth.scene.texture.texture_kernels import linear_lookup, spline_lookup
+from scenetruth.scene.texture import EmbeddedTexture, NoiseTexture, PlaidTexture, SurfaceTexture, UniformTexture
 
 
 def made(kind: str) -> SurfaceTexture:
@@ -66,23 +63,3 @@ def test_means_are_those_of_all_samples(kind: str, samples: int) -> None:
     # Two roundings to float32 of values below 1, and float32 arithmetic of the spline.
     np.testing.assert_allclose(found, expected, atol=1e-6)
     assert kind == "uniform" or np.ptp(found) > 0.05
-
-
-def test_spline_lookup_is_scipys_periodic_spline() -> None:
-    generator = np.random.default_rng(1)
-    coefficients = generator.normal(size=(11, 17)).astype(np.float32)
-    uv = generator.uniform(-1.5, 2.5, (500, 2))
-    at = np.stack([uv[:, 1] * 11 - 0.5, uv[:, 0] * 17 - 0.5])
-    expected = map_coordinates(coefficients.astype(np.float64), at, order=3, mode="grid-wrap", prefilter=False)
-    # Sixteen products of float32.
-    np.testing.assert_allclose(spline_lookup(coefficients, uv), expected, atol=5e-6)
-
-
-@pytest.mark.parametrize(("tiled", "mode"), [(True, "grid-wrap"), (False, "nearest")])
-def test_linear_lookup_is_scipys(tiled: bool, mode: str) -> None:
-    generator = np.random.default_rng(2)
-    values = generator.random((11, 17)).astype(np.float32)
-    uv = generator.uniform(-1.5, 2.5, (500, 2))
-    at = np.stack([uv[:, 1] * 11 - 0.5, uv[:, 0] * 17 - 0.5])
-    expected = map_coordinates(values.astype(np.float64), at, order=1, mode=mode, prefilter=False)
-    np.testing.assert_allclose(linear_lookup(values, uv, tiled), expected, atol=1e-6)

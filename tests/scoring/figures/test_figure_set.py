@@ -17,19 +17,22 @@ from PIL import Image
 from scenetruth.errors import ScoreError
 from scenetruth.schema import STATUS_INVALID, STATUS_VALID
 from scenetruth.scoring import plot_all, score, write_report
-from scenetruth.scoring.figures import surface_figures
-from scenetruth.scoring.figures.error_figures import draw_error_bars
-from scenetruth.scoring.figures.figure_arrays import collect_figure_arrays
-from scenetruth.scoring.figures.map_figures import (
+from scenetruth.scoring.figures import (
+    SurfaceView,
+    arrow_factor,
+    build_surface,
+    collect_figure_arrays,
     draw_coherence,
+    draw_error_bars,
     draw_estimated_growth,
     draw_growth,
     draw_image,
+    draw_surface,
+    draw_velocity_arrows,
     draw_velocity_z,
     growth_limits,
     pick_row,
 )
-from scenetruth.scoring.figures.surface_figures import arrow_factor, draw_surface, draw_velocity_arrows
 from tests.helpers.nightly import nightly
 from tests.helpers.synthetic_case import (
     OF_ERRORS,
@@ -365,8 +368,8 @@ def step_points(jump_mm: float) -> NDArray[np.float64]:
 
 
 def test_surface_has_no_skin_across_jumps() -> None:
-    whole = surface_figures.build_surface(step_points(0.0), focal_length_px=100.0)
-    torn = surface_figures.build_surface(step_points(50.0), focal_length_px=100.0)
+    whole = build_surface(step_points(0.0), focal_length_px=100.0)
+    torn = build_surface(step_points(50.0), focal_length_px=100.0)
     assert len(whole.corners) == 5 * 7
     assert len(torn.corners) == 5 * 6
     assert np.ptp(torn.corners[..., 2], axis=1).max() == 0
@@ -375,19 +378,19 @@ def test_surface_has_no_skin_across_jumps() -> None:
 def test_surface_leaves_out_missing_points() -> None:
     points = step_points(0.0)
     points[2, 3] = np.nan
-    assert len(surface_figures.build_surface(points, focal_length_px=100.0).corners) == 5 * 7 - 4
+    assert len(build_surface(points, focal_length_px=100.0).corners) == 5 * 7 - 4
 
 
 def test_large_surfaces_are_thinned_out() -> None:
     y, x = np.indices((60, 80), dtype=np.float64)
-    surface = surface_figures.build_surface(np.stack([x, y, 0 * x + 80.0], axis=-1), 80.0, max_quads=300)
+    surface = build_surface(np.stack([x, y, 0 * x + 80.0], axis=-1), 80.0, max_quads=300)
     assert surface.step_px == 4
     assert len(surface.corners) == 14 * 19
     assert (surface.rows.max(), surface.columns.max()) == (54, 74)
 
 
 def test_view_is_a_right_handed_frame() -> None:
-    right, up, viewer = surface_figures.SurfaceView(30.0, -90.0).axes()
+    right, up, viewer = SurfaceView(30.0, -90.0).axes()
     np.testing.assert_allclose(right, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(viewer, [0, -0.5, -np.sqrt(0.75)], atol=1e-12)
     np.testing.assert_allclose(np.cross(right, up), viewer, atol=1e-12)

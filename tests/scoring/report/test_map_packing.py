@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from scenetruth.scoring.report.map_packing import LEVELS, RELATIVE_ROUNDING, pack_map, unpack_map
+from scenetruth.scoring.report import LEVELS, RELATIVE_ROUNDING, pack_map, unpack_map
 
 SHAPES = hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=12)
 ANYTHING = st.floats(allow_nan=True, allow_infinity=True)

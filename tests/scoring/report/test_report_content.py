@@ -6,8 +6,7 @@ import pytest
 
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.scoring import score
-from scenetruth.scoring.report.report_content import describe_maps, summarise_estimate, summarise_score
-from scenetruth.scoring.report.viewer import Viewer, build_viewer
+from scenetruth.scoring.report import Viewer, build_viewer, describe_maps, summarise_estimate, summarise_score
 from scenetruth.scoring.score_result import Score
 from tests.helpers.synthetic_case import Case, make_growing_case, with_regions
 

@@ -16,7 +16,7 @@ from PIL import Image
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import FIGURES, QUANTITIES, score, write_report
-from scenetruth.scoring.report.report_content import build_score_content, describe_maps
+from scenetruth.scoring.report import build_score_content, describe_maps
 from tests.helpers.synthetic_case import HELD, OF_ERRORS, Case, Drawn, make_case, make_growing_case, with_outliers
 
 ONE = ("image",)

@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 
 from scenetruth.schema import STATUS_VALID, label, make_recording, read_intrinsics
 from scenetruth.scoring import score, write_report
-from scenetruth.scoring.report import map_packing
-from scenetruth.scoring.report import viewer as content
-from scenetruth.scoring.report.map_packing import RELATIVE_ROUNDING, PackedMap, pack_viewer_images, unpack_map
-from scenetruth.scoring.report.viewer import Viewer, build_viewer
+from scenetruth.scoring.report import (
+    RELATIVE_ROUNDING,
+    PackedMap,
+    Viewer,
+    build_viewer,
+    pack_viewer_images,
+    unpack_map,
+)
 from tests.helpers.synthetic_case import Case, make_case, make_growing_case, with_error_bars
 
 Map = NDArray[np.float64]
@@ -115,15 +119,12 @@ def test_images_are_thinned_and_left_out_where_there_is_no_room(full_case: Case)
     assert sum(one.packed.size for one in few.shown[1:]) <= 1.2 * (size // 8) + size
 
 
-def test_large_images_and_many_maps_are_thinned_and_the_page_says_so(
-    full_case: Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_large_images_and_many_maps_are_thinned_and_the_page_says_so(full_case: Case) -> None:
     case = full_case
     result = score(case.estimate, case.truth)
     whole = build_viewer(case.recording, case.estimate, case.truth, result)
     sizes = sum(len(one["data"]) for one in whole.plain["maps"])
-    monkeypatch.setattr(map_packing, "_MAPS", sizes // 3)
-    less = build_viewer(case.recording, case.estimate, case.truth, result)
+    less = build_viewer(case.recording, case.estimate, case.truth, result, most_characters=sizes // 3)
     assert sum(len(one["data"]) for one in less.plain["maps"]) < 0.7 * sizes
     assert group(less, "depth")["maps"]["0"]["step"] > 1
     assert any("every second row and column is shown of: Depth" in note for note in less.notes)
@@ -131,8 +132,10 @@ def test_large_images_and_many_maps_are_thinned_and_the_page_says_so(
     truth = case.truth["depth"].values[0, ::step, ::step]
     atol = RELATIVE_ROUNDING * np.diff(group(less, "depth")["limits"]["value"])[0]
     np.testing.assert_allclose(shown(less, "depth", "truth"), truth, rtol=1e-14, atol=atol)
-    monkeypatch.setattr(content, "_MOST_PIXELS", case.estimate.sizes["x"] * case.estimate.sizes["y"] // 4)
-    thin = build_viewer(case.recording, case.estimate, case.truth, result)
+    pixels = case.estimate.sizes["x"] * case.estimate.sizes["y"]
+    thin = build_viewer(
+        case.recording, case.estimate, case.truth, result, most_pixels=pixels // 4, most_characters=sizes // 3
+    )
     assert (thin.plain["width"], thin.plain["height"]) == (80, 60)
     assert thin.plain["x"][:3] == [0, 2, 4]
     assert any("every second row and column of the images" in note for note in thin.notes)

@@ -14,7 +14,7 @@ import scenetruth as st
 import scenetruth.testing
 from scenetruth.estimators import Needs
 from scenetruth.testing import ConformanceError, check_estimator, estimator_checks
-from scenetruth.testing.conformance.check_runner import all_checks
+from scenetruth.testing.conformance import all_checks
 from tests.helpers import broken_methods
 from tests.helpers.broken_methods import BROKEN, BackwardFlow, ZeroForMissing
 from tests.helpers.gradient_method import Gradients

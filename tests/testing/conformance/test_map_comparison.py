@@ -9,10 +9,10 @@ import pytest
 import xarray as xr
 
 from scenetruth.schema import make_estimate
-from scenetruth.testing.conformance import SyntheticPlane
-from scenetruth.testing.conformance.map_comparison import (
+from scenetruth.testing.conformance import (
     CheckFailure,
     NotApplicable,
+    SyntheticPlane,
     change_sign,
     compute_magnitude,
     flip_maps,

@@ -31,9 +31,15 @@ class GalleryCase(Case):
     varied = "scene"
     quantities = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y")
 
+    @staticmethod
+    @cache
+    def files() -> tuple[Path, ...]:
+        """Return the files of the bundled scenes."""
+        return tuple(bundled_files().values())
+
     def labels(self) -> Mapping[float, str]:
         """Return the names of the scenes, numbered in alphabetical order."""
-        return {float(number): file.stem for number, file in enumerate(scene_files())}
+        return {float(number): file.stem for number, file in enumerate(self.files())}
 
     def values(self, suite: str) -> tuple[float, ...]:
         """Return the numbers of the scenes, in the suite ``full`` only."""
@@ -43,13 +49,13 @@ class GalleryCase(Case):
         """Return that the directory of scenes is required, if it is missing."""
         return (
             ""
-            if scene_files()
+            if self.files()
             else "needs the folder scenes/, which only a checkout of the project has: run it from one"
         )
 
     def scene(self, value: float) -> Mapping[str, Any]:
         """Return the scene of this number: five of its frames, ray-cast."""
-        plain = load_scene(scene_files()[int(value)], overrides=_CHANGES).to_dict()
+        plain = load_scene(self.files()[int(value)], overrides=_CHANGES).to_dict()
         # The methods are those of the comparison.
         plain.pop("estimate", None)
         return plain
@@ -66,9 +72,3 @@ class GalleryCase(Case):
         """Return the errors of windowed growth in %/h, for scenes with growth."""
         grows = float(np.nanmax(np.abs(found.truth["growth_rate"].values))) > _STILL
         return compute_growth_records(self, found) if grows else ()
-
-
-@cache
-def scene_files() -> tuple[Path, ...]:
-    """Return the files of the bundled scenes."""
-    return tuple(bundled_files().values())

@@ -2,22 +2,43 @@
 
 from scenetruth.camera.sensor.chain import AnyEffect, OpenSensor, SensorChain
 from scenetruth.camera.sensor.characterisation import PhotonTransfer, photon_transfer, two_point_correction
-from scenetruth.camera.sensor.effects import Effect, Exposure, LinearImage
-from scenetruth.camera.sensor.sensor_types import PRESETS, AnySensor, EmvaSensor, GaussianSensor, build_sensor_chain
+from scenetruth.camera.sensor.effects import (
+    BayerFilter,
+    BayerOrder,
+    Effect,
+    Exposure,
+    FullScaleGain,
+    FullWell,
+    Gain,
+    Gamma,
+    ImageLag,
+    LinearImage,
+    PhotonConversion,
+    Quantisation,
+    QuantumEfficiency,
+    RadiometricScale,
+)
+from scenetruth.camera.sensor.noise_sources import (
+    DarkCurrent,
+    DarkSignalNonuniformity,
+    GaussianNoise,
+    PhotoResponseNonuniformity,
+    ReadoutNoise,
+    ShotNoise,
+)
+from scenetruth.camera.sensor.sensor_types import (
+    PRESETS,
+    AnySensor,
+    EmvaSensor,
+    GaussianSensor,
+    PresetName,
+    build_sensor_chain,
+)
 
 __all__ = [
-    "PRESETS",
-    "AnyEffect",
-    "AnySensor",
-    "Effect",
-    "EmvaSensor",
-    "Exposure",
-    "GaussianSensor",
-    "LinearImage",
-    "OpenSensor",
-    "PhotonTransfer",
-    "SensorChain",
-    "build_sensor_chain",
-    "photon_transfer",
-    "two_point_correction",
-]
+    "PRESETS", "AnyEffect", "AnySensor", "BayerFilter", "BayerOrder", "DarkCurrent", "DarkSignalNonuniformity",
+    "Effect", "EmvaSensor", "Exposure", "FullScaleGain", "FullWell", "Gain", "Gamma", "GaussianNoise", "GaussianSensor",
+    "ImageLag", "LinearImage", "OpenSensor", "PhotoResponseNonuniformity", "PhotonConversion", "PhotonTransfer",
+    "PresetName", "Quantisation", "QuantumEfficiency", "RadiometricScale", "ReadoutNoise", "SensorChain", "ShotNoise",
+    "build_sensor_chain", "photon_transfer", "two_point_correction",
+]  # fmt: skip

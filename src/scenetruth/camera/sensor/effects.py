@@ -13,23 +13,9 @@ from pydantic import Field
 from scenetruth.validated_model import FrozenModel, NonNegative, Positive
 
 __all__ = [
-    "BayerFilter",
-    "BayerOrder",
-    "Effect",
-    "Exponent",
-    "Exposure",
-    "FullScaleGain",
-    "FullWell",
-    "Gain",
-    "Gamma",
-    "ImageLag",
-    "LinearImage",
-    "PhotonConversion",
-    "Quantisation",
-    "QuantumEfficiency",
-    "RadiometricScale",
-    "Unit",
-]
+    "BayerFilter", "BayerOrder", "Effect", "Exponent", "Exposure", "FullScaleGain", "FullWell", "Gain", "Gamma",
+    "ImageLag", "LinearImage", "PhotonConversion", "Quantisation", "QuantumEfficiency", "RadiometricScale", "Unit",
+]  # fmt: skip
 
 
 Unit = Literal[

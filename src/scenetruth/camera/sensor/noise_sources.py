@@ -12,14 +12,9 @@ from scenetruth.camera.sensor.effects import Effect, Exposure, Unit
 from scenetruth.validated_model import NonNegative, Positive
 
 __all__ = [
-    "DarkCurrent",
-    "DarkSignalNonuniformity",
-    "GaussianNoise",
-    "PhotoResponseNonuniformity",
-    "ReadoutNoise",
-    "ShotNoise",
-    "checked_hot_pixel_current",
-]
+    "DarkCurrent", "DarkSignalNonuniformity", "GaussianNoise", "PhotoResponseNonuniformity", "ReadoutNoise",
+    "ShotNoise", "checked_hot_pixel_current",
+]  # fmt: skip
 
 
 def checked_hot_pixel_current(value: float, info: ValidationInfo) -> float:

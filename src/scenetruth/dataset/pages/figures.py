@@ -24,18 +24,9 @@ if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
 
 __all__ = [
-    "MOST_CHARTS",
-    "ON_A_SHEET",
-    "THUMBNAIL_PX",
-    "PlotQuantity",
-    "collect_quantities",
-    "draw_contact_sheet",
-    "draw_histograms",
-    "draw_pairs",
-    "select_paired",
-    "split_quantities",
-    "to_display_grey",
-]
+    "MOST_CHARTS", "ON_A_SHEET", "THUMBNAIL_PX", "PlotQuantity", "collect_quantities", "draw_contact_sheet",
+    "draw_histograms", "draw_pairs", "select_paired", "split_quantities", "to_display_grey",
+]  # fmt: skip
 
 
 _MOST_CATEGORIES = 12

@@ -19,22 +19,10 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 __all__ = [
-    "RawMarkdown",
-    "describe_criterion",
-    "describe_distribution",
-    "describe_splits",
-    "escape_markdown",
-    "format_code",
-    "format_label",
-    "format_size",
-    "format_title",
-    "render_html",
-    "render_markdown",
-    "split_unit",
-    "tabulate_distributions",
-    "tabulate_paired_factors",
-    "tabulate_rejections",
-]
+    "RawMarkdown", "describe_criterion", "describe_distribution", "describe_splits", "escape_markdown", "format_code",
+    "format_label", "format_size", "format_title", "render_html", "render_markdown", "split_unit",
+    "tabulate_distributions", "tabulate_paired_factors", "tabulate_rejections",
+]  # fmt: skip
 
 
 _UNITS = {

@@ -43,18 +43,10 @@ from scenetruth.simulation import simulate
 from scenetruth.truth import TruthMaps
 
 __all__ = [
-    "ConfirmationResult",
-    "ConfirmationTask",
-    "ReducedScene",
-    "check_pair_rank",
-    "check_rank_consistency",
-    "compare_with_prediction",
-    "get_simulated_statistic",
-    "reduce_scene",
-    "simulate_candidate",
-    "simulate_candidates",
+    "ConfirmationResult", "ConfirmationTask", "ReducedScene", "check_pair_rank", "check_rank_consistency",
+    "compare_with_prediction", "get_simulated_statistic", "reduce_scene", "simulate_candidate", "simulate_candidates",
     "simulate_objectives",
-]
+]  # fmt: skip
 
 
 _NOTABLE_FACTOR = 1.3

@@ -14,29 +14,12 @@ from scenetruth.design.optimisation.rig_context import RigContext, compute_stage
 from scenetruth.validated_model import Finite, FrozenModel, Positive
 
 __all__ = [
-    "ConstraintSpec",
-    "DataRateConstraint",
-    "DefocusBlurConstraint",
-    "DepthOfFieldConstraint",
-    "DisparityConstraint",
-    "ExposureConstraint",
-    "FieldOfViewConstraint",
-    "FlowConstraint",
-    "FrameIntervalConstraint",
-    "GreyLevelConstraint",
-    "ImagesConstraint",
-    "MotionBlurConstraint",
-    "PriceConstraint",
-    "RecordingTimeConstraint",
-    "StageErrorConstraint",
-    "StageTravelConstraint",
-    "StereoAngleConstraint",
-    "TextureWavelengthConstraint",
-    "TimePerCaptureConstraint",
-    "TotalDisparityConstraint",
-    "WorkingDistanceConstraint",
-    "evaluate_bound",
-]
+    "ConstraintSpec", "DataRateConstraint", "DefocusBlurConstraint", "DepthOfFieldConstraint", "DisparityConstraint",
+    "ExposureConstraint", "FieldOfViewConstraint", "FlowConstraint", "FrameIntervalConstraint", "GreyLevelConstraint",
+    "ImagesConstraint", "MotionBlurConstraint", "PriceConstraint", "RecordingTimeConstraint", "StageErrorConstraint",
+    "StageTravelConstraint", "StereoAngleConstraint", "TextureWavelengthConstraint", "TimePerCaptureConstraint",
+    "TotalDisparityConstraint", "WorkingDistanceConstraint", "evaluate_bound",
+]  # fmt: skip
 
 
 _FAR = -10.0  # margin of an undefined value

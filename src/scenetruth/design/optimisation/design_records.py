@@ -14,22 +14,10 @@ from scenetruth.errors import DesignSpecError
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = [
-    "STATISTICS",
-    "ConstraintValue",
-    "DesignSpecError",
-    "Discrepancy",
-    "Objective",
-    "PredictionInterval",
-    "RankConsistency",
-    "RigDesign",
-    "RuleOfThumb",
-    "Sensitivity",
-    "Statistic",
-    "StatisticKind",
-    "compute_predicted_statistic",
-    "compute_prediction_interval",
-    "compute_rig_interval",
-]
+    "STATISTICS", "ConstraintValue", "DesignSpecError", "Discrepancy", "Objective", "PredictionInterval",
+    "RankConsistency", "RigDesign", "RuleOfThumb", "Sensitivity", "Statistic", "StatisticKind",
+    "compute_predicted_statistic", "compute_prediction_interval", "compute_rig_interval",
+]  # fmt: skip
 
 
 Statistic = Literal["scaled_median_abs_error", "rmse", "p95_abs_error"]

@@ -27,19 +27,9 @@ from scenetruth.scene.field_paths import assign
 from scenetruth.scoring import QUANTITIES
 
 __all__ = [
-    "BaseRig",
-    "BuiltRig",
-    "DesignSpace",
-    "Evaluation",
-    "EvaluationTask",
-    "Parameter",
-    "build_rig",
-    "compute_objective_contributions",
-    "compute_rig_context",
-    "evaluate_rig",
-    "predict_scene",
-    "rank_evaluations",
-]
+    "BaseRig", "BuiltRig", "DesignSpace", "Evaluation", "EvaluationTask", "Parameter", "build_rig",
+    "compute_objective_contributions", "compute_rig_context", "evaluate_rig", "predict_scene", "rank_evaluations",
+]  # fmt: skip
 
 
 _DIGITS = 4  # significant digits of searched values

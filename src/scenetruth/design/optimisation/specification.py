@@ -22,18 +22,9 @@ from scenetruth.scoring import QUANTITIES
 from scenetruth.validated_model import Finite, FrozenModel, Name, Positive
 
 __all__ = [
-    "CATALOGUES",
-    "CONSTRAINT_MODULES",
-    "NAMED_VARIABLES",
-    "ConfirmationSpec",
-    "DesignSpec",
-    "DesignSpecLike",
-    "DesignVariable",
-    "IlluminationSpec",
-    "ObjectiveSpec",
-    "SearchSpec",
-    "load_design_spec",
-]
+    "CATALOGUES", "CONSTRAINT_MODULES", "NAMED_VARIABLES", "ConfirmationSpec", "DesignSpec", "DesignSpecLike",
+    "DesignVariable", "IlluminationSpec", "ObjectiveSpec", "SearchSpec", "load_design_spec",
+]  # fmt: skip
 
 
 class DesignVariable(FrozenModel):

@@ -183,7 +183,14 @@ class BestHypothesis:
         return self.agreed & (self.distinct > distinctness) & (self.bits < _MOST_BITS)
 
 
-def choose_hypotheses(images: Images, row: CameraRow, hypotheses: Hypotheses) -> BestHypothesis:
+def choose_hypotheses(
+    images: Images,
+    row: CameraRow,
+    hypotheses: Hypotheses,
+    *,
+    strip_rows: int = ROWS,
+    memory_bytes: float = _STRIPS_BYTES,
+) -> BestHypothesis:
     """Return the best hypothesis for every pixel of the reference, from grey values of shape (s, y, x)."""
     from scipy import ndimage
 
@@ -218,9 +225,9 @@ def choose_hypotheses(images: Images, row: CameraRow, hypotheses: Hypotheses) ->
         for shift in shifts.T:
             agreeing(own, np.ascontiguousarray(shift), place[rows], tolerance, agreed[rows])
 
-    per_row = width * (3 * count + 8 * (1 + PHASES * len(row.others)) + 12 * count / ROWS)
-    strips = split_into_strips(height)
-    at_once = max(1, int(_STRIPS_BYTES / (per_row * (ROWS + 2 * MARGIN))))
+    per_row = width * (3 * count + 8 * (1 + PHASES * len(row.others)) + 12 * count / strip_rows)
+    strips = split_into_strips(height, strip_rows)
+    at_once = max(1, int(memory_bytes / (per_row * (strip_rows + 2 * MARGIN))))
     for n in range(0, len(strips), at_once):
         in_threads(work, strips[n : n + at_once])
     return BestHypothesis(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from scenetruth.compilation import thread_count
+from scenetruth import compilation
 from scenetruth.estimators.structure_tensor.estimation_task import (
     EstimationInputs,
     columns_of_s,
@@ -27,7 +28,10 @@ from scenetruth.threads import bands, in_threads
 if TYPE_CHECKING:
     from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
 
-__all__ = ["CandidateRegistration", "carry_to_reference", "frames_at_a_time", "run", "run_kernel", "step_count"]
+__all__ = [
+    "MEMORY_LIMITS", "CandidateRegistration", "MemoryLimits", "carry_to_reference", "forget_second_best",
+    "frames_at_a_time", "run", "run_kernel", "step_count",
+]  # fmt: skip
 
 
 _ROUNDS = 4
@@ -61,9 +65,22 @@ def carry_to_reference(
     return carried, np.where(whole, flags[:, *nearest], 0).astype(flags.dtype)
 
 
-# Bytes per pixel of `BestRegistration`, bytes of all pixels in memory, and smallest number of rows of a band.
-_BYTES_PER_PIXEL, _SCRATCH_BYTES, _BAND_ROWS = 112, 128e6, 128
-_BYTES_PER_PIXEL_OF_MAPS, _MAP_BYTES = 84, 192e6  # bytes per pixel of `EstimateMaps`, and bytes of all maps in memory
+_BYTES_PER_PIXEL, _BYTES_PER_PIXEL_OF_MAPS = 112, 84  # of `BestRegistration` and of `EstimateMaps`
+
+
+@dataclass
+class MemoryLimits:
+    """Sizes of what is in memory together."""
+
+    scratch_bytes: float = 128e6
+    """Size of `BestRegistration` for a band of rows."""
+    band_rows: int = 128
+    """Smallest number of rows of a band."""
+    map_bytes: float = 192e6
+    """Size of the maps of all frames that are estimated together."""
+
+
+MEMORY_LIMITS = MemoryLimits()
 
 
 class CandidateRegistration(NamedTuple):
@@ -156,8 +173,8 @@ def _filters_at(task: EstimationInputs, disparity: int) -> Filters:
 
 def frames_at_a_time(shape: Sequence[int]) -> int:
     """Return the number of frames that are estimated together, which bounds their maps and scratch memory."""
-    by_maps = _MAP_BYTES / (_BYTES_PER_PIXEL_OF_MAPS * shape[0] * shape[1])
-    by_scratch = _SCRATCH_BYTES / (_BYTES_PER_PIXEL * shape[1] * min(_BAND_ROWS, shape[0]))
+    by_maps = MEMORY_LIMITS.map_bytes / (_BYTES_PER_PIXEL_OF_MAPS * shape[0] * shape[1])
+    by_scratch = MEMORY_LIMITS.scratch_bytes / (_BYTES_PER_PIXEL * shape[1] * min(MEMORY_LIMITS.band_rows, shape[0]))
     return max(1, int(min(by_maps, by_scratch)))
 
 
@@ -169,8 +186,8 @@ def step_count(frames: int, shape: Sequence[int]) -> int:
 def _bands(frames: int, shape: Sequence[int]) -> list[tuple[int, int]]:
     """Return the first row and the last + 1 of every band."""
     height, width = shape
-    at_a_time = int(_SCRATCH_BYTES / (_BYTES_PER_PIXEL * width))
-    rows = max(_BAND_ROWS, at_a_time // frames // STRIDE * STRIDE)
+    at_a_time = int(MEMORY_LIMITS.scratch_bytes / (_BYTES_PER_PIXEL * width))
+    rows = max(MEMORY_LIMITS.band_rows, at_a_time // frames // STRIDE * STRIDE)
     return [(top, min(top + rows, height)) for top in range(0, height, rows)]
 
 
@@ -196,12 +213,12 @@ def run(task: EstimationInputs, registrations: Sequence[Registration], progress:
             best.clear()
         for number, (item, area) in enumerate(zip(registrations, areas, strict=True)):
             inside = Rectangle(max(area.top, top), min(area.bottom, bottom), area.left, area.right)
-            tiles = split_into_tiles(inside, item.cells, thread_count())
+            tiles = split_into_tiles(inside, item.cells, compilation.thread_count())
             images = shift_by_subpixels(task, item.disparity) if only is None else only
             run_kernel(task, item, CandidateRegistration(number, images, weight_t), tiles, best, top)
             if progress is not None:
                 progress("estimate", done * len(registrations) + number + 1, steps)
-        _forget_second_best(best.choice, registrations, areas, top)
+        forget_second_best(best.choice, registrations, areas, top)
         for index in range(frames):
             _to_world(task, registrations, best, maps, index, (top, bottom))
     if elsewhere:
@@ -210,7 +227,7 @@ def run(task: EstimationInputs, registrations: Sequence[Registration], progress:
     return maps
 
 
-def _forget_second_best(
+def forget_second_best(
     choice: NDArray[np.int16], registrations: Sequence[Registration], areas: Sequence[Rectangle], first_row: int
 ) -> None:
     """Discard choices, shape (t, y, x), where a better disparity could not be tried.

@@ -44,8 +44,8 @@ def _get_tip_type(leaf: LeafForm) -> str:
     return leaf.tip or ("round" if leaf.outline == "elliptic" else "acuminate")
 
 
-# Precomputed results of `_solve_shift`, because the import of `brentq` takes 0.1 s.
-_SHIFTS = {
+# Precomputed results of `solve_shift`, because the import of `brentq` takes 0.1 s.
+SHIFTS = {
     (0.55, 0.36, 1.0): 1.0375875136128374,
     (0.55, 0.36, 0.9): 0.8596324995319141,
     (0.6, 0.38, 1.0): 1.03785825774929,
@@ -59,12 +59,12 @@ _SHIFTS = {
 
 
 def _shift(base: float, widest: float, tip: float) -> float:
-    known = _SHIFTS.get((base, widest, tip))
-    return _solve_shift(base, widest, tip) if known is None else known
+    known = SHIFTS.get((base, widest, tip))
+    return solve_shift(base, widest, tip) if known is None else known
 
 
 @functools.cache
-def _solve_shift(base: float, widest: float, tip: float) -> float:
+def solve_shift(base: float, widest: float, tip: float) -> float:
     """Return the exponent m that places the maximum of xi^base (1 - xi^m)^tip at a given position."""
     from scipy.optimize import brentq
 

@@ -31,7 +31,6 @@ MAX_TEXELS = 64_000_000
 """Maximum number of texels of an image (8000 x 8000), some hundred megabytes after decoding."""
 
 _HEADER = 65_536
-_PIECE = 1 << 22
 
 
 def refuse_mesh_file(file: Path) -> None:
@@ -58,7 +57,7 @@ def refuse_mesh_file(file: Path) -> None:
         raise SceneError([Problem("file", message, str(file))])
 
 
-def count_elements(file: Path) -> tuple[int, int]:
+def count_elements(file: Path, piece_bytes: int = 1 << 22) -> tuple[int, int]:
     """Return the approximate numbers of vertices and triangles of a mesh file; text files are counted by lines."""
     suffix = file.suffix.lower()
     if suffix == ".ply":
@@ -81,18 +80,18 @@ def count_elements(file: Path) -> tuple[int, int]:
         count = int.from_bytes(head[80:84], "little")
         if size == 84 + 50 * count:
             return 3 * count, count
-        corners = _lines_with(file, (b"vertex ",))[0]
+        corners = _lines_with(file, (b"vertex ",), piece_bytes)[0]
         return corners, corners // 3
-    vertices, faces = _lines_with(file, (b"\nv ", b"\nf "))
+    vertices, faces = _lines_with(file, (b"\nv ", b"\nf "), piece_bytes)
     return vertices, faces
 
 
-def _lines_with(file: Path, words: tuple[bytes, ...]) -> list[int]:
+def _lines_with(file: Path, words: tuple[bytes, ...], piece_bytes: int) -> list[int]:
     """Return the number of occurrences of words in a file, read in blocks."""
     found, last = [0] * len(words), b"\n"
     longest = max(map(len, words))
     with file.open("rb") as stream:
-        while piece := stream.read(_PIECE):
+        while piece := stream.read(piece_bytes):
             text = last + piece
             # Matches that end in the overlap have already been counted.
             old = [last.count(word) for word in words]

@@ -12,18 +12,9 @@ from scenetruth.scene.motion.point_maps import (
     rotate_points,
     to_moved_points,
 )
-from scenetruth.scene.motion.rigid_motions import Motion
+from scenetruth.scene.motion.rigid_motions import ConstantRotation, ConstantVelocity, Exponential, Motion
 
 __all__ = [
-    "MOTION_PRESETS",
-    "Motion",
-    "MotionModel",
-    "MovedPoints",
-    "PointMap",
-    "Points",
-    "apply",
-    "compose",
-    "pose_map",
-    "rotate_points",
-    "to_moved_points",
-]
+    "MOTION_PRESETS", "ConstantRotation", "ConstantVelocity", "Exponential", "Motion", "MotionModel", "MovedPoints",
+    "PointMap", "Points", "apply", "compose", "pose_map", "rotate_points", "to_moved_points",
+]  # fmt: skip

@@ -87,11 +87,11 @@ def _histograms(
     single = count_blocks(estimate) == 1
     if not single:
         sizes: dict[str, dict[str, StreamingQuantiles]] = {}
-        for name, samples in _samples(estimate, truth, names, margin_px):
+        for name, samples in iterate_error_samples(estimate, truth, names, margin_px):
             _add(sizes.setdefault(name, {}), samples, single=False)
         edges = {name: _edges(name, regions) for name, regions in sizes.items()}
     counts: dict[str, dict[str, Counts]] = {}
-    for name, samples in _samples(estimate, truth, names, margin_px):
+    for name, samples in iterate_error_samples(estimate, truth, names, margin_px):
         if single:
             edges[name] = _edges(name, _add({}, samples, single=True))
         own = counts.setdefault(name, {})
@@ -109,7 +109,7 @@ def _add(
     return sizes
 
 
-def _samples(
+def iterate_error_samples(
     estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
 ) -> Iterator[tuple[str, dict[str, Map]]]:
     """Yield the errors of every common quantity in both regions, block by block."""

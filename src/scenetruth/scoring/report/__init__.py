@@ -1,5 +1,24 @@
 """The report of an estimate: one HTML page with numbers, figures, definitions and provenance."""
 
+from scenetruth.scoring.report.map_packing import (
+    LEVELS,
+    RELATIVE_ROUNDING,
+    PackedMap,
+    pack_map,
+    pack_viewer_images,
+    unpack_map,
+)
+from scenetruth.scoring.report.report_content import (
+    build_score_content,
+    describe_maps,
+    summarise_estimate,
+    summarise_score,
+)
 from scenetruth.scoring.report.score_report import matches_fingerprint, write_report
+from scenetruth.scoring.report.viewer import Viewer, build_viewer
 
-__all__ = ["matches_fingerprint", "write_report"]
+__all__ = [
+    "LEVELS", "RELATIVE_ROUNDING", "PackedMap", "Viewer", "build_score_content", "build_viewer", "describe_maps",
+    "matches_fingerprint", "pack_map", "pack_viewer_images", "summarise_estimate", "summarise_score", "unpack_map",
+    "write_report",
+]  # fmt: skip

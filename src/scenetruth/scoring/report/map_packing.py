@@ -241,19 +241,17 @@ def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, 
     return ViewerImages(shown, cameras, frames, wanted - len(shown) + 1, units, limits)
 
 
-_MAPS = 3_900_000
-"""Number of characters of the page that maps may use."""
 _MAIN_SHARE = 0.8
-"""Fraction of these for the main quantities."""
+"""Fraction of the characters of the page for the main quantities."""
 _COARSEST = 4
 _BAND_ROWS, _BANDS = 16, 4
 """The size of maps is predicted from every fourth band of this many rows."""
 
 
 class MapPacker:
-    """Packs maps with a subsampling step in sequence within the size budget."""
+    """Packs maps with a subsampling step in sequence, into at most about this number of characters of the page."""
 
-    def __init__(self, step: int) -> None:
+    def __init__(self, step: int, most_characters: float) -> None:
         self.packed: list[PackedMap] = []
         self.regions: dict[str, dict[str, Any]] = {}
         self.interior: dict[int, NDArray[np.bool_]] = {}
@@ -262,13 +260,13 @@ class MapPacker:
         self.frames_left_out = 0
         self.left_out: list[str] = []
         self._step = step
-        self._left = float(_MAPS)
+        self._left = self._all = most_characters
         self._groups: dict[str, dict[str, Any]] = {}
 
     @property
     def room(self) -> bool:
         """Whether another frame may fit."""
-        return self._left > 0.05 * _MAPS
+        return self._left > 0.05 * self._all
 
     def store(self, packed: PackedMap) -> int:
         """Store a packed map and return its index."""

@@ -76,8 +76,6 @@ def json_for_script(values: Mapping[str, Any]) -> str:
     return json.dumps(values, ensure_ascii=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-_MOST_PIXELS = 360_000
-"""Largest number of displayed pixels; larger images are subsampled."""
 _IMAGES = 1_100_000
 """Number of characters of the page for images other than the reference image."""
 
@@ -96,16 +94,29 @@ class Viewer:
     notes: Sequence[str]
 
 
-def build_viewer(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None) -> Viewer:
-    """Read, subsample and pack the content of the viewer."""
+def build_viewer(
+    recording: xr.Dataset,
+    estimate: xr.Dataset,
+    truth: xr.Dataset | None,
+    score: Score | None,
+    *,
+    most_pixels: int = 360_000,
+    most_characters: float = 3_900_000,
+) -> Viewer:
+    """
+    Read, subsample and pack the content of the viewer.
+
+    ``most_pixels``: Largest number of displayed pixels; larger images are subsampled.
+    ``most_characters``: Number of characters of the page that maps may use.
+    """
     entries = {} if score is None else score.metadata.get("score_settings") or {}
     settings = ScoreSettings(**entries)
     margin_px = float((score.metadata if score else {}).get("margin_px", settings.interior_margin_px))
     grid, camera = compute_pixel_coordinates(estimate), read_intrinsics(estimate)
-    step = max(1, math.ceil(math.sqrt(grid.x.size * grid.y.size / _MOST_PIXELS)))
+    step = max(1, math.ceil(math.sqrt(grid.x.size * grid.y.size / most_pixels)))
     frames = [int(t) for t in estimate["t"].values]
     frame = 0 if 0 in frames else frames[len(frames) // 2]
-    gathered = MapPacker(step)
+    gathered = MapPacker(step, most_characters)
     # Frames closest to the reference frame come first.
     for t in sorted(frames, key=lambda t: (t != frame, abs(t - frame))):
         if not gathered.room:

@@ -13,21 +13,10 @@ from numpy.typing import NDArray
 from scenetruth.schema import STATUS_VALID, VARIABLES
 
 __all__ = [
-    "FLOOR",
-    "MIN_RETAINED_FRACTION",
-    "CheckFailure",
-    "Maps",
-    "NotApplicable",
-    "change_sign",
-    "compute_magnitude",
-    "compute_rms",
-    "flip_maps",
-    "list_differing_variables",
-    "require_agreement",
-    "require_equal_to_rounding",
-    "require_median_near",
-    "scalar_maps",
-]
+    "FLOOR", "MIN_RETAINED_FRACTION", "CheckFailure", "Maps", "NotApplicable", "change_sign", "compute_magnitude",
+    "compute_rms", "flip_maps", "list_differing_variables", "require_agreement", "require_equal_to_rounding",
+    "require_median_near", "scalar_maps",
+]  # fmt: skip
 
 
 class CheckFailure(AssertionError):

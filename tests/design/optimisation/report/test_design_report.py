@@ -16,29 +16,28 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.design.optimisation import DesignResult, Objective, PredictionInterval
-from scenetruth.design.optimisation.report.design_charts import (
+from scenetruth.design.optimisation import (
     AxisSpec,
+    DesignResult,
+    Objective,
+    PredictionInterval,
     build_axis,
+    build_constraint_table,
+    build_discrepancy_table,
     build_front_charts,
+    build_front_table,
+    build_parameter_table,
+    build_preview_file,
+    build_rank_consistency_table,
+    build_scene_file,
     build_sensitivity_charts,
-)
-from scenetruth.design.optimisation.report.design_report import (
+    build_sensitivity_table,
     derive_blur_limit,
     describe_sensitivities,
     list_warnings,
     summarise_objectives,
     write_design_page,
 )
-from scenetruth.design.optimisation.report.design_tables import (
-    build_constraint_table,
-    build_discrepancy_table,
-    build_front_table,
-    build_parameter_table,
-    build_rank_consistency_table,
-    build_sensitivity_table,
-)
-from scenetruth.design.optimisation.report.scene_file import build_preview_file, build_scene_file
 from scenetruth.scene import Scene, load_scene
 from tests.helpers.sample_design import DEPTH, GROWTH, NUMBERS, design
 

@@ -12,12 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenetruth.camera import Defocus, Optics
-from scenetruth.design.optimisation.report.side_view import choose_round_length_mm, describe_side_view, draw_side_views
-from scenetruth.design.optimisation.report.side_view_geometry import (
+from scenetruth.design.optimisation import (
     SideView,
+    choose_round_length_mm,
     compute_depth_of_field,
     compute_outline,
     compute_side_view,
+    describe_side_view,
+    draw_side_views,
 )
 from tests.helpers.sample_design import scene
 

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from scenetruth.estimators.refined.image_stack import NO_DEFECTS
+from scenetruth.estimators.refined import NO_DEFECTS, NO_OCCLUSION
 from scenetruth.estimators.refined.kernels import warp
-from scenetruth.estimators.refined.row_bands import NO_OCCLUSION
 
 __all__ = ["COUNT", "HEIGHT", "VIEW", "WIDTH", "Array", "Warped", "warped_by"]
 

@@ -1,0 +1,127 @@
+"""Images judged by what they show of the reference's points; sums over blocks beside plain loops."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined import pose_corrections
+from scenetruth.estimators.refined.discontinuity_refit import BLOCK_PX, estimate_gain_offset, uniform_gain_offset
+from scenetruth.estimators.refined.image_stack import NO_DEFECTS
+from scenetruth.estimators.refined.kernels import photo_consistency, warp
+from scenetruth.estimators.refined.row_bands import NO_OCCLUSION
+from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, Warped
+
+
+def test_images_are_judged_by_their_variance(images: Array, fields: Array, warped: Warped) -> None:
+    coefficients = _coefficients(images)
+    out = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
+    photo_consistency.judge_rows(
+        coefficients, VIEW, fields, NO_DEFECTS, *uniform_gain_offset(COUNT), BLOCK_PX, out, (0, HEIGHT)
+    )
+    sides = [np.ones(COUNT, bool)]
+    sides += [side for where in (VIEW.s, VIEW.t, VIEW.s_y) for side in (where <= 0, where >= 0)]
+    for found, side in zip(out, sides, strict=True):
+        seen = warped[0][side].astype(np.float64)
+        count = np.isfinite(seen).sum(axis=0)
+        several = count >= 3
+        np.testing.assert_array_equal(np.isfinite(found), several)
+        expected = np.nanvar(seen[:, several], axis=0, ddof=1)
+        np.testing.assert_allclose(found[several], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_gains_and_offsets_are_taken_away(images: Array, fields: Array) -> None:
+    """Images of one texture with gains and offsets of their own: found in blocks, none of it is left to judge."""
+    texture = _coefficients(images[:1])[0]
+    generator = np.random.default_rng(5)
+    gain, offset = generator.uniform(0.5, 1.5, COUNT), generator.uniform(-3, 3, COUNT)
+    # An offset of all coefficients is one of all grey values.
+    coefficients = (gain[:, None, None] * texture + offset[:, None, None]).astype(np.float32)
+    still = np.zeros_like(fields)
+    good = np.ones((HEIGHT, WIDTH), dtype=bool)
+    found = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
+    np.testing.assert_allclose(found.gain[:, 0, 0], gain / gain.mean(), rtol=1e-4)
+    out = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
+    photo_consistency.judge_rows(coefficients, VIEW, still, NO_DEFECTS, *found, BLOCK_PX, out, (0, HEIGHT))
+    assert np.nanmax(out) < 1e-6
+    photo_consistency.judge_rows(
+        coefficients, VIEW, still, NO_DEFECTS, *uniform_gain_offset(COUNT), BLOCK_PX, out, (0, HEIGHT)
+    )
+    assert np.nanmedian(out) > 1.0
+    # Blocks without good pixels have the brightness of others; without any, it is even.
+    good[:, : WIDTH // 2] = False
+    filled = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
+    # float32.
+    np.testing.assert_allclose(filled.gain[:, 0, 0], found.gain[:, 0, 1], rtol=3e-7)
+    assert (estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, ~np.ones_like(good)).gain == 1).all()
+
+
+def test_what_stands_behind_is_hidden() -> None:
+    """A board of disparity 8 before a wall of 5: the camera s sees the wall at x - 5 s, and the board at x - 8 s."""
+    fields = np.zeros((4, HEIGHT, WIDTH))
+    fields[0] = 5.0
+    board = slice(20, 30)
+    fields[0, :, board] = 8.0
+    hidden = np.empty((1, HEIGHT, WIDTH), dtype=np.uint8)
+    view = warp.ImageView(np.array([0.0, 1.0, -1.0]), np.zeros(3), np.zeros(3), np.zeros((3, 4)), 200.0, 26.5, 18.0)
+    photo_consistency.hide(view, fields, 0.5, hidden, 0)
+    x = np.arange(WIDTH)
+    on_board = np.isin(x, np.arange(20, 30))
+    for image, s in ((0, 0.0), (1, 1.0), (2, -1.0)):
+        at = x - 5.0 * s
+        seen = (at >= 0) & (at < WIDTH - 1)
+        # From one pixel before the board's image to one behind it, and one that a splat covers.
+        first, last = 20 - 8 * s, 29 - 8 * s
+        behind = (at >= first - 1) & (at <= last + 2) & ~on_board & seen & (s != 0)
+        found = (hidden[0] >> image & 1).astype(bool)
+        # The last row is at the image's end.
+        np.testing.assert_array_equal(found[:-1], np.broadcast_to(behind, (HEIGHT - 1, WIDTH)))
+    # Hidden images are not fetched.
+    values = np.empty((3, HEIGHT, WIDTH), dtype=np.float32)
+    texture = np.ones((3, HEIGHT, WIDTH), dtype=np.float32)
+    warp.warp_rows(
+        texture, view, fields, hidden, NO_DEFECTS, 0, values, np.empty((2, HEIGHT, WIDTH), np.float32), (0, HEIGHT)
+    )
+    free = np.empty_like(values)
+    warp.warp_rows(
+        texture,
+        view,
+        fields,
+        NO_OCCLUSION,
+        NO_DEFECTS,
+        0,
+        free,
+        np.empty((2, HEIGHT, WIDTH), np.float32),
+        (0, HEIGHT),
+    )
+    for image in range(3):
+        bit = (hidden[0] >> image & 1).astype(bool)
+        np.testing.assert_array_equal(np.isnan(values[image]), bit | np.isnan(free[image]))
+
+
+def test_sums_over_blocks_are_those_of_plain_loops() -> None:
+    generator = np.random.default_rng(1)
+    height, width, count, least, first = 20, 27, 3, 2, 3
+    warped = generator.normal(0, 1, (count, height, width)).astype(np.float32)
+    warped[generator.random(warped.shape) < 0.2] = np.nan
+    gradient = generator.normal(0, 1, (2, height, width)).astype(np.float32)
+    shifts = pose_corrections.ShiftObservations.blank((first + height, width), count)
+    block_px = pose_corrections.BLOCK_PX
+    for row in range(len(shifts.sums)):
+        photo_consistency.add_shifts(warped, gradient, least, first, block_px, shifts.sums, (row, row + 1))
+    expected = np.zeros_like(shifts.sums)
+    known = np.isfinite(warped)
+    mean = np.where(known, warped, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    for i, y, x in np.argwhere(known & (known.sum(axis=0) >= least)):
+        (a, b), left = gradient[:, y, x], mean[y, x] - warped[i, y, x]
+        expected[(y + first) // block_px, x // block_px, i] += [
+            a * a, a * b, b * b, a * left, b * left, left * left, 1.0,
+        ]  # fmt: skip
+    # Grey values are of single precision: sums of 64 products of the order of 1.
+    np.testing.assert_allclose(shifts.sums, expected, atol=1e-4)
+
+
+def _coefficients(images: Array) -> NDArray[np.float32]:
+    from scipy import ndimage
+
+    return np.array([ndimage.spline_filter(image, 5, mode="mirror") for image in images], dtype=np.float32)

@@ -1,0 +1,126 @@
+"""Windows of the pixels that belong to one surface, beside whole windows and plain readings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scenetruth.estimators.refined.kernels import pixel_equations as equations
+from scenetruth.estimators.refined.kernels import window_solver, window_sums
+from scenetruth.estimators.refined.noise_estimation import EVEN
+from scenetruth.estimators.refined.row_bands import window_weights
+from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, Warped, warped_by
+
+
+def blank(products: Array) -> window_solver.Fit:
+    size = (HEIGHT, WIDTH)
+    theta = np.zeros((15 if len(products) == equations.PRODUCTS else 18, *size))
+    theta[0] = 3.0
+    variance = np.full((9, *size), np.nan)
+    described, of_element = (np.full((n, *size), np.nan) for n in (window_solver.VALUES, window_solver.FUNCTIONALS))
+    return window_solver.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
+
+
+def model_of(products: Array) -> window_solver.Model:
+    return window_solver.Model(3, 3, 2, len(products) > equations.PRODUCTS)
+
+
+def fitted_to_members(products: Array, fields: Array, limit: float, reach: float) -> tuple[window_solver.Fit, Array]:
+    fit, pixels = blank(products), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
+    shares = np.empty((len(pixels), 2))
+    limits, bounds = np.full((HEIGHT, WIDTH), limit), np.array([1.0, 1.0, 0.1, reach])
+    rows, model = np.ascontiguousarray(products.transpose(1, 2, 0)), model_of(products)
+    window_sums.solve_members(
+        rows, limits, fields, bounds, window_weights(3.0), model, VIEW, 0, fit, pixels, shares, (0, len(pixels))
+    )
+    return fit, shares.T.reshape(2, HEIGHT, WIDTH)
+
+
+def fitted_to_all(products: Array) -> window_solver.Fit:
+    fit, every = blank(products), np.zeros((HEIGHT, WIDTH), dtype=np.int8)
+    weights, told = window_weights(3.0), window_solver.EVERY_VARIANCE
+    models = (model_of(products), model_of(products))
+    window_sums.solve_rows(products, weights, models, 1, VIEW, 1, 0, 0.0, (fit, fit), every, told, (0, HEIGHT))
+    return fit
+
+
+@pytest.fixture(scope="module")
+def products(fields: Array, warped: Warped) -> Array:
+    return products_of(fields, warped)
+
+
+def products_of(fields: Array, warped: Warped) -> Array:
+    found = np.zeros((equations.PRODUCTS if len(fields) == 4 else equations.ALL_PRODUCTS, HEIGHT, WIDTH))
+    equations.add_products(VIEW, fields, *warped, 0, COUNT, EVEN, found, (0, HEIGHT))
+    return found
+
+
+@pytest.mark.parametrize("count", [4, 7])
+def test_windows_of_members_are_whole_windows_if_all_belong(images: Array, accelerated: Array, count: int) -> None:
+    fields = np.ascontiguousarray(accelerated[:count])
+    products = products_of(fields, warped_by(images, fields))
+    fit, shares = fitted_to_members(products, fields, np.inf, np.inf)
+    whole = fitted_to_all(products)
+    for name in fit._fields:
+        np.testing.assert_allclose(getattr(fit, name), getattr(whole, name), rtol=1e-6, atol=1e-8, err_msg=name)
+    # As much as is known of the windows, and as the texture's middle in plain sums.
+    weights = window_weights(3.0)[0]
+    y, x = 17, 24
+    reach = weights.shape[1] // 2
+    around = products[:, y - reach : y + reach + 1, x - reach : x + reach + 1]
+    plane = np.outer(weights[0], weights[0])
+    assert shares[0, y, x] == pytest.approx((plane * around[16]).sum())
+    texture = np.outer(weights[0], weights[0]) * around[17]
+    step = np.arange(-reach, reach + 1)
+    middle = [(texture.sum(axis=axis) * step).sum() / texture.sum() for axis in (0, 1)]
+    assert shares[1, y, x] == pytest.approx(np.hypot(*middle))
+
+
+def test_pixels_that_are_not_explained_are_left_out(products: Array, fields: Array) -> None:
+    """Windows beside pixels with large squares are those of images that do not show these pixels."""
+    bad = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    bad[:, 30:] = True
+    spoilt, cut = products.copy(), products.copy()
+    spoilt[14, bad] = 1e9
+    cut[:, bad] = 0.0
+    fit, _ = fitted_to_members(spoilt, fields, 1e6, np.inf)
+    whole = fitted_to_all(cut)
+    np.testing.assert_allclose(fit.theta[:, :, :29], whole.theta[:, :, :29], rtol=1e-6, atol=1e-9)
+
+
+def test_pixels_that_would_be_moved_are_left_out(products: Array, fields: Array) -> None:
+    """A pixel belongs if the fit there moves it by less than the reach in all images: by d, q_X and q_Y here."""
+    theta, own = np.zeros(15), np.array([3.0, 0.2, 0.1, 0.5])
+    theta[[0, 1, 6, 9, 12]] = [3.0, 0.05, 0.2, 0.1, 0.5]
+    product, step = np.zeros((1, 1, equations.PRODUCTS)), np.empty(4)
+    product[0, 0, 15] = 5.0
+    for x, expected in ((3.9, True), (4.1, False), (-3.9, True), (-4.1, False)):
+        # 0.05 px of disparity per px: beyond 4 px, the camera one step aside sees it 0.2 px off.
+        reach = np.array([1.0, 0.0, 0.1, 0.2])
+        assert window_sums._belongs(4, theta, x, 0.0, own, product, 0, 0, 1.0, reach, step) is expected
+
+
+@pytest.mark.parametrize("count", [4, 7])
+def test_squares_after_a_step_are_those_of_the_normal_equations(count: int) -> None:
+    """E(step) = e - 2 b step + step M step must be within the limit, with M (d, q) + b as it is stored."""
+    generator = np.random.default_rng(3)
+    a = generator.normal(0, 1, (9, count))
+    m, b = a.T @ a, generator.normal(0, 1, count)
+    own, theta = generator.normal(0, 1, count), np.zeros(18)
+    product = np.zeros(equations.ALL_PRODUCTS)
+    product[:10] = m[:4, :4][np.triu_indices(4)]
+    product[22:40] = [*m[:5, 4], *m[:6, 5], *m[:7, 6]] if count == 7 else 0.0
+    right = m @ own + b
+    product[10:14], product[40 : 36 + count] = right[:4], right[4:]
+    product[14], product[15] = 30.0, 1.0
+    for scale in (0.5, 1.0, 2.0):
+        step = scale * generator.normal(0, 1, count)
+        theta[[0, 6, 9, 12, 15, 16, 17][:count]] = own + step
+        left = float(30.0 - 2 * b @ step + step @ m @ step)
+        reach = np.array([1.0, 1.0, 0.1, np.inf])
+        for limit in (max(left, 30.0) + 1e-6, max(left, 30.0) - 1e-6):
+            expected = left <= limit and limit >= 30.0
+            found = window_sums._belongs(
+                count, theta, 0.0, 0.0, own, product[None, None], 0, 0, limit, reach, np.empty(count)
+            )
+            assert found == expected
