@@ -1,5 +1,6 @@
 """Data model of recordings, ground truth and estimates: names, dimensions, units and validation."""
 
+from scenetruth.schema.acquisition import Acquisition, StageTolerances, read_acquisition, tolerance_attributes
 from scenetruth.schema.attributes import (
     Intrinsics,
     check_same_run,
@@ -47,10 +48,12 @@ __all__ = [
     "STATUS_NORMAL",
     "STATUS_VALID",
     "VARIABLES",
+    "Acquisition",
     "IncrementalDataset",
     "Intrinsics",
     "PixelGrid",
     "Put",
+    "StageTolerances",
     "Variable",
     "blank_estimate",
     "blank_map",
@@ -66,8 +69,10 @@ __all__ = [
     "make_recording",
     "put_each",
     "put_estimate",
+    "read_acquisition",
     "read_intrinsics",
     "read_lineage",
     "read_object_names",
     "read_scene",
+    "tolerance_attributes",
 ]
