@@ -14,9 +14,9 @@ from scenetruth.errors import Problem
 from scenetruth.schema.attributes import read_intrinsics
 
 __all__ = [
-    "ACQUISITION_ATTRIBUTES",
     "DISTORTION_ORDER",
     "LENS_TOLERANCES",
+    "TOLERANCE_ATTRIBUTES",
     "TOLERANCE_NAMES",
     "Acquisition",
     "StageTolerances",
@@ -67,15 +67,9 @@ _PREFIX = "stage_tolerance_"
 _LARGEST = {"urad": 1e5, "um": 1e4, "ppm": 1e5}
 LENS_TOLERANCES = ("focal_length_std_px", "principal_point_std_px", "distortion_std")
 """Attributes of a recording with the standard deviations of the calibration of the lens."""
-_TIMING = ("line_time_s", "stage_speed_mm_per_s")
 
-ACQUISITION_ATTRIBUTES: tuple[str, ...] = (
-    *(f"{_PREFIX}{name}" for name in TOLERANCE_NAMES),
-    *LENS_TOLERANCES,
-    "distortion",
-    *_TIMING,
-)
-"""Optional attributes of a recording that describe its acquisition."""
+TOLERANCE_ATTRIBUTES: tuple[str, ...] = (*(f"{_PREFIX}{name}" for name in TOLERANCE_NAMES), *LENS_TOLERANCES)
+"""Optional attributes of a recording that state standard deviations of stage and lens."""
 
 
 def tolerance_attributes(tolerances: Mapping[str, float]) -> dict[str, float]:
