@@ -89,11 +89,14 @@ class ImageStack:
 
     ``coefficients``: Spline coefficients by frame, shape (channel, s, y, x) each.
     ``positions``: Positions (s, s_y) of the cameras in steps, shape (cameras, 2).
-    ``times``: Times of the frames relative to the estimated frame.
+    ``times``: Times of the reference camera's images relative to the estimated frame.
     ``focal``, ``centre``: Focal length, and principal point (x, y), in columns and rows.
     ``moved``: Pose correction of every image in the order of `stack`, as in `warp.corrected`, shape (n, 4).
     ``bad``: Nonzero at pixels whose surroundings must not be sampled, by frame, shape (s, y, x) each; empty if none.
     ``left_out``: Excluded images, as indices of frame and camera.
+    ``delays``: Times of the images of a frame after that of its reference camera, in frames, shape (frames, cameras);
+      None if they are simultaneous.
+    ``shutter``: Rolling shutter: frames and stage steps from one row to the next.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -106,6 +109,8 @@ class ImageStack:
     left_out: frozenset[tuple[int, int]] = frozenset()
     variance: GreyVariance = EVEN
     spline: int = QUINTIC
+    delays: Map | None = None
+    shutter: tuple[float, float] = (0.0, 0.0)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -154,6 +159,7 @@ class ImageStack:
             times=self.times[frames],
             moved=self.moved.reshape(len(self.times), -1, 4)[frames].reshape(-1, 4),
             bad=[self.bad[n] for n in frames] if self.bad else [],
+            delays=None if self.delays is None else self.delays[frames],
             left_out=frozenset((place, s) for place, n in enumerate(frames) for t, s in self.left_out if t == n),
         )
 
@@ -184,7 +190,8 @@ class ImageStack:
         """Return positions, times and corrections of all images, in the order of `stack`."""
         s, s_y = np.tile(self.positions.T, len(self.times))
         t = np.repeat(self.times, len(self.positions))
-        return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline)
+        t = t if self.delays is None else t + self.delays.ravel()
+        return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline, *self.shutter)
 
     def reference(self) -> tuple[int, int]:
         """Return the indices of frame and camera of the reference image."""

@@ -65,6 +65,7 @@ def fill_estimate(
     from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
     from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+    from scenetruth.estimators.refined.schedule import read_schedule, remove_delay_bias
 
     grid = compute_pixel_grid(recording)
     intrinsics = grid.in_columns(read_intrinsics(recording))
@@ -78,7 +79,8 @@ def fill_estimate(
     rig = CameraLayout(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
     if settings.pose_corrections is not None:
         settings = settings.model_copy(update={"pose_corrections": settings.pose_corrections.in_columns(grid.step_px)})
-    splines, times = Splines(reader, settings.spline_order), recording["t"].values.astype(np.float64)
+    splines, schedule = Splines(reader, settings.spline_order), read_schedule(recording, placed)
+    times = schedule.times
     needed = _needed(reader.shape[2], settings)
     rounds, curved, noted = [], [], ExclusionReport(recording)
     for number, frames in enumerate(needed):
@@ -95,6 +97,8 @@ def fill_estimate(
             np.zeros((len(placed) * len(taken), 4)),
             reader.bad(frames.first, frames.last),
             spline=settings.spline_order,
+            delays=schedule.delays_of(frames),
+            shutter=schedule.shutter,
         )
         if isinstance(settings.noise, PhotonTransferNoise):
             images = replace(
@@ -112,6 +116,7 @@ def fill_estimate(
                 start = initialise_by_structure_tensor(part, frames.output - frames.first, baseline_mm)
                 # From camera pixels to columns.
                 start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
+            remove_delay_bias(start.fields, images)
         except EstimateError as error:
             noted.report_invalid_frame(frames.output, error.problems[0].message)
             nothing = make_invalid_maps(cameras, len(taken), settings, images.shape)

@@ -196,7 +196,7 @@ def compute_maps(
 
 def compute_correction_maps(cameras: PoseCorrections, images: ImageStack, step_px: float) -> dict[str, Map]:
     """Return the pose corrections of the images of the estimated frame."""
-    frame = np.flatnonzero(images.view().t == 0.0)
+    frame = np.flatnonzero(np.repeat(images.times == 0.0, len(images.positions)))
     found: dict[str, Map] = {}
     for end, each in (("", cameras.values), ("_std", cameras.std)):
         of_frame = each[frame].T

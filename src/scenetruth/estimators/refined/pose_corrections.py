@@ -211,7 +211,8 @@ class Elimination:
     def __init__(self, blocks: Blocks, view: ImageView) -> None:
         self._noise = blocks.noise
         self._size = CORRECTIONS * len(view.s)
-        accelerated = len(np.unique(view.t)) >= _ACCELERATED
+        cameras = len(np.unique(np.stack([view.s, view.s_y]), axis=1).T)
+        accelerated = len(view.t) // cameras >= _ACCELERATED
         self._parts = [
             _compute_part(blocks, view, slice(first, first + _PIECE), accelerated=accelerated)
             for first in range(0, len(blocks.shift), _PIECE)
@@ -346,7 +347,7 @@ class PoseCorrections:
             parts = parts - parts[reference[0]]
         entries = np.abs(parts).max(axis=(0, 1)) > 0
         self._parts = parts[..., entries].reshape(count * CORRECTIONS, -1)
-        self._times = view.t
+        self._times = np.repeat(images.times, cameras)
         self._unknown = np.zeros(self._parts.shape[1])
         self._covariance: Array = np.eye(len(self._unknown))
 

@@ -57,6 +57,10 @@ class ImageView(NamedTuple):
     """Row of the principal point."""
     spline: int = 5
     """Order of the splines through the images, 5 or 3."""
+    row_time: float = 0.0
+    """Rolling shutter: time from one row to the next, in frames."""
+    row_step: float = 0.0
+    """Movement of the camera along the stage from one row to the next, in steps."""
 
 
 @numba.njit(inline="always")
@@ -77,10 +81,16 @@ def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
 def place_of(accelerated: Any, view: Any, s: Any, s_y: Any, t: Any, fields: Any, y: Any, x: Any) -> Any:
     """Return the position of a pixel's point in an image, relative to the principal point, and its scale.
 
-    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`. Acceleration is a compile-time constant, because a
-    condition at every pixel doubles the time.
+    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`. With a rolling shutter, fields are those at the time of
+    the pixel's own row, and the image is taken at the time of the row where it shows the point. Acceleration is a
+    compile-time constant, because a condition at every pixel doubles the time.
     """
     d = fields[0, y, x]
+    if view.row_time != 0.0:
+        # Rows from the pixel to its point, to first order: both rows have their own times.
+        rows = d * (t * fields[2, y, x] - s_y - (y - view.centre_y) * t * fields[3, y, x] / view.focal)
+        t += view.row_time * rows
+        s += view.row_step * rows
     right, down, ahead = t * fields[1, y, x], t * fields[2, y, x], t * fields[3, y, x]
     if accelerated:
         half = 0.5 * t * t
