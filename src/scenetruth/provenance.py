@@ -95,6 +95,9 @@ def acquisition_attributes(scene: Scene) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if scene.stage.errors is not None:
         stated = scene.stage.errors.model_dump(exclude={"preset"})
+        if scene.stage.scan == "unidirectional":
+            # All positions are approached from the same side.
+            del stated["backlash_um"]
         found |= tolerance_attributes({name: value for name, value in stated.items() if value > 0})
     if scene.camera.distortion is not None:
         found["distortion"] = list(scene.camera.distortion.coefficients)

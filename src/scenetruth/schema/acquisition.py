@@ -59,6 +59,11 @@ class StageTolerances:
         """Whether any error is stated."""
         return any(getattr(self, name) > 0 for name in TOLERANCE_NAMES)
 
+    @property
+    def corrects(self) -> bool:
+        """Whether an error is stated that displaces images against each other."""
+        return any(getattr(self, name) > 0 for name in TOLERANCE_NAMES if name != "scale_ppm")
+
 
 TOLERANCE_NAMES: tuple[str, ...] = tuple(StageTolerances.__dataclass_fields__)
 """Names of the tolerances; the attributes of a recording have the prefix ``stage_tolerance_``."""

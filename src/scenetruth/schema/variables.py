@@ -237,6 +237,14 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             {"flag_values": list(range(len(REASONS))), "flag_meanings": " ".join(REASONS)},
         ),
         "depth_std": _std(_MAP, "mm", "depth"),
+        "depth_std_common": Variable(
+            _MAP, "mm", "part of depth_std that pixels have in common, due to errors of stage and lens"
+        ),
+        "velocity_std_common": Variable(
+            ("component", *_MAP),
+            "mm/frame",
+            "part of velocity_std that pixels have in common, due to errors of stage and lens",
+        ),
         "velocity_std": _std(("component", *_MAP), "mm/frame", "velocity"),
         "disparity_std": _std(_MAP, "px/step", "disparity"),
         "coherence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),

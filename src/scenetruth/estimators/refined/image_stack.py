@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, ImageView
+from scenetruth.estimators.refined.lens_distortion import Lens
 from scenetruth.estimators.refined.noise_estimation import EVEN, GreyVariance
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+from scenetruth.estimators.refined.pose_priors import PosePriors
 from scenetruth.threads import in_threads
 
 __all__ = ["NO_DEFECTS", "FramesNeeded", "ImageStack", "Splines", "frames_needed"]
@@ -79,6 +81,7 @@ def _coefficients(images: NDArray[Any], order: int) -> NDArray[np.float32]:
 _VALUES = {CUBIC: np.array([1.0, 4.0, 1.0]) / 6.0, QUINTIC: np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0}
 
 NO_DEFECTS = np.zeros((0, 0, 0), dtype=np.uint8)
+NO_LENS = np.zeros(0)
 
 Map = NDArray[np.float64]
 
@@ -97,6 +100,8 @@ class ImageStack:
     ``delays``: Times of the images of a frame after that of its reference camera, in frames, shape (frames, cameras);
       None if they are simultaneous.
     ``shutter``: Rolling shutter: frames and stage steps from one row to the next.
+    ``lens``: Distortion of the images; None for a pinhole camera. Maps of a fit are those of a pinhole camera.
+    ``priors``: Prior standard deviations of the pose errors; None if poses are taken as exact.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -111,6 +116,8 @@ class ImageStack:
     spline: int = QUINTIC
     delays: Map | None = None
     shutter: tuple[float, float] = (0.0, 0.0)
+    lens: Lens | None = None
+    priors: PosePriors | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -191,17 +198,20 @@ class ImageStack:
         s, s_y = np.tile(self.positions.T, len(self.times))
         t = np.repeat(self.times, len(self.positions))
         t = t if self.delays is None else t + self.delays.ravel()
-        return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline, *self.shutter)
+        lens = NO_LENS if self.lens is None else self.lens.kernel
+        return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline, *self.shutter, lens)
 
     def reference(self) -> tuple[int, int]:
         """Return the indices of frame and camera of the reference image."""
         return int(np.argmin(np.abs(self.times))), int(np.argmin(np.abs(self.positions).sum(axis=1)))
 
     def grey(self, frame: int, camera: int, channel: int) -> Map:
-        """Return the grey values of an image, shape (y, x)."""
+        """Return the grey values of an image, shape (y, x), without distortion."""
         from scipy.ndimage import convolve1d
 
         image: Map = self.coefficients[frame][channel, camera].astype(np.float64)
+        if self.lens is not None:
+            return self.lens.sample(image, self.spline)
         for axis in (0, 1):
             image = np.asarray(convolve1d(image, _VALUES[self.spline], axis=axis, mode="mirror"))
         return image

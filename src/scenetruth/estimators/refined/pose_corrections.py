@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.method_settings import CorrectionPriors
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.photo_consistency import SUMS, add_shifts
 from scenetruth.estimators.refined.kernels.warp import ImageView
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
+from scenetruth.estimators.refined.pose_priors import PosePriors
 from scenetruth.threads import in_threads
 
 __all__ = [
@@ -330,11 +330,10 @@ class PoseCorrections:
     image of the reference position in the estimated frame has no error by definition; all others are relative to it.
     """
 
-    def __init__(self, priors: CorrectionPriors, images: ImageStack) -> None:
+    def __init__(self, priors: PosePriors, images: ImageStack) -> None:
         view = images.view()
         count, cameras = len(view.s), len(images.positions)
-        fresh = (priors.repeatability_px, priors.repeatability_px)
-        fixed = (priors.x_px, priors.y_px, 1e-6 * priors.roll_urad, 1e-6 * priors.scale_ppm)
+        fixed, fresh = priors.position, priors.visit
         # Unknowns are the errors of positions, then those of single visits, each in units of its standard deviation.
         parts = np.zeros((count, CORRECTIONS, cameras * len(fixed) + count * len(fresh)))
         for n in range(count):
