@@ -21,9 +21,10 @@ from scenetruth.input_files import collect_input_files
 from scenetruth.plain_data import parse_json
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.scene_models import Scene
-from scenetruth.schema import Intrinsics, blank_map, digest, label
+from scenetruth.schema import Intrinsics, blank_map, digest, label, tolerance_attributes
 
 __all__ = [
+    "acquisition_attributes",
     "blank_recording",
     "build_schedule",
     "content_hash",
@@ -67,6 +68,13 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
     rows = (stage.rows,) if stage.rows > 1 else ()
     shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
     arrays = {"image": blank_map(sensor.dtype, shape)}
+    schedule = build_schedule(scene)
+    times = np.array(
+        [
+            [[schedule.planned_time_s(s, t, s_y) for t in scene.frames.t.tolist()] for s in stage.s.tolist()]
+            for s_y in stage.s_y.tolist()
+        ]
+    )
     if save_radiance:
         arrays["radiance"] = blank_map(np.float32, shape)
     return label(
@@ -77,8 +85,27 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
         s=stage.s,
         stage_x_mm=stage.x_mm,
         stage_y_mm=stage.y_mm if rows else None,
-        attrs={"full_scale": float(sensor.full_scale), **(attrs or {})},
+        planned_time_s=times if rows else times[0],
+        attrs={"full_scale": float(sensor.full_scale), **acquisition_attributes(scene), **(attrs or {})},
     )
+
+
+def acquisition_attributes(scene: Scene) -> dict[str, Any]:
+    """Return what a laboratory would know about stage, lens and shutter: stated errors, not the drawn ones."""
+    found: dict[str, Any] = {}
+    if scene.stage.errors is not None:
+        stated = scene.stage.errors.model_dump(exclude={"preset"})
+        if scene.stage.scan == "unidirectional":
+            # All positions are approached from the same side.
+            del stated["backlash_um"]
+        found |= tolerance_attributes({name: value for name, value in stated.items() if value > 0})
+    if scene.camera.distortion is not None:
+        found["distortion"] = list(scene.camera.distortion.coefficients)
+    if scene.shutter.readout_time_s > 0:
+        found["line_time_s"] = scene.shutter.readout_time_s / max(scene.camera.height - 1, 1)
+        if scene.shutter.stage_speed_mm_per_s != 0:
+            found["stage_speed_mm_per_s"] = scene.shutter.stage_speed_mm_per_s
+    return found
 
 
 def scene_hash(scene: Scene) -> str:

@@ -200,8 +200,6 @@ class _Work:
                 "render_backend": self.renderer.name,
                 "render_fallback_reason": choice.fallback_reason,
             }
-            if scene.camera.distortion is not None:
-                attrs["distortion"] = list(scene.camera.distortion.coefficients)
             yield blank_recording(scene, attrs, save_radiance=self.save_radiance)
 
     def record(self, put: Put) -> None:

@@ -147,6 +147,10 @@ class Schedule:
         viewpoint = Viewpoint(planned.viewpoint.position_mm + 1e-3 * off_um, _matrix(rotation))
         return ImageAcquisition(time, viewpoint, rotation)
 
+    def planned_time_s(self, s: int, t: int, s_y: int = 0) -> float:
+        """Return the planned time of an image in s: that of its frame and its place in the scan."""
+        return t * self.frames.frame_interval_s + self.offset_s(s, t, s_y)
+
     def offset_s(self, s: int, t: int, s_y: int = 0) -> float:
         """Return the acquisition time in s relative to the reference camera's image of the frame."""
         return (self.stage.number_in_scan(s, t, s_y) - self.stage.number_in_scan(0, t)) * self.stage.time_per_position_s

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from scenetruth.estimators.protocol import MethodSettings
 from scenetruth.validated_model import FrozenModel, NonNegative, Positive
@@ -78,6 +78,11 @@ class PhotonTransferNoise(FrozenModel):
     """Mean grey value of dark images."""
 
 
+def _none_as_text(value: Any) -> Any:
+    """Return ``none`` for None, the value without corrections in scene files."""
+    return "none" if value is None else value
+
+
 class RefinedSettings(MethodSettings):
     """Settings of the least-squares fit: models of surface and motion, and the analysis window."""
 
@@ -112,8 +117,9 @@ class RefinedSettings(MethodSettings):
     the estimate of the structure tensor, which takes half the time and suits smooth, slowly moving scenes."""
     discontinuity_refit: bool = True
     """Whether windows that contain several surfaces are fitted again to the pixels of the central surface only."""
-    pose_corrections: CorrectionPriors | None = None
-    """Prior standard deviations of camera-pose errors, which are then estimated from all points together."""
+    pose_corrections: Annotated[CorrectionPriors | Literal["auto", "none"], BeforeValidator(_none_as_text)] = "auto"
+    """Prior standard deviations of camera-pose errors, which are then estimated from all points together; ``auto``
+    takes the stage tolerances of the recording, if it states any; ``none`` takes poses as exact."""
     fallback: Literal["plane_sweep", "none"] = "plane_sweep"
     """Fallback value where the fit failed: the disparity of the plane sweep to a fraction of a pixel, without motion
     and standard deviations (``status`` 3); or none."""

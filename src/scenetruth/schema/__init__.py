@@ -1,5 +1,6 @@
 """Data model of recordings, ground truth and estimates: names, dimensions, units and validation."""
 
+from scenetruth.schema.acquisition import Acquisition, StageTolerances, read_acquisition, tolerance_attributes
 from scenetruth.schema.attributes import (
     Intrinsics,
     check_same_run,
@@ -39,8 +40,9 @@ from scenetruth.schema.variables import (
 
 __all__ = [
     "COMPONENTS", "FORMAT_VERSION", "NO_SURFACE", "REASONS", "STATUS_FALLBACK", "STATUS_INVALID", "STATUS_NORMAL",
-    "STATUS_VALID", "VARIABLES", "IncrementalDataset", "Intrinsics", "PixelGrid", "Put", "Variable", "blank_estimate",
-    "blank_map", "check_dataset", "check_same_run", "compute_depth_rate", "compute_pixel_grid", "digest",
-    "estimate_hash", "image_to_grey", "label", "make_estimate", "make_recording", "put_each", "put_estimate",
-    "read_intrinsics", "read_lineage", "read_object_names", "read_scene",
+    "STATUS_VALID", "VARIABLES", "Acquisition", "IncrementalDataset", "Intrinsics", "PixelGrid", "Put",
+    "StageTolerances", "Variable", "blank_estimate", "blank_map", "check_dataset", "check_same_run",
+    "compute_depth_rate", "compute_pixel_grid", "digest", "estimate_hash", "image_to_grey", "label", "make_estimate",
+    "make_recording", "put_each", "put_estimate", "read_acquisition", "read_intrinsics", "read_lineage",
+    "read_object_names", "read_scene", "tolerance_attributes",
 ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.indexing import centred_indices
+from scenetruth.schema.acquisition import LENS_TOLERANCES, TOLERANCE_NAMES, tolerance_attributes
 from scenetruth.schema.attributes import Intrinsics
 from scenetruth.schema.input_arrays import (
     attributes_from,
@@ -37,6 +38,11 @@ def make_recording(
     frame_interval_s: float = 1.0,
     stage_x_mm: ArrayLike | None = None,
     stage_y_mm: ArrayLike | None = None,
+    planned_time_s: ArrayLike | None = None,
+    line_time_s: float = 0.0,
+    distortion: Sequence[float] | None = None,
+    stage_tolerances: Mapping[str, float] | None = None,
+    lens_tolerances: Mapping[str, Any] | None = None,
     full_scale: float | None = None,
     exclusion_mask: ArrayLike | xr.DataArray | None = None,
     attrs: Mapping[str, Any] | None = None,
@@ -61,6 +67,22 @@ def make_recording(
         Camera position for every s, 0 at the reference; default: ``baseline_mm * s``.
     stage_y_mm
         Position of every row of a camera grid, 0 at the reference (middle) row; default: a single row.
+    planned_time_s
+        Planned time of every image in s, shape ([s_y, ]s, t): mid-exposure of its middle row. Default: all images of a
+        frame at the same time. Times increase along t and refer to the same clock for all positions.
+    line_time_s
+        Time between the exposures of consecutive rows (rolling shutter): the readout time divided by the number of
+        rows less 1; 0 for a global shutter.
+    distortion
+        Coefficients of the lens in the order of OpenCV, (k1, k2, p1, p2[, k3[, k4, k5, k6]]); default: a pinhole
+        camera.
+    stage_tolerances
+        Standard deviations of the errors of the stage, from its data sheet or calibration: ``pitch_urad``,
+        ``yaw_urad``, ``roll_urad``, ``straightness_um``, ``accuracy_um``, ``repeatability_um``, ``backlash_um``,
+        ``scale_ppm``; what is omitted is taken as exact. They become attributes ``stage_tolerance_*``.
+    lens_tolerances
+        Standard deviations of the calibration of the lens: ``focal_length_std_px``, ``principal_point_std_px`` (one
+        number or two), ``distortion_std`` (as many as there are coefficients); they become attributes of these names.
     full_scale
         Largest value of an image; default: 1 for floats, which must then lie in [-1, 1], and the largest value of the
         data type for integers. Grey values in [-1, 1] (paper) are ``2 image / full_scale - 1``.
@@ -108,6 +130,7 @@ def make_recording(
     point = None if principal_point_px is None else pair_from("principal_point_px", principal_point_px, problems)
     scale = None if full_scale is None else number_from("full_scale", full_scale, problems, positive=True)
     more = attributes_from(attrs, _RESERVED, problems)
+    more |= _acquisition_attributes(line_time_s, distortion, stage_tolerances, lens_tolerances, problems)
     if baseline == 0 and values is not None and values.ndim > grid and values.shape[int(grid)] > 1:
         problems.append(Problem("baseline_mm", "must not be zero; depth needs a baseline", baseline))
     if values is None or problems:
@@ -118,6 +141,9 @@ def make_recording(
         problems.append(Problem("images", message))
     positions = None if stage_x_mm is None else numbers_from("stage_x_mm", stage_x_mm, count_s, "cameras", problems)
     rows = None if stage_y_mm is None else numbers_from("stage_y_mm", stage_y_mm, len(values), "rows", problems)
+    times = None
+    if planned_time_s is not None:
+        times = _times_from(planned_time_s, values.shape[: 2 + grid], problems)
     dims = ("s_y", "s", "t", "y", "x")[not grid :]
     masked = (
         None
@@ -136,6 +162,7 @@ def make_recording(
         s=centred_indices(count_s),
         stage_x_mm=positions,
         stage_y_mm=rows,
+        planned_time_s=times,
         attrs={"full_scale": scale, **more},
     )
     if masked is not None:
@@ -150,6 +177,44 @@ _RESERVED = frozenset(
         *("focal_length_px", "principal_point_px", "baseline_mm", "frame_interval_s"),
     }
 )
+
+
+def _acquisition_attributes(
+    line_time_s: Any, distortion: Any, stage: Any, lens: Any, problems: list[Problem]
+) -> dict[str, Any]:
+    """Return the attributes that describe stage, lens and shutter; `check_dataset` validates their values."""
+    found: dict[str, Any] = {}
+    if line_time_s != 0:
+        found["line_time_s"] = number_from("line_time_s", line_time_s, problems)
+    if distortion is not None:
+        found["distortion"] = distortion.tolist() if isinstance(distortion, np.ndarray) else distortion
+    for name, given, allowed in (
+        ("stage_tolerances", stage, TOLERANCE_NAMES),
+        ("lens_tolerances", lens, LENS_TOLERANCES),
+    ):
+        if given is None:
+            continue
+        if not isinstance(given, Mapping):
+            problems.append(Problem(name, "must be a mapping from names to standard deviations", given))
+            continue
+        problems += [
+            Problem(f"{name}.{each}", f"is no tolerance; these are {', '.join(allowed)}")
+            for each in given
+            if each not in allowed
+        ]
+        plain = {each: value.tolist() if isinstance(value, np.ndarray) else value for each, value in given.items()}
+        found |= tolerance_attributes(plain) if allowed is TOLERANCE_NAMES else plain
+    return found
+
+
+def _times_from(times: Any, shape: tuple[int, ...], problems: list[Problem]) -> NDArray[Any] | None:
+    """Return the planned time of every image, or None after appending a problem."""
+    found = real_array("planned_time_s", times, problems)
+    if found is not None and found.shape != shape:
+        message = f"must hold one time for each image, shape {shape}"
+        problems.append(Problem("planned_time_s", message, found.shape))
+        return None
+    return found
 
 
 def _largest(values: NDArray[Any]) -> float:

@@ -10,6 +10,7 @@ import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.plain_data import parse_json, plain_problems
+from scenetruth.schema.acquisition import acquisition_problems, is_finite_number
 from scenetruth.schema.input_arrays import exclusion_mask_problems
 from scenetruth.schema.pixel_grid import pixel_grid_problems
 from scenetruth.schema.variables import REQUIRED, REQUIRED_ANY, VARIABLES
@@ -39,21 +40,7 @@ def attribute_problems(dataset: xr.Dataset) -> list[Problem]:
         problems.append(Problem("attrs.render_fallback_reason", "must be text", reason))
     if not (seed is None or (isinstance(seed, int | np.integer) and not isinstance(seed, bool) and seed >= 0)):
         problems.append(Problem("attrs.seed", "must be a non-negative integer", seed))
-    distortion = attrs.get("distortion")
-    listed = isinstance(distortion, list | tuple | np.ndarray) and getattr(distortion, "ndim", 1) == 1
-    if distortion is not None and not (listed and all(map(is_finite_number, distortion))):
-        problems.append(Problem("attrs.distortion", "must be a list of finite numbers", distortion))
     return problems
-
-
-def is_finite_number(value: Any) -> bool:
-    """Return whether a value is a finite real number representable as a float."""
-    if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
-        return False
-    try:
-        return bool(np.isfinite(float(value)))
-    except OverflowError:
-        return False
 
 
 def _json_problems(path: str, text: Any, kind: type[Any]) -> list[Problem]:
@@ -84,7 +71,7 @@ def check_dataset(dataset: xr.Dataset, kind: str) -> None:
         raise RecordingError([Problem("", "must be an xarray.Dataset", type(dataset).__name__)], source=kind)
     problems = [*_variable_problems(dataset, kind), *_intrinsics_problems(dataset), *attribute_problems(dataset)]
     if kind == "recording":
-        problems += [*_image_problems(dataset), *pixel_grid_problems(dataset)]
+        problems += [*_image_problems(dataset), *pixel_grid_problems(dataset), *acquisition_problems(dataset)]
     if problems:
         raise RecordingError(problems, source=kind)
 

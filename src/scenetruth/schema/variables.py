@@ -237,6 +237,14 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             {"flag_values": list(range(len(REASONS))), "flag_meanings": " ".join(REASONS)},
         ),
         "depth_std": _std(_MAP, "mm", "depth"),
+        "depth_std_common": Variable(
+            _MAP, "mm", "part of depth_std that pixels have in common, due to errors of stage and lens"
+        ),
+        "velocity_std_common": Variable(
+            ("component", *_MAP),
+            "mm/frame",
+            "part of velocity_std that pixels have in common, due to errors of stage and lens",
+        ),
         "velocity_std": _std(("component", *_MAP), "mm/frame", "velocity"),
         "disparity_std": _std(_MAP, "px/step", "disparity"),
         "coherence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),
@@ -267,6 +275,7 @@ COORDINATES = {
     "stage_x_mm": ("mm", "position of the camera on the stage"),
     "stage_y_mm": ("mm", "position of the row of cameras, positive downwards"),
     "time_s": ("s", "time of the frame"),
+    "planned_time_s": ("s", "planned time of the image: mid-exposure of its middle row"),
     "component": (
         "1",
         "component: of maps along the axes of their camera (X right, Y down, Z forward), of camera poses in the world",
@@ -299,6 +308,7 @@ def label(
     s: ArrayLike | None = None,
     stage_x_mm: ArrayLike | None = None,
     stage_y_mm: ArrayLike | None = None,
+    planned_time_s: ArrayLike | None = None,
     x: ArrayLike | None = None,
     y: ArrayLike | None = None,
     attrs: Mapping[str, Any] | None = None,
@@ -306,6 +316,7 @@ def label(
     """Return a data set with names, coordinates and units from plain arrays.
 
     ``t``, ``s``: Frame and camera indices, 0 at the reference.
+    ``planned_time_s``: Planned time of every image, shape ([s_y, ]s, t); default: not stated.
     ``x``, ``y``: Pixel indices of the columns and rows, to which the intrinsics refer; default: from 0 on.
     """
     variables: dict[str, xr.Variable] = {}
@@ -319,7 +330,7 @@ def label(
     sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
     # Coordinates are copied so that they share no memory with the caller's arrays.
     frames = np.array(t, dtype=np.int64)
-    coordinates: dict[str, tuple[str, ArrayLike]] = {
+    coordinates: dict[str, tuple[str | tuple[str, ...], ArrayLike]] = {
         "t": ("t", frames),
         "time_s": ("t", frames * intrinsics.frame_interval_s),
         "y": ("y", np.arange(sizes["y"]) if y is None else np.array(y)),
@@ -332,6 +343,9 @@ def label(
     if "s_y" in sizes:
         below = np.array(stage_y_mm, dtype=np.float64)
         coordinates |= {"s_y": ("s_y", centred_indices(sizes["s_y"])), "stage_y_mm": ("s_y", below)}
+    if planned_time_s is not None:
+        images = tuple(dim for dim in ("s_y", "s", "t") if dim in sizes)
+        coordinates["planned_time_s"] = (images, np.array(planned_time_s, dtype=np.float64))
     for name, names in COMPONENTS.items():
         if name in sizes:
             coordinates[name] = (name, names)

@@ -23,7 +23,8 @@ from scenetruth.estimators.external.image_writer import (
 )
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
-from scenetruth.schema import check_dataset, compute_pixel_grid, read_intrinsics
+from scenetruth.schema import check_dataset, compute_pixel_grid, read_acquisition, read_intrinsics
+from scenetruth.schema.acquisition import TOLERANCE_ATTRIBUTES
 
 __all__ = ["recording_key", "write_recording"]
 
@@ -73,6 +74,8 @@ def recording_key(recording: xr.Dataset) -> str:
         "t": recording["t"].values.tolist(),
         "stage_x_mm": [float(value) for value in recording["stage_x_mm"].values],
         "pixels": [grid.first_x, grid.first_y, grid.step_px],
+        # Without entries that a recording does not state, so that its key does not depend on them.
+        **_stated(recording),
     }
     found = hashlib.sha256(json.dumps(entries, sort_keys=True).encode())
     for values, bad in each_frame(recording):
@@ -101,6 +104,8 @@ _CONVENTIONS = {
     "flow": "(dx/dt, dy/dt) in px per frame; dx > 0 to the right, dy > 0 down",
     "velocity": "(U_X, U_Y, U_Z) in mm per frame; U_Z < 0 comes nearer",
     "depth_rate": "U_Z alone, in mm per frame, of the surface point",
+    "time": "planned_time_s in s, by camera and frame: mid-exposure of the middle row; rows are line_time_s apart",
+    "tolerances": "standard deviations of the errors of stage and lens; what is missing is not stated",
     "unknown": "NaN; in .pfm +inf, in .flo 1e10",
     "image": "value = image_offset + image_scale * number in the file; full_scale is the largest possible value",
     "exclusion_masks": "not 0 where a pixel must not be used; images without a mask are good everywhere",
@@ -117,6 +122,7 @@ def describe_camera(
     """
     grid, image = compute_pixel_grid(recording), recording["image"]
     intrinsics = grid.in_columns(read_intrinsics(recording))
+    acquisition = read_acquisition(recording)
     frames = [int(t) for t in recording["t"].values]
     return {
         "format_version": EXCHANGE_VERSION,
@@ -129,6 +135,9 @@ def describe_camera(
         "s": [int(s) for s in recording["s"].values],
         "stage_x_mm": [float(x) for x in recording["stage_x_mm"].values],
         "t": frames,
+        "planned_time_s": _times(recording),
+        "line_time_s": acquisition.line_time_s * grid.step_px,
+        "tolerances": _tolerances(recording, grid.step_px),
         "reference_s": 0,
         "reference_t": 0,
         "estimate_t": frames,
@@ -142,6 +151,29 @@ def describe_camera(
         "part": {"first_column_px": grid.first_x, "first_row_px": grid.first_y, "pixel_step_px": grid.step_px},
         "conventions": _CONVENTIONS,
     }
+
+
+def _times(recording: xr.Dataset) -> list[list[float]]:
+    """Return the planned time of every image in s, by camera and frame."""
+    return [[float(time) for time in times] for times in read_acquisition(recording).time_s[0]]
+
+
+def _tolerances(recording: xr.Dataset, step_px: float) -> dict[str, Any]:
+    """Return the stated standard deviations of stage and lens; lengths in the image are in columns."""
+    stated = {name: recording.attrs[name] for name in TOLERANCE_ATTRIBUTES if name in recording.attrs}
+    plain = {name: np.asarray(value, dtype=np.float64) for name, value in stated.items()}
+    return {name: (value / step_px if name.endswith("_px") else value).tolist() for name, value in plain.items()}
+
+
+def _stated(recording: xr.Dataset) -> dict[str, Any]:
+    """Return the times and tolerances that a recording states."""
+    found = {name: recording.attrs[name] for name in ("line_time_s", "stage_speed_mm_per_s") if name in recording.attrs}
+    frames = recording["t"].values * read_intrinsics(recording).frame_interval_s
+    times = read_acquisition(recording).time_s[0]
+    if not np.array_equal(times, np.broadcast_to(frames, times.shape)):
+        found["planned_time_s"] = times.tolist()
+    tolerances = _tolerances(recording, 1.0)
+    return found | ({"tolerances": tolerances} if tolerances else {})
 
 
 def _distortion(recording: xr.Dataset) -> list[float]:

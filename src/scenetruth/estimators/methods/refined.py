@@ -31,13 +31,16 @@ class _Refined(StreamingMethod):
     seconds_per_sample = 4.2e-5
 
     def requirements(self, recording: xr.Dataset, settings: RefinedSettings) -> list[Problem]:
+        from scenetruth.estimators.refined.lens_distortion import lens_problems
+
         sizes = recording["image"].sizes
         if settings.initialisation == "structure_tensor":
             from scenetruth.estimators.method_settings import StructureTensorSettings
             from scenetruth.estimators.structure_tensor.filters import axis_problems
 
-            return axis_problems(StructureTensorSettings(), sizes["s"], sizes["t"], sizes["x"], sizes["y"])
-        problems = []
+            axes = axis_problems(StructureTensorSettings(), sizes["s"], sizes["t"], sizes["x"], sizes["y"])
+            return [*lens_problems(recording), *axes]
+        problems = lens_problems(recording)
         if sizes["s"] == 1 and 1 in (settings.window_frames, sizes["t"]):
             message = "one camera determines motion only, which requires two frames"
             problems.append(Problem("window_frames", message, min(settings.window_frames, sizes["t"])))

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, ImageView
+from scenetruth.estimators.refined.lens_distortion import Lens
 from scenetruth.estimators.refined.noise_estimation import EVEN, GreyVariance
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+from scenetruth.estimators.refined.pose_priors import PosePriors
 from scenetruth.threads import in_threads
 
 __all__ = ["NO_DEFECTS", "FramesNeeded", "ImageStack", "Splines", "frames_needed"]
@@ -79,6 +81,7 @@ def _coefficients(images: NDArray[Any], order: int) -> NDArray[np.float32]:
 _VALUES = {CUBIC: np.array([1.0, 4.0, 1.0]) / 6.0, QUINTIC: np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0}
 
 NO_DEFECTS = np.zeros((0, 0, 0), dtype=np.uint8)
+NO_LENS = np.zeros(0)
 
 Map = NDArray[np.float64]
 
@@ -89,11 +92,16 @@ class ImageStack:
 
     ``coefficients``: Spline coefficients by frame, shape (channel, s, y, x) each.
     ``positions``: Positions (s, s_y) of the cameras in steps, shape (cameras, 2).
-    ``times``: Times of the frames relative to the estimated frame.
+    ``times``: Times of the reference camera's images relative to the estimated frame.
     ``focal``, ``centre``: Focal length, and principal point (x, y), in columns and rows.
     ``moved``: Pose correction of every image in the order of `stack`, as in `warp.corrected`, shape (n, 4).
     ``bad``: Nonzero at pixels whose surroundings must not be sampled, by frame, shape (s, y, x) each; empty if none.
     ``left_out``: Excluded images, as indices of frame and camera.
+    ``delays``: Times of the images of a frame after that of its reference camera, in frames, shape (frames, cameras);
+      None if they are simultaneous.
+    ``shutter``: Rolling shutter: frames and stage steps from one row to the next.
+    ``lens``: Distortion of the images; None for a pinhole camera. Maps of a fit are those of a pinhole camera.
+    ``priors``: Prior standard deviations of the pose errors; None if poses are taken as exact.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -106,6 +114,10 @@ class ImageStack:
     left_out: frozenset[tuple[int, int]] = frozenset()
     variance: GreyVariance = EVEN
     spline: int = QUINTIC
+    delays: Map | None = None
+    shutter: tuple[float, float] = (0.0, 0.0)
+    lens: Lens | None = None
+    priors: PosePriors | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -154,6 +166,7 @@ class ImageStack:
             times=self.times[frames],
             moved=self.moved.reshape(len(self.times), -1, 4)[frames].reshape(-1, 4),
             bad=[self.bad[n] for n in frames] if self.bad else [],
+            delays=None if self.delays is None else self.delays[frames],
             left_out=frozenset((place, s) for place, n in enumerate(frames) for t, s in self.left_out if t == n),
         )
 
@@ -184,17 +197,21 @@ class ImageStack:
         """Return positions, times and corrections of all images, in the order of `stack`."""
         s, s_y = np.tile(self.positions.T, len(self.times))
         t = np.repeat(self.times, len(self.positions))
-        return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline)
+        t = t if self.delays is None else t + self.delays.ravel()
+        lens = NO_LENS if self.lens is None else self.lens.kernel
+        return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline, *self.shutter, lens)
 
     def reference(self) -> tuple[int, int]:
         """Return the indices of frame and camera of the reference image."""
         return int(np.argmin(np.abs(self.times))), int(np.argmin(np.abs(self.positions).sum(axis=1)))
 
     def grey(self, frame: int, camera: int, channel: int) -> Map:
-        """Return the grey values of an image, shape (y, x)."""
+        """Return the grey values of an image, shape (y, x), without distortion."""
         from scipy.ndimage import convolve1d
 
         image: Map = self.coefficients[frame][channel, camera].astype(np.float64)
+        if self.lens is not None:
+            return self.lens.sample(image, self.spline)
         for axis in (0, 1):
             image = np.asarray(convolve1d(image, _VALUES[self.spline], axis=axis, mode="mirror"))
         return image

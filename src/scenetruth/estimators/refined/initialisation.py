@@ -155,6 +155,7 @@ def initialise_robustly(
             continue
         tried.add((frame, camera, first, last))
         values = frames.frames(needed.first + first, needed.first + last).astype(np.float32, copy=False)
+        values = values if images.lens is None else images.lens.straighten(values)
         own = CameraLayout(rig.positions - rig.positions[camera], rig.baseline_mm, rig.focal, rig.centre)
         try:
             found = initialise_by_plane_sweep(

@@ -90,7 +90,7 @@ def refine(
     )
     plain = models[0]._replace(gradient=0) if models[0].surface > 0 else models[0]
     steady = plain._replace(accelerated=False)
-    cameras = None if settings.pose_corrections is None else PoseCorrections(settings.pose_corrections, images)
+    cameras = None if images.priors is None else PoseCorrections(images.priors, images)
     span = float(np.abs(images.times).max())
     stages = [(reach, steady) for reach in STAGES if reach < span]
     state = initial_parameters(start, accelerated=settings.accelerated)

@@ -11,6 +11,7 @@ import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.method_settings import PhotonTransferNoise, RefinedSettings
+from scenetruth.estimators.refined.common_uncertainty import has_common_part, read_calibration_uncertainty
 from scenetruth.estimators.refined.image_stack import FramesNeeded, Splines, frames_needed
 from scenetruth.estimators.refined.output_maps import (
     CORRECTIONS,
@@ -19,6 +20,7 @@ from scenetruth.estimators.refined.output_maps import (
     list_map_types,
     make_invalid_maps,
 )
+from scenetruth.estimators.refined.pose_priors import corrects_poses, read_priors
 from scenetruth.progress import Progress
 from scenetruth.schema import REASONS, Put, blank_map, compute_pixel_grid, label, read_intrinsics
 from scenetruth.schema.validity import compute_validity, excluded_pixels
@@ -36,11 +38,12 @@ def blank_estimate(recording: xr.Dataset, settings: RefinedSettings) -> xr.Datas
     places = [frames.output for frames in _needed(sizes["t"], settings)]
     shape = (len(places), sizes["y"], sizes["x"])
     frames = min(sizes["t"], settings.window_frames)
-    types = list_map_types(sizes.get("s_y", 1) * sizes["s"], frames, settings)
+    common = has_common_part(recording, settings)
+    types = list_map_types(sizes.get("s_y", 1) * sizes["s"], frames, settings, common=common)
     x, y = (recording[name].values if name in recording.coords else None for name in ("x", "y"))
     maps = {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in types.items()}
     cameras: dict[str, Any] = {}
-    if settings.pose_corrections is not None:
+    if corrects_poses(recording, settings):
         for name, components in CORRECTIONS.items():
             maps[name] = blank_map(np.float64, (*components, *_cameras(recording), len(places)))
         names = ("s", "stage_x_mm", *(("stage_y_mm",) if "s_y" in recording["image"].dims else ()))
@@ -62,9 +65,11 @@ def fill_estimate(
         initialise_robustly,
     )
     from scenetruth.estimators.refined.iterations import refine
+    from scenetruth.estimators.refined.lens_distortion import read_lens, straighten_recording
     from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
     from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+    from scenetruth.estimators.refined.schedule import read_schedule, remove_delay_bias
 
     grid = compute_pixel_grid(recording)
     intrinsics = grid.in_columns(read_intrinsics(recording))
@@ -76,9 +81,9 @@ def fill_estimate(
     placed = np.stack([np.tile(across_mm, len(below_mm)), np.repeat(below_mm, len(across_mm))], axis=-1) / baseline_mm
     placed = placed if cameras > 1 else np.zeros((1, 2))
     rig = CameraLayout(placed, baseline_mm, intrinsics.focal_length_px, intrinsics.principal_point_px)
-    if settings.pose_corrections is not None:
-        settings = settings.model_copy(update={"pose_corrections": settings.pose_corrections.in_columns(grid.step_px)})
-    splines, times = Splines(reader, settings.spline_order), recording["t"].values.astype(np.float64)
+    calibration = read_calibration_uncertainty(recording) if has_common_part(recording, settings) else None
+    splines, schedule = Splines(reader, settings.spline_order), read_schedule(recording, placed)
+    times, lens = schedule.times, read_lens(recording)
     needed = _needed(reader.shape[2], settings)
     rounds, curved, noted = [], [], ExclusionReport(recording)
     for number, frames in enumerate(needed):
@@ -95,6 +100,9 @@ def fill_estimate(
             np.zeros((len(placed) * len(taken), 4)),
             reader.bad(frames.first, frames.last),
             spline=settings.spline_order,
+            delays=schedule.delays_of(frames),
+            shutter=schedule.shutter,
+            lens=lens,
         )
         if isinstance(settings.noise, PhotonTransferNoise):
             images = replace(
@@ -109,15 +117,20 @@ def fill_estimate(
             else:
                 part = reader.part(frames.first, frames.last)
                 part = part.sel(s_y=0) if "s_y" in part.dims else part
+                part = part if lens is None else straighten_recording(part, lens)
                 start = initialise_by_structure_tensor(part, frames.output - frames.first, baseline_mm)
                 # From camera pixels to columns.
                 start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
+            remove_delay_bias(start.fields, images)
+            px_per_mm = abs(float(np.median(start.fields[0])) / baseline_mm)
+            priors = read_priors(recording, settings, intrinsics.focal_length_px, px_per_mm, grid.step_px)
+            images = replace(images, priors=priors)
         except EstimateError as error:
             noted.report_invalid_frame(frames.output, error.problems[0].message)
-            nothing = make_invalid_maps(cameras, len(taken), settings, images.shape)
+            nothing = make_invalid_maps(cameras, len(taken), settings, images.shape, common=calibration is not None)
             for name, values in _state_defects(nothing, recording, reader, images, frames.output).items():
                 put(name, {"t": number}, values)
-            if settings.pose_corrections is not None:
+            if corrects_poses(recording, settings):
                 for name, components in CORRECTIONS.items():
                     put(name, {"t": number}, np.full((*components, *_cameras(recording)), np.nan))
             rounds.append(0)
@@ -129,7 +142,9 @@ def fill_estimate(
         noted.leave_out(frames.first, images.left_out)
         if settings.discontinuity_refit:
             found, beside = refit_discontinuities(images, start.fields, found, settings, entries)
-        maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm)
+        maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration)
+        if lens is not None:
+            maps = lens.put_back(maps, grid.step_px)
         for name, values in _state_defects(maps, recording, reader, images, frames.output).items():
             put(name, {"t": number}, values)
         if found.cameras is not None:

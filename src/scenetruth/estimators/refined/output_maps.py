@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
+from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertainty, compute_common_variance
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
 from scenetruth.estimators.refined.image_consistency import fine_contrast
@@ -47,9 +48,12 @@ _NONE, _CONSTANT, _PLANE, _CURVED = range(4)  # values of ``surface_model``
 
 
 def list_map_types(
-    cameras: int, frames: int, settings: RefinedSettings
+    cameras: int, frames: int, settings: RefinedSettings, *, common: bool = False
 ) -> Mapping[str, tuple[tuple[int, ...], DTypeLike]]:
-    """Return the maps of an estimate: their dimensions in addition to frame and pixels, and their type."""
+    """Return the maps of an estimate: their dimensions in addition to frame and pixels, and their type.
+
+    ``common``: Whether errors of stage or lens are stated, which pixels have in common.
+    """
     single = np.float32
     # Quantities that are undetermined are invalid everywhere.
     found: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
@@ -60,6 +64,7 @@ def list_map_types(
     }
     if cameras > 1:
         found |= {"depth_std": ((), single), "disparity_std": ((), single)}
+        found |= {"depth_std_common": ((), single)} if common else {}
         found |= {"surface_model": ((), np.uint8)}
         if settings.surface != "constant":
             found |= {"slope": ((2,), single), "slope_std": ((2,), single), "normal": ((3,), single)}
@@ -69,6 +74,7 @@ def list_map_types(
         found |= {"divergence": ((), single), "motion_model": ((), np.uint8)}
     if cameras > 1 and frames > 1:
         found |= {"velocity_std": ((3,), single)}
+        found |= {"velocity_std_common": ((3,), single)} if common else {}
         if settings.accelerated:
             found |= _with_std("acceleration", (3,))
         motion = "translation" if settings.surface == "constant" else settings.motion
@@ -93,9 +99,11 @@ def _with_std(name: str, components: tuple[int, ...]) -> dict[str, tuple[tuple[i
     return {name: (components, np.float32), f"{name}_std": (components, np.float32)}
 
 
-def make_invalid_maps(cameras: int, frames: int, settings: RefinedSettings, shape: tuple[int, int]) -> dict[str, Any]:
+def make_invalid_maps(
+    cameras: int, frames: int, settings: RefinedSettings, shape: tuple[int, int], *, common: bool = False
+) -> dict[str, Any]:
     """Return the maps of a frame without valid pixels."""
-    types = list_map_types(cameras, frames, settings).items()
+    types = list_map_types(cameras, frames, settings, common=common).items()
     nothing = {name: np.zeros((*components, *shape), dtype=dtype) for name, (components, dtype) in types}
     for name, values in nothing.items():
         if values.dtype.kind == "f" and name != "image_count":
@@ -111,8 +119,9 @@ def compute_maps(
     settings: RefinedSettings,
     step_px: float,
     baseline_mm: float,
+    calibration: CalibrationUncertainty | None = None,
 ) -> dict[str, Any]:
-    """Return the maps of one frame."""
+    """Return the maps of one frame; with a calibration, also the uncertainty that its pixels have in common."""
     fit = refined.fit
     height, width = images.shape
     cameras, frames = len(images.positions), len(images.times)
@@ -125,9 +134,15 @@ def compute_maps(
         left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
         usual = estimate_noise(left)
         variance = fit.variance / spline_transfer(images.spline) ** 2
-        if refined.cameras is not None:
-            finite = fill_gaps(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
-            variance[[0, 3, 4, 5]] += refined.cameras.effect(images, finite).variance
+        common = None
+        if calibration is not None:
+            poses = None
+            if refined.cameras is not None:
+                finite = fill_gaps(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
+                poses = refined.cameras.effect(images, finite).variance
+            common = compute_common_variance(calibration, poses, d, q)
+            variance[0] += common.disparity
+            variance[3:6] += common.velocity
         std = np.sqrt(variance)
         shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
         limit = np.maximum(settings.max_residual_ratio * usual, shifted)
@@ -146,7 +161,11 @@ def compute_maps(
             reason[known & ~certain] = _AMBIGUOUS
             known &= (depth > 0) & certain
             found |= {"disparity": d * step_px, "disparity_std": std[0] * step_px}
-            found |= {"depth": depth, "depth_std": depth / np.abs(d) * std[0]}
+            relative = variance[0] / d**2
+            if common is not None:
+                relative += common.depth - common.disparity / d**2
+                found |= {"depth_std_common": depth * np.sqrt(common.depth)}
+            found |= {"depth": depth, "depth_std": depth * np.sqrt(relative)}
             found |= {"normal": _normal(theta, x, y, focal)}
         if frames > 1:
             certain = np.abs(d) * std[3:5].max(axis=0) < _LARGEST_STD_PX
@@ -157,6 +176,8 @@ def compute_maps(
             found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:6] * abs(baseline_mm)}
+            if common is not None:
+                found |= {"velocity_std_common": np.sqrt(common.velocity) * abs(baseline_mm)}
             if settings.accelerated:
                 # In a window of too few frames, it is zero by definition, hence invalid.
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
@@ -183,7 +204,7 @@ def compute_maps(
             }
         ),
     }
-    types = list_map_types(cameras, frames, settings)
+    types = list_map_types(cameras, frames, settings, common=calibration is not None)
     for name, (components, _) in types.items():
         if name not in maps:
             values = found.get(name, np.full((*components, height, width), np.nan))
@@ -196,7 +217,7 @@ def compute_maps(
 
 def compute_correction_maps(cameras: PoseCorrections, images: ImageStack, step_px: float) -> dict[str, Map]:
     """Return the pose corrections of the images of the estimated frame."""
-    frame = np.flatnonzero(images.view().t == 0.0)
+    frame = np.flatnonzero(np.repeat(images.times == 0.0, len(images.positions)))
     found: dict[str, Map] = {}
     for end, each in (("", cameras.values), ("_std", cameras.std)):
         of_frame = each[frame].T

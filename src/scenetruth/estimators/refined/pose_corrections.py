@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.method_settings import CorrectionPriors
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.photo_consistency import SUMS, add_shifts
 from scenetruth.estimators.refined.kernels.warp import ImageView
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
+from scenetruth.estimators.refined.pose_priors import PosePriors
 from scenetruth.threads import in_threads
 
 __all__ = [
@@ -211,7 +211,8 @@ class Elimination:
     def __init__(self, blocks: Blocks, view: ImageView) -> None:
         self._noise = blocks.noise
         self._size = CORRECTIONS * len(view.s)
-        accelerated = len(np.unique(view.t)) >= _ACCELERATED
+        cameras = len(np.unique(np.stack([view.s, view.s_y]), axis=1).T)
+        accelerated = len(view.t) // cameras >= _ACCELERATED
         self._parts = [
             _compute_part(blocks, view, slice(first, first + _PIECE), accelerated=accelerated)
             for first in range(0, len(blocks.shift), _PIECE)
@@ -329,11 +330,10 @@ class PoseCorrections:
     image of the reference position in the estimated frame has no error by definition; all others are relative to it.
     """
 
-    def __init__(self, priors: CorrectionPriors, images: ImageStack) -> None:
+    def __init__(self, priors: PosePriors, images: ImageStack) -> None:
         view = images.view()
         count, cameras = len(view.s), len(images.positions)
-        fresh = (priors.repeatability_px, priors.repeatability_px)
-        fixed = (priors.x_px, priors.y_px, 1e-6 * priors.roll_urad, 1e-6 * priors.scale_ppm)
+        fixed, fresh = priors.position, priors.visit
         # Unknowns are the errors of positions, then those of single visits, each in units of its standard deviation.
         parts = np.zeros((count, CORRECTIONS, cameras * len(fixed) + count * len(fresh)))
         for n in range(count):
@@ -346,7 +346,7 @@ class PoseCorrections:
             parts = parts - parts[reference[0]]
         entries = np.abs(parts).max(axis=(0, 1)) > 0
         self._parts = parts[..., entries].reshape(count * CORRECTIONS, -1)
-        self._times = view.t
+        self._times = np.repeat(images.times, cameras)
         self._unknown = np.zeros(self._parts.shape[1])
         self._covariance: Array = np.eye(len(self._unknown))
 

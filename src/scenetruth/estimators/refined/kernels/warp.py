@@ -18,11 +18,13 @@ __all__ = [
     "ImageView",
     "corrected",
     "cubic_weights",
+    "distorted",
     "mean_of_row",
     "mean_texture",
     "place_of",
     "quintic_weights",
     "smooth_over",
+    "straightened",
     "warp_rows",
 ]
 
@@ -35,6 +37,7 @@ STEADY, ACCELERATED = 4, 7
 CUBIC, QUINTIC = 3, 5
 """Orders of the splines through the images."""
 TAPS = 6
+_FAR_OUTSIDE = 1e9
 REACH = 2  # taps before the integer part of the sample position
 
 
@@ -57,30 +60,75 @@ class ImageView(NamedTuple):
     """Row of the principal point."""
     spline: int = 5
     """Order of the splines through the images, 5 or 3."""
+    row_time: float = 0.0
+    """Rolling shutter: time from one row to the next, in frames."""
+    row_step: float = 0.0
+    """Movement of the camera along the stage from one row to the next, in steps."""
+    lens: NDArray[np.float64] = np.zeros(0)
+    """Distortion (k1, k2, p1, p2, k3, k4, k5, k6) and the largest squared radius in the image; empty for a pinhole."""
 
 
 @numba.njit(inline="always")
 def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
     """Return column and row in an image of the nominal position (x, y) relative to the principal point.
 
-    The corrections in ``view.moved`` are, in this order, shifts along x and y in px, a roll from x towards y in rad,
-    and a relative scale: to first order.
+    This is where the lens shows it. The corrections in ``view.moved`` are, in this order, shifts along x and y in px, a
+    roll from x towards y in rad, and a relative scale: to first order.
     """
     right, down, roll, larger = view.moved[i, 0], view.moved[i, 1], view.moved[i, 2], view.moved[i, 3]
-    return (
-        x + right - roll * y + larger * x + view.centre_x,
-        y + down + roll * x + larger * y + view.centre_y,
-    )
+    x, y = x + right - roll * y + larger * x, y + down + roll * x + larger * y
+    if view.lens.shape[0] > 0:
+        x, y = distorted(view, x, y)
+    return x + view.centre_x, y + view.centre_y
+
+
+@numba.njit(inline="always")
+def distorted(view: Any, x: Any, y: Any) -> Any:
+    """Return where the lens shows a position, both relative to the principal point; far outside beyond the image."""
+    k = view.lens
+    x, y = x / view.focal, y / view.focal
+    square = x * x + y * y
+    if square > k[8]:
+        return -_FAR_OUTSIDE, -_FAR_OUTSIDE
+    radial = 1.0 + square * (k[0] + square * (k[1] + square * k[4]))
+    radial /= 1.0 + square * (k[5] + square * (k[6] + square * k[7]))
+    right = x * radial + 2.0 * k[2] * x * y + k[3] * (square + 2.0 * x * x)
+    down = y * radial + k[2] * (square + 2.0 * y * y) + 2.0 * k[3] * x * y
+    return view.focal * right, view.focal * down
+
+
+@numba.njit(inline="always")
+def straightened(view: Any, x: Any, y: Any, along: Any, down: Any) -> Any:
+    """Return the derivatives of an image by pinhole positions from those by distorted ones, at a pinhole pixel."""
+    if view.lens.shape[0] == 0:
+        return along, down
+    k = view.lens
+    x, y = (x - view.centre_x) / view.focal, (y - view.centre_y) / view.focal
+    square = x * x + y * y
+    below = 1.0 + square * (k[5] + square * (k[6] + square * k[7]))
+    radial = (1.0 + square * (k[0] + square * (k[1] + square * k[4]))) / below
+    slope = k[0] + square * (2.0 * k[1] + square * 3.0 * k[4])
+    slope = (slope - radial * (k[5] + square * (2.0 * k[6] + square * 3.0 * k[7]))) / below
+    a = radial + 2.0 * x * x * slope + 2.0 * k[2] * y + 6.0 * k[3] * x
+    b = 2.0 * x * y * slope + 2.0 * k[2] * x + 2.0 * k[3] * y
+    d = radial + 2.0 * y * y * slope + 6.0 * k[2] * y + 2.0 * k[3] * x
+    return np.float32(a * along + b * down), np.float32(b * along + d * down)
 
 
 @numba.njit(inline="always")
 def place_of(accelerated: Any, view: Any, s: Any, s_y: Any, t: Any, fields: Any, y: Any, x: Any) -> Any:
     """Return the position of a pixel's point in an image, relative to the principal point, and its scale.
 
-    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`. Acceleration is a compile-time constant, because a
-    condition at every pixel doubles the time.
+    These are x', y' and 1 / (1 + t d q_Z / f) of `warp_rows`. With a rolling shutter, fields are those at the time of
+    the pixel's own row, and the image is taken at the time of the row where it shows the point. Acceleration is a
+    compile-time constant, because a condition at every pixel doubles the time.
     """
     d = fields[0, y, x]
+    if view.row_time != 0.0:
+        # Rows from the pixel to its point, to first order: both rows have their own times.
+        rows = d * (t * fields[2, y, x] - s_y - (y - view.centre_y) * t * fields[3, y, x] / view.focal)
+        t += view.row_time * rows
+        s += view.row_step * rows
     right, down, ahead = t * fields[1, y, x], t * fields[2, y, x], t * fields[3, y, x]
     if accelerated:
         half = 0.5 * t * t
@@ -193,8 +241,8 @@ def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
                     used[x] += 1
             for x in range(width):
                 share = np.float32(1.0 / max(used[x], 1))
-                gradient[0, row, x] *= share
-                gradient[1, row, x] *= share
+                along, down = straightened(view, x, y, share * gradient[0, row, x], share * gradient[1, row, x])
+                gradient[0, row, x], gradient[1, row, x] = along, down
 
     return compiled
 
