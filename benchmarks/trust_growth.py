@@ -9,9 +9,13 @@ from benchmarks.trust import Plain, noise, plane, rig
 __all__ = ["SCENES"]
 
 
+GROWTH = ("base_to_tip", "base_mm", "tip_mm")
+
+
 def sheet(rate_per_hour: float, share: float | None, *, texture: Plain | None = None, **more: Any) -> Plain:
     """Return a scene of a growing sheet with its share of growth along X; None for isotropic growth."""
     growth: Plain = {"kind": "growth", "rate_per_hour": rate_per_hour}
+    growth |= {name: more.pop(name) for name in GROWTH if name in more}
     if share is not None:
         growth["along_share"] = share
     return rig([plane(texture or noise(4, 20), deformation=[growth], **more)])
@@ -77,4 +81,21 @@ SCENES: dict[str, Plain] = {
     "isotropic sheet, slow": sheet(0.03, None),
     "still sheet": sheet(0.0, None),
     "isotropic sheet, coarse": sheet(0.2, None, texture=noise(8, 40)),
+    # The bias of isotropic growth is 0.4 to 3 standard deviations of anisotropic growth.
+    "sheet 0.9, 0.01": sheet(0.01, 0.9),
+    "sheet 0.9, 0.02": sheet(0.02, 0.9),
+    "sheet 0.1, 0.015": sheet(0.015, 0.1),
+    "sheet 0.9, 0.04": sheet(0.04, 0.9),
+    "sheet 0.9, 0.08": sheet(0.08, 0.9),
+    "sheet 0.2, 0.05": sheet(0.05, 0.2),
+    "saddle 1, 0.03": saddle(0.03, 1.0),
+    "saddle 1, 0.1": saddle(0.1, 1.0),
+    "saddle 0.2, 0.06": saddle(0.06, 0.2),
+    "leaf 0.6, 0.03": leaf(0.03, 0.6),
+    "leaf 0.6, 0.1": leaf(0.1, 0.6),
+    "leaf 0.8, 0.06": leaf(0.06, 0.8),
+    # Growth changes within windows: by its whole over 28 mm.
+    "gradient, isotropic": sheet(0.3, None, base_to_tip=(4.0, 0.0), base_mm=-55, tip_mm=55),
+    "gradient 0.7": sheet(0.3, 0.7, base_to_tip=(4.0, 0.0), base_mm=-55, tip_mm=55),
+    "gradient 0.3, coarse": sheet(0.3, 0.3, base_to_tip=(4.0, 0.0), base_mm=-55, tip_mm=55, texture=noise(8, 40)),
 }

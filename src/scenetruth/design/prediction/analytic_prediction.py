@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ def predict_analytic(
     scene: Scene,
     method: str,
     window_sigma_px: float | None,
-    motion: Motion | None,
+    motion: Motion | Literal["auto"] | None,
     parts: Sequence[ObjectWorkload],
     folder: Path = Path(),
     *,
@@ -158,7 +159,7 @@ def _summarise_inputs(
         **{name: weighted_median(values[mask], share[mask]) for name, values in inputs.items()},
         blur_px=weighted_quantile(blur_px[moving], share[moving], _MOST_BLUR) if moving.any() else 0.0,
         window_sigma_px=setup.window_sigma_px,
-        motion=setup.motion,
+        motion="auto" if setup.automatic else setup.motion,
         positions=len(np.unique(np.stack([setup.views.s, setup.views.s_y]), axis=1).T),
         frames=len(np.unique(setup.views.t)),
     )

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,7 @@ class MethodSetup:
     window_sigma_px: float
     motion: Motion
     views: ImageTimes  # images of the window's frames around the reference frame, estimated together
+    automatic: bool = False  # whether the affine model replaces the motion model where growth is anisotropic
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -82,6 +83,10 @@ class MethodModel(ABC):
     def get_motion_model(self, settings: Any) -> Motion:
         """Return the motion model of the method: its unknowns of the velocity gradient."""
 
+    def chooses_motion_model(self, settings: Any) -> bool:
+        """Return whether the method changes to the affine motion model where growth is anisotropic."""
+        return False
+
     @abstractmethod
     def count_frames(self, settings: Any, count: int) -> int:
         """Return the number of frames estimated together, of a recording of ``count`` frames."""
@@ -105,8 +110,11 @@ def all_method_models() -> Mapping[str, MethodModel]:
     return {cls.name: cls() for cls in classes_in(MethodModel, __name__)}
 
 
-def prepare_method(scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | None) -> MethodSetup:
-    """Return the setup of a method for a scene."""
+def prepare_method(
+    scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | Literal["auto"] | None
+) -> MethodSetup:
+    """Return the setup of a method for a scene; ``auto`` is the motion model of the method, as is None."""
+    motion = None if motion == "auto" else motion
     problems = []
     if method not in all_method_models():
         message = f"precision can be predicted for {', '.join(all_method_models())} only"
@@ -123,7 +131,10 @@ def prepare_method(scene: Scene, method: str, window_sigma_px: float | None, mot
     sigma = float(settings.window_sigma_px if window_sigma_px is None else window_sigma_px)
     pinhole = scene.model_copy(update={"camera": scene.camera.without_distortion()})
     views = _views(scene, model.count_frames(settings, scene.frames.count))
-    return MethodSetup(pinhole, settings, sigma, model.get_motion_model(settings) if motion is None else motion, views)
+    if motion is not None:
+        return MethodSetup(pinhole, settings, sigma, motion, views)
+    automatic = model.chooses_motion_model(settings)
+    return MethodSetup(pinhole, settings, sigma, model.get_motion_model(settings), views, automatic)
 
 
 def select_frames(views: ImageTimes, frames: int) -> ImageTimes:
@@ -148,8 +159,12 @@ class RefinedModel(MethodModel):
     name: ClassVar[str] = "refined"
 
     def get_motion_model(self, settings: RefinedSettings) -> Motion:
-        """Return the motion model; for ``auto``, the model used where growth is present."""
+        """Return the motion model; for ``auto``, the model used where growth is isotropic."""
         return "growing" if settings.motion == "auto" else settings.motion
+
+    def chooses_motion_model(self, settings: RefinedSettings) -> bool:
+        """Return whether anisotropic growth changes the motion model."""
+        return settings.motion == "auto" and settings.surface != "constant"
 
     def count_frames(self, settings: RefinedSettings, count: int) -> int:
         """Return the number of frames estimated together."""
@@ -165,15 +180,48 @@ class RefinedModel(MethodModel):
         shown = (np.abs(place.x + c_x - (camera.width - 1) / 2) <= camera.width / 2) & (
             np.abs(place.y + c_y - (camera.height - 1) / 2) <= camera.height / 2
         )
-        return compute_deviations(
-            look, setup.views, shown, seen, setup.window_sigma_px, window_unknowns(setup), setup.intrinsics
-        )
+
+        def predicted(one: MethodSetup) -> dict[str, Array]:
+            return compute_deviations(
+                look, one.views, shown, seen, one.window_sigma_px, window_unknowns(one), one.intrinsics
+            )
+
+        return _with_anisotropy(setup, look.principal_growth_rates, predicted)
 
     def from_images(self, setup: MethodSetup, scene: ReferenceRender) -> dict[str, Array]:
         """Return maps from a noise-free image; see `MethodModel`."""
         if not (setup.sees_depth or setup.sees_motion):
             return {}
-        return bound_maps(scene.truth, scene.recording, scene.noise, window_unknowns(setup), setup.window_sigma_px)
+
+        def predicted(one: MethodSetup) -> dict[str, Array]:
+            return bound_maps(scene.truth, scene.recording, scene.noise, window_unknowns(one), one.window_sigma_px)
+
+        rates = scene.truth.get("principal_growth_rates")
+        return _with_anisotropy(setup, None if rates is None else rates.sel(t=0).values, predicted)
+
+
+_UNSEEN = 0.01  # anisotropy below this multiple of the standard deviation of isotropic growth has no effect
+
+
+def _with_anisotropy(
+    setup: MethodSetup, principal_growth_rates: Array | None, predicted: Callable[[MethodSetup], dict[str, Array]]
+) -> dict[str, Array]:
+    """Return standard deviations of the motion model that is chosen at each point.
+
+    Isotropic growth is biased by up to the difference of the principal growth rates. The affine model is chosen where
+    this bias exceeds the noise that it adds; elsewhere, the bias remains as an error of the growth rate.
+    """
+    plain = predicted(setup)
+    if not setup.automatic or principal_growth_rates is None or "growth_rate" not in plain:
+        return plain
+    bias = np.nan_to_num(np.abs(principal_growth_rates[0] - principal_growth_rates[1]))
+    if not (bias > _UNSEEN * plain["growth_rate"]).any():
+        return plain
+    affine = predicted(replace(setup, motion="affine"))
+    chosen = bias**2 > affine["growth_rate"] ** 2 - plain["growth_rate"] ** 2
+    found = {name: np.where(chosen, affine[name], values) for name, values in plain.items()}
+    found["growth_rate"] = np.where(chosen, affine["growth_rate"], np.hypot(plain["growth_rate"], bias))
+    return found
 
 
 def window_unknowns(setup: MethodSetup) -> WindowUnknowns:

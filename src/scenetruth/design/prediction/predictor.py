@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from scenetruth.bound.unknowns import Motion
 from scenetruth.design.prediction.analytic_prediction import predict_analytic
@@ -207,7 +207,8 @@ def predict(
         Standard deviation of the window in px; default: the setting of the method.
     motion
         Motion model: ``"translation"``, ``"rigid"``, ``"growing"`` or ``"affine"`` velocity in a window; default: the
-        setting of the method.
+        setting of the method. For its ``auto``, growth is affine where the difference of the principal growth rates
+        exceeds the noise that the affine model adds, else isotropic with that difference as a possible bias.
     overrides
         Changes to the scene, as in `scenetruth.load_scene`.
     limits
@@ -328,7 +329,7 @@ def recommend(
     exact = painting or all(_is_exact(part.item.texture.kind) for part in known)
 
     def again(changed: Scene) -> Prediction:
-        motion = cast("Motion", causes.motion)
+        motion = cast('Motion | Literal["auto"]', causes.motion)
         return predict_analytic(changed, prediction.method, causes.window_sigma_px, motion, known, painting=painting)
 
     return make_recommendations(

@@ -14,6 +14,7 @@ from scenetruth.estimators.refined.kernels.window_solver import ALL, FULL, FUNCT
 __all__ = [
     "CURVATURES",
     "DISCONTINUITY_PX",
+    "LEAST_PX",
     "STEADY_PLACES",
     "accelerated",
     "between",
@@ -95,9 +96,12 @@ def _moved(p: Map, right: int, down: int) -> Map:
 _SIGNIFICANT = 4.0  # ratio of the squared change of disparity or velocity to that of noise from which it is significant
 _EXPLAINED_PX = 0.17  # images are explained if the residual is at most that of a texture shift by this many px
 _LEAST_PART = 0.5  # lower limit of the noise of their difference, relative to that of the finer fit
-# Lower limit by an image shift of this many px: images are averages over few samples, and their splines are not exact.
-# Without this limit, all fits would differ significantly in images without noise.
-_LEAST_PX = 2.5e-4
+LEAST_PX = 2.5e-4
+"""Lower limit of the noise of a difference, as an image shift in px.
+
+Images are averages over few samples, and their splines are not exact. Without this limit, all fits would differ
+significantly in images without noise.
+"""
 # Change of each parameter per px of image shift: velocities are multiplied by the disparity; q_Z also by x / f, about
 # 1/16 near the edges of an image.
 _PER_PX = (1.0, 1.0, 1.0, 16.0)
@@ -133,8 +137,8 @@ def every_other(fit: Fit) -> Fit:
     return Fit._make(each[..., ::2, ::2] for each in fit)
 
 
-def between(found: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return a mask of every other row and column, extended to the pixels below and to the right."""
+def between(found: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    """Return a map of every other row and column, extended to the pixels below and to the right."""
     return np.asarray(np.repeat(np.repeat(found, 2, axis=0), 2, axis=1)[: shape[0], : shape[1]])
 
 
@@ -184,7 +188,7 @@ def _changes(
     for place, number, per_px in zip(STEADY_PLACES, (0, 3, 4, 5), _PER_PX, strict=True):
         with np.errstate(invalid="ignore"):
             # A curved surface in full windows may be less certain than a plane in small windows.
-            floor = _LEAST_PX * per_px / (1.0 if place == 0 else np.maximum(np.abs(coarse.theta[0]), 1e-3))
+            floor = LEAST_PX * per_px / (1.0 if place == 0 else np.maximum(np.abs(coarse.theta[0]), 1e-3))
             least = np.maximum(_LEAST_PART * fine.variance[number], floor**2)
             noise = np.maximum(fine.variance[number] - coarse.variance[number], least)
             square = np.minimum((fine.theta[place] - coarse.theta[place]) ** 2, most * noise)

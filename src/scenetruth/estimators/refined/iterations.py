@@ -74,6 +74,8 @@ class RefinedState:
     images: ImageStack
     """Images with their estimated corrections."""
     cameras: PoseCorrections | None
+    growth_bias: Map | None = None
+    """Mean square bias of rotation and growth rates of the plain motion model, shape (4, y, x); None if not tested."""
 
 
 def refine(

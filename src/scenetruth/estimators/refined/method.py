@@ -57,6 +57,7 @@ def fill_estimate(
 ) -> dict[str, Any]:
     """Estimate surface and motion of every pixel, frame by frame."""
     from scenetruth.estimators.refined.discontinuity_refit import empty_discontinuity_context, refit_discontinuities
+    from scenetruth.estimators.refined.growth_comparison import add_growth_bias
     from scenetruth.estimators.refined.image_consistency import ExclusionReport, describe_missing_contrast
     from scenetruth.estimators.refined.image_stack import ImageStack
     from scenetruth.estimators.refined.initialisation import (
@@ -142,6 +143,7 @@ def fill_estimate(
         noted.leave_out(frames.first, images.left_out)
         if settings.discontinuity_refit:
             found, beside = refit_discontinuities(images, start.fields, found, settings, entries)
+        found = add_growth_bias(found)
         maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration)
         if lens is not None:
             maps = lens.put_back(maps, grid.step_px)

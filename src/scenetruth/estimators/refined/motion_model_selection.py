@@ -20,8 +20,10 @@ from scenetruth.estimators.refined.fit_maps import (
     every_other,
     explained,
     extract_fields,
+    fill_between,
     find_discontinuities,
 )
+from scenetruth.estimators.refined.growth_comparison import compare_growth
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import (
@@ -34,8 +36,9 @@ from scenetruth.estimators.refined.iterations import (
     is_valid_step,
     select_models,
 )
-from scenetruth.estimators.refined.kernels.window_solver import Fit
-from scenetruth.estimators.refined.noise_estimation import estimate_noise
+from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit
+from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
+from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 
@@ -56,7 +59,7 @@ _OTHER_NOISE = 1.02  # ratio by which the residual of a subset of the images may
 _MUCH_LESS = 0.5  # ratio of mean square residuals, after to before
 _SETTLED_PX = 0.1  # largest displacement of points in the last iteration, over all images
 _ACCELERATIONS = 2  # number of frame spans tested for an acceleration
-_VARIANCES = 6  # disparity, q_X, q_Y and q_Z
+_VARIANCES = 6  # disparity, slopes, q_X, q_Y and q_Z
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -104,6 +107,8 @@ class MotionModelTrial(NamedTuple):
     """Whether it was fitted to all images."""
     take: Callable[[Mask], None]
     """Called with the pixels where the fit is selected."""
+    growth: Mask | None = None
+    """Where its growth differs significantly; None if growth is not compared."""
 
 
 def choose_motion_model(
@@ -119,6 +124,9 @@ def choose_motion_model(
         other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
         other &= differ(fit, trial.fit, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
         other &= _leaves_less(fit, trial, other, _WIDER * sigma_px, noise)
+        if trial.growth is not None:
+            # Anisotropic growth hardly changes the residual.
+            other |= trial.growth & tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
         fit = chosen_fit(other, trial.fit, fit)
         which[other] = number
         trial.take(other)
@@ -145,9 +153,11 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     # Windows with more than one surface have an apparent change of motion.
     whole = known & ~around(find_discontinuities(images, refined.fit.theta), reach)
     state = fill_gaps(refined.fit.theta, known)
+    # At the edges of the images, windows contain a single surface, but fewer pixels.
+    growing = known & ~around(find_discontinuities(images, state), reach)
     # Apparent curvature may have been motion.
     state[CURVATURES] = 0.0
-    tried, state = _find_promising_pixels(refined, richer, whole, state)
+    tried, state, refined = _find_promising_pixels(refined, richer, whole, growing, state)
     if not any(where.any() for where in tried):
         return refined
     seen, uneven, curved = refined.seen, refined.uneven, refined.curved
@@ -170,7 +180,10 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
 
             # Fits without variance are not selected.
             fit = last.fit._replace(variance=np.where(settled, last.fit.variance, np.nan))
-            yield MotionModelTrial(fit, motion.images is images, take)
+            growth = None
+            if _compares_growth(refined.fit, motion):
+                growth = compare_growth(refined.fit, fit, sigma, where, spline_transfer(images.spline)).significant
+            yield MotionModelTrial(fit, motion.images is images, take, growth)
 
     noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
     fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise)
@@ -184,15 +197,32 @@ def encode_motion_models(which: NDArray[np.int8], richer: list[MotionModelCandid
     return np.array([MOTION_PLAIN, *(motion.number for motion in richer)], dtype=np.int8)[which]
 
 
+def _compares_growth(plain: Fit, motion: MotionModelCandidate) -> bool:
+    """Return whether a model differs from the plain one in growth only; constant surfaces have none."""
+    return motion.number == MOTION_AFFINE and plain.element.shape[1:] == plain.theta.shape[1:]
+
+
 def _find_promising_pixels(
-    refined: RefinedState, richer: list[MotionModelCandidate], whole: Mask, theta: Map
-) -> tuple[list[Mask], Map]:
-    """Return where each motion model should be tried, from every other row and column, and the initial parameters."""
+    refined: RefinedState, richer: list[MotionModelCandidate], whole: Mask, growing: Mask, theta: Map
+) -> tuple[list[Mask], Map, RefinedState]:
+    """Return where each motion model should be tried, from every other row and column, and the initial parameters.
+
+    The state gets the bias of the plain growth that noise may hide.
+    """
     plain, tried = refined.fit, []
     accelerations = [motion for motion in richer if motion.settings.accelerated]
     for motion in richer[: len(richer) - len(accelerations)]:
+        sigma = motion.settings.window_sigma_px
         plain, theta = _coarse_fit(refined, motion, theta)
-        tried.append(_changed(refined.fit, plain, whole, motion.settings.window_sigma_px))
+        promising = _changed(refined.fit, plain, whole, sigma)
+        if _compares_growth(refined.fit, motion):
+            pair = every_other(refined.fit), every_other(plain)
+            transfer = spline_transfer(motion.images.spline)
+            compared = compare_growth(*pair, 0.5 * sigma, growing[::2, ::2], transfer)
+            promising |= growing & between(compared.significant, whole.shape)
+            bias = np.stack([between(each, whole.shape) for each in compared.bias])
+            refined = replace(refined, growth_bias=bias)
+        tried.append(promising)
     found = []
     for motion in accelerations[:_ACCELERATIONS]:
         fit, theta = _coarse_fit(refined, motion, theta)
@@ -201,19 +231,25 @@ def _find_promising_pixels(
     # Over all frames, jerk is not acceleration, and over fewer frames a small acceleration is below the noise: these
     # models are tried wherever either span indicates an acceleration.
     tried += found[:1] + [np.logical_or.reduce(found)] * (len(accelerations) - 1)
-    return tried, theta
+    return tried, theta, refined
 
 
 def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map) -> tuple[Fit, Map]:
     """Fit a motion model at every other row and column; return the fit and the parameters of all pixels."""
     models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
     sigma, gains = motion.settings.window_sigma_px, motion.settings.photometric_model == "per_image"
-    fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains, coarse=True)
+    fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains)
     curved = refined.curved.astype(np.int8)
     # A plane first: apparent curvature may be motion. The residual is pure noise only if both are fitted.
-    plane = fitted(theta, chosen=np.zeros_like(curved))[0]
+    plane = fitted(theta, chosen=np.zeros_like(curved), coarse=True)[0]
     theta = np.where(is_valid_step(theta, plane.theta), plane.theta, theta)
-    fit = fitted(theta, chosen=curved, variances=_VARIANCES)[0]
+    if _compares_growth(refined.fit, motion):
+        # The noise of a difference follows from the variances of fits to the same pixels, those of all rows.
+        curved[1::2], curved[:, 1::2] = NO_MODEL, NO_MODEL
+        fit = fitted(theta, chosen=curved, variances=EVERY_VARIANCE)[0]
+        fill_between(fit.theta)
+    else:
+        fit = fitted(theta, chosen=curved, variances=_VARIANCES, coarse=True)[0]
     return fit, np.where(is_valid_step(theta, fit.theta), fit.theta, theta)
 
 
