@@ -71,6 +71,7 @@ def fill_estimate(
     from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
     from scenetruth.estimators.refined.schedule import read_schedule, remove_delay_bias
+    from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
 
     grid = compute_pixel_grid(recording)
     intrinsics = grid.in_columns(read_intrinsics(recording))
@@ -139,11 +140,13 @@ def fill_estimate(
             continue
         found = refine(images, start.fields, settings, entries)
         found = refit_motion_models(found, settings)
+        found, systematic = estimate_systematic_errors(found, settings)
         images, beside = found.images, empty_discontinuity_context(found.images.shape)
         noted.leave_out(frames.first, images.left_out)
         if settings.discontinuity_refit:
             found, beside = refit_discontinuities(images, start.fields, found, settings, entries)
         found = add_growth_bias(found)
+        found = replace(found, fit=systematic.added(found.fit, beside.where))
         maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration)
         if lens is not None:
             maps = lens.put_back(maps, grid.step_px)

@@ -1,0 +1,442 @@
+"""Systematic errors of the fits: changes with shorter spans of frames and with smaller windows, beyond noise.
+
+A steady or uniformly accelerated motion over all frames, and a surface of first or second order in a window, are
+approximations. Their errors are powers of the span and of the window width, so that they follow from the change
+between two spans or widths (Richardson extrapolation). They are added to the variances; where they are large,
+fewer frames are fitted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSettings
+from scenetruth.estimators.refined.fit_maps import (
+    accelerated,
+    between,
+    chosen_fit,
+    every_other,
+    extract_fields,
+    find_discontinuities,
+)
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.initialisation import fill_gaps
+from scenetruth.estimators.refined.iterations import RefinedState, fit_final, fit_round, is_valid_step, select_models
+from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, TOLD, Fit
+from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
+from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
+
+__all__ = ["SystematicErrors", "estimate_systematic_errors", "extrapolation_share", "list_spans", "polynomial_bias"]
+
+# A mean change is significant from this number of its standard deviations: 4.6 % of the areas exceed it by chance.
+_SIGNIFICANT = 2.0
+# Standard deviation of the mean change from which still fewer frames are tried.
+_LARGE = 5.0
+# Changes are averaged over this multiple of the window's standard deviation: motions and surfaces change over larger
+# distances than a window, and the noise of the mean decreases.
+_WIDER = 2.0
+_FINER = 0.5  # relative width of the smaller windows
+_MOST_SHARE = 4.0  # largest extrapolation: biases of nearly equal spans differ by noise alone
+_SETTLED_PX = 0.05  # displacement of points below which a fit to fewer frames has converged
+_ROUNDS = 4  # largest number of iterations of a fit to fewer frames
+# Sum of the variances of disparity and velocity, relative to noise, that fewer frames must reduce by this ratio: the
+# selection follows noise where both are alike.
+_BETTER = 0.8
+_STATED = 10  # quantities of the surface element with a systematic error: all but the direction of growth
+_STEADY = int(np.count_nonzero(TOLD < FULL))
+_VELOCITY = 3  # first variance of the velocity
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def list_spans(images: ImageStack) -> list[ImageStack]:
+    """Return the images of all frames, and of ever shorter spans, halved until the adjacent frames remain."""
+    spans = [images]
+    reach = images.longest
+    while reach > 1.0:
+        reach = float(math.ceil(reach / 2))
+        part = images.within(reach)
+        if 1 < len(part.times) < len(spans[-1].times):
+            spans.append(part)
+    return spans
+
+
+def polynomial_bias(times: NDArray[np.float64], power: int, *, accelerated: bool) -> NDArray[np.float64]:
+    """Return the errors of position and velocity at time 0 that a term t^n / n! of the position causes."""
+    design = np.stack([times**k / math.factorial(k) for k in range(3 if accelerated else 2)], axis=1)
+    found, *_ = np.linalg.lstsq(design, times**power / math.factorial(power), rcond=None)
+    return np.asarray(found[:2])
+
+
+def extrapolation_share(
+    longer: NDArray[np.float64], shorter: NDArray[np.float64], *, accelerated: bool
+) -> NDArray[np.float64]:
+    """Return the bias of the longer span relative to the change between both, for position and velocity.
+
+    The two lowest powers of time that the model does not contain are considered, and the larger share is returned.
+    """
+    first = 3 if accelerated else 2
+    shares = np.ones(2)
+    for power in (first, first + 1):
+        long, short = (polynomial_bias(times, power, accelerated=accelerated) for times in (longer, shorter))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(np.abs(long - short) > 1e-6, np.abs(long / (long - short)), 1.0)
+        shares = np.maximum(shares, np.minimum(share, _MOST_SHARE))
+    return shares
+
+
+class _Quantities(NamedTuple):
+    """Values and variances of all quantities with a standard deviation, on a grid."""
+
+    values: Map
+    variances: Map
+    fields: int
+    """Number of parameters of the fit; quantities of the surface element follow."""
+
+
+def _quantities(fit: Fit) -> _Quantities:
+    values = np.concatenate([fit.theta[TOLD[:_STEADY]], fit.element[:_STATED]])
+    variances = np.concatenate([fit.variance[:_STEADY], fit.element_variance[:_STATED]])
+    return _Quantities(values, variances.astype(np.float64), _STEADY)
+
+
+# Whether a quantity changes with the velocity, in the order of `_quantities`.
+_OF_VELOCITY = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class SystematicErrors:
+    """Squares of the systematic errors of the quantities of a fit, shape (16, y, x)."""
+
+    square: Map
+    """At every pixel, of the fit that was selected."""
+    of_span: Map
+    """Those due to the span of frames alone, before fewer frames were selected."""
+    whole: Mask
+    """Pixels whose windows contain a single surface; at all others the errors are 0."""
+    theta: Map
+    """Parameters of the fits, shape (15, y, x)."""
+
+    def added(self, fit: Fit, near: Mask) -> Fit:
+        """Return a fit with the errors in its variances.
+
+        In the mask ``near``, smaller windows of all frames were fitted to the central surface: they have the errors of
+        the frames at the nearest pixel of the same surface.
+        """
+        square = np.where(near, 0.0, self.square)
+        left = (near | ~self.whole) & np.isfinite(fit.theta).all(axis=0)
+        if left.any() and self.whole.any():
+            square[:, left] = self._of_nearest_surface(fit.theta, left, near)
+        variance, element = fit.variance.copy(), fit.element_variance.copy()
+        variance[:_STEADY] += square[:_STEADY]
+        element[:_STATED] += square[_STEADY:].astype(np.float32)
+        return fit._replace(variance=variance, element_variance=element)
+
+    def _of_nearest_surface(self, theta: Map, left: Mask, near: Mask) -> Map:
+        """Return the errors at pixels from the connected area whose plane continues to them best, shape (16, n)."""
+        from scipy.ndimage import distance_transform_edt, label
+
+        areas, _ = label(self.whole)
+        sizes = np.bincount(areas.ravel())
+        sizes[0] = 0
+        rows, columns = np.nonzero(left)
+        closest = np.full(rows.size, np.inf)
+        found = np.zeros((len(self.square), rows.size))
+        for area in np.argsort(sizes)[::-1][:_AREAS]:
+            if sizes[area] == 0:
+                break
+            at = distance_transform_edt(areas != area, return_distances=False, return_indices=True)[:, rows, columns]
+            down, right = rows - at[0], columns - at[1]
+            own = self.theta[:, at[0], at[1]]
+            off = np.abs(own[0] + own[1] * right + own[2] * down - theta[0, rows, columns])
+            # Of equal planes the nearer area: a pixel of distance counts as much as its share of the disparity.
+            off += _PER_PIXEL * np.abs(own[0]) * np.hypot(down, right)
+            better = off < closest
+            closest = np.where(better, off, closest)
+            beside = np.where(near[rows, columns], self.of_span[:, at[0], at[1]], self.square[:, at[0], at[1]])
+            found = np.where(better, beside, found)
+        return found
+
+
+# Number of connected areas, the largest first, and share of the disparity by which a pixel of distance counts.
+_AREAS, _PER_PIXEL = 12, 1e-4
+
+
+def estimate_systematic_errors(
+    refined: RefinedState, settings: RefinedSettings
+) -> tuple[RefinedState, SystematicErrors]:
+    """Fit shorter spans of frames and smaller windows; return the fit with the smallest total error, and its errors."""
+    images, fit = refined.images, refined.fit
+    known = np.asarray(np.isfinite(fit.theta).all(axis=0))
+    count = _STEADY + _STATED
+    if not known.any():
+        nothing = np.zeros((count, *images.shape))
+        return refined, SystematicErrors(nothing, nothing, known, fit.theta[:FULL])
+    sigma = settings.window_sigma_px
+    reach = window_weights(sigma).shape[2] // 2
+    # Windows with several surfaces are fitted again; beside invalid pixels there is no other surface.
+    apart = find_discontinuities(images, fit.theta) & ~around(~known, 1)
+    whole = known & ~around(apart, reach) & ~refined.uneven
+    state = fill_gaps(fit.theta[:FULL], known)
+    spans = list_spans(images)
+    groups = _groups(refined, settings, spans, whole)
+    windows = _window_errors(refined, groups, state, sigma)
+    results = [_span_errors(refined, group, spans, state, settings) for group in groups]
+    square, of_span = (np.zeros((count, *images.shape)) for _ in range(2))
+    result = refined
+    for group, found in zip(groups, results, strict=True):
+        if found is None:
+            continue
+        result, which = _with_fewer_frames(result, group, found, spans, settings)
+        for k, each in enumerate(found.squares):
+            where = which == k
+            square[:, where] = _enlarged(each, images.shape)[:, where]
+        where = group.where
+        of_span[:, where] = _enlarged(found.of_fit, images.shape)[:, where]
+    return result, SystematicErrors(square + windows, of_span, whole, state)
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Pixels with the same motion model and span of frames."""
+
+    where: Mask
+    settings: RefinedSettings
+    span: int
+    """Index of the span of the present fit."""
+
+    def suited(self, part: ImageStack) -> RefinedSettings:
+        """Return the settings for a fit to fewer frames, which may determine no acceleration."""
+        bent = self.settings.accelerated and len(part.times) >= LEAST_ACCELERATED
+        return self.settings.model_copy(update={"acceleration": bent})
+
+
+def _groups(refined: RefinedState, settings: RefinedSettings, spans: list[ImageStack], whole: Mask) -> list[_Group]:
+    """Return the pixels of each motion model and span."""
+    affine = settings.model_copy(update={"motion": "affine"}) if settings.motion == "auto" else settings
+    counts = np.array([part.count for part in spans])
+    nearest = np.argmin(np.abs(counts[:, None, None] - np.nan_to_num(refined.fit.images)), axis=0)
+    found: list[_Group] = []
+    for number in np.unique(refined.motion[whole]):
+        bent = number in (MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART)
+        own = (settings if number == MOTION_PLAIN else affine).model_copy(
+            update={"acceleration": bent or settings.accelerated}
+        )
+        where = whole & (refined.motion == number)
+        if number != MOTION_ACCELERATED_IN_PART:
+            found.append(_Group(where, own, 0))
+            continue
+        parts = {span: where & (nearest == span) for span in range(1, len(spans))}
+        found += [_Group(part, own, span) for span, part in parts.items() if part.any()]
+    return found
+
+
+def _coarse(
+    refined: RefinedState, images: ImageStack, state: Map, where: Mask, settings: RefinedSettings, sigma_px: float
+) -> Fit:
+    """Fit every other row and column, with all variances."""
+    models = select_models(images, settings)
+    chosen = np.where(where, refined.curved if len(models) > 1 else 0, NO_MODEL).astype(np.int8)
+    begun = np.where(around(where, window_weights(sigma_px).shape[2] // 2), state, np.nan)
+    gains = settings.photometric_model == "per_image"
+    (fit, *_) = fit_round(
+        images, begun, models, sigma_px, gains=gains, variances=EVERY_VARIANCE, chosen=chosen, coarse=True
+    )
+    return fit
+
+
+def _enlarged(values: Map, shape: tuple[int, int]) -> Map:
+    """Return maps of every other row and column at all pixels."""
+    return np.stack([between(each, shape) for each in values])
+
+
+def _mean_change(change: Map, noise: Map, among: Mask, sigma: float, correlated: float) -> tuple[Map, Map, Map]:
+    """Return the squares of the systematic change, its significance, and the noise of the mean, for maps (n, y, x).
+
+    The mean change over a wide area is compared with its noise, and so is its mean square, in which changes of both
+    signs do not cancel. The noise is correlated over a window: the variance of its mean over a Gaussian of S is
+    σ² / (σ² + S²) of that of a pixel, and its mean square has 1 + 2 S² / σ² degrees of freedom.
+
+    ``correlated``: Variance of the mean relative to that of a pixel.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    wide = _WIDER * sigma
+    freedom = 1.0 + 2.0 * _WIDER**2
+    square, ratio = np.zeros_like(change), np.zeros_like(change)
+    mean_noise = np.full_like(change, np.inf)
+    for n, (each, of_noise) in enumerate(zip(change, noise, strict=True)):
+        used = among & np.isfinite(each) & np.isfinite(of_noise) & (of_noise > 0)
+        if not used.any():
+            continue
+        # By inverse variances, in units of which the squares are.
+        weight = np.where(used, 1.0 / np.where(used, of_noise, 1.0), 0.0)
+        share = np.maximum(gaussian_filter(used.astype(np.float64), wide, mode="constant"), 1e-3)
+        total = np.maximum(gaussian_filter(weight, wide, mode="constant"), 1e-300)
+        value = np.where(used, each, 0.0)
+        mean = gaussian_filter(weight * value, wide, mode="constant") / total
+        usual = share / total
+        of_square = usual * gaussian_filter(weight * value**2, wide, mode="constant") / share
+        # Fewer pixels, more noise.
+        by_chance = usual * np.minimum(correlated / np.minimum(share, 1.0), 1.0)
+        significant = mean**2 > _SIGNIFICANT**2 * by_chance
+        limit = usual * (1.0 + _SIGNIFICANT * np.sqrt(2.0 / np.maximum(freedom * share, 1.0)))
+        scattered = of_square > limit
+        square[n] = np.maximum(np.where(significant, mean**2, 0.0), np.where(scattered, of_square - usual, 0.0))
+        ratio[n] = np.sqrt(np.maximum(mean**2 / np.maximum(by_chance, 1e-300), np.where(scattered, 1.0, 0.0)))
+        mean_noise[n] = by_chance
+    return square, ratio, mean_noise
+
+
+def _noise_of_change(coarse: _Quantities, fine: _Quantities) -> Map:
+    """Return the variance of the change between an efficient fit and one of fewer data, due to noise."""
+    return np.maximum(fine.variances - coarse.variances, 0.5 * fine.variances)
+
+
+def _window_errors(refined: RefinedState, groups: list[_Group], state: Map, sigma: float) -> Map:
+    """Return the squares of the errors of all quantities due to the width of the windows, shape (16, y, x)."""
+    small = max(1.0, _FINER * sigma)
+    share = sigma**2 / (sigma**2 - small**2) if small < sigma else 0.0
+    found = np.zeros((_STEADY + _STATED, *refined.images.shape))
+    spans = list_spans(refined.images)
+    for group in groups:
+        part = spans[group.span]
+        own = group.suited(part)
+        begun = accelerated(state) if own.accelerated else state
+        fine = _quantities(every_other(_coarse(refined, part, begun, group.where, own, small)))
+        full = _quantities(every_other(refined.fit))
+        square, *_ = _mean_change(
+            fine.values - full.values, _noise_of_change(full, fine), group.where[::2, ::2], sigma / 2, _OF_WINDOWS
+        )
+        found[:, group.where] = share**2 * _enlarged(square, refined.images.shape)[:, group.where]
+    return found
+
+
+# Variance of the mean change between windows of σ and σ / 2 over a Gaussian of 2 σ, relative to that of a pixel: both
+# contain the same noise, so that little remains of it; the value allows for textures of uneven contrast.
+_OF_WINDOWS = 0.05
+_OF_SPANS = 1.0 / (1.0 + _WIDER**2)
+
+
+@dataclass(frozen=True, eq=False)
+class _SpanErrors:
+    """Fits of a group to each span of frames, at every other row and column."""
+
+    squares: list[Map]
+    """Squares of the systematic errors of each span, shape (16, y, x)."""
+    variances: list[Map]
+    """Their noise."""
+    thetas: list[Map]
+    """Parameters, at every pixel."""
+    of_fit: Map
+    """Squares of the systematic errors of the present fit."""
+    worth: Mask
+    """Where they exceed noise by far, at every other row and column."""
+
+
+def _span_errors(
+    refined: RefinedState, group: _Group, spans: list[ImageStack], state: Map, settings: RefinedSettings
+) -> _SpanErrors | None:
+    """Fit shorter spans of frames as long as their results change by much more than noise."""
+    sigma = settings.window_sigma_px
+    fit = refined.fit
+    among = group.where[::2, ::2]
+    present = _quantities(every_other(fit))
+    quantities, thetas, where = [present], [state], group.where
+    errors: list[Map] = [np.zeros_like(present.values)]
+    times = [part.times for part in spans]
+    theta, worth = state, np.zeros(among.shape, dtype=np.bool_)
+    for part in spans[1:]:
+        own = group.suited(part)
+        bent = own.accelerated
+        theta = _converged(refined, part, theta, where, own, sigma)
+        made = _coarse(refined, part, accelerated(theta) if bent else theta, where, own, sigma)
+        latest = _quantities(every_other(made))
+        before, n = quantities[-1], len(quantities)
+        # The present fit may be that of this span.
+        quantities.append(latest)
+        theta = np.where(where & is_valid_step(theta, made.theta), made.theta[:FULL], theta)
+        thetas.append(theta)
+        change, noise = latest.values - before.values, _noise_of_change(before, latest)
+        square, ratio, _ = _mean_change(change, noise, among & where[::2, ::2], sigma / 2, _OF_SPANS)
+        share = extrapolation_share(times[n - 1], times[n], accelerated=bent)[_OF_VELOCITY][:, None, None]
+        errors[-1] = share**2 * square
+        errors.append(np.maximum(share - 1.0, 0.0) ** 2 * square)
+        # The error of longer spans is the change to the shortest, and its own.
+        for k in range(n - 1):
+            change, noise = latest.values - quantities[k].values, _noise_of_change(quantities[k], latest)
+            square, *_ = _mean_change(change, noise, among & where[::2, ::2], sigma / 2, _OF_SPANS)
+            errors[k] = np.maximum(errors[k], square + errors[-1])
+        large = (ratio[[0, *range(_VELOCITY, _STEADY)]].max(axis=0) > _LARGE) | (n < group.span + 1)
+        worth |= large & (n >= group.span + 1)
+        where = group.where & between(large & among, refined.images.shape)
+        if not where.any():
+            break
+    of_fit = errors[min(group.span, len(errors) - 1)]
+    return _SpanErrors(errors, [each.variances for each in quantities], thetas, of_fit, worth & among)
+
+
+def _converged(
+    refined: RefinedState, part: ImageStack, theta: Map, where: Mask, settings: RefinedSettings, sigma: float
+) -> Map:
+    """Return parameters from which one iteration over fewer frames converges."""
+    gains, models = settings.photometric_model == "per_image", select_models(part, settings)[:1]
+    wide = around(where, window_weights(sigma).shape[2] // 2)
+    for _ in range(_ROUNDS):
+        begun = accelerated(theta) if settings.accelerated else theta
+        begun = np.where(wide, begun, np.nan)
+        (fit,) = fit_round(part, begun, models, sigma, gains=gains, coarse=True)
+        sound = wide & is_valid_step(theta, fit.theta)
+        with np.errstate(invalid="ignore"):
+            moved = part.moved_px(extract_fields(theta), extract_fields(fit.theta[:FULL]))
+        theta = np.where(sound, fit.theta[:FULL], theta)
+        if not (moved[sound & where] > _SETTLED_PX).mean() > 0.02:
+            break
+    return theta
+
+
+def _with_fewer_frames(
+    refined: RefinedState, group: _Group, found: _SpanErrors, spans: list[ImageStack], settings: RefinedSettings
+) -> tuple[RefinedState, NDArray[np.intp]]:
+    """Fit the span with the smallest total error at every pixel of a group; return the fit and the spans."""
+    shape = refined.images.shape
+    which = np.where(group.where, min(group.span, len(found.squares) - 1), -1)
+    places = [0, *range(_VELOCITY, _STEADY)]
+    usual = found.variances[0][places]
+    totals = []
+    for square, variance in zip(found.squares, found.variances, strict=True):
+        total = ((variance + square)[places] / np.maximum(usual, 1e-300)).sum(axis=0)
+        totals.append(np.where(np.isfinite(total), total, np.inf))
+    at = which[::2, ::2]
+    present = np.take_along_axis(np.stack(totals), np.maximum(at, 0)[None], axis=0)[0]
+    best = np.argmin(totals, axis=0)
+    better = found.worth & (np.min(totals, axis=0) < _BETTER * present)
+    changed = group.where & between(better, shape)
+    best = np.asarray(between(best, shape), dtype=np.intp)
+    result = refined
+    for k, part in enumerate(spans[: len(totals)]):
+        where = changed & (best == k) & (which != k)
+        if k == 0 or not where.any():
+            continue
+        own = group.suited(part)
+        models = select_models(part, own)
+        chosen = np.where(where, refined.curved if len(models) > 1 else 0, NO_MODEL).astype(np.int8)
+        theta = accelerated(found.thetas[k]) if own.accelerated else found.thetas[k]
+        begun = np.where(around(where, 2 * (window_weights(settings.window_sigma_px).shape[2] // 2)), theta, np.nan)
+        last = fit_final(part, begun, models, own, chosen)
+        sound = where & is_valid_step(theta, last.fit.theta)
+        result = replace(
+            result,
+            fit=chosen_fit(sound, last.fit, result.fit),
+            seen=result.seen.chosen(sound, last.seen),
+            uneven=np.where(sound, last.uneven, result.uneven),
+        )
+        which = np.where(sound, k, which)
+    return result, which
