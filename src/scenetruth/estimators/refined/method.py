@@ -28,6 +28,7 @@ from scenetruth.schema.validity import compute_validity, excluded_pixels
 if TYPE_CHECKING:
     from scenetruth.estimators.refined.image_stack import ImageStack
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+    from scenetruth.estimators.refined.pose_consistency import PoseErrors
 
 __all__ = ["blank_estimate", "fill_estimate"]
 
@@ -69,6 +70,7 @@ def fill_estimate(
     from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
     from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+    from scenetruth.estimators.refined.pose_consistency import estimate_pose_errors, warn_of_pose_errors
 
     grid = compute_pixel_grid(recording)
     intrinsics = grid.in_columns(read_intrinsics(recording))
@@ -85,6 +87,7 @@ def fill_estimate(
     times, lens = schedule.times, read_lens(recording)
     needed = _needed(reader.shape[2], settings)
     rounds, curved, noted = [], [], ExclusionReport(recording)
+    unstated: list[PoseErrors | None] = []
     for number, frames in enumerate(needed):
         entries = None if progress is None else _later(progress, number, len(needed), settings.max_iterations)
         if entries is not None:
@@ -143,7 +146,11 @@ def fill_estimate(
         noted.leave_out(frames.first, images.left_out)
         if settings.discontinuity_refit:
             found, beside = refit_discontinuities(images, start.fields, found, settings, entries)
-        maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration)
+        errors = None
+        if settings.pose_corrections == "auto" and images.priors is None:
+            errors = estimate_pose_errors(found, settings)
+            unstated.append(errors)
+        maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration, errors)
         if lens is not None:
             maps = lens.put_back(maps, grid.step_px)
         for name, values in _state_defects(maps, recording, reader, images, frames.output).items():
@@ -155,6 +162,7 @@ def fill_estimate(
         curved.append(round(float(found.curved.mean()), 4))
         if entries is not None:
             entries(settings.max_iterations)
+    warn_of_pose_errors(unstated, grid.step_px)
     return {
         "iterations": rounds,
         "curved_fraction": curved,

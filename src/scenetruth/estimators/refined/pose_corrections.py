@@ -351,6 +351,11 @@ class PoseCorrections:
         self._covariance: Array = np.eye(len(self._unknown))
 
     @property
+    def parts(self) -> Array:
+        """Errors of all images by the unknowns, each in units of its prior, shape (4 n, unknowns)."""
+        return self._parts
+
+    @property
     def values(self) -> Array:
         """Corrections in the order of `ImageStack.stack`, shape (n, 4): along x and y in px, roll in rad, scale."""
         return np.asarray((self._parts @ self._unknown).reshape(-1, CORRECTIONS))
