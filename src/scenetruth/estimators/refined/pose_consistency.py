@@ -33,7 +33,7 @@ __all__ = ["PoseErrors", "estimate_pose_errors", "warn_of_pose_errors"]
 Map = NDArray[np.float64]
 
 # Blocks with a residual above this multiple of the median do not move as a point.
-_OUTLIER, _PASSES, _STEPS = 4.0, 3, 60
+_OUTLIER, _PASSES, _STEPS = 4.0, 3, 20
 # Twice the gain in log-likelihood above which errors are significant: χ² of five variances at 1e-4 is 26, with a margin
 # for residuals that are not independent from block to block.
 _SIGNIFICANT = 50.0
@@ -84,12 +84,13 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     parts, group = _parts_of(images)
     elimination = Elimination(blocks, images.view())
     kept, excess = np.ones(len(blocks.shift)), 1.0
-    variance, gain, seen = np.full(group.max() + 1, np.nan), 0.0, np.zeros(group.max() + 1)
+    variance: Map = np.full(group.max() + 1, _START_PX**2)
+    gain, seen = 0.0, np.zeros(len(variance))
     for _ in range(_PASSES):
         equations = elimination.equations(kept)
         noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
         matrix, side = parts.T @ equations.matrix @ parts / noise, parts.T @ equations.side / noise
-        variance, unknown, gain, seen = _maximise(matrix, side, group)
+        variance, unknown, gain, seen = _maximise(matrix, side, group, variance)
         left = elimination.misfit((parts @ unknown).reshape(-1, 4))
         kept = (left < _OUTLIER * float(np.median(left))).astype(np.float64)
         excess = max(1.0, float(left[kept > 0].mean())) if kept.any() else 1.0
@@ -120,13 +121,12 @@ def _parts_of(images: ImageStack) -> tuple[Map, NDArray[np.intp]]:
     return np.concatenate(parts, axis=1), np.repeat(np.arange(len(parts)), [part.shape[1] for part in parts])
 
 
-def _maximise(matrix: Map, side: Map, group: NDArray[np.intp]) -> tuple[Map, Map, float, Map]:
+def _maximise(matrix: Map, side: Map, group: NDArray[np.intp], variance: Map) -> tuple[Map, Map, float, Map]:
     """Return variances of groups of unknowns, unknowns, twice the gain in log-likelihood, and unknowns determined.
 
-    ``matrix``, ``side``: Normal equations of the unknowns, in units of the noise.
+    ``matrix``, ``side``: Normal equations of the unknowns, in units of the noise. ``variance``: Initial variances.
     """
-    count = group.max() + 1
-    variance: Map = np.full(count, _START_PX**2)
+    count = len(variance)
     sizes = np.bincount(group, minlength=count)
     unknown, covariance = np.zeros(len(group)), np.eye(len(group))
     for _ in range(_STEPS):
