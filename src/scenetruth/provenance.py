@@ -91,7 +91,7 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
 
 
 def acquisition_attributes(scene: Scene) -> dict[str, Any]:
-    """Return what a laboratory would know about stage, lens and shutter: stated errors, not the drawn ones."""
+    """Return what a laboratory would know about stage, lens and shutter: the statistics of errors, not their draws."""
     found: dict[str, Any] = {}
     if scene.stage.errors is not None:
         stated = scene.stage.errors.model_dump(exclude={"preset"})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import contextmanager
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from scenetruth.errors import EstimateError, Problem, RecordingError, ScenetruthError, StoreError
+from scenetruth.errors import EstimateError, EstimateWarning, Problem, RecordingError, ScenetruthError, StoreError
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec
 from scenetruth.estimators.protocol import Estimator, StreamingMethod
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate_settings
@@ -391,6 +392,8 @@ def prepare(
     problems = requirements(recording, chosen, checked)
     if problems:
         raise EstimateError(problems)
+    for message in chosen.needs.describe_ignored(recording, chosen.name):
+        warnings.warn(message, EstimateWarning, stacklevel=3)
     return EstimationTask(recording, chosen, checked, progress)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
 from scenetruth.progress import Progress
-from scenetruth.schema import IncrementalDataset, Put
+from scenetruth.schema import IncrementalDataset, Put, read_acquisition
 from scenetruth.validated_model import FrozenModel
 
 __all__ = ["RESERVED_SETTINGS", "Estimator", "FrameReader", "Method", "MethodSettings", "Needs", "StreamingMethod"]
@@ -70,6 +70,12 @@ class Needs:
     exclusion_mask
         Whether the method excludes the pixels that the ``exclusion_mask`` of a recording marks. All other methods
         reject recordings with an exclusion mask, because they would use these pixels.
+    distortion
+        Whether the method takes account of the lens distortion that a recording states. All other methods assume a
+        pinhole camera, and an `EstimateWarning` says so.
+    schedule
+        Whether the method takes account of positions that are visited one after the other, and of rolling shutters.
+        All other methods assume simultaneous images, and an `EstimateWarning` says so.
 
     See Also
     --------
@@ -97,6 +103,8 @@ class Needs:
     channels: int | None = None
     grid: bool = False
     exclusion_mask: bool = False
+    distortion: bool = False
+    schedule: bool = False
 
     def __str__(self) -> str:
         parts = [f"{self.cameras} cameras"] if self.cameras > 1 else []
@@ -104,6 +112,24 @@ class Needs:
         parts += [f"{self.images} images"] if self.images > max(1, self.cameras * self.frames) else []
         parts += [] if self.channels is None else ["grey images" if self.channels == 1 else f"{self.channels} channels"]
         return ", ".join(parts) or "any images"
+
+    def describe_ignored(self, recording: xr.Dataset, name: str) -> list[str]:
+        """Return what a recording states of its acquisition, and a method ignores."""
+        acquisition = read_acquisition(recording)
+        found = []
+        if acquisition.distortion.size and not self.distortion:
+            found.append(
+                f"attrs.distortion: '{name}' assumes a pinhole camera, but the images are distorted; undistort them "
+                "first and omit distortion, or use method 'refined'"
+            )
+        delay = np.abs(acquisition.time_s - acquisition.time_s[:1, :1]).max(initial=0.0)
+        if not self.schedule and (delay > 0 or acquisition.line_time_s > 0):
+            what = f"are up to {delay:g} s apart" if delay > 0 else "have a rolling shutter"
+            found.append(
+                f"planned_time_s: '{name}' takes the images of a frame as simultaneous, but they {what}: motion is "
+                "taken for depth; use method 'refined'"
+            )
+        return found
 
     def problems(self, recording: xr.Dataset, name: str) -> list[Problem]:
         """Return the requirements that a recording does not meet; ``name`` is the name of the method."""

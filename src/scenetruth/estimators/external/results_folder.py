@@ -415,7 +415,7 @@ class ResultsFolder(Method):
     ('by_hand', 2.5)
     """
 
-    needs = Needs(exclusion_mask=True)
+    needs = Needs(exclusion_mask=True, distortion=True, schedule=True)
     reads_frames = True
 
     def __init__(self, folder: str | os.PathLike[str], name: str) -> None:

@@ -24,7 +24,7 @@ class _Refined(StreamingMethod):
     name = "refined"
     settings = RefinedSettings
     gives: frozenset[str] = frozenset({"depth", "disparity", "flow", "velocity"})
-    needs = Needs(images=2, grid=True, exclusion_mask=True)
+    needs = Needs(images=2, grid=True, exclusion_mask=True, distortion=True, schedule=True)
     # Measured on the finite elements, 5 x 9 images of 640 x 480, which fit most motion models; the rosette takes 2700.
     bytes_per_pixel = 4300.0
     pixels_at_once = 1.0

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
-from scenetruth.estimators.refined.pose_priors import corrects_poses
+from scenetruth.estimators.refined.acquisition import corrects_poses
 from scenetruth.schema import compute_pixel_grid, read_acquisition, read_intrinsics
 
 __all__ = [
@@ -25,7 +25,7 @@ Map = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CalibrationUncertainty:
-    """Standard deviations of what images cannot tell, in columns."""
+    """Standard deviations of what images do not determine, in columns."""
 
     scale: float = 0.0
     """Relative, of the distances along the stage."""

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.acquisition import PosePriors
 from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, ImageView
 from scenetruth.estimators.refined.lens_distortion import Lens
 from scenetruth.estimators.refined.noise_estimation import EVEN, GreyVariance
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
-from scenetruth.estimators.refined.pose_priors import PosePriors
 from scenetruth.threads import in_threads
 
 __all__ = ["NO_DEFECTS", "FramesNeeded", "ImageStack", "Splines", "frames_needed"]

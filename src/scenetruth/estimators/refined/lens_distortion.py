@@ -17,7 +17,7 @@ from scenetruth.errors import Problem
 from scenetruth.schema import REASONS, compute_pixel_grid, read_acquisition, read_intrinsics
 from scenetruth.threads import in_threads
 
-__all__ = ["Lens", "distort", "lens_problems", "read_lens", "straighten_recording", "undistort"]
+__all__ = ["Lens", "as_pinhole", "compute_jacobian", "distort", "lens_problems", "read_lens", "undistort"]
 
 Array = NDArray[np.float64]
 
@@ -188,15 +188,17 @@ def lens_problems(recording: xr.Dataset) -> list[Problem]:
         return []
     row, column = np.argwhere(~np.isfinite(lens._undistorted()[0]))[0].tolist()
     message = f"is not invertible at row {row}, column {column}: the lens would fold the image; check the coefficients"
-    return [Problem("attrs.distortion", message, lens.coefficients.tolist())]
+    return [Problem("attrs.distortion", message, str(lens.coefficients.tolist()))]
 
 
-def straighten_recording(recording: xr.Dataset, lens: Lens) -> xr.Dataset:
-    """Return a recording with the images of a pinhole camera."""
+def as_pinhole(recording: xr.Dataset, lens: Lens | None) -> xr.Dataset:
+    """Return a recording with simultaneous images of a pinhole camera, for an initial estimate."""
+    made = recording.drop_vars("planned_time_s", errors="ignore")
+    dropped = ("distortion", "distortion_std", "line_time_s", "stage_speed_mm_per_s")
+    made.attrs = {name: value for name, value in recording.attrs.items() if name not in dropped}
+    if lens is None:
+        return made
     image = recording["image"]
-    grey = image.values if "channel" not in image.dims else np.moveaxis(image.values, -1, 0)
-    found = lens.straighten(grey)
-    values = found if "channel" not in image.dims else np.moveaxis(found, 0, -1)
-    made = recording.assign(image=(image.dims, values, image.attrs))
-    made.attrs = {name: value for name, value in recording.attrs.items() if not name.startswith("distortion")}
-    return made
+    colours = "channel" in image.dims
+    found = lens.straighten(np.moveaxis(image.values, -1, 0) if colours else image.values)
+    return made.assign(image=(image.dims, np.moveaxis(found, 0, -1) if colours else found, image.attrs))

@@ -11,6 +11,7 @@ import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.method_settings import PhotonTransferNoise, RefinedSettings
+from scenetruth.estimators.refined.acquisition import corrects_poses, read_priors, read_schedule, remove_delay_bias
 from scenetruth.estimators.refined.common_uncertainty import has_common_part, read_calibration_uncertainty
 from scenetruth.estimators.refined.image_stack import FramesNeeded, Splines, frames_needed
 from scenetruth.estimators.refined.output_maps import (
@@ -20,7 +21,6 @@ from scenetruth.estimators.refined.output_maps import (
     list_map_types,
     make_invalid_maps,
 )
-from scenetruth.estimators.refined.pose_priors import corrects_poses, read_priors
 from scenetruth.progress import Progress
 from scenetruth.schema import REASONS, Put, blank_map, compute_pixel_grid, label, read_intrinsics
 from scenetruth.schema.validity import compute_validity, excluded_pixels
@@ -28,6 +28,7 @@ from scenetruth.schema.validity import compute_validity, excluded_pixels
 if TYPE_CHECKING:
     from scenetruth.estimators.refined.image_stack import ImageStack
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+    from scenetruth.estimators.refined.pose_consistency import PoseErrors
 
 __all__ = ["blank_estimate", "fill_estimate"]
 
@@ -66,10 +67,11 @@ def fill_estimate(
         initialise_robustly,
     )
     from scenetruth.estimators.refined.iterations import refine
-    from scenetruth.estimators.refined.lens_distortion import read_lens, straighten_recording
+    from scenetruth.estimators.refined.lens_distortion import as_pinhole, read_lens
     from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
     from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+    from scenetruth.estimators.refined.pose_consistency import estimate_pose_errors, warn_of_pose_errors
     from scenetruth.estimators.refined.schedule import read_schedule, remove_delay_bias
     from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
 
@@ -88,6 +90,7 @@ def fill_estimate(
     times, lens = schedule.times, read_lens(recording)
     needed = _needed(reader.shape[2], settings)
     rounds, curved, noted = [], [], ExclusionReport(recording)
+    unstated: list[PoseErrors | None] = []
     for number, frames in enumerate(needed):
         entries = None if progress is None else _later(progress, number, len(needed), settings.max_iterations)
         if entries is not None:
@@ -102,7 +105,7 @@ def fill_estimate(
             np.zeros((len(placed) * len(taken), 4)),
             reader.bad(frames.first, frames.last),
             spline=settings.spline_order,
-            delays=schedule.delays_of(frames),
+            delays=schedule.delays_of(frames.first, frames.last),
             shutter=schedule.shutter,
             lens=lens,
         )
@@ -119,11 +122,13 @@ def fill_estimate(
             else:
                 part = reader.part(frames.first, frames.last)
                 part = part.sel(s_y=0) if "s_y" in part.dims else part
-                part = part if lens is None else straighten_recording(part, lens)
+                part = as_pinhole(part, lens)
                 start = initialise_by_structure_tensor(part, frames.output - frames.first, baseline_mm)
                 # From camera pixels to columns.
                 start.fields[slice(1) if cameras > 1 else slice(1, None)] /= grid.step_px
-            remove_delay_bias(start.fields, images)
+            if images.delays is not None:
+                frame, _ = images.reference()
+                remove_delay_bias(start.fields, placed, images.delays[frame], rig.focal, rig.centre[0])
             px_per_mm = abs(float(np.median(start.fields[0])) / baseline_mm)
             priors = read_priors(recording, settings, intrinsics.focal_length_px, px_per_mm, grid.step_px)
             images = replace(images, priors=priors)
@@ -147,7 +152,11 @@ def fill_estimate(
             found, beside = refit_discontinuities(images, start.fields, found, settings, entries)
         found = add_growth_bias(found)
         found = replace(found, fit=systematic.added(found.fit, beside.where))
-        maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration)
+        errors = None
+        if settings.pose_corrections == "auto" and images.priors is None:
+            errors = estimate_pose_errors(found, settings)
+            unstated.append(errors)
+        maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration, errors)
         if lens is not None:
             maps = lens.put_back(maps, grid.step_px)
         for name, values in _state_defects(maps, recording, reader, images, frames.output).items():
@@ -159,6 +168,7 @@ def fill_estimate(
         curved.append(round(float(found.curved.mean()), 4))
         if entries is not None:
             entries(settings.max_iterations)
+    warn_of_pose_errors(unstated, grid.step_px)
     return {
         "iterations": rounds,
         "curved_fraction": curved,

@@ -18,6 +18,7 @@ from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_g
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
+from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
 from scenetruth.schema.validity import compute_validity
 from scenetruth.schema.variables import MOTION_NONE, REASONS, STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID
@@ -120,8 +121,13 @@ def compute_maps(
     step_px: float,
     baseline_mm: float,
     calibration: CalibrationUncertainty | None = None,
+    poses: PoseErrors | None = None,
 ) -> dict[str, Any]:
-    """Return the maps of one frame; with a calibration, also the uncertainty that its pixels have in common."""
+    """Return the maps of one frame.
+
+    ``calibration``: Stated uncertainty, whose part of the standard deviations is returned; None if not stated.
+    ``poses``: Pose errors that are not stated.
+    """
     fit = refined.fit
     height, width = images.shape
     cameras, frames = len(images.positions), len(images.times)
@@ -135,12 +141,12 @@ def compute_maps(
         usual = estimate_noise(left)
         variance = fit.variance / spline_transfer(images.spline) ** 2
         common = None
-        if calibration is not None:
-            poses = None
-            if refined.cameras is not None:
+        if calibration is not None or poses is not None:
+            errors, effect = refined.cameras or poses, None
+            if errors is not None:
                 finite = fill_gaps(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
-                poses = refined.cameras.effect(images, finite).variance
-            common = compute_common_variance(calibration, poses, d, q)
+                effect = errors.effect(images, finite).variance
+            common = compute_common_variance(calibration or CalibrationUncertainty(), effect, d, q)
             variance[0] += common.disparity
             variance[3:6] += common.velocity
         std = np.sqrt(variance)

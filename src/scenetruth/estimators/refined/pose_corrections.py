@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.acquisition import PosePriors
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.photo_consistency import SUMS, add_shifts
 from scenetruth.estimators.refined.kernels.warp import ImageView
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
-from scenetruth.estimators.refined.pose_priors import PosePriors
 from scenetruth.threads import in_threads
 
 __all__ = [
@@ -349,6 +349,11 @@ class PoseCorrections:
         self._times = np.repeat(images.times, cameras)
         self._unknown = np.zeros(self._parts.shape[1])
         self._covariance: Array = np.eye(len(self._unknown))
+
+    @property
+    def parts(self) -> Array:
+        """Errors of all images by the unknowns, each in units of its prior, shape (4 n, unknowns)."""
+        return self._parts
 
     @property
     def values(self) -> Array:

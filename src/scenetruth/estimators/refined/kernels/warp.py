@@ -99,7 +99,7 @@ def distorted(view: Any, x: Any, y: Any) -> Any:
 
 @numba.njit(inline="always")
 def straightened(view: Any, x: Any, y: Any, along: Any, down: Any) -> Any:
-    """Return the derivatives of an image by pinhole positions from those by distorted ones, at a pinhole pixel."""
+    """Return derivatives by pinhole positions from those by distorted positions, at a pixel of the pinhole camera."""
     if view.lens.shape[0] == 0:
         return along, down
     k = view.lens

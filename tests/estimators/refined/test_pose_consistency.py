@@ -1,0 +1,58 @@
+"""Pose errors that are not stated: seen where they are, with their size, and added to the standard deviations."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import scenetruth as st
+from scenetruth.estimators.refined.pose_consistency import _maximise
+from tests.helpers.wavy_plane import MovingPlane
+
+Array = NDArray[np.float64]
+PLANE = MovingPlane(size=(80, 112))
+CAMERAS, FRAMES, NOISE = 5, 3, 0.01
+SETTINGS = {"window_sigma_px": 4.0, "window_frames": FRAMES, "surface": "plane", "discontinuity_refit": False}
+
+
+def test_variances_of_two_groups() -> None:
+    """Eighty and forty unknowns, observed with unit information and unit noise: their variances within a third."""
+    generator = np.random.default_rng(0)
+    group = np.repeat([0, 1], [80, 40])
+    true = np.where(group == 0, 3.0, 0.0)
+    side = 25.0 * generator.normal(0.0, 1.0, 120) * true + 5.0 * generator.normal(0.0, 1.0, 120)
+    variance, unknown, gain, seen = _maximise(25.0 * np.eye(120), side, group, np.full(2, 0.5))
+    assert np.sqrt(variance[0]) == pytest.approx(3.0, rel=0.33)
+    assert np.sqrt(variance[1]) < 0.2
+    assert gain > 100
+    assert seen[0] == pytest.approx(80, rel=0.05)
+    assert np.abs(unknown[group == 1]).max() < 0.6
+
+
+def test_displaced_positions_are_seen_and_stated() -> None:
+    generator = np.random.default_rng(3)
+    off = np.repeat(generator.normal(0, 1, (CAMERAS, 1, 4)) * [0.05, 0.05, 1e-4, 1e-4], FRAMES, axis=1)
+    recording = PLANE.recording(CAMERAS, FRAMES, noise_std=NOISE, moved=off)
+    with pytest.warns(st.EstimateWarning, match="displaced against each other by about 0"):
+        found = st.estimate(recording, "refined", SETTINGS).sel(t=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        trusted = st.estimate(recording, "refined", SETTINGS, pose_corrections="none").sel(t=0)
+    truth = PLANE.truth()["disparity"]
+    inner = (slice(20, -20), slice(28, -28))
+    z = [(each["disparity"].values - truth)[inner] / each["disparity_std"].values[inner] for each in (found, trusted)]
+    assert np.abs(z[1]).mean() > 3
+    assert np.abs(z[0]).mean() < 2
+
+
+def test_good_recordings_are_not_suspected() -> None:
+    recording = PLANE.recording(CAMERAS, FRAMES, noise_std=NOISE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found, trusted = (
+            st.estimate(recording, "refined", SETTINGS, pose_corrections=each).sel(t=0) for each in ("auto", "none")
+        )
+    np.testing.assert_array_equal(found["disparity_std"].values, trusted["disparity_std"].values)
