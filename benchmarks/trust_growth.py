@@ -10,6 +10,7 @@ __all__ = ["SCENES"]
 
 
 GROWTH = ("base_to_tip", "base_mm", "tip_mm")
+GRADIENT: Plain = {"base_to_tip": (4.0, 0.0), "base_mm": -55, "tip_mm": 55}
 
 
 def sheet(rate_per_hour: float, share: float | None, *, texture: Plain | None = None, **more: Any) -> Plain:
@@ -21,10 +22,10 @@ def sheet(rate_per_hour: float, share: float | None, *, texture: Plain | None = 
     return rig([plane(texture or noise(4, 20), deformation=[growth], **more)])
 
 
-def saddle(rate_per_hour: float, share: float | None, curvature_per_mm: float = 0.01) -> Plain:
+def saddle(rate_per_hour: float, share: float | None, curvature_per_mm: float = 0.01, **more: Any) -> Plain:
     """Return a scene of a growing saddle."""
     mesh = {"kind": "saddle", "size_mm": [80, 64], "curvature_per_mm": curvature_per_mm}
-    return sheet(rate_per_hour, share, mesh=mesh)
+    return sheet(rate_per_hour, share, mesh=mesh, **more)
 
 
 def leaf(rate_per_hour: float, share: float | None, **more: Any) -> Plain:
@@ -95,7 +96,7 @@ SCENES: dict[str, Plain] = {
     "leaf 0.6, 0.1": leaf(0.1, 0.6),
     "leaf 0.8, 0.06": leaf(0.06, 0.8),
     # Growth changes within windows: by its whole over 28 mm.
-    "gradient, isotropic": sheet(0.3, None, base_to_tip=(4.0, 0.0), base_mm=-55, tip_mm=55),
-    "gradient 0.7": sheet(0.3, 0.7, base_to_tip=(4.0, 0.0), base_mm=-55, tip_mm=55),
-    "gradient 0.3, coarse": sheet(0.3, 0.3, base_to_tip=(4.0, 0.0), base_mm=-55, tip_mm=55, texture=noise(8, 40)),
+    "gradient, isotropic": saddle(0.3, None, 0.002, **GRADIENT),
+    "gradient 0.7": saddle(0.3, 0.7, 0.002, **GRADIENT),
+    "gradient 0.3, coarse": saddle(0.3, 0.3, 0.002, texture=noise(8, 40), **GRADIENT),
 }

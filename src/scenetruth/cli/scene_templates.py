@@ -174,7 +174,7 @@ _LEAF = """
   # Growth rate of the area per hour: 0.03 is 3 %/h. At the base (X = base_mm) 1.5 times as much as in the middle,
   # at the tip (X = tip_mm) half as much.
   deformation:
-    - {kind: growth, rate_per_hour: 0.03, base_to_tip: [1.5, 0.5], base_mm: -25, tip_mm: 57}
+    - {kind: growth, rate_per_hour: 0.03, along_share: 0.6, base_to_tip: [1.5, 0.5], base_mm: -25, tip_mm: 57}
     # It also rises by 0.2 degrees per frame, about the end of its petiole.
     - {kind: hinge, axis: [0, 1, 0], point_mm: [-30, 0, 0], angle_deg: {kind: linear, rate_per_frame: 0.2}}
 - name: soil

@@ -32,6 +32,7 @@ from scenetruth.estimators.refined.noise_estimation import (
 )
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections, ShiftObservations
 from scenetruth.estimators.refined.row_bands import PixelEvidence, bands, local_means, pieces, window_weights
+from scenetruth.estimators.refined.velocity_curvature import add_velocity, remove_slopes, remove_velocity
 from scenetruth.schema.variables import MOTION_PLAIN
 from scenetruth.threads import in_threads
 
@@ -142,12 +143,13 @@ def fit_surface(
     models: list[Model],
     settings: RefinedSettings,
     where: NDArray[np.bool_] | None = None,
+    smooth: Map | None = None,
 ) -> tuple[Map, NDArray[np.bool_], NDArray[np.int8]]:
     """Fit the models and select one for every pixel; return parameters, where the surface is curved, and index."""
     sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
     every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
-    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every)
+    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every, smooth=smooth)
     if len(models) == 1:
         curved, theta = np.full(images.shape, models[0].surface == _CURVED), fits[0].theta
         return theta, curved, np.where(wanted, 0, NO_MODEL).astype(np.int8)
@@ -169,14 +171,19 @@ class FinalIteration:
 
 
 def fit_final(
-    images: ImageStack, state: Map, models: list[Model], settings: RefinedSettings, chosen: NDArray[np.int8]
+    images: ImageStack,
+    state: Map,
+    models: list[Model],
+    settings: RefinedSettings,
+    chosen: NDArray[np.int8],
+    smooth: Map | None = None,
 ) -> FinalIteration:
     """Warp all images and fit the selected models, with all output quantities."""
     seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True)
     small = _FINER * settings.window_sigma_px
     gains = settings.photometric_model == "per_image"
     final = partial(fit_round, images, state, models, settings.window_sigma_px, gains=gains, chosen=chosen)
-    fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, finer), seen=seen)
+    fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, finer), seen=seen, smooth=smooth)
     return FinalIteration(fit, seen, differ(fit, finer, small, motion=True))
 
 
@@ -211,20 +218,27 @@ def fit_round(
     seen: PixelEvidence | None = None,
     shifts: ShiftObservations | None = None,
     coarse: bool = False,
+    smooth: Map | None = None,
 ) -> list[Fit]:
-    """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model."""
+    """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model.
+
+    ``smooth``: Velocity that is removed before affine models are fitted, as in `smooth_velocity`.
+    """
     view, windows = images.view(), window_weights(sigma_px)
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen.copy()
+    begun = state if smooth is None else remove_slopes(state, smooth)
     if (chosen == EVERY_MODEL).any():
-        fits = [blank_fit(state, variances=variances > 0) for _ in models]
+        fits = [blank_fit(begun, variances=variances > 0) for _ in models]
     else:
-        fits = [blank_fit(state, variances=variances > 0)] * len(models)
+        fits = [blank_fit(begun, variances=variances > 0)] * len(models)
     fields, least_share = extract_fields(state), _LEAST_SHARE
     if coarse:
         fields[:, 1::2] = np.nan
         least_share /= 2
         chosen[1::2], chosen[:, 1::2] = NO_MODEL, NO_MODEL
     for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts):
+        if smooth is not None:
+            remove_velocity(band, smooth)
         # Always two models, so that the kernel is compiled once.
         pair = (
             (models[0], models[-1]),
@@ -251,6 +265,9 @@ def fit_round(
             in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
         if seen is not None:
             seen.put(band)
+    if smooth is not None:
+        for fit in {id(fit): fit for fit in (*fits, *([] if finer is None else finer[1:]))}.values():
+            add_velocity(fit, smooth, images, chosen > NO_MODEL)
     if coarse:
         for fit in fits:
             fill_between(fit.theta)

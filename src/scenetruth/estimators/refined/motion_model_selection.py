@@ -40,6 +40,7 @@ from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, 
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 
 __all__ = [
@@ -155,9 +156,10 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     state = fill_gaps(refined.fit.theta, known)
     # At the edges of the images, windows contain a single surface, but fewer pixels.
     growing = known & ~around(find_discontinuities(images, state), reach)
+    smooth = smooth_velocity(state, growing, sigma)
     # Apparent curvature may have been motion.
     state[CURVATURES] = 0.0
-    tried, state, refined = _find_promising_pixels(refined, richer, whole, growing, state)
+    tried, state, refined = _find_promising_pixels(refined, richer, (whole, growing), state, smooth)
     if not any(where.any() for where in tried):
         return refined
     seen, uneven, curved = refined.seen, refined.uneven, refined.curved
@@ -166,9 +168,10 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
         for motion, where in zip(richer, tried, strict=True):
             models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
             begun = np.where(around(where, 3 * reach), theta, np.nan)
-            first, bent, chosen = fit_surface(motion.images, begun, models, settings, where)
+            affine = smooth if motion.number == MOTION_AFFINE else None
+            first, bent, chosen = fit_surface(motion.images, begun, models, settings, where, affine)
             begun = np.where(where & is_valid_step(theta, first), first, begun)
-            last = fit_final(motion.images, begun, models, settings, chosen)
+            last = fit_final(motion.images, begun, models, settings, chosen, affine)
             theta = np.where(where & is_valid_step(theta, last.fit.theta), last.fit.theta, theta)
             with np.errstate(invalid="ignore"):
                 settled = images.moved_px(extract_fields(begun), extract_fields(last.fit.theta)) < _SETTLED_PX
@@ -203,17 +206,19 @@ def _compares_growth(plain: Fit, motion: MotionModelCandidate) -> bool:
 
 
 def _find_promising_pixels(
-    refined: RefinedState, richer: list[MotionModelCandidate], whole: Mask, growing: Mask, theta: Map
+    refined: RefinedState, richer: list[MotionModelCandidate], among: tuple[Mask, Mask], theta: Map, smooth: Map
 ) -> tuple[list[Mask], Map, RefinedState]:
     """Return where each motion model should be tried, from every other row and column, and the initial parameters.
 
-    The state gets the bias of the plain growth that noise may hide.
+    The state gets the bias of the plain growth that noise may hide. ``among``: Pixels whose windows show one surface,
+    without and with those at the edges of the images.
     """
+    whole, growing = among
     plain, tried = refined.fit, []
     accelerations = [motion for motion in richer if motion.settings.accelerated]
     for motion in richer[: len(richer) - len(accelerations)]:
         sigma = motion.settings.window_sigma_px
-        plain, theta = _coarse_fit(refined, motion, theta)
+        plain, theta = _coarse_fit(refined, motion, theta, smooth)
         promising = _changed(refined.fit, plain, whole, sigma)
         if _compares_growth(refined.fit, motion):
             pair = every_other(refined.fit), every_other(plain)
@@ -225,7 +230,7 @@ def _find_promising_pixels(
         tried.append(promising)
     found = []
     for motion in accelerations[:_ACCELERATIONS]:
-        fit, theta = _coarse_fit(refined, motion, theta)
+        fit, theta = _coarse_fit(refined, motion, theta, smooth)
         # Smaller windows determine whether the model applies.
         found.append(_changed(plain, fit, whole & ~refined.uneven, motion.settings.window_sigma_px))
     # Over all frames, jerk is not acceleration, and over fewer frames a small acceleration is below the noise: these
@@ -234,7 +239,7 @@ def _find_promising_pixels(
     return tried, theta, refined
 
 
-def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map) -> tuple[Fit, Map]:
+def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map, smooth: Map) -> tuple[Fit, Map]:
     """Fit a motion model at every other row and column; return the fit and the parameters of all pixels."""
     models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
     sigma, gains = motion.settings.window_sigma_px, motion.settings.photometric_model == "per_image"
@@ -246,7 +251,7 @@ def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map)
     if _compares_growth(refined.fit, motion):
         # The noise of a difference follows from the variances of fits to the same pixels, those of all rows.
         curved[1::2], curved[:, 1::2] = NO_MODEL, NO_MODEL
-        fit = fitted(theta, chosen=curved, variances=EVERY_VARIANCE)[0]
+        fit = fitted(theta, chosen=curved, variances=EVERY_VARIANCE, smooth=smooth)[0]
         fill_between(fit.theta)
     else:
         fit = fitted(theta, chosen=curved, variances=_VARIANCES, coarse=True)[0]

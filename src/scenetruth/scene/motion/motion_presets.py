@@ -37,6 +37,7 @@ _WIESE = (
     "of the diel leaf growth cycle, New Phytol. 174, 752, summary"
 )
 _MODULAR = "The modular character of growth in Nicotiana tabacum plants under steady-state nutrition, abstract"
+_CONFORMAL = "Mitchison (2016), Conformal growth of Arabidopsis leaves, J. Theor. Biol. 408, 155, abstract"
 _PROFILOMETER = "https://doi.org/10.1038/s42005-021-00626-z (2021), caption of figure 1"
 _LIDAR = (
     "Leaf movements of indoor plants monitored by terrestrial LiDAR (2018), Front. Plant Sci. 9, 189, abstract "
@@ -50,6 +51,10 @@ _PATTERN: Mapping[str, tuple[Any, str]] = MappingProxyType(
         "base_to_tip": (
             (1.5, 0.5),
             f"rates decline linearly from the base to the tip: {_MODULAR}; the size: {TYPICAL}",
+        ),
+        "along_share": (
+            0.6,
+            f"isotropic growth describes measured displacements to about 90 %: {_CONFORMAL}; the value: {TYPICAL}",
         ),
         "diel_amplitude": (0.5, TYPICAL),
         "peak_h": (6.0, f"highest rates at dawn: {_WIESE}; the hour: {TYPICAL}"),
