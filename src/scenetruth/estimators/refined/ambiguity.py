@@ -21,7 +21,7 @@ from scenetruth.estimators.refined.kernels.ambiguity import COSTS, add_similarit
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.threads import in_threads
 
-__all__ = ["SEARCHED_PX", "find_ambiguous", "image_motion"]
+__all__ = ["SEARCHED_PX", "find_ambiguous", "image_motion", "mark_mostly"]
 
 SEARCHED_PX = 17
 """Largest change of motion that is tested along each axis, in px per frame: the range of the motion search, and one."""
@@ -103,7 +103,7 @@ def find_ambiguous(
             continue
         wanted = [_Windows(sigma, (tested & among)[grid] & ~flags) for sigma, among in widths]
         flags |= _rivalled(images, theta, axis, wanted, noise, (rows, columns), aperture, max_motion_px)
-    flags |= _mostly(flags, tested[grid], _NEIGHBOURS)
+    flags |= mark_mostly(flags, tested[grid], _NEIGHBOURS)
     # A pixel between the centres of windows is ambiguous if any of them is.
     near = []
     for size, count in zip(images.shape, flags.shape, strict=True):
@@ -112,14 +112,14 @@ def find_ambiguous(
     for down in near[0]:
         for right in near[1]:
             found |= flags[np.ix_(down, right)]
-    found |= _mostly(found, where, 4 * step + 1)
+    found |= mark_mostly(found, where, 4 * step + 1)
     if max_motion_px is not None:
         with np.errstate(invalid="ignore"):
             found |= np.hypot(*image_motion(images, theta)) > max_motion_px
     return found & where
 
 
-def _mostly(flags: Mask, tested: Mask, size: int) -> Mask:
+def mark_mostly(flags: Mask, tested: Mask, size: int) -> Mask:
     """Return where most of the tested neighbours are ambiguous: by chance, noise distinguishes some of them."""
     from scipy.ndimage import uniform_filter
 

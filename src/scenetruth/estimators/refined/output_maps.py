@@ -10,7 +10,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
 from scenetruth.estimators.refined.aliasing import enlarge_variances
-from scenetruth.estimators.refined.ambiguity import find_ambiguous
+from scenetruth.estimators.refined.ambiguity import find_ambiguous, mark_mostly
 from scenetruth.estimators.refined.aperture import ApertureContext, compute_normal_flow, find_aperture
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
@@ -232,6 +232,9 @@ def _determined(
     aperture = find_aperture(images, fit.theta, *windows, noise)
     largest = None if settings.max_motion_px is None else settings.max_motion_px / step_px
     ambiguous = find_ambiguous(images, fit.theta, *windows, noise, known & aperture.disparity, aperture, largest)
+    # Amid textures in one direction, some pixels have a second one by chance.
+    single = known & ~(aperture.disparity & aperture.motion)
+    ambiguous |= known & ~single & mark_mostly(single, known, 4 * round(sigma) + 1)
     reason[known & ~(aperture.disparity & (aperture.motion | aperture.normal))] = _AMBIGUOUS
     reason[ambiguous] = _AMBIGUOUS
     sound = known & aperture.disparity & ~ambiguous

@@ -121,26 +121,64 @@ _FARTHEST_PX, _LARGEST_GRADIENT = 1.0, 0.02  # largest change of displacement an
 _SUMS = 6
 
 
+@_jit
+def _line(sums: Any) -> Any:
+    """Return gain and offset of an image relative to the reference."""
+    if sums[0] <= 0.0:
+        return 1.0, 0.0
+    square = sums[3] - sums[1] * sums[1] / sums[0]
+    gain = (sums[4] - sums[1] * sums[2] / sums[0]) / square if square > 0.0 else 1.0
+    # Gains of images differ by little: a gain near zero would fit any image by a constant.
+    gain = min(max(gain, 0.5), 2.0)
+    return gain, (sums[2] - gain * sums[1]) / sums[0]
+
+
+@_jit
+def _residual(sums: Any) -> Any:
+    """Return the weighted sum of squared differences from the reference, after gain and offset."""
+    if sums[0] <= 0.0:
+        return 0.0
+    gain, offset = _line(sums)
+    square = sums[5] - 2.0 * gain * sums[4] - 2.0 * offset * sums[2]
+    return max(square + gain * gain * sums[3] + 2.0 * gain * offset * sums[1] + offset * offset * sums[0], 0.0)
+
+
+@_jit
+def _solve(matrix: Any, values: Any) -> None:
+    """Solve a symmetric positive definite system in place."""
+    size = len(values)
+    for k in range(size):
+        for m in range(k + 1, size):
+            share = matrix[m, k] / matrix[k, k]
+            for n in range(k, size):
+                matrix[m, n] -= share * matrix[k, n]
+            values[m] -= share * values[k]
+    for k in range(size - 1, -1, -1):
+        for n in range(k + 1, size):
+            values[k] -= matrix[k, n] * values[n]
+        values[k] /= matrix[k, k]
+
+
 def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
-    @numba.njit(inline="always")
-    def _sample(image: Any, at_x: Any, at_y: Any, wx: Any, dx: Any, wy: Any, dy: Any) -> Any:
+    @_jit
+    def _sample(image: Any, at_x: Any, at_y: Any, weights: Any) -> Any:
         left, top = int(at_x), int(at_y)
         if cubic:
-            cubic_weights(at_x - left, wx, dx)
-            cubic_weights(at_y - top, wy, dy)
+            cubic_weights(at_x - left, weights[0], weights[1])
+            cubic_weights(at_y - top, weights[2], weights[3])
         else:
-            quintic_weights(at_x - left, wx, dx)
-            quintic_weights(at_y - top, wy, dy)
+            quintic_weights(at_x - left, weights[0], weights[1])
+            quintic_weights(at_y - top, weights[2], weights[3])
         value, along, below = 0.0, 0.0, 0.0
         for k in range(TAPS):
             a, b = 0.0, 0.0
             for j in range(TAPS):
                 c = image[top + k - REACH, left + j - REACH]
-                a += wx[j] * c
-                b += dx[j] * c
-            value += wy[k] * a
-            along += wy[k] * b
-            below += dy[k] * a
+                a += weights[0, j] * c
+                b += weights[1, j] * c
+            value += weights[2, k] * a
+            along += weights[2, k] * b
+            below += weights[3, k] * a
         return value, along, below
 
     @_jit
@@ -164,7 +202,7 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
         size = 6 if both else 3
         sums, before = np.empty((count, _SUMS)), np.empty((count, _SUMS))
         gain, offset = np.empty(count), np.empty(count)
-        wx, dx, wy, dy = np.empty(TAPS), np.empty(TAPS), np.empty(TAPS), np.empty(TAPS)
+        taps = np.empty((4, TAPS))
         change = np.empty(_LARGEST)
         jacobian = np.empty(_LARGEST)
         some_bad = bad.shape[0] > 0
@@ -220,7 +258,7 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                                 or bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0
                             ):
                                 continue
-                            value, along, below = _sample(coefficients[i], moved_x, moved_y, wx, dx, wy, dy)
+                            value, along, below = _sample(coefficients[i], moved_x, moved_y, taps)
                             sums[i, 0] += w
                             sums[i, 1] += w * g
                             sums[i, 2] += w * value
@@ -228,7 +266,7 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                             sums[i, 4] += w * g * value
                             sums[i, 5] += w * value * value
                             if last:
-                                own, along, below = _sample(coefficients[i], at_x, at_y, wx, dx, wy, dy)
+                                own, along, below = _sample(coefficients[i], at_x, at_y, taps)
                                 before[i, 0] += w
                                 before[i, 1] += w * g
                                 before[i, 2] += w * own
@@ -265,10 +303,10 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                         # Directions without texture stay as they are.
                         arm = 1.0 if k % 3 == 0 else 0.1 * reach * reach
                         normal[k, k] = normal[k, k] * (1.0 + 1e-3) + 1e-4 * largest * arm / (0.1 * reach * reach)
-                    found = np.linalg.solve(normal, right_side)
+                    _solve(normal, right_side)
                     for k in range(size):
                         most = _FARTHEST_PX if k % 3 == 0 else _LARGEST_GRADIENT
-                        change[k] += min(max(found[k], -most), most)
+                        change[k] += min(max(right_side[k], -most), most)
             total, rival, own = 0.0, 0.0, 0.0
             for i in range(count):
                 total += sums[i, 0]
@@ -278,28 +316,6 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
             out[4, n] = np.hypot(change[0], change[3] if both else 0.0)
 
     return compiled
-
-
-@numba.njit(inline="always")
-def _line(sums: Any) -> Any:
-    """Return gain and offset of an image relative to the reference."""
-    if sums[0] <= 0.0:
-        return 1.0, 0.0
-    square = sums[3] - sums[1] * sums[1] / sums[0]
-    gain = (sums[4] - sums[1] * sums[2] / sums[0]) / square if square > 0.0 else 1.0
-    # Gains of images differ by little: a gain near zero would fit any image by a constant.
-    gain = min(max(gain, 0.5), 2.0)
-    return gain, (sums[2] - gain * sums[1]) / sums[0]
-
-
-@numba.njit(inline="always")
-def _residual(sums: Any) -> Any:
-    """Return the weighted sum of squared differences from the reference, after gain and offset."""
-    if sums[0] <= 0.0:
-        return 0.0
-    gain, offset = _line(sums)
-    square = sums[5] - 2.0 * gain * sums[4] - 2.0 * offset * sums[2]
-    return max(square + gain * gain * sums[3] + 2.0 * gain * offset * sums[1] + offset * offset * sums[0], 0.0)
 
 
 _RIVALS = {
