@@ -123,6 +123,9 @@ class RefinedSettings(MethodSettings):
     fallback: Literal["plane_sweep", "none"] = "plane_sweep"
     """Fallback value where the fit failed: the disparity of the plane sweep to a fraction of a pixel, without motion
     and standard deviations (``status`` 3); or none."""
+    max_motion_px: Annotated[float, Field(gt=0, le=16, allow_inf_nan=False)] | None = None
+    """Prior: largest image motion in px per frame. The motion search is limited to it, and of several motions that fit
+    the images equally well, as on repetitive textures, only those within it count. Default: none."""
     max_iterations: Annotated[int, Field(ge=2, le=50)] = 10
     """Largest number of iterations: the images are warped, and the fit is repeated."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -70,12 +71,14 @@ def sweep_motion(
     disparity: Map | None,
     focal_length_px: float,
     centre: tuple[float, float],
+    farthest: float = _FARTHEST,
 ) -> MotionResult:
-    """Estimate the motion of the points in the reference image, up to 16 columns per frame.
+    """Estimate the motion of the points in the reference image, up to 16 columns per frame or a smaller prior.
 
     ``reference``: Image of the estimated frame, finite, shape (channel, y, x). Channels are averaged.
     ``beside``: Images of all cameras in the adjacent frames, shape (channel, s, y, x) each.
     ``disparity``: Finite, in columns per step, shape (y, x); None for one camera, which determines flow only.
+    ``farthest``: Largest motion searched, in columns per frame.
     """
     grey = np.ascontiguousarray(reference.mean(axis=0, dtype=np.float32))
     others = np.stack([frame.mean(axis=0, dtype=np.float32) for frame in beside])
@@ -95,7 +98,7 @@ def sweep_motion(
         level = _level(grey, others, t, s, shown, (focal, *centre), factor)
         first = q is None
         if q is None:
-            q = _exhaustive(level)
+            q = _exhaustive(level, farthest)
         else:
             sizes = zip(level.disparity.shape, q.shape[1:], strict=True)
             rows, columns = (np.minimum(np.arange(fine) // 2, coarse - 1) for fine, coarse in sizes)
@@ -154,15 +157,18 @@ def _later(level: _Level, top: int, bottom: int) -> NeighbourFrame:
     )
 
 
-def _exhaustive(level: _Level) -> Map:
+def _exhaustive(level: _Level, farthest: float) -> Map:
     """Return the best motion by whole columns and rows, without motion in depth, from costs averaged over squares."""
     from scipy import ndimage
 
     later = _later(level, 0, level.reference.shape[0])
-    reach = -(-_FARTHEST // level.factor)
+    # A coarse column that is partly within the range belongs to it.
+    reach = math.ceil(farthest / level.factor)
     shape = level.reference.shape
     rest = np.zeros((3, *shape))
     every = list(product(range(-reach, reach + 1), repeat=2))
+    if farthest < _FARTHEST:
+        every = [(u, v) for u, v in every if math.hypot(u, v) <= max(farthest / level.factor, 1.0)]
     parts: dict[int, tuple[Map, Map]] = {}
 
     def work(part: int) -> None:

@@ -52,9 +52,16 @@ class InitialEstimate:
 
 
 def initialise_by_plane_sweep(
-    images: NDArray[np.float32], estimated: int, times: NDArray[np.float64], rig: CameraLayout
+    images: NDArray[np.float32],
+    estimated: int,
+    times: NDArray[np.float64],
+    rig: CameraLayout,
+    max_motion: float | None = None,
 ) -> InitialEstimate:
-    """Estimate disparity (columns per step) and velocity by plane sweep from frames of shape (channel, s, t, y, x)."""
+    """Estimate disparity (columns per step) and velocity by plane sweep from frames of shape (channel, s, t, y, x).
+
+    ``max_motion``: Largest motion searched, in columns per frame; None for that of the motion search.
+    """
     from scenetruth.estimators.plane_sweep.disparity_sweep import sweep_disparity
     from scenetruth.estimators.plane_sweep.motion_search import sweep_motion
 
@@ -83,6 +90,7 @@ def initialise_by_plane_sweep(
             fields[0] if several else None,
             rig.focal,
             rig.centre,
+            **({} if max_motion is None else {"farthest": max_motion}),
         )
         if moved.known.any():
             fields[1:] = fill_gaps(moved.velocity, moved.known)
@@ -135,7 +143,12 @@ Map = NDArray[np.float64]
 
 
 def initialise_robustly(
-    frames: DefectFilteredFrames, needed: FramesNeeded, images: ImageStack, rig: CameraLayout, sigma_px: float
+    frames: DefectFilteredFrames,
+    needed: FramesNeeded,
+    images: ImageStack,
+    rig: CameraLayout,
+    sigma_px: float,
+    max_motion: float | None = None,
 ) -> InitialEstimate:
     """Estimate disparity and velocity of every pixel of the reference, as `initialise_by_plane_sweep`."""
     near = images.within(1.0)
@@ -159,7 +172,7 @@ def initialise_robustly(
         own = CameraLayout(rig.positions - rig.positions[camera], rig.baseline_mm, rig.focal, rig.centre)
         try:
             found = initialise_by_plane_sweep(
-                values, frame - first, images.times[first:last] - images.times[frame], own
+                values, frame - first, images.times[first:last] - images.times[frame], own, max_motion
             )
         except EstimateError as error:
             reason = reason or error.problems[0].message

@@ -118,7 +118,8 @@ def fill_estimate(
             if reason:
                 raise EstimateError([Problem("image", reason)])
             if settings.initialisation == "plane_sweep":
-                start = initialise_robustly(reader, frames, images, rig, settings.window_sigma_px)
+                farthest = None if settings.max_motion_px is None else settings.max_motion_px / grid.step_px
+                start = initialise_robustly(reader, frames, images, rig, settings.window_sigma_px, farthest)
             else:
                 part = reader.part(frames.first, frames.last)
                 part = part.sel(s_y=0) if "s_y" in part.dims else part

@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
+from scenetruth.estimators.refined.aliasing import enlarge_variances
+from scenetruth.estimators.refined.ambiguity import find_ambiguous, mark_mostly
+from scenetruth.estimators.refined.aperture import ApertureContext, compute_normal_flow, find_aperture
 from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertainty, compute_common_variance
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
@@ -21,7 +24,14 @@ from scenetruth.estimators.refined.noise_estimation import estimate_noise, splin
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
 from scenetruth.schema.validity import compute_validity
-from scenetruth.schema.variables import MOTION_NONE, REASONS, STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID
+from scenetruth.schema.variables import (
+    MOTION_NONE,
+    REASONS,
+    STATUS_FALLBACK,
+    STATUS_INVALID,
+    STATUS_NORMAL,
+    STATUS_VALID,
+)
 
 __all__ = ["CORRECTIONS", "compute_correction_maps", "compute_maps", "list_map_types", "make_invalid_maps"]
 
@@ -46,6 +56,12 @@ _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
     REASONS.index(name) for name in ("low_texture", "ambiguous_match", "model_violation")
 )
 _NONE, _CONSTANT, _PLANE, _CURVED = range(4)  # values of ``surface_model``
+# Standard deviation of windows at discontinuities, relative to that of full windows, and its smallest value in px.
+_SMALL_WINDOW, _SMALLEST_PX = 2 / 3, 1.5
+# Quantities of the surface, which are valid also where the texture determines the normal component of motion only; and
+# quantities of the motion that are then given, as in the structure tensor.
+_OF_SURFACE = ("disparity", "depth", "slope", "normal", "mean_curvature", "gaussian_curvature")
+_OF_NORMAL_MOTION = ("flow", "divergence", "velocity")
 
 
 def list_map_types(
@@ -90,6 +106,8 @@ def list_map_types(
         "residual": ((), single),
         "image_count": ((), single),
         "status": ((), np.uint8),
+        **({"status_disparity": ((), np.uint8)} if cameras > 1 else {}),
+        **({"status_motion": ((), np.uint8)} if frames > 1 else {}),
         "valid": ((), np.bool_),
         "invalid_reason": ((), np.uint8),
     }
@@ -128,7 +146,9 @@ def compute_maps(
     ``calibration``: Stated uncertainty, whose part of the standard deviations is returned; None if not stated.
     ``poses``: Pose errors that are not stated.
     """
-    fit = refined.fit
+    fit = enlarge_variances(
+        images, refined.fit, refined.motion, settings.window_sigma_px, accelerated=settings.accelerated
+    )
     height, width = images.shape
     cameras, frames = len(images.positions), len(images.times)
     y, x = np.mgrid[:height, :width].astype(np.float64)
@@ -160,12 +180,14 @@ def compute_maps(
         # If almost no pixel fits, the others fit by chance.
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
         reason[violated] = _MODEL_VIOLATION
+        known, normal, ambiguous, aperture = _determined(images, fit, beside, settings, step_px, usual, known, reason)
         found: dict[str, Any] = {"residual": left}
         depth = focal * baseline_mm / d
         if cameras > 1:
             certain = std[0] < np.minimum(_LARGEST_STD_PX, np.abs(d) / _CLEAR_OF_ZERO)
-            reason[known & ~certain] = _AMBIGUOUS
+            reason[(known | normal) & ~certain] = _AMBIGUOUS
             known &= (depth > 0) & certain
+            normal &= (depth > 0) & certain
             found |= {"disparity": d * step_px, "disparity_std": std[0] * step_px}
             relative = variance[0] / d**2
             if common is not None:
@@ -179,7 +201,11 @@ def compute_maps(
             known &= certain
             rate = -d * q[2] / focal if cameras > 1 else 0.5 * (theta[7] + theta[11])
             moved = d * q[:2]
-            found |= {"divergence": rate, "flow": (moved + rate * np.stack([x, y]) if cameras > 1 else moved) * step_px}
+            flow = moved + rate * np.stack([x, y]) if cameras > 1 else moved
+            along = compute_normal_flow(flow, aperture.direction)
+            found |= {"divergence": rate, "flow": np.where(normal, along, flow) * step_px}
+            if cameras > 1:
+                q = np.stack([*np.where(normal, (along - rate * np.stack([x, y])) / d, q[:2]), q[2]])
         if cameras > 1 and frames > 1:
             found |= {"velocity": q * baseline_mm, "velocity_std": std[3:6] * abs(baseline_mm)}
             if common is not None:
@@ -193,7 +219,7 @@ def compute_maps(
     if settings.fallback == "plane_sweep" and cameras > 1:
         # Points at infinity have no depth.
         rough = start.known & ~known & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX)
-        rough &= _own_texture(images, usual)
+        rough &= ~normal & ~ambiguous & _own_texture(images, usual)
         # If almost no pixel fits, the images are not of a single scene.
         rough &= known.sum() > rough.sum()
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
@@ -201,24 +227,56 @@ def compute_maps(
     maps: dict[str, NDArray[Any]] = {
         "residual": left,
         "image_count": fit.images,
-        "surface_model": np.where(known, order, _NONE),
+        "surface_model": np.where(known | normal, order, _NONE),
         "motion_model": np.where(known, refined.motion, MOTION_NONE),
-        **compute_validity(
-            {
-                "status": np.where(known, STATUS_VALID, np.where(rough, STATUS_FALLBACK, STATUS_INVALID)),
-                "invalid_reason": reason,
-            }
-        ),
+        **_validity(known, normal, rough, reason),
     }
     types = list_map_types(cameras, frames, settings, common=calibration is not None)
     for name, (components, _) in types.items():
         if name not in maps:
             values = found.get(name, np.full((*components, height, width), np.nan))
-            maps[name] = np.where(known, values, np.nan)
+            determined = name.removesuffix("_std") in _OF_SURFACE or name in _OF_NORMAL_MOTION
+            maps[name] = np.where(known | normal if determined else known, values, np.nan)
     if rough.any():
         swept = start.fields[0][rough]
         maps["disparity"][rough], maps["depth"][rough] = swept * step_px, focal * baseline_mm / swept
     return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
+
+
+def _determined(
+    images: ImageStack,
+    fit: Fit,
+    beside: DiscontinuityContext,
+    settings: RefinedSettings,
+    step_px: float,
+    noise: float,
+    known: NDArray[np.bool_],
+    reason: NDArray[Any],
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_], ApertureContext]:
+    """Return which of the pixels in a mask are valid, have a normal component only, and are ambiguous; add reasons."""
+    sigma = settings.window_sigma_px
+    windows = sigma, beside.where, max(_SMALLEST_PX, _SMALL_WINDOW * sigma)
+    aperture = find_aperture(images, fit.theta, *windows, noise)
+    largest = None if settings.max_motion_px is None else settings.max_motion_px / step_px
+    ambiguous = find_ambiguous(images, fit.theta, *windows, noise, known & aperture.disparity, aperture, largest)
+    # Amid textures in one direction, some pixels have a second one by chance.
+    single = known & ~(aperture.disparity & aperture.motion)
+    ambiguous |= known & ~single & mark_mostly(single, known, 4 * round(sigma) + 1)
+    reason[known & ~(aperture.disparity & (aperture.motion | aperture.normal))] = _AMBIGUOUS
+    reason[ambiguous] = _AMBIGUOUS
+    sound = known & aperture.disparity & ~ambiguous
+    return sound & aperture.motion, sound & aperture.normal, ambiguous, aperture
+
+
+def _validity(
+    known: NDArray[np.bool_], normal: NDArray[np.bool_], rough: NDArray[np.bool_], reason: NDArray[Any]
+) -> dict[str, Any]:
+    """Return the status maps; where the motion has a normal component only, the disparity is valid."""
+    surface = np.where(known | normal, STATUS_VALID, np.where(rough, STATUS_FALLBACK, STATUS_INVALID))
+    motion = np.where(known, STATUS_VALID, np.where(normal, STATUS_NORMAL, STATUS_INVALID))
+    status = np.where(normal, STATUS_NORMAL, surface)
+    found = compute_validity({"status": status, "invalid_reason": reason})
+    return {**found, "status_disparity": surface, "status_motion": motion}
 
 
 def compute_correction_maps(cameras: PoseCorrections, images: ImageStack, step_px: float) -> dict[str, Map]:

@@ -1,0 +1,412 @@
+"""Ambiguous matches: other minima of the photometric cost within the search range that noise does not distinguish.
+
+A texture that repeats fits the images at several disparities or motions. The displacements at which the reference image
+resembles itself are candidates for such minima. The images nearest to the reference, along the stage and in time, are
+then compared with it at the fitted places and at those of each candidate, after refinement of the candidate. If the
+differences of both are equal within noise, or the candidate has the smaller ones, the match is ambiguous.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.aperture import ApertureContext
+from scenetruth.estimators.refined.fit_maps import extract_fields
+from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack
+from scenetruth.estimators.refined.kernels.ambiguity import COSTS, add_similarity, compare_rivals
+from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.threads import in_threads
+
+__all__ = ["SEARCHED_PX", "find_ambiguous", "image_motion", "mark_mostly"]
+
+SEARCHED_PX = 17
+"""Largest change of motion that is tested along each axis, in px per frame: the range of the motion search, and one."""
+_DISPARITY_SHARE = 0.25  # largest change of disparity in the nearest camera, as a fraction of the image width
+_BLOCKS = 2.0  # blocks per standard deviation of a window
+# Largest dissimilarity of a candidate, relative to that of unrelated textures: subpixel shifts and slopes, which the
+# refinement removes, leave a third.
+_CANDIDATE = 0.5
+_RIVALS = 3  # candidates per window
+# Two minima are equal if their costs differ by less than this number of standard deviations of noise, or than the
+# effect of this shift in px, to which the rival may be curved.
+_DEVIATIONS, _SHIFT_PX = 5.0, 0.1
+# Smallest fraction of the weight that a rival must have in the images to be compared; with less, near the border of the
+# image, the match is ambiguous if the reference resembles itself to this dissimilarity.
+_LEAST_COMMON, _SAME = 0.1, 0.15
+_LEAST_INSIDE = 0.8  # smallest fraction of both displaced windows inside the image, of 2
+_STAY = 0.5  # rivals that move by more than this fraction of their displacement are not minima
+_NEIGHBOURS = 5  # windows along each axis among which most decide
+_STEP, _ROUNDS = 2, 5  # pixels evaluated, and iterations
+_BYTES = 64e6  # of the dissimilarities in memory
+_TASK = 32  # rivals per task of a thread
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Axis:
+    """Images that are compared, and the displacements searched."""
+
+    images: list[tuple[int, int]]
+    """Indices of frame and camera."""
+    factors: Map
+    """Displacement of the images along x and y by a change of 1, shape (n, 2)."""
+    nearest: float
+    """Smallest of these displacements."""
+    offsets: NDArray[np.int64]
+    """Displacements (x, y) of the nearest image, shape (m, 2): half of a symmetric set."""
+    both: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Windows:
+    """Windows of one width, as a mask of the grid of windows."""
+
+    sigma: float
+    where: Mask
+
+
+def find_ambiguous(
+    images: ImageStack,
+    theta: Map,
+    sigma_px: float,
+    small: Mask,
+    small_sigma_px: float,
+    noise: float,
+    where: Mask,
+    aperture: ApertureContext,
+    max_motion_px: float | None,
+) -> Mask:
+    """Return where another disparity, or another motion, fits the images as well.
+
+    ``small``: Pixels whose windows have the smaller standard deviation, shape (y, x).
+    ``where``: Pixels to be tested.
+    ``max_motion_px``: Largest motion in columns per frame; rivals beyond it do not count.
+    """
+    found = np.zeros(images.shape, dtype=np.bool_)
+    if not where.any() or not np.isfinite(noise):
+        return found
+    step = max(2, round(sigma_px))
+    rows, columns = (np.arange(min(step // 2, size - 1), size, step) for size in images.shape)
+    grid = np.ix_(rows, columns)
+    # Windows whose surroundings hold a pixel to be tested.
+    tested = around(where, step) & np.isfinite(theta).all(axis=0)
+    flags = np.zeros((len(rows), len(columns)), dtype=np.bool_)
+    widths = ((sigma_px, ~small), (small_sigma_px, small))
+    for axis in (_disparity_axis(images), _motion_axis(images)):
+        if axis is None:
+            continue
+        wanted = [_Windows(sigma, (tested & among)[grid] & ~flags) for sigma, among in widths]
+        flags |= _rivalled(images, theta, axis, wanted, noise, (rows, columns), aperture, max_motion_px)
+    flags |= mark_mostly(flags, tested[grid], _NEIGHBOURS)
+    # A pixel between the centres of windows is ambiguous if any of them is.
+    near = []
+    for size, count in zip(images.shape, flags.shape, strict=True):
+        at = np.arange(size) - step // 2
+        near.append(np.clip(np.stack([at // step, -(-at // step)]), 0, count - 1))
+    for down in near[0]:
+        for right in near[1]:
+            found |= flags[np.ix_(down, right)]
+    found |= mark_mostly(found, where, 4 * step + 1)
+    if max_motion_px is not None:
+        with np.errstate(invalid="ignore"):
+            found |= np.hypot(*image_motion(images, theta)) > max_motion_px
+    return found & where
+
+
+def mark_mostly(flags: Mask, tested: Mask, size: int) -> Mask:
+    """Return where most of the tested neighbours are ambiguous: by chance, noise distinguishes some of them."""
+    from scipy.ndimage import uniform_filter
+
+    share, all_of_them = (uniform_filter(each.astype(np.float64), size) for each in (flags & tested, tested))
+    return np.asarray(tested & (share > 0.5 * all_of_them))
+
+
+def image_motion(images: ImageStack, theta: Map) -> Map:
+    """Return the motion in the image in columns per frame, shape (2, y, x)."""
+    y, x = np.mgrid[: images.shape[0], : images.shape[1]]
+    rate = -theta[0] * theta[12] / images.focal
+    across = theta[0] * theta[6] + rate * (x - images.centre[0])
+    return np.stack([across, theta[0] * theta[9] + rate * (y - images.centre[1])])
+
+
+def _disparity_axis(images: ImageStack) -> _Axis | None:
+    """Return the nearest and the farthest cameras on both sides, at the time of the reference."""
+    frame, camera = images.reference()
+    s = images.positions - images.positions[camera]
+    along = 0 if np.any((s[:, 0] != 0) & (s[:, 1] == 0)) else 1
+    line = [n for n in range(len(s)) if s[n, along] != 0 and s[n, 1 - along] == 0]
+    line = [n for n in line if (frame, n) not in images.left_out]
+    if not line:
+        return None
+    taken: list[int] = []
+    for sign in (-1.0, 1.0):
+        side = sorted((n for n in line if sign * s[n, along] > 0), key=lambda n: abs(s[n, along]))
+        taken += dict.fromkeys([*side[:1], *side[-1:]])
+    nearest = float(np.abs(s[taken, along]).min())
+    factors = -s[taken]
+    reach = int(_DISPARITY_SHARE * images.shape[1 - along])
+    offsets = np.zeros((reach, 2), dtype=np.int64)
+    offsets[:, along] = np.arange(1, reach + 1)
+    return _Axis([(frame, n) for n in taken], factors, nearest, offsets, both=False)
+
+
+def _motion_axis(images: ImageStack) -> _Axis | None:
+    """Return the frames before and after, and those at twice the distance, of the reference camera."""
+    frame, camera = images.reference()
+    t = images.times - images.times[frame]
+    usable = [n for n in range(len(t)) if t[n] != 0 and (n, camera) not in images.left_out]
+    if not usable:
+        return None
+    nearest = float(np.abs(t[usable]).min())
+    taken = [n for n in usable if abs(t[n]) <= 2.0 * nearest + 1e-9]
+    reach = max(int(SEARCHED_PX * nearest), 1)
+    y, x = np.mgrid[0 : reach + 1, -reach : reach + 1]
+    half = (y > 0) | (x > 0)
+    offsets = np.stack([x[half], y[half]], axis=-1)
+    return _Axis([(n, camera) for n in taken], np.repeat(t[taken, None], 2, axis=1), nearest, offsets, both=True)
+
+
+def _mean_of_channels(images: ImageStack, frame: int, camera: int) -> NDArray[np.float32]:
+    return np.asarray(images.coefficients[frame][:, camera].mean(axis=0), dtype=np.float32)
+
+
+def _rivalled(
+    images: ImageStack,
+    theta: Map,
+    axis: _Axis,
+    wanted: list[_Windows],
+    noise: float,
+    at: tuple[NDArray[np.int64], NDArray[np.int64]],
+    aperture: ApertureContext,
+    max_motion_px: float | None,
+) -> Mask:
+    """Return the windows with a rival, of a grid of rows and columns."""
+    frame, camera = images.reference()
+    grey = np.mean([images.grey(frame, camera, channel) for channel in range(images.channels)], axis=0)
+    square = noise**2 * images.variance.at(grey) / images.channels
+    flags = np.zeros(wanted[0].where.shape, dtype=np.bool_)
+    every = _candidates(grey, square, axis, wanted, at, aperture)
+    every = [_within(images, theta, axis, each, max_motion_px) for each in every]
+    if not any(len(each) for each in every):
+        return flags
+    reference = grey.copy()
+    if images.bad:
+        reference[images.bad[frame][camera] != 0] = np.nan
+    places = [n * len(images.positions) + camera for n, camera in axis.images]
+    whole = images.view()
+    view = whole._replace(s=whole.s[places], s_y=whole.s_y[places], t=whole.t[places], moved=whole.moved[places])
+    stack = np.stack([_mean_of_channels(images, *image) for image in axis.images])
+    bad = np.stack([images.bad[n][camera] for n, camera in axis.images]) if images.bad else NO_DEFECTS
+    fields = np.ascontiguousarray(extract_fields(theta))
+    for windows, candidates in zip(wanted, every, strict=True):
+        weights = window_weights(windows.sigma)[0, 0]
+        used = weights[::_STEP]
+        total, squares = used.sum() ** 2 * len(places), (used**2).sum() ** 2 * len(places)
+        for order in range(_RIVALS):
+            # The next candidate of the windows without a rival so far.
+            number = candidates[:, 5:7].astype(np.intp)
+            left = (candidates[:, 4] == order) & ~flags[number[:, 0], number[:, 1]]
+            rivals, number = candidates[left], number[left]
+            if not len(rivals):
+                continue
+            out = np.empty((COSTS, len(rivals)))
+            starts = np.ascontiguousarray(rivals[:, :4])
+            fixed = stack, reference, view, fields, bad, axis.factors, axis.both, weights, _STEP, _ROUNDS, starts, out
+            work = partial(compare_rivals, *fixed)
+            in_threads(work, [(n, min(n + _TASK, len(rivals))) for n in range(0, len(rivals), _TASK)])
+            own, rival, weight, slope, moved = out
+            share = weight / total
+            # Differences of two images have twice the variance of one; those of the reference are common to both costs.
+            spread = 4.0 * square[starts[:, 0].astype(int), starts[:, 1].astype(int)] * np.sqrt(share * squares)
+            equal = rival < own + np.maximum(_DEVIATIONS * spread, _SHIFT_PX**2 * slope)
+            equal &= moved > _STAY * np.hypot(rivals[:, 2], rivals[:, 3])
+            equal = np.where(share > _LEAST_COMMON, equal, rivals[:, 7] < _SAME)
+            flags[number[equal, 0], number[equal, 1]] = True
+    return flags
+
+
+def _within(images: ImageStack, theta: Map, axis: _Axis, candidates: Map, max_motion_px: float | None) -> Map:
+    """Return the candidates in the search range: disparities of the right sign, and motions up to a prior."""
+    if not len(candidates):
+        return candidates
+    rows, columns = candidates[:, 0].astype(int), candidates[:, 1].astype(int)
+    d = theta[0, rows, columns]
+    if not axis.both:
+        change = candidates[:, 2]
+        return np.asarray(candidates[(d + change) * d > 0])
+    if max_motion_px is None:
+        return candidates
+    flow = image_motion(images, theta)[:, rows, columns]
+    moved = np.hypot(flow[0] + candidates[:, 2], flow[1] + candidates[:, 3])
+    return np.asarray(candidates[moved <= max_motion_px])
+
+
+def _candidates(
+    grey: Map,
+    square: Map,
+    axis: _Axis,
+    wanted: list[_Windows],
+    at: tuple[NDArray[np.int64], NDArray[np.int64]],
+    aperture: ApertureContext,
+) -> list[Map]:
+    """Return, for each width, row, column, changes, order, window indices and dissimilarity of candidates, (n, 8)."""
+    from scipy.ndimage import gaussian_filter
+
+    sigma = wanted[0].sigma
+    # Without the offsets of shading.
+    plain = (grey - gaussian_filter(grey, 2.0 * sigma)).astype(np.float32)
+    block = max(1, round(sigma / _BLOCKS))
+    count = -(-grey.shape[0] // block)
+    margin = int(np.ceil(2.0 * _BLOCKS)) + 1
+    size = max(int(_BYTES / (8 * len(axis.offsets) * len(at[1])) * (at[0][-1] // block + 1) / len(at[0])), 8)
+    found: list[list[Map]] = [[] for _ in wanted]
+    for top in range(0, count, size):
+        bottom = min(top + size, count)
+        rows = max(top - margin, 0), min(bottom + margin, count)
+        places = np.flatnonzero((at[0] // block >= top) & (at[0] // block < bottom))
+        among = [windows for windows in wanted if windows.where[places].any()]
+        similar = _similarity(plain, float(np.mean(square)), axis, among, block, rows, (at[0][places], at[1]))
+        for windows, values in zip(among, similar, strict=True):
+            number = next(n for n, each in enumerate(wanted) if each is windows)
+            found[number].append(_minima(values, axis, places, at, windows.where, aperture))
+    return [np.concatenate(each) if each else np.zeros((0, 8)) for each in found]
+
+
+def _similarity(
+    plain: NDArray[np.float32],
+    variance: float,
+    axis: _Axis,
+    wanted: list[_Windows],
+    block: int,
+    rows: tuple[int, int],
+    at: tuple[NDArray[np.int64], NDArray[np.int64]],
+) -> list[NDArray[np.float32]]:
+    """Return the dissimilarities of windows to those at the displacements, 1 if unrelated, (m, rows, columns) each."""
+    first, end = rows
+    shape = (2, end - first, -(-plain.shape[1] // block))
+    out = [np.empty((len(axis.offsets), len(at[0]), len(at[1])), dtype=np.float32) for _ in wanted]
+    by = [
+        (
+            _block_weights(at[0] // block - first, shape[1], windows.sigma / block),
+            np.ascontiguousarray(_block_weights(at[1] // block, shape[2], windows.sigma / block).T),
+        )
+        for windows in wanted
+    ]
+    # Every other row of a block, two displacements, and two images.
+    by_noise = 2.0 * block * -(-block // 2) * variance
+    inside = [_insides(axis, weights, block, first, plain.shape) for weights in by]
+
+    def work(part: tuple[int, int]) -> None:
+        for n in range(*part):
+            sums = np.zeros(shape, dtype=np.float32)
+            right, down = (int(each) for each in axis.offsets[n])
+            add_similarity(plain, right, down, block, first, sums)
+            add_similarity(plain, -right, -down, block, first, sums)
+            for (vertical, horizontal), (of_rows, of_columns), values in zip(by, inside, out, strict=True):
+                cross, power = vertical @ sums @ horizontal
+                share = sum(np.multiply.outer(of_rows[k * down], of_columns[k * right]) for k in (1, -1))
+                unlike = 1.0 - 2.0 * cross / np.maximum(power - by_noise * share, 0.1 * power + 1e-30)
+                values[n] = np.where(share > _LEAST_INSIDE, unlike, 1.0)
+
+    if wanted:
+        in_threads(work, [(n, min(n + 8, len(axis.offsets))) for n in range(0, len(axis.offsets), 8)])
+    return out
+
+
+def _insides(
+    axis: _Axis,
+    weights: tuple[NDArray[np.float32], NDArray[np.float32]],
+    block: int,
+    first: int,
+    shape: tuple[int, ...],
+) -> tuple[dict[int, NDArray[np.float32]], dict[int, NDArray[np.float32]]]:
+    """Return the fractions of windows inside the image after each displacement along y and x."""
+    down, right = (sorted({*axis.offsets[:, k].tolist(), *(-axis.offsets[:, k]).tolist()}) for k in (1, 0))
+    return (
+        {n: _inside(weights[0], n, block, first, shape[0]) for n in down},
+        {n: _inside(weights[1].T, n, block, 0, shape[1]) for n in right},
+    )
+
+
+def _block_weights(centres: NDArray[np.int64], count: int, sigma_blocks: float) -> NDArray[np.float32]:
+    """Return the weights of blocks in the windows around some of them, of sum 1, shape (windows, blocks)."""
+    distance = np.arange(count) - centres[:, None]
+    weights = np.exp(-0.5 * (distance / sigma_blocks) ** 2) * (np.abs(distance) <= 2.0 * sigma_blocks)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float32)
+
+
+def _inside(weights: NDArray[np.float32], offset: int, block: int, first: int, size: int) -> NDArray[np.float32]:
+    """Return the fraction of each window that lies inside the image after a displacement along one axis."""
+    centres = (first + np.arange(weights.shape[1]) + 0.5) * block + offset
+    return np.asarray(weights @ ((centres >= 0) & (centres <= size)).astype(np.float32))
+
+
+def _minima(
+    values: NDArray[np.float32],
+    axis: _Axis,
+    places: NDArray[np.intp],
+    at: tuple[NDArray[np.int64], NDArray[np.int64]],
+    wanted: Mask,
+    aperture: ApertureContext,
+) -> Map:
+    """Return the candidates: the lowest minima of the dissimilarity of each window, and their opposites."""
+    from scipy.ndimage import minimum_filter
+
+    windows = np.argwhere(wanted[places])
+    curves = values[:, windows[:, 0], windows[:, 1]].T
+    rows, columns = places[windows[:, 0]], windows[:, 1]
+    if axis.both:
+        reach = int(axis.offsets[:, 0].max())
+        plane = np.zeros((len(windows), 2 * reach + 1, 2 * reach + 1), dtype=np.float32)
+        for sign in (1, -1):
+            plane[:, reach + sign * axis.offsets[:, 1], reach + sign * axis.offsets[:, 0]] = curves
+        lowest = (plane == minimum_filter(plane, (1, 3, 3), mode="nearest")) & (plane < _CANDIDATE)
+        lowest[:, reach, reach] = False
+        line = aperture.normal[at[0][rows], at[1][columns]]
+        if line.any():
+            lowest[line] = _along_line(plane[line], aperture.direction[:, at[0][rows[line]], at[1][columns[line]]])
+        number, y, x = np.nonzero(lowest)
+        cost = plane[number, y, x]
+        offsets = np.stack([x - reach, y - reach], axis=-1) / axis.nearest
+    else:
+        curves = np.concatenate([np.zeros((len(windows), 1), dtype=np.float32), curves], axis=1)
+        lowest = (curves == minimum_filter(curves, (1, 3), mode="nearest")) & (curves < _CANDIDATE)
+        lowest[:, 0] = False
+        number, which = np.nonzero(lowest)
+        cost = np.tile(curves[number, which], 2)
+        change = which / axis.nearest
+        number = np.tile(number, 2)
+        change = np.concatenate([change, -change])
+        offsets = np.stack([change, np.zeros_like(change)], axis=-1)
+    # Lowest first; of equal ones, the nearest.
+    order = np.lexsort((np.hypot(*offsets.T), cost + 0.02 * np.hypot(*offsets.T) / SEARCHED_PX, number))
+    number, offsets, cost = number[order], offsets[order], cost[order]
+    rank = np.arange(len(number)) - np.searchsorted(number, number)
+    keep = rank < _RIVALS
+    number, offsets, rank, cost = number[keep], offsets[keep], rank[keep], cost[keep]
+    of_rows, of_columns = rows[number], columns[number]
+    return np.column_stack([at[0][of_rows], at[1][of_columns], offsets, rank, of_rows, of_columns, cost])
+
+
+def _along_line(plane: NDArray[np.float32], direction: Map) -> Mask:
+    """Return the minima along one direction, for textures that vary in this direction only."""
+    reach = plane.shape[1] // 2
+    steps = np.arange(-reach, reach + 1)
+    x = np.rint(reach + direction[0][:, None] * steps).astype(np.intp)
+    y = np.rint(reach + direction[1][:, None] * steps).astype(np.intp)
+    number = np.arange(len(plane))[:, None]
+    curve = plane[number, y, x]
+    inner = np.zeros(curve.shape, dtype=np.bool_)
+    inner[:, 1:-1] = (
+        (curve[:, 1:-1] <= curve[:, :-2]) & (curve[:, 1:-1] <= curve[:, 2:]) & (curve[:, 1:-1] < _CANDIDATE)
+    )
+    inner[:, reach - 1 : reach + 2] = False
+    out = np.zeros(plane.shape, dtype=np.bool_)
+    out[np.broadcast_to(number, inner.shape)[inner], y[inner], x[inner]] = True
+    return out

@@ -1,0 +1,358 @@
+"""Kernels of the tests for ambiguity: texture of members of a window, self-similarity, and costs of rivals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.kernels.warp import (
+    ACCELERATED,
+    CUBIC,
+    QUINTIC,
+    REACH,
+    STEADY,
+    TAPS,
+    ImageView,
+    corrected,
+    cubic_weights,
+    place_of,
+    quintic_weights,
+)
+
+__all__ = ["COSTS", "add_similarity", "compare_rivals", "sum_members"]
+
+
+_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+
+
+@_jit
+def sum_members(
+    products: NDArray[np.float64],
+    theta: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    pixels: NDArray[np.int64],
+    out: NDArray[np.float64],
+    part: tuple[int, int],
+) -> None:
+    """Compute the weighted means of maps over those pixels of a window that belong to the surface of its centre.
+
+    A pixel belongs to it if its disparity and its d q agree with the linear model of the centre.
+
+    ``products``: Maps, shape (n, y, x).
+    ``theta``: Parameters of the fits, shape (15 or 18, y, x), NaN where invalid.
+    ``limits``: Largest differences of the disparity and of d q, shape (2,).
+    ``weights``: Window along one axis, odd length.
+    ``pixels``: Rows and columns of the centres, shape (m, 2).
+    ``out``: Output: means, and the inverse of the effective number of members, shape (n + 1, m).
+    """
+    count, height, width = products.shape
+    reach = len(weights) // 2
+    sums = np.empty(count)
+    for n in range(part[0], part[1]):
+        row, column = pixels[n]
+        centre = theta[:, row, column]
+        sums[:] = 0.0
+        total, squares = 0.0, 0.0
+        for y in range(max(row - reach, 0), min(row + reach + 1, height)):
+            for x in range(max(column - reach, 0), min(column + reach + 1, width)):
+                xi, eta = float(x - column), float(y - row)
+                d = centre[0] + xi * (centre[1] + centre[3] * xi + centre[4] * eta) + eta * centre[2]
+                d += centre[5] * eta * eta
+                own = theta[0, y, x]
+                member = abs(own - d) <= limits[0]
+                for k in (6, 9):
+                    q = centre[k] + centre[k + 1] * xi + centre[k + 2] * eta
+                    member = member and abs(own * theta[k, y, x] - d * q) <= limits[1]
+                if member:
+                    w = weights[y - row + reach] * weights[x - column + reach]
+                    total += w
+                    squares += w * w
+                    for k in range(count):
+                        sums[k] += w * products[k, y, x]
+        for k in range(count):
+            out[k, n] = sums[k] / total if total > 0 else 0.0
+        out[count, n] = squares / total**2 if total > 0 else 1.0
+
+
+@_jit
+def add_similarity(
+    image: NDArray[np.float32], right: int, down: int, block: int, first: int, out: NDArray[np.float32]
+) -> None:
+    """Sum the products of an image with itself at a displacement, and its squares, over every other row of blocks.
+
+    ``block``: Side length of a block in px.
+    ``first``: First row of blocks.
+    ``out``: Incremented: sums of g g' and of g² + g'², shape (2, rows of blocks, columns of blocks).
+    """
+    height, width = image.shape
+    left, size = max(-right, 0), width - abs(right)
+    cross, power = np.empty(width, dtype=np.float32), np.empty(width, dtype=np.float32)
+    for place in range(out.shape[1]):
+        cross[:] = np.float32(0.0)
+        power[:] = np.float32(0.0)
+        top = (first + place) * block
+        for y in range(top, min(top + block, height), 2):
+            if y + down < 0 or y + down >= height:
+                continue
+            # Views with indices from 0, so that the loop is vectorised.
+            own, other = image[y, left : left + size], image[y + down, left + right : left + right + size]
+            own_cross, own_power = cross[left : left + size], power[left : left + size]
+            for n in range(size):
+                a, b = own[n], other[n]
+                own_cross[n] += a * b
+                own_power[n] += a * a + b * b
+        for column in range(out.shape[2]):
+            a, b = np.float32(0.0), np.float32(0.0)
+            for x in range(column * block, min((column + 1) * block, width)):
+                a += cross[x]
+                b += power[x]
+            out[0, place, column] += a
+            out[1, place, column] += b
+
+
+COSTS = 5
+"""Number of outputs of `compare_rivals` for each rival."""
+_LARGEST = 6
+_FARTHEST_PX, _LARGEST_GRADIENT = 1.0, 0.02  # largest change of displacement and of its gradient in an iteration
+_SUMS = 6
+
+
+@_jit
+def _line(sums: Any) -> Any:
+    """Return gain and offset of an image relative to the reference."""
+    if sums[0] <= 0.0:
+        return 1.0, 0.0
+    square = sums[3] - sums[1] * sums[1] / sums[0]
+    gain = (sums[4] - sums[1] * sums[2] / sums[0]) / square if square > 0.0 else 1.0
+    # Gains of images differ by little: a gain near zero would fit any image by a constant.
+    gain = min(max(gain, 0.5), 2.0)
+    return gain, (sums[2] - gain * sums[1]) / sums[0]
+
+
+@_jit
+def _residual(sums: Any) -> Any:
+    """Return the weighted sum of squared differences from the reference, after gain and offset."""
+    if sums[0] <= 0.0:
+        return 0.0
+    gain, offset = _line(sums)
+    square = sums[5] - 2.0 * gain * sums[4] - 2.0 * offset * sums[2]
+    return max(square + gain * gain * sums[3] + 2.0 * gain * offset * sums[1] + offset * offset * sums[0], 0.0)
+
+
+@_jit
+def _solve(matrix: Any, values: Any) -> None:
+    """Solve a symmetric positive definite system in place."""
+    size = len(values)
+    for k in range(size):
+        for m in range(k + 1, size):
+            share = matrix[m, k] / matrix[k, k]
+            for n in range(k, size):
+                matrix[m, n] -= share * matrix[k, n]
+            values[m] -= share * values[k]
+    for k in range(size - 1, -1, -1):
+        for n in range(k + 1, size):
+            values[k] -= matrix[k, n] * values[n]
+        values[k] /= matrix[k, k]
+
+
+def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
+    @_jit
+    def _sample(image: Any, at_x: Any, at_y: Any, weights: Any) -> Any:
+        left, top = int(at_x), int(at_y)
+        if cubic:
+            cubic_weights(at_x - left, weights[0], weights[1])
+            cubic_weights(at_y - top, weights[2], weights[3])
+        else:
+            quintic_weights(at_x - left, weights[0], weights[1])
+            quintic_weights(at_y - top, weights[2], weights[3])
+        value, along, below = 0.0, 0.0, 0.0
+        for k in range(TAPS):
+            a, b = 0.0, 0.0
+            for j in range(TAPS):
+                c = image[top + k - REACH, left + j - REACH]
+                a += weights[0, j] * c
+                b += weights[1, j] * c
+            value += weights[2, k] * a
+            along += weights[2, k] * b
+            below += weights[3, k] * a
+        return value, along, below
+
+    @_jit
+    def compiled(
+        coefficients: Any,
+        reference: Any,
+        view: Any,
+        fields: Any,
+        bad: Any,
+        factors: Any,
+        both: Any,
+        weights: Any,
+        step: Any,
+        rounds: Any,
+        rivals: Any,
+        out: Any,
+        part: Any,
+    ) -> None:
+        count, height, width = coefficients.shape
+        reach = len(weights) // 2
+        size = 6 if both else 3
+        sums, before = np.empty((count, _SUMS)), np.empty((count, _SUMS))
+        gain, offset = np.empty(count), np.empty(count)
+        taps = np.empty((4, TAPS))
+        change = np.empty(_LARGEST)
+        jacobian = np.empty(_LARGEST)
+        some_bad = bad.shape[0] > 0
+        for n in range(part[0], part[1]):
+            row, column = int(rivals[n, 0]), int(rivals[n, 1])
+            change[:] = 0.0
+            change[0] = rivals[n, 2]
+            if both:
+                change[3] = rivals[n, 3]
+            normal, right_side = np.zeros((size, size)), np.zeros(size)
+            slope = 0.0
+            for iteration in range(rounds + 1):
+                last = iteration == rounds
+                # Gain and offset of the previous iteration; none are available in the first.
+                solving = iteration > 0 and not last
+                normal[:] = 0.0
+                right_side[:] = 0.0
+                sums[:] = 0.0
+                before[:] = 0.0
+                slope = 0.0
+                for v in range(-reach, reach + 1, step):
+                    y = row + v
+                    if y < 0 or y >= height:
+                        continue
+                    for u in range(-reach, reach + 1, step):
+                        x = column + u
+                        if x < 0 or x >= width or np.isnan(fields[0, y, x]) or np.isnan(reference[y, x]):
+                            continue
+                        w = weights[v + reach] * weights[u + reach]
+                        g = reference[y, x]
+                        for i in range(count):
+                            at_x, at_y, _ = place_of(accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x)
+                            at_x, at_y = corrected(view, i, at_x, at_y)
+                            moved_x = at_x + factors[i, 0] * (change[0] + change[1] * u + change[2] * v)
+                            moved_y = at_y
+                            if both:
+                                moved_y += factors[i, 1] * (change[3] + change[4] * u + change[5] * v)
+                            else:
+                                moved_y += factors[i, 1] * (change[0] + change[1] * u + change[2] * v)
+                            if not (
+                                at_x >= REACH
+                                and at_x < width - 3
+                                and at_y >= REACH
+                                and at_y < height - 3
+                                and moved_x >= REACH
+                                and moved_x < width - 3
+                                and moved_y >= REACH
+                                and moved_y < height - 3
+                            ):
+                                continue
+                            if some_bad and (
+                                bad[i, int(moved_y + 0.5), int(moved_x + 0.5)] != 0
+                                or bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0
+                            ):
+                                continue
+                            value, along, below = _sample(coefficients[i], moved_x, moved_y, taps)
+                            sums[i, 0] += w
+                            sums[i, 1] += w * g
+                            sums[i, 2] += w * value
+                            sums[i, 3] += w * g * g
+                            sums[i, 4] += w * g * value
+                            sums[i, 5] += w * value * value
+                            if last:
+                                own, along, below = _sample(coefficients[i], at_x, at_y, taps)
+                                before[i, 0] += w
+                                before[i, 1] += w * g
+                                before[i, 2] += w * own
+                                before[i, 3] += w * g * g
+                                before[i, 4] += w * g * own
+                                before[i, 5] += w * own * own
+                                slope += w * (along * along + below * below)
+                            elif solving:
+                                difference = offset[i] + gain[i] * g - value
+                                if both:
+                                    for k in range(3):
+                                        arm = 1.0 if k == 0 else (u if k == 1 else v)
+                                        jacobian[k] = factors[i, 0] * along * arm
+                                        jacobian[k + 3] = factors[i, 1] * below * arm
+                                else:
+                                    for k in range(3):
+                                        arm = 1.0 if k == 0 else (u if k == 1 else v)
+                                        jacobian[k] = (factors[i, 0] * along + factors[i, 1] * below) * arm
+                                for k in range(size):
+                                    right_side[k] += w * jacobian[k] * difference
+                                    for m in range(k + 1):
+                                        normal[k, m] += w * jacobian[k] * jacobian[m]
+                for i in range(count):
+                    gain[i], offset[i] = _line(sums[i])
+                if solving:
+                    largest = 0.0
+                    for k in range(size):
+                        largest = max(largest, normal[k, k])
+                        for m in range(k):
+                            normal[m, k] = normal[k, m]
+                    if largest <= 0.0:
+                        break
+                    for k in range(size):
+                        # Directions without texture stay as they are.
+                        arm = 1.0 if k % 3 == 0 else 0.1 * reach * reach
+                        normal[k, k] = normal[k, k] * (1.0 + 1e-3) + 1e-4 * largest * arm / (0.1 * reach * reach)
+                    _solve(normal, right_side)
+                    for k in range(size):
+                        most = _FARTHEST_PX if k % 3 == 0 else _LARGEST_GRADIENT
+                        change[k] += min(max(right_side[k], -most), most)
+            total, rival, own = 0.0, 0.0, 0.0
+            for i in range(count):
+                total += sums[i, 0]
+                rival += _residual(sums[i])
+                own += _residual(before[i])
+            out[0, n], out[1, n], out[2, n], out[3, n] = own, rival, total, slope
+            out[4, n] = np.hypot(change[0], change[3] if both else 0.0)
+
+    return compiled
+
+
+_RIVALS = {
+    (fields, order): _compile_rivals(accelerated=fields == ACCELERATED, cubic=order == CUBIC)
+    for fields in (STEADY, ACCELERATED)
+    for order in (CUBIC, QUINTIC)
+}
+
+
+def compare_rivals(
+    coefficients: NDArray[np.float32],
+    reference: NDArray[np.float64],
+    view: ImageView,
+    fields: NDArray[np.float64],
+    bad: NDArray[np.uint8],
+    factors: NDArray[np.float64],
+    both: bool,
+    weights: NDArray[np.float64],
+    step: int,
+    rounds: int,
+    rivals: NDArray[np.float64],
+    out: NDArray[np.float64],
+    part: tuple[int, int],
+) -> None:
+    """Compare the differences of images from the reference at the fitted places and at those of a rival.
+
+    The rival displaces image i by its factors times a change that is linear in the window, refined from its start.
+
+    ``coefficients``: Spline coefficients of the images, shape (n, y, x).
+    ``reference``: Grey values of the reference, NaN where unusable, shape (y, x).
+    ``fields``: Fitted fields, NaN where invalid, shape (4 or 7, y, x).
+    ``factors``: Displacement of the images along x and y by a change of 1 px, shape (n, 2).
+    ``both``: Whether the changes along x and y are independent; else they are the same.
+    ``weights``: Window along one axis, evaluated at every ``step``-th pixel.
+    ``rivals``: Row, column and changes along x and y at the start, shape (m, 4).
+    ``out``: Output: weighted sums of squares at the fitted places and of the rival, sum of the weights, weighted sum of
+      the squared gradient, and change after refinement in px, shape (5, m).
+    """
+    kernel = _RIVALS[len(fields), view.spline]
+    kernel(coefficients, reference, view, fields, bad, factors, both, weights, step, rounds, rivals, out, part)

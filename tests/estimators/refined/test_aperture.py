@@ -1,0 +1,78 @@
+"""The structure tensor of the reference against textures whose directions are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
+from tests.helpers.shifted_stack import Array, shifted_parameters, shifted_stack
+
+SIGMA, SMALL, NOISE = 4.0, 2.0, 0.01
+NOWHERE = np.zeros((72, 96), dtype=np.bool_)
+INSIDE = (slice(8, -8), slice(8, -8))
+
+
+def _stripes(angle: float) -> Array:
+    along = np.array([np.cos(angle), np.sin(angle)])
+    return along
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 10.0, 45.0, 130.0])
+def test_stripes_determine_the_motion_along_their_gradient_only(angle_deg: float) -> None:
+    along = _stripes(np.radians(angle_deg))
+    images = shifted_stack(lambda x, y: 0.2 * np.cos(2 * np.pi * (along[0] * x + along[1] * y) / 9), noise=NOISE)
+    found = find_aperture(images, shifted_parameters(), SIGMA, NOWHERE, SMALL, NOISE)
+    assert found.normal[INSIDE].all()
+    assert not found.motion[INSIDE].any()
+    assert found.disparity[INSIDE].all()
+    assert np.abs(np.einsum("k,kyx->yx", along, found.direction)[INSIDE]).min() > 0.999
+
+
+def test_stripes_along_the_stage_determine_no_disparity() -> None:
+    images = shifted_stack(lambda _, y: 0.2 * np.cos(2 * np.pi * y / 9), noise=NOISE)
+    found = find_aperture(images, shifted_parameters(), SIGMA, NOWHERE, SMALL, NOISE)
+    assert not found.disparity[INSIDE].any()
+    assert found.normal[INSIDE].all()
+
+
+def test_a_weak_second_texture_counts_from_its_noise_on() -> None:
+    """Amplitudes of 0.03 and of 0.001 across stripes of 0.2, in noise of 0.01."""
+    strong, amplitudes = 0.2, ((0.03, 1.0), (0.001, 0.0))
+    for weak, share in amplitudes:
+
+        def texture(x: Array, y: Array, weak: float = weak) -> Array:
+            return np.asarray(strong * np.cos(2 * np.pi * x / 9) + weak * np.cos(2 * np.pi * y / 7))
+
+        found = find_aperture(shifted_stack(texture, noise=NOISE), shifted_parameters(), SIGMA, NOWHERE, SMALL, NOISE)
+        assert found.motion[INSIDE].mean() == pytest.approx(share, abs=0.01)
+
+
+def test_noise_alone_is_no_texture() -> None:
+    images = shifted_stack(lambda x, _: 0.0 * x, noise=NOISE)
+    found = find_aperture(images, shifted_parameters(), SIGMA, NOWHERE, SMALL, NOISE)
+    assert (found.motion | found.disparity)[INSIDE].mean() < 0.01
+    assert found.normal[INSIDE].mean() < 0.02
+
+
+def test_small_windows_contain_the_pixels_of_their_own_surface_only() -> None:
+    """Stripes on the left at another disparity than waves on the right: across the edge, texture does not count."""
+    images = shifted_stack(
+        lambda x, y: 0.2 * np.cos(2 * np.pi * x / 9) + np.where(x > 48, 0.2 * np.cos(2 * np.pi * y / 7), 0.0)
+    )
+    theta = shifted_parameters()
+    theta[0, :, 49:] += 2.0
+    beside = (slice(8, -8), slice(44, 47))
+    full = find_aperture(images, theta, SIGMA, NOWHERE, SMALL, NOISE)
+    own = find_aperture(images, theta, SIGMA, ~NOWHERE, SMALL, NOISE)
+    assert full.motion[beside].all()
+    assert own.normal[beside].all()
+
+
+def test_the_normal_flow_is_the_shortest_with_its_component() -> None:
+    generator = np.random.default_rng(0)
+    flow, angle = generator.normal(size=(2, 5, 6)), generator.uniform(0, np.pi, (5, 6))
+    direction = np.stack([np.cos(angle), np.sin(angle)])
+    normal = compute_normal_flow(flow, direction)
+    np.testing.assert_allclose((normal * direction).sum(axis=0), (flow * direction).sum(axis=0), atol=1e-14)
+    np.testing.assert_allclose(normal[0] * direction[1] - normal[1] * direction[0], 0.0, atol=1e-14)
