@@ -114,9 +114,10 @@ class RefinedSettings(MethodSettings):
     """Whether windows that contain several surfaces are fitted again to the pixels of the central surface only."""
     pose_corrections: CorrectionPriors | None = None
     """Prior standard deviations of camera-pose errors, which are then estimated from all points together."""
-    fallback: Literal["plane_sweep", "none"] = "plane_sweep"
-    """Fallback value where the fit failed: the disparity of the plane sweep to a fraction of a pixel, without motion
-    and standard deviations (``status`` 3); or none."""
+    fallback: Literal["fill", "plane_sweep", "none"] = "fill"
+    """Fallback disparity and depth where the fit failed (``status`` 3): ``fill``, those of the plane sweep near texture
+    and planes of neighbouring surfaces in holes, with standard deviations; ``plane_sweep``, those of the plane sweep
+    near texture only, without standard deviations; or none."""
     max_iterations: Annotated[int, Field(ge=2, le=50)] = 10
     """Largest number of iterations: the images are warped, and the fit is repeated."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3
