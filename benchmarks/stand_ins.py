@@ -1,6 +1,6 @@
 """What the methods for depth make of stand-ins for real captures, beside OpenCV's matchers at their best settings.
 
-Run it from the top of the repository: ``python -m benchmarks.stand_ins``, or with names of scenes: ``... bars painted``;
+Run it from the top of the repository: ``python -m benchmarks.stand_ins``, or with names: ``... bars painted``;
 ``--aside`` takes the sets that stand aside instead of all others.
 Bad is a pixel whose disparity is off by more than 0.25 px per step, or has no estimate.
 """

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators.refined.fallback import Sources, fill_holes
+from scenetruth.estimators.refined.fallback import Sources, _near_bare_surfaces, fill_holes
 from tests.helpers.wavy_plane import MovingPlane
 
 SHAPE = (80, 100)
@@ -19,7 +19,7 @@ FLAT = np.random.default_rng(0).normal(100.0, 1.0, SHAPE)
 
 
 def sources(disparity: np.ndarray, fitted: np.ndarray) -> Sources:
-    return Sources(disparity, fitted, NOWHERE)
+    return Sources(disparity, fitted, NOWHERE, NOWHERE)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -62,7 +62,7 @@ def test_deviations_grow_with_the_distance() -> None:
 def test_sweep_pixels_keep_their_values() -> None:
     swept = X < 50
     truth = 7.0 + 0.01 * X
-    found = fill_holes(FLAT, 1.0, Sources(truth, ~swept, swept), swept & (X > 10), 2.0)
+    found = fill_holes(FLAT, 1.0, Sources(truth, ~swept, swept, NOWHERE), swept & (X > 10), 2.0)
     assert (found.where == (swept & (X > 10))).all()
     np.testing.assert_array_equal(found.disparity[found.where], truth[found.where])
     assert (found.std[found.where] < 0.1).all()
@@ -119,3 +119,16 @@ def test_fallback_fills_what_may_be_filled(bare: xr.Dataset) -> None:
 def test_one_camera_has_no_fallback(bare: xr.Dataset) -> None:
     frames = PLANE.recording(noise_std=0.005).isel(s=[len(bare["s"]) // 2])
     assert not (estimated(frames)["status"].values == 3).any()
+
+
+def test_sweep_pixels_near_bare_surfaces_are_uncertain() -> None:
+    """The squares of the sweep extend the disparity of an outline by some pixels; within texture they do not."""
+    textured = (X < 50) & ~((abs(Y - 40) < 2) & (abs(X - 20) < 2))
+    near = _near_bare_surfaces(textured)
+    assert near[:, 46:].all()
+    assert not near[:, :44].any()
+    swept = X < 50
+    truth = np.full(SHAPE, 7.0)
+    found = fill_holes(FLAT, 1.0, Sources(truth, NOWHERE, swept, near), ~NOWHERE, 2.0)
+    assert found.std[:, :40].max() < 0.1
+    assert found.std[:, 46:50].min() > 0.5

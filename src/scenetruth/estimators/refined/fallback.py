@@ -52,6 +52,7 @@ _BEHIND = (12.0, 8.0, 0.25)
 _SCALE_PX = 12.0  # difference of distances that makes a surface less probable by a factor of e
 _MEDIAN_PX = 5
 _LOCAL_PX = 7  # census square, within which the place of an outline is uncertain
+_BEYOND_PX = 5
 _OUTLINE = 0.5  # error of a sweep in units of the deviation of disparities within that square
 # Probability that a pixel belongs to an unobserved surface: with the chosen surface on both sides along
 # all four lines, on some, or on none, near its edge and far from it. Shares of wrong pixels on simulated scenes.
@@ -61,8 +62,8 @@ _DEPTHS = 0.3  # deviation of the disparity of an unknown background, between ze
 _LARGEST = 1.0  # largest standard deviation of a fallback disparity, relative to it
 _CONTRADICTION_PX = 1.0  # per step
 _CLEAR_OF_ZERO_PX = 1.0  # smallest displacement in the farthest camera
-# Window in px for the texture of a pixel itself, and smallest ratio of its gradient to that of noise.
-_OWN_PX, _OWN_GRADIENT = 2.0, 2.0
+# Windows in px for the texture of a pixel itself, and smallest ratio of its gradient to that of noise.
+_OWN_PX, _CLOSE_PX, _OWN_GRADIENT = 2.0, 1.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +76,8 @@ class Sources:
     """Where it is that of a valid fit, close to texture."""
     swept: Mask
     """Where it is that of the plane sweep."""
+    bare: Mask
+    """Where a bare surface is near, into which the squares of the sweep extend the disparity of an outline."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +109,7 @@ def compute_fallback(
         return FallbackValues(swept, disparity, disparity)
     frame, camera = images.reference()
     usable = images.bad[frame][camera] == 0 if images.bad else np.ones_like(valid)
-    textured = _own_texture(images, noise)
+    textured = _own_texture(images, noise, _OWN_PX)
     # Points at infinity have no depth.
     swept = start.known & ~valid & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX) & usable & textured
     # If almost no pixel fits, the images are not of a single scene.
@@ -114,22 +117,32 @@ def compute_fallback(
     if kind == "plane_sweep":
         return FallbackValues(swept, start.fields[0], np.full(images.shape, np.nan))
     fitted = valid & textured
-    sources = Sources(np.where(fitted, disparity, start.fields[0]), fitted, swept)
+    beyond = _near_bare_surfaces(_own_texture(images, noise, _CLOSE_PX))
+    sources = Sources(np.where(fitted, disparity, start.fields[0]), fitted, swept, beyond)
     found = fill_holes(mean_grey_image(images), noise / images.channels**0.5, sources, ~valid & usable, images.farthest)
     contradicted = start.known & ~swept & (np.abs(start.fields[0] - found.disparity) > _CONTRADICTION_PX)
     clear = np.abs(found.disparity) * images.farthest > _CLEAR_OF_ZERO_PX
     return replace(found, where=found.where & ~contradicted & clear)
 
 
-def _own_texture(images: ImageStack, noise: float) -> Mask:
-    """Return where the reference image has twice the gradient due to noise, over 5 px."""
+def _near_bare_surfaces(textured: Mask) -> Mask:
+    """Return what is within reach of a census square, and of the blur of an edge, from a bare area of such a square."""
+    from scipy import ndimage
+
+    areas, count = ndimage.label(~textured)
+    large = np.concatenate([[False], np.bincount(areas.ravel(), minlength=count + 1)[1:] >= _LOCAL_PX**2])
+    return np.asarray(ndimage.maximum_filter(large[areas], 2 * _BEYOND_PX + 1))
+
+
+def _own_texture(images: ImageStack, noise: float, sigma_px: float) -> Mask:
+    """Return where the reference image has twice the gradient due to noise, within a Gaussian window."""
     from scipy.ndimage import gaussian_filter
 
     square = np.zeros(images.shape)
     for channel in range(images.channels):
         square += sum(np.square(each) for each in np.gradient(images.grey(*images.reference(), channel)))
     # A central difference has half the variance of a pixel, along x and along y.
-    return np.asarray(gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels)
+    return np.asarray(gaussian_filter(square, sigma_px) > (_OWN_GRADIENT * noise) ** 2 * images.channels)
 
 
 def mean_grey_image(images: ImageStack) -> Map:
@@ -193,13 +206,25 @@ def fill_holes(grey: Map, noise: float, sources: Sources, wanted: Mask, farthest
     surface = np.where(filled, labels.ravel()[np.maximum(chosen, 0)], -1).astype(np.int32)
     lines = np.zeros(grey.shape, dtype=np.uint8)
     look_around(labels, surface, max(height, width), lines)
-    apart = 1.0 - _SCALE_PX / (_SCALE_PX + costs[:, :, 0].astype(np.float64))
-    unseen = _UNSEEN[lines] + np.where(lines == 0, (_UNSEEN_FAR - _UNSEEN[0]) * apart, 0.0)
-    spread = float(np.var(disparity[source])) + np.where(lines == 0, (_DEPTHS * value) ** 2, 0.0)
-    swept = least + _OUTLINE**2 * _local_variance(value)
+    # From the distance to the source, or in the middle of the hole.
+    apart, within = (part / (part + _SCALE_PX) for part in (costs[:, :, 0].astype(np.float64), _depths_of_holes(costs)))
+    unseen = _UNSEEN[lines] * np.where(lines == 0, 1.0, within)
+    unseen += np.where(lines == 0, (_UNSEEN_FAR - _UNSEEN[0]) * apart, 0.0)
+    spread = float(np.var(disparity[source])) + (_DEPTHS * value) ** 2
+    swept = least + _OUTLINE**2 * _local_variance(value) + np.where(sources.bare, _UNSEEN[0] * spread, 0.0)
     std = np.sqrt(np.where(source, swept, variance + least + unseen * spread))
     where = wanted & filled & (std < _LARGEST * np.abs(value))
     return FallbackValues(where, value, std)
+
+
+def _depths_of_holes(costs: NDArray[np.float32]) -> Map:
+    """Return the largest least cost within each connected hole."""
+    from scipy import ndimage
+
+    cost = np.where(np.isfinite(costs[:, :, 0]), costs[:, :, 0], 0.0)
+    holes, count = ndimage.label(cost > 0)
+    largest = np.concatenate([[0.0], np.atleast_1d(ndimage.maximum(cost, holes, np.arange(1, count + 1)))])
+    return np.asarray(largest[holes], dtype=np.float64)
 
 
 def _local_variance(values: Map) -> Map:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import REASONS, STATUS_FALLBACK, STATUS_INVALID, Intrinsics, read_intrinsics
+from scenetruth.schema import REASONS, STATUS_INVALID, Intrinsics, read_intrinsics
 from scenetruth.scoring.alignment import align, check_alignable, check_estimate, check_recording, select_pixels
 from scenetruth.scoring.error_pairs import (
     PixelCoordinates,
@@ -100,6 +100,15 @@ class FigureArrays:
         return np.stack([self.estimate[name] for name in ("velocity_x", "velocity_y", "velocity_z")], axis=-1)
 
 
+def _read_fallback(estimate: xr.Dataset) -> Mask | None:
+    """Return where a single frame has fallback values of disparity and depth; None without either."""
+    name = next((name for name in ("depth", "disparity") if name in estimate), None)
+    if name is None:
+        return None
+    either = find_valid_pixels(estimate, name, include_fallback=True)
+    return np.asarray((either & ~find_valid_pixels(estimate, name))[0])
+
+
 def collect_figure_arrays(
     recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None = None, *, include_fallback: bool = False
 ) -> FigureArrays:
@@ -153,9 +162,7 @@ def collect_figure_arrays(
             for name in ("status", "status_disparity", "status_motion")
             if name in estimate
         },
-        fallback=_codes(estimate, "status", STATUS_INVALID) == STATUS_FALLBACK
-        if include_fallback and "status" in estimate
-        else None,
+        fallback=_read_fallback(estimate) if include_fallback else None,
     )
 
 
