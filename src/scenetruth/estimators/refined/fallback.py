@@ -40,7 +40,7 @@ _JUMP_PX = 1.0  # largest step within a surface, in px of the farthest camera
 _CONTRAST = 0.5  # length in px of a step of one grey value of 8 bits
 _NOISE_GREY = 1.5  # noise of images of 8 bits; noisier images are scaled to it, as noise is no edge
 _EDGE = 3.0 * 2**0.5  # differences of grey values up to three deviations of the noise of a difference are no edge
-_TURNS = 6  # sweeps in each direction: a path turns back at most as often
+_TURNS = 3  # sweeps in each direction: longer detours are rare
 # Error of a sweep in px of the farthest camera, and weight of a sweep pixel relative to a fitted one.
 _SWEEP_PX, _SWEEP_WEIGHT = 0.1, 0.25
 _SLOPE = 0.03  # prior deviation of slopes in px per px: surfaces turned by some 60 degrees
