@@ -1,6 +1,7 @@
 """What the methods for depth make of stand-ins for real captures, beside OpenCV's matchers at their best settings.
 
-Run it from the top of the repository: ``python -m benchmarks.stand_ins``, or with numbers of scenes: ``... 0 2``.
+Run it from the top of the repository: ``python -m benchmarks.stand_ins``, or with names: ``... bars painted``;
+``--aside`` takes the sets that stand aside instead of all others.
 Bad is a pixel whose disparity is off by more than 0.25 px per step, or has no estimate.
 """
 
@@ -17,6 +18,7 @@ from itertools import product
 import numpy as np
 import xarray as xr
 from benchmarks.stand_in_scenes import SCENES, UNTEXTURED, scene_of
+from benchmarks.stand_in_sets import list_sets
 from numpy.typing import NDArray
 
 import scenetruth as st
@@ -28,6 +30,7 @@ METHODS: tuple[tuple[str, dict[str, object]], ...] = (
     ("structure_tensor", {"tau": "auto"}),
     ("plane_sweep", {}),
     ("refined", {"fallback": "none"}),
+    ("refined", {"fallback": "plane_sweep"}),
     ("refined", {}),
 )
 SEMI_GLOBAL = "SGBM"
@@ -169,12 +172,14 @@ def row(found: Map, truth: xr.Dataset) -> list[str]:
 def main() -> None:
     """Print the table, row by row."""
     warnings.simplefilter("ignore")
-    names = list(SCENES)
-    chosen = [names[int(number)] for number in sys.argv[1:]] or names
+    given = set(sys.argv[1:])
+    aside = "--aside" in given
+    scenes = list_sets(aside=aside) | ({} if aside else {name: scene_of(name) for name in SCENES})
+    chosen = {name: scene for name, scene in scenes.items() if name in given or not given - {"--aside"}}
     head = f"scene | method | bad, % | up to {OUTLINE_PX} px from edges | farther | untextured | missing | wrong | s"
     print(f"| {head} |\n|{9 * '---|'}")
-    for name in chosen:
-        recording, truth = st.simulate(st.Scene.from_dict(scene_of(name)))
+    for name, scene in chosen.items():
+        recording, truth = st.simulate(st.Scene.from_dict(scene))
         one = truth.sel(t=0)
         for method, found, seconds in estimates(recording, one["disparity"].values):
             print(f"| {' | '.join([name, method, *row(found, one), f'{seconds:.2f}'])} |", flush=True)

@@ -32,6 +32,8 @@ class ScoreSettings(FrozenModel):
 
     interior_margin_px: NonNegative = 20.0
     """Minimum distance of the region ``interior`` from silhouettes and creases, px."""
+    include_fallback: bool = False
+    """Whether fallback values (``status`` 3) of disparity and depth count as valid in statistics and figures."""
     slope_classes_deg: Bounds = (0.0, 20.0, 45.0, 70.0, 90.0)
     """Limits of the regions ``slope_LOW_HIGH``: angle between surface normal and optical axis, degrees."""
     boundary_classes_px: Bounds = (0.0, 5.0, 10.0, 20.0)

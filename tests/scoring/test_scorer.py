@@ -14,10 +14,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from scenetruth.errors import ScoreError
 from scenetruth.number_format import format_number
-from scenetruth.schema import STATUS_VALID
+from scenetruth.schema import STATUS_FALLBACK, STATUS_VALID
 from scenetruth.scoring import Score, score
 from scenetruth.scoring.statistics import RATES, STATISTICS
 from scenetruth.settings import ScoreSettings
@@ -434,3 +435,21 @@ def test_part_of_a_recording_will_do_for_contrast(full_case: Case) -> None:
     part = {"x": slice(20, 120), "y": slice(30, 100)}
     result = score(full_case.estimate.isel(part), full_case.truth, full_case.recording.isel(part))
     assert {"contrast_low", "contrast_mid", "contrast_high"} <= set(result.regions)
+
+
+def test_fallback_values_are_scored_on_request(case: Case) -> None:
+    """Only disparity and depth have them; other quantities are not finite there."""
+    status = np.full(case.estimate["depth"].shape, STATUS_VALID, dtype=np.uint8)
+    status[..., :40] = STATUS_FALLBACK
+    estimate = case.estimate.assign(status_disparity=(("t", "y", "x"), status))
+    estimate["velocity"] = estimate["velocity"].where(estimate["status_disparity"] == STATUS_VALID)
+    without, with_them = (
+        dict(score(estimate, case.truth, settings={"include_fallback": include}).regions["all"])
+        for include in (False, True)
+    )
+    valid = estimate.assign(status_disparity=xr.full_like(estimate["status_disparity"], STATUS_VALID))
+    everywhere: dict[str, Any] = dict(score(valid, case.truth).regions["all"])
+    assert with_them["depth"] == everywhere["depth"]
+    assert (without["depth"]["count"] or 0) < 0.9 * everywhere["depth"]["count"]
+    assert with_them["velocity_z"] == without["velocity_z"]
+    assert score(estimate, case.truth).regions["all"]["depth"] == without["depth"]

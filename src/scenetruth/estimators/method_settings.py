@@ -120,9 +120,10 @@ class RefinedSettings(MethodSettings):
     pose_corrections: Annotated[CorrectionPriors | Literal["auto", "none"], BeforeValidator(_none_as_text)] = "auto"
     """Prior standard deviations of camera-pose errors, which are then estimated from all points together; ``auto``
     takes the stage tolerances of the recording, if it states any; ``none`` takes poses as exact."""
-    fallback: Literal["plane_sweep", "none"] = "plane_sweep"
-    """Fallback value where the fit failed: the disparity of the plane sweep to a fraction of a pixel, without motion
-    and standard deviations (``status`` 3); or none."""
+    fallback: Literal["fill", "plane_sweep", "none"] = "fill"
+    """Fallback disparity and depth where the fit failed (``status`` 3): ``fill``, those of the plane sweep near texture
+    and planes of neighbouring surfaces in holes, with standard deviations; ``plane_sweep``, those of the plane sweep
+    near texture only, without standard deviations; or none."""
     max_motion_px: Annotated[float, Field(gt=0, le=16, allow_inf_nan=False)] | None = None
     """Prior: largest image motion in px per frame. The motion search is limited to it, and of several motions that fit
     the images equally well, as on repetitive textures, only those within it count. Default: none."""

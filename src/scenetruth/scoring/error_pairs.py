@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import STATUS_VALID, VARIABLES, Intrinsics, read_intrinsics
+from scenetruth.schema import STATUS_FALLBACK, STATUS_VALID, VARIABLES, Intrinsics, read_intrinsics
 from scenetruth.scoring.quantities import QUANTITIES
 
 __all__ = [
@@ -145,17 +145,19 @@ def percent_per_hour(intrinsics: Intrinsics) -> float:
     return 100.0 * 3600.0 / intrinsics.frame_interval_s
 
 
-def find_valid_pixels(estimate: xr.Dataset, variable: str) -> NDArray[np.bool_]:
+def find_valid_pixels(estimate: xr.Dataset, variable: str, *, include_fallback: bool = False) -> NDArray[np.bool_]:
     """Return where an estimate of a variable is valid; bool, shape (t, y, x).
 
     ``status_disparity`` applies to depth, disparity and surface shape, ``status_motion`` to flow, and both to
     velocity, growth and rotation. A missing map is replaced by ``status``; without ``status`` all pixels are valid.
+    ``include_fallback``: Whether fallback values count as valid.
     """
     needs = next(entry.needs for entry in QUANTITIES.values() if entry.variable == variable)
     statuses = [f"status_{need}" for need in needs]
     full = np.ones([estimate.sizes[dim] for dim in ("t", "y", "x")], dtype=bool)
     for name in {one if one in estimate else "status" for one in statuses} & set(estimate):
-        full &= estimate[name].values == STATUS_VALID
+        status = estimate[name].values
+        full &= (status == STATUS_VALID) | (include_fallback & (status == STATUS_FALLBACK))
     return full
 
 
@@ -181,12 +183,14 @@ class EstimateTruthPair:
         )
 
 
-def read_pair(estimate: xr.Dataset, truth: xr.Dataset, name: str) -> EstimateTruthPair:
+def read_pair(
+    estimate: xr.Dataset, truth: xr.Dataset, name: str, *, include_fallback: bool = False
+) -> EstimateTruthPair:
     """Return one quantity of an estimate and its truth as arrays of the shape (t, y, x)."""
     return EstimateTruthPair(
         read_quantity(estimate, name),
         read_quantity(truth, name),
-        find_valid_pixels(estimate, QUANTITIES[name].variable),
+        find_valid_pixels(estimate, QUANTITIES[name].variable, include_fallback=include_fallback),
         read_std(estimate, name),
     )
 
@@ -195,16 +199,23 @@ class EstimateTruthPairs(Mapping[str, EstimateTruthPair]):
     """Common quantities of aligned data sets, and ``further`` quantities, by keys of `QUANTITIES`; read on access."""
 
     def __init__(
-        self, estimate: xr.Dataset, truth: xr.Dataset, further: Mapping[str, EstimateTruthPair] | None = None
+        self,
+        estimate: xr.Dataset,
+        truth: xr.Dataset,
+        further: Mapping[str, EstimateTruthPair] | None = None,
+        *,
+        include_fallback: bool = False,
     ) -> None:
-        self._estimate, self._truth = estimate, truth
+        self._estimate, self._truth, self._include_fallback = estimate, truth, include_fallback
         self._further = further or {}
         self._names = tuple(
             name for name, entry in QUANTITIES.items() if entry.variable in estimate and has_quantity(truth, name)
         )
 
     def __getitem__(self, name: str) -> EstimateTruthPair:
-        return read_pair(self._estimate, self._truth, name) if name in self._names else self._further[name]
+        if name not in self._names:
+            return self._further[name]
+        return read_pair(self._estimate, self._truth, name, include_fallback=self._include_fallback)
 
     def __iter__(self) -> Iterator[str]:
         # In the order of the table.

@@ -25,7 +25,7 @@ from scenetruth.settings import ScoreSettings
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Score", "select_summary_quantities"]
+__all__ = ["Score", "includes_fallback", "select_summary_quantities"]
 
 
 Values = Mapping[str, float | int | None]
@@ -43,6 +43,12 @@ _SUMMARY_COLUMNS: Mapping[str, tuple[str, Callable[[float | None], str]]] = {
     "density": ("density [%]", format_percent_value),
     "count": ("pixels", format_count),
 }
+
+
+def includes_fallback(score: Score) -> bool:
+    """Return whether fallback values count as valid in a score."""
+    settings = score.metadata.get("score_settings") or {}
+    return bool(settings.get("include_fallback", False))
 
 
 def select_summary_quantities(regions: Regions, *, grows: bool) -> list[str]:

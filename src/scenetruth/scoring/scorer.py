@@ -147,7 +147,8 @@ def score(
 
     A pixel is scored where truth and estimate are finite and the estimate is valid: ``status_disparity`` for depth and
     disparity, ``status_motion`` for optical flow, both for velocity and outliers. Without a status every finite pixel
-    is scored (see `find_valid_pixels`). The density is the fraction of the pixels with a finite truth that are scored.
+    is scored (see `find_valid_pixels`). Fallback values are scored only with the setting ``include_fallback``. The
+    density is the fraction of the pixels with a finite truth that are scored.
 
     Pixels are matched by their coordinates: the estimate may cover a part of the truth's image (see `align`).
 
@@ -228,7 +229,10 @@ def score(
     grows = any(has_growth_rate(*part) for part in iterate_aligned_blocks(estimate, truth))
     rates = select_meaningful_rates(
         lambda: (
-            (EstimateTruthPairs(*part), main_regions(part[1], chosen.interior_margin_px)["all"])
+            (
+                EstimateTruthPairs(*part, include_fallback=chosen.include_fallback),
+                main_regions(part[1], chosen.interior_margin_px)["all"],
+            )
             for part in iterate_aligned_blocks(estimate, truth)
         ),
         count,
@@ -244,9 +248,9 @@ def score(
             throughout=throughout,
             contrast=None if recording is None else _contrast(recording, found, chosen),
         )
-        gathering.add(
-            EstimateTruthPairs(found, exact, compute_growth_pairs(found, exact, chosen) if grows else None), masks
-        )
+        growth = compute_growth_pairs(found, exact, chosen) if grows else None
+        pairs = EstimateTruthPairs(found, exact, growth, include_fallback=chosen.include_fallback)
+        gathering.add(pairs, masks)
     own = {
         "frames": estimate["t"].values.tolist(),
         "image_size_px": [estimate.sizes["x"], estimate.sizes["y"]],

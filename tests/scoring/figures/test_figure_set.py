@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenetruth.errors import ScoreError
-from scenetruth.schema import STATUS_INVALID, STATUS_VALID
+from scenetruth.schema import STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID
 from scenetruth.scoring import plot_all, score, write_report
 from scenetruth.scoring.figures import (
     SurfaceView,
@@ -495,3 +495,19 @@ def test_other_formats_are_named_with_those_that_there_are(full_case: Case, tmp_
     with pytest.raises(ScoreError, match=r"figures.*unknown.*\n.*formats.*unknown; available: pdf.*tiff"):
         plot_all(full_case.recording, full_case.estimate, folder=tmp_path / "none", names=("fog",), also=("tiff",))
     assert not (tmp_path / "none").exists()
+
+
+def test_fallback_values_are_hatched_on_request(small_case: Case, tmp_path: Path) -> None:
+    status = np.full(small_case.estimate["depth"].shape, STATUS_VALID, dtype=np.uint8)
+    status[..., 20:40, 30:50] = STATUS_FALLBACK
+    estimate = small_case.estimate.assign(status_disparity=(("t", "y", "x"), status))
+    shown = []
+    for include in (False, True):
+        result = score(estimate, small_case.truth, settings={"include_fallback": include})
+        folder = tmp_path / str(include)
+        (figure,) = plot_all(small_case.recording, estimate, small_case.truth, result, folder, names=["depth"])
+        shown.append(pixels(folder / figure.file))
+        views = collect_figure_arrays(small_case.recording, estimate, small_case.truth, include_fallback=include)
+        assert np.isfinite(views.estimate["depth"][25, 40]) == include
+    assert_legible(tmp_path / "True")
+    assert shown[0].shape != shown[1].shape or (shown[0] != shown[1]).any()

@@ -14,6 +14,7 @@ from scenetruth.estimators.refined.ambiguity import find_ambiguous, mark_mostly
 from scenetruth.estimators.refined.aperture import ApertureContext, compute_normal_flow, find_aperture
 from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertainty, compute_common_variance
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
+from scenetruth.estimators.refined.fallback import compute_fallback
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
 from scenetruth.estimators.refined.image_consistency import fine_contrast
 from scenetruth.estimators.refined.image_stack import ImageStack
@@ -45,11 +46,8 @@ CORRECTIONS: Mapping[str, tuple[int, ...]] = {
 """Correction maps of the images of the estimated frame: dimensions in addition to camera and frame."""
 
 _SHIFT_PX = 0.25  # residuals up to those of a texture shift by this many px are not distinguished from noise
-# Window in px for the texture of a pixel itself, and smallest ratio of its gradient to that of noise.
-_OWN_PX, _OWN_GRADIENT = 2.0, 2.0
 _LARGEST_STD_PX = 0.5  # largest standard deviation of a valid disparity or flow, in px
 _CLEAR_OF_ZERO = 6.0  # smallest ratio of a valid disparity to its standard deviation
-_CLEAR_OF_ZERO_PX = 1.0  # smallest displacement of a fallback disparity in the farthest camera, in px
 # Smallest ratio of valid pixels to those that violate the model; below, all are invalid.
 _BY_CHANCE = 0.05
 _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
@@ -215,13 +213,8 @@ def compute_maps(
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm, images.spline)
-    rough = np.zeros_like(known)
-    if settings.fallback == "plane_sweep" and cameras > 1:
-        # Points at infinity have no depth.
-        rough = start.known & ~known & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX)
-        rough &= ~normal & ~ambiguous & _own_texture(images, usual)
-        # If almost no pixel fits, the images are not of a single scene.
-        rough &= known.sum() > rough.sum()
+    fallback = compute_fallback(images, start, known | normal, theta[0], usual, settings.fallback)
+    rough = fallback.where & ~ambiguous
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
     # These maps have values everywhere.
     maps: dict[str, NDArray[Any]] = {
@@ -238,8 +231,10 @@ def compute_maps(
             determined = name.removesuffix("_std") in _OF_SURFACE or name in _OF_NORMAL_MOTION
             maps[name] = np.where(known | normal if determined else known, values, np.nan)
     if rough.any():
-        swept = start.fields[0][rough]
-        maps["disparity"][rough], maps["depth"][rough] = swept * step_px, focal * baseline_mm / swept
+        filled, std_filled = fallback.disparity[rough], fallback.std[rough]
+        maps["disparity"][rough], maps["depth"][rough] = filled * step_px, focal * baseline_mm / filled
+        maps["disparity_std"][rough] = std_filled * step_px
+        maps["depth_std"][rough] = maps["depth"][rough] * std_filled / np.abs(filled)
     return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
 
 
@@ -303,19 +298,6 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: ImageStack, sigma_
     partial = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
     middle_px = sigma_px**2 * np.hypot(*partial)
     return np.asarray(textured(texture, noise, images.count, images.spline) | (middle_px < FARTHEST * sigma_px))
-
-
-def _own_texture(images: ImageStack, noise: float) -> NDArray[np.bool_]:
-    """Return where the reference image is usable, with twice the gradient due to noise, over 5 px."""
-    from scipy.ndimage import gaussian_filter
-
-    square = np.zeros(images.shape)
-    frame, camera = images.reference()
-    usable = images.bad[frame][camera] == 0 if images.bad else np.ones(images.shape, dtype=np.bool_)
-    for channel in range(images.channels):
-        square += sum(np.square(each) for each in np.gradient(images.grey(frame, camera, channel)))
-    # A central difference has half the variance of a pixel, along x and along y.
-    return np.asarray(usable & (gaussian_filter(square, _OWN_PX) > (_OWN_GRADIENT * noise) ** 2 * images.channels))
 
 
 def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:

@@ -31,7 +31,7 @@ from scenetruth.scoring.figures.figure_style import (
 )
 from scenetruth.scoring.quantities import QUANTITIES, get_units
 from scenetruth.scoring.regions import main_regions
-from scenetruth.scoring.score_result import Score, select_summary_quantities
+from scenetruth.scoring.score_result import Score, includes_fallback, select_summary_quantities
 from scenetruth.scoring.statistics import ErrorSamples, StreamingQuantiles, standardised
 
 __all__ = ["draw_error_bars", "draw_error_histograms"]
@@ -54,7 +54,7 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
     """Draw the error histogram of every quantity in both regions, over all frames."""
     margin_px = float(score.metadata.get("margin_px", 20.0))
     names = select_summary_quantities(score.regions, grows=score.grows)
-    edges, counts = _histograms(estimate, truth, names, margin_px)
+    edges, counts = _histograms(estimate, truth, names, margin_px, include_fallback=includes_fallback(score))
 
     # A fixed layout: the layout engine takes longer than all other steps for eight logarithmic axes.
     rows, columns = math.ceil(len(counts) / 4), min(len(counts), 4)
@@ -80,18 +80,20 @@ def draw_error_histograms(estimate: xr.Dataset, truth: xr.Dataset, score: Score,
 
 
 def _histograms(
-    estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
+    estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float, *, include_fallback: bool
 ) -> tuple[dict[str, Map], dict[str, dict[str, Counts]]]:
     """Return the bin edges of every quantity, and the error counts per bin by region."""
     edges: dict[str, Map] = {}
     single = count_blocks(estimate) == 1
     if not single:
         sizes: dict[str, dict[str, StreamingQuantiles]] = {}
-        for name, samples in iterate_error_samples(estimate, truth, names, margin_px):
+        for name, samples in iterate_error_samples(
+            estimate, truth, names, margin_px, include_fallback=include_fallback
+        ):
             _add(sizes.setdefault(name, {}), samples, single=False)
         edges = {name: _edges(name, regions) for name, regions in sizes.items()}
     counts: dict[str, dict[str, Counts]] = {}
-    for name, samples in iterate_error_samples(estimate, truth, names, margin_px):
+    for name, samples in iterate_error_samples(estimate, truth, names, margin_px, include_fallback=include_fallback):
         if single:
             edges[name] = _edges(name, _add({}, samples, single=True))
         own = counts.setdefault(name, {})
@@ -110,12 +112,12 @@ def _add(
 
 
 def iterate_error_samples(
-    estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float
+    estimate: xr.Dataset, truth: xr.Dataset, names: Sequence[str], margin_px: float, *, include_fallback: bool = False
 ) -> Iterator[tuple[str, dict[str, Map]]]:
     """Yield the errors of every common quantity in both regions, block by block."""
     for found, exact in iterate_aligned_blocks(estimate, truth):
         masks = main_regions(exact, margin_px)
-        pairs = EstimateTruthPairs(found, exact)
+        pairs = EstimateTruthPairs(found, exact, include_fallback=include_fallback)
         for name in names:
             if name in pairs:
                 one = ErrorSamples.of(pairs[name], QUANTITIES[name].error)
@@ -209,7 +211,7 @@ def _interior_ratios(estimate: xr.Dataset, truth: xr.Dataset, score: Score) -> d
             std = read_std(found, name) if shown else None
             if std is None:
                 continue
-            scored = ErrorSamples.of(read_pair(found, exact, name))
+            scored = ErrorSamples.of(read_pair(found, exact, name, include_fallback=includes_fallback(score)))
             here = interior[scored.scored]
             ratio = standardised(scored.error[here], std[scored.scored][here])
             counts[name] = counts.get(name, 0) + np.histogram(np.clip(ratio, -_REACH, _REACH), _EDGES)[0]

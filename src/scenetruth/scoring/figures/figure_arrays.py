@@ -59,6 +59,7 @@ class FigureArrays:
     ``estimate``, ``truth``: Maps of the scalar `QUANTITIES` of the estimate by name, NaN where invalid, and their truth
       (empty without truth).
     ``stds``: Stated standard deviations by the names of `QUANTITIES`, in the units of the quantity; NaN where invalid.
+    ``fallback``: Fallback pixels that the maps of disparity and depth show; None if they show valid pixels only.
     ``statuses``: The available maps of ``status``, ``status_disparity`` and ``status_motion``.
     """
 
@@ -75,6 +76,7 @@ class FigureArrays:
     coherence: Map | None
     reasons: NDArray[np.int64] | None
     statuses: dict[str, NDArray[np.int64]]
+    fallback: Mask | None = None
 
     def knows(self, name: str) -> bool:
         """Return whether the estimate has any valid value of a quantity, a key of `QUANTITIES`."""
@@ -98,7 +100,18 @@ class FigureArrays:
         return np.stack([self.estimate[name] for name in ("velocity_x", "velocity_y", "velocity_z")], axis=-1)
 
 
-def collect_figure_arrays(recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None = None) -> FigureArrays:
+def _read_fallback(estimate: xr.Dataset) -> Mask | None:
+    """Return where a single frame has fallback values of disparity and depth; None without either."""
+    name = next((name for name in ("depth", "disparity") if name in estimate), None)
+    if name is None:
+        return None
+    either = find_valid_pixels(estimate, name, include_fallback=True)
+    return np.asarray((either & ~find_valid_pixels(estimate, name))[0])
+
+
+def collect_figure_arrays(
+    recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None = None, *, include_fallback: bool = False
+) -> FigureArrays:
     """Return the data of the frame t = 0 of an estimate, or of its middle frame."""
     check_estimate(estimate)
     check_recording(recording, estimate)
@@ -118,7 +131,8 @@ def collect_figure_arrays(recording: xr.Dataset, estimate: xr.Dataset, truth: xr
     names = list_quantities(estimate)
 
     def known(name: str, values: Map) -> Map:
-        return np.where(find_valid_pixels(estimate, QUANTITIES[name].variable)[0], values[0], np.nan)
+        full = find_valid_pixels(estimate, QUANTITIES[name].variable, include_fallback=include_fallback)
+        return np.where(full[0], values[0], np.nan)
 
     def std(name: str) -> Map:
         values = read_std(estimate, name)
@@ -148,6 +162,7 @@ def collect_figure_arrays(recording: xr.Dataset, estimate: xr.Dataset, truth: xr
             for name in ("status", "status_disparity", "status_motion")
             if name in estimate
         },
+        fallback=_read_fallback(estimate) if include_fallback else None,
     )
 
 

@@ -25,7 +25,7 @@ from scenetruth.scoring.figures.map_figures import (
     draw_velocity_z_row,
 )
 from scenetruth.scoring.figures.surface_figures import draw_surface, draw_velocity_arrows
-from scenetruth.scoring.score_result import Score
+from scenetruth.scoring.score_result import Score, includes_fallback
 
 __all__ = ["FIGURES", "plot_all", "plot_one"]
 
@@ -124,7 +124,8 @@ def _plan(
     recording: xr.Dataset, estimate: xr.Dataset, truth: xr.Dataset | None, score: Score | None, target: Path
 ) -> dict[str, Draw]:
     """Return the figures that the data of the estimate allow, in reading order."""
-    views = collect_figure_arrays(recording, estimate, truth)
+    include_fallback = score is not None and includes_fallback(score)
+    views = collect_figure_arrays(recording, estimate, truth, include_fallback=include_fallback)
     depth, velocity = views.knows("depth"), views.knows("velocity_z")
     growth = (depth and velocity) or views.knows("growth_rate")
     plan: list[tuple[str, bool, Draw]] = [

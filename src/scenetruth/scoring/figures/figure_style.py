@@ -21,6 +21,8 @@ __all__ = [
     "FigureInfo",
     "also_as",
     "colorbar",
+    "hatch",
+    "hatched_swatch",
     "map_height",
     "new_figure",
     "pixel_axes",
@@ -39,6 +41,7 @@ BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#6b7280"
 """Line colours that are distinguishable with colour-vision deficiency (after Okabe and Ito)."""
 VOID = "#dbe7ee"
 """Colour of pixels without a value; it occurs in no colour map in use."""
+_HATCH = "////"
 
 
 VECTOR_FORMATS = ("pdf",)
@@ -145,6 +148,19 @@ def show_map(axes: Any, values: Map, **options: Any) -> Any:
     """Draw a map with `VOID` for pixels without a value; ``extent`` specifies its position in px."""
     axes.set_facecolor(VOID)
     return axes.imshow(np.ma.masked_invalid(values), **options)
+
+
+def hatch(axes: Any, where: NDArray[np.bool_], x: Map, y: Map) -> None:
+    """Hatch pixels of a map."""
+    if where.any():
+        axes.contourf(x, y, where, levels=(0.5, 1.5), colors="none", hatches=(_HATCH,))
+
+
+def hatched_swatch(label: str) -> Any:
+    """Return a legend handle of a hatched area."""
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor="none", edgecolor=GREY, linewidth=0.5, hatch=_HATCH, label=label)
 
 
 def colorbar(figure: Any, drawn: Any, axes: Any, label: str, **options: Any) -> Any:

@@ -29,6 +29,8 @@ from scenetruth.scoring.figures.figure_style import (
     VOID,
     FigureInfo,
     colorbar,
+    hatch,
+    hatched_swatch,
     map_height,
     new_figure,
     pixel_axes,
@@ -74,7 +76,9 @@ def draw_comparison(views: FigureArrays, names: tuple[str, ...], file: Path, *, 
         _draw_quantity(figure, row, views, name, signed=signed)
     for axes in panels.flat:
         pixel_axes(axes, label_y=axes in panels[:, 0])
-    void_legend(figure, "no valid estimate, or no surface" if views.truth else "no valid estimate")
+    hatched = views.fallback is not None and any(name in ("depth", "disparity") for name in names)
+    extra = (hatched_swatch("fallback value"),) if hatched else ()
+    void_legend(figure, "no valid estimate, or no surface" if views.truth else "no valid estimate", extra)
     save(figure, file)
     scale = "The scale is symmetric about zero. " if signed else ""
     if not views.truth:
@@ -99,11 +103,17 @@ def _draw_quantity(figure: Any, row: Any, views: FigureArrays, name: str, *, sig
         drawn = show_map(axes, values, extent=views.grid.extent, **options)
         axes.set_title(f"{entry.title}, {what}")
         colorbar(figure, drawn, axes, label, extend="both")
+    # The fallback has no other quantities.
+    fallback = views.fallback if name in ("depth", "disparity") else None
+    if fallback is not None:
+        hatch(row[0], fallback, views.grid.x, views.grid.y)
     if "truth" in shown:
         error = shown["estimate"] - shown["truth"]
         bound = symmetric_limit(error)
         drawn = show_map(row[2], error, extent=views.grid.extent, cmap="RdBu_r", vmin=-bound, vmax=bound)
         row[2].set_title("Error, estimate − truth")
+        if fallback is not None:
+            hatch(row[2], fallback, views.grid.x, views.grid.y)
         colorbar(figure, drawn, row[2], f"error of {label}", extend="both")
 
 

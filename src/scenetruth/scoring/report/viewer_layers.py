@@ -74,12 +74,15 @@ def build_layers(
     names = _list_shown(estimate, truth, grows=grows)
     # Valid pixels are determined once for each variable, not for each component.
     known: dict[str, NDArray[np.bool_]] = {}
+    fallback = settings.include_fallback
     for name in sorted(names, key=lambda name: QUANTITIES[name].group not in _MAIN):
         entry = QUANTITIES[name]
         maps: dict[str, Map] = {}
         has = entry.variable in estimate
         if has and entry.variable not in known:
-            known[entry.variable] = thinned(find_valid_pixels(estimate, entry.variable), step)
+            known[entry.variable] = thinned(
+                find_valid_pixels(estimate, entry.variable, include_fallback=fallback), step
+            )
         entries = truth is not None and has_quantity(truth, name)
         if entry.error == "difference":
             if has:
