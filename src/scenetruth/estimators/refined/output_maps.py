@@ -18,6 +18,7 @@ from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
+from scenetruth.estimators.refined.systematic_error import sees_second_camera
 from scenetruth.schema.validity import compute_validity
 from scenetruth.schema.variables import MOTION_NONE, REASONS, STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID
 
@@ -40,8 +41,10 @@ _CLEAR_OF_ZERO = 6.0  # smallest ratio of a valid disparity to its standard devi
 _CLEAR_OF_ZERO_PX = 1.0  # smallest displacement of a fallback disparity in the farthest camera, in px
 # Smallest ratio of valid pixels to those that violate the model; below, all are invalid.
 _BY_CHANCE = 0.05
-_LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
-    REASONS.index(name) for name in ("low_texture", "ambiguous_match", "model_violation")
+# Number of images whose displacements exceed the unknowns by only two: their residuals must be those of noise.
+_FEW_IMAGES = 4
+_BORDER, _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
+    REASONS.index(name) for name in ("border", "low_texture", "ambiguous_match", "model_violation")
 )
 _NONE, _CONSTANT, _PLANE, _CURVED = range(4)  # values of ``surface_model``
 
@@ -131,10 +134,15 @@ def compute_maps(
         std = np.sqrt(variance)
         shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
         limit = np.maximum(settings.max_residual_ratio * usual, shifted)
+        if images.count <= _FEW_IMAGES:
+            limit = np.full_like(shifted, settings.max_residual_ratio * usual)
         most = np.maximum(settings.max_residual_ratio * fine_contrast(images, settings.window_sigma_px), shifted)
         known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count, images.spline)
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
         reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
+        alone = known & ~sees_second_camera(images, theta, settings.window_sigma_px)
+        reason[alone] = _BORDER
+        known &= ~alone
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
         # If almost no pixel fits, the others fit by chance.
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
