@@ -74,7 +74,7 @@ def test_spans_are_halved_to_the_adjacent_frames() -> None:
 
 def oscillating() -> tuple[xr.Dataset, Array]:
     """A plane that moves to and fro, and its velocity at the estimated frame."""
-    plane = MovingPlane(size=(60, 84), slopes=(0.1, -0.1), waves=24)
+    plane = MovingPlane(size=(48, 72), slopes=(0.1, -0.1), waves=16)
     omega = 2 * np.pi / PERIOD
     images = np.empty((3, 9, *plane.size))
     for i, x_mm in enumerate(plane.baseline_mm * centred_indices(3)):

@@ -41,8 +41,9 @@ _CLEAR_OF_ZERO = 6.0  # smallest ratio of a valid disparity to its standard devi
 _CLEAR_OF_ZERO_PX = 1.0  # smallest displacement of a fallback disparity in the farthest camera, in px
 # Smallest ratio of valid pixels to those that violate the model; below, all are invalid.
 _BY_CHANCE = 0.05
-# Number of images whose displacements exceed the unknowns by only two: their residuals must be those of noise.
-_FEW_IMAGES = 4
+# Number of images whose displacements exceed the unknowns by only two, so that residuals hardly reveal a wrong fit;
+# and the smaller shift that they may have, relative to that of more images: the interpolation of finest textures.
+_FEW_IMAGES, _SHIFT_OF_FEW = 4, 0.1
 _BORDER, _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
     REASONS.index(name) for name in ("border", "low_texture", "ambiguous_match", "model_violation")
 )
@@ -135,7 +136,8 @@ def compute_maps(
         shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
         limit = np.maximum(settings.max_residual_ratio * usual, shifted)
         if images.count <= _FEW_IMAGES:
-            limit = np.full_like(shifted, settings.max_residual_ratio * usual)
+            shifted *= _SHIFT_OF_FEW
+            limit = np.maximum(settings.max_residual_ratio * usual, shifted)
         most = np.maximum(settings.max_residual_ratio * fine_contrast(images, settings.window_sigma_px), shifted)
         known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count, images.spline)
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)

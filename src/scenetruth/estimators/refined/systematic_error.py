@@ -210,11 +210,12 @@ def estimate_systematic_errors(
         return refined, SystematicErrors(nothing, nothing, known, fit.theta[:FULL])
     sigma = settings.window_sigma_px
     reach = window_weights(sigma).shape[2] // 2
-    # Windows with several surfaces are fitted again; beside invalid pixels there is no other surface.
-    apart = find_discontinuities(images, fit.theta) & ~around(~known, 1)
+    spans = list_spans(images)
+    # Windows with several surfaces are fitted again. Next to invalid pixels there is no other surface, and over all
+    # frames motions of the same surface by different models are far apart.
+    apart = find_discontinuities(spans[-1], fit.theta) & ~around(~known, 1)
     whole = known & ~around(apart, reach) & ~refined.uneven
     state = fill_gaps(fit.theta[:FULL], known)
-    spans = list_spans(images)
     groups = _groups(refined, settings, spans, whole)
     windows = _window_errors(refined, groups, state, sigma)
     results = [_span_errors(refined, group, spans, state, settings) for group in groups]
@@ -437,6 +438,9 @@ def _with_fewer_frames(
     """Fit the span with the smallest total error at every pixel of a group; return the fit and the spans."""
     shape = refined.images.shape
     which = np.where(group.where, min(group.span, len(found.squares) - 1), -1)
+    # A fixed motion applies to all frames.
+    if settings.acceleration != "auto":
+        return refined, which
     places = [0, *range(_VELOCITY, _STEADY)]
     usual = found.variances[0][places]
     totals = []
