@@ -43,7 +43,7 @@ _CLEAR_OF_ZERO_PX = 1.0  # smallest displacement of a fallback disparity in the 
 _BY_CHANCE = 0.05
 # Number of images whose displacements exceed the unknowns by only two, so that residuals hardly reveal a wrong fit;
 # and the smaller shift that they may have, relative to that of more images: the interpolation of finest textures.
-_FEW_IMAGES, _SHIFT_OF_FEW = 4, 0.1
+_FEW_IMAGES, _SHIFT_OF_FEW = 4, 0.04
 _BORDER, _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
     REASONS.index(name) for name in ("border", "low_texture", "ambiguous_match", "model_violation")
 )
@@ -139,7 +139,7 @@ def compute_maps(
             shifted *= _SHIFT_OF_FEW
             limit = np.maximum(settings.max_residual_ratio * usual, shifted)
         most = np.maximum(settings.max_residual_ratio * fine_contrast(images, settings.window_sigma_px), shifted)
-        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count, images.spline)
+        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, fit.images, images.spline)
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
         reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
         alone = known & ~sees_second_camera(images, theta, settings.window_sigma_px)
