@@ -81,7 +81,7 @@ def assess_bands(scene: Plain, settings: Plain, cache: str | None) -> dict[str, 
         velocity = list(np.moveaxis(moved / np.maximum(estimate["velocity_std"].values, 1e-300), axis, 0))
     found: dict[str, dict[str, float]] = {}
     for low, high in (*BANDS_PX, (0.0, np.inf)):
-        among = seen & (distance >= low) & (distance < high)
+        among = seen & (distance >= low) & ((distance < high) | (high == np.inf))
         valid = among & (estimate["status"].values == 2)
         wrong = (depth_z > 6) & (off > 1e-3 * truth["depth"].values)
         share = {"wrong": wrong, "millimetre": off > 1.0, "depth": depth_z > 6}

@@ -67,6 +67,7 @@ __all__ = [
     "HypothesisSelection",
     "empty_discontinuity_context",
     "estimate_gain_offset",
+    "is_surrounded",
     "refit_discontinuities",
     "uniform_gain_offset",
 ]
@@ -245,6 +246,10 @@ _PIXELS = 2000
 # of the texture centroid from the window centre in standard deviations: at a straight outline it is 0.8.
 _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
 
+# Distance in px at which texture must lie in each of several directions, and its smallest mean square gradient relative
+# to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
+_ON_ALL_SIDES_PX, _DIRECTIONS, _OF_STRONGEST, _CUT = 3.0, 8, 0.03, 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class DiscontinuityContext:
@@ -287,6 +292,7 @@ def refit_discontinuities(
     fit, seen, shares = found.fit, found.seen, found.shares
     # Full windows are kept where their result is the same, because their noise is the smallest.
     fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.max_residual_ratio * noise)
+    surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma))
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
     final = chosen_fit(where, fit, refined.fit)
     own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
@@ -295,9 +301,11 @@ def refit_discontinuities(
         & explained(seen.square, seen.gradient, settings.max_residual_ratio * noise)
         & (shares[0] > _LEAST_SHARE)
         & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
+        & surrounded
     )
-    sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole))
+    sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole), seen.gradient)
     motion = np.where(where, motion, refined.motion)
+    where |= ~surrounded
     result = replace(refined, fit=final, curved=refined.curved & ~where, motion=motion)
     return result, DiscontinuityContext(where, sound)
 
@@ -309,6 +317,34 @@ def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
 def _compute_residual_limit(gradient: NDArray[Any], noise: float) -> Map:
     """Return the largest mean square residual of a pixel that is explained."""
     return np.maximum((_NOISES * noise) ** 2, _SHIFT_PX**2 * gradient.astype(np.float64))
+
+
+def is_surrounded(gradient: Map, sigma: float) -> Mask:
+    """Return where texture lies on all sides of a pixel; beyond an outline before a blank surface, it lies on one side.
+
+    In each direction, either the adjacent texture or that of a window farther away must not be much weaker than the
+    strongest one: the blank parts of a texture, as the inside of printed squares, are smaller.
+
+    ``gradient``: Mean square texture gradient of the neighbourhood of every pixel, shape (y, x).
+    ``sigma``: Standard deviation of the window, which lies beyond the adjacent texture.
+    """
+    from scipy.ndimage import gaussian_filter, maximum_filter, shift
+
+    wide = gaussian_filter(gradient, sigma, truncate=_CUT)
+    far = _ON_ALL_SIDES_PX + _CUT * sigma
+    limits = [
+        _OF_STRONGEST * maximum_filter(values, 2 * round(distance) + 1)
+        for values, distance in ((gradient, _ON_ALL_SIDES_PX), (wide, far))
+    ]
+    found = np.ones(gradient.shape, dtype=np.bool_)
+    for angle in np.arange(_DIRECTIONS) * 2.0 * np.pi / _DIRECTIONS:
+        direction = np.array([np.sin(angle), np.cos(angle)])
+        close, distant = (
+            shift(values, np.rint(distance * direction), order=0, mode="nearest")
+            for values, distance in ((gradient, _ON_ALL_SIDES_PX), (wide, far))
+        )
+        found &= (close > limits[0]) | (distant > limits[1])
+    return found
 
 
 def _final_sigma(sigma: float) -> float:

@@ -203,6 +203,7 @@ def _changes(
 
 DISCONTINUITY_PX = 0.5
 """Adjacent pixels belong to different surfaces if their parameters displace a point by more than this, in px."""
+_DOMINANT = 4.0  # ratio of mean square gradients from which one texture dominates the windows on both sides
 # Neighbours whose other surface may contribute to a pixel of the nearer surface.
 _MIXED_BY = ((1, 0), (-1, 0), (0, 1), (0, -1), (2, 0), (-2, 0), (0, 2), (0, -2))
 
@@ -221,13 +222,20 @@ def find_discontinuities(images: ImageStack, theta: Map) -> Mask:
     return found
 
 
-def find_mixed_pixels(images: ImageStack, theta: Map) -> Mask:
-    """Return pixels of the nearer surface within 2 px of a discontinuity, where image blur extends it too far."""
+def find_mixed_pixels(images: ImageStack, theta: Map, gradient: NDArray[np.floating[Any]] | None = None) -> Mask:
+    """Return pixels within 2 px of a discontinuity whose surface the images extend too far.
+
+    Image blur extends the nearer surface; and the surface with the much stronger texture, whose gradient dominates the
+    windows of both sides.
+
+    ``gradient``: Mean square texture gradient of the neighbourhood of every pixel.
+    """
     found = np.zeros(images.shape, dtype=np.bool_)
     for right, down in _MIXED_BY:
         beside = extract_fields(carried(theta, right, down))
         with np.errstate(invalid="ignore"):
-            found |= (images.moved_px(extract_fields(theta), beside) > DISCONTINUITY_PX) & (
-                np.abs(theta[0]) > np.abs(beside[0])
-            )
+            extended = np.abs(theta[0]) > np.abs(beside[0])
+            if gradient is not None:
+                extended |= gradient > _DOMINANT * np.roll(gradient, (2 * down, 2 * right), axis=(0, 1))
+            found |= (images.moved_px(extract_fields(theta), beside) > DISCONTINUITY_PX) & extended
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +33,15 @@ def estimate_noise(left: NDArray[np.float64]) -> float:
     return float(np.quantile(known, _WELL)) if known.size else float("nan")
 
 
-def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: int, spline: int) -> NDArray[np.bool_]:
-    """Return where the windowed mean square gradient of the mean image, in grey values per px, exceeds its noise."""
-    by_noise = 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
-    with np.errstate(invalid="ignore"):
+def textured(
+    mean_square_gradient: NDArray[np.float64], noise: float, images: int | NDArray[np.floating[Any]], spline: int
+) -> NDArray[np.bool_]:
+    """Return where the windowed mean square gradient of the mean image, in grey values per px, exceeds its noise.
+
+    ``images``: Number of images in the mean, possibly of every window.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        by_noise = 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
         return np.asarray(mean_square_gradient > _ABOVE_NOISE * by_noise)
 
 

@@ -24,6 +24,7 @@ from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
+from scenetruth.estimators.refined.systematic_error import sees_second_camera
 from scenetruth.schema.validity import compute_validity
 from scenetruth.schema.variables import (
     MOTION_NONE,
@@ -50,8 +51,11 @@ _LARGEST_STD_PX = 0.5  # largest standard deviation of a valid disparity or flow
 _CLEAR_OF_ZERO = 6.0  # smallest ratio of a valid disparity to its standard deviation
 # Smallest ratio of valid pixels to those that violate the model; below, all are invalid.
 _BY_CHANCE = 0.05
-_LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
-    REASONS.index(name) for name in ("low_texture", "ambiguous_match", "model_violation")
+# Number of images whose displacements exceed the unknowns by only two, so that residuals hardly reveal a wrong fit;
+# and the smaller shift that they may have, relative to that of more images: the interpolation of finest textures.
+_FEW_IMAGES, _SHIFT_OF_FEW = 4, 0.04
+_BORDER, _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
+    REASONS.index(name) for name in ("border", "low_texture", "ambiguous_match", "model_violation")
 )
 _NONE, _CONSTANT, _PLANE, _CURVED = range(4)  # values of ``surface_model``
 # Standard deviation of windows at discontinuities, relative to that of full windows, and its smallest value in px.
@@ -170,10 +174,16 @@ def compute_maps(
         std = np.sqrt(variance)
         shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
         limit = np.maximum(settings.max_residual_ratio * usual, shifted)
+        if images.count <= _FEW_IMAGES:
+            shifted *= _SHIFT_OF_FEW
+            limit = np.maximum(settings.max_residual_ratio * usual, shifted)
         most = np.maximum(settings.max_residual_ratio * fine_contrast(images, settings.window_sigma_px), shifted)
-        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, images.count, images.spline)
+        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, fit.images, images.spline)
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
         reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
+        alone = known & ~sees_second_camera(images, theta, settings.window_sigma_px)
+        reason[alone] = _BORDER
+        known &= ~alone
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
         # If almost no pixel fits, the others fit by chance.
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())

@@ -32,10 +32,17 @@ from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
 
-__all__ = ["SystematicErrors", "estimate_systematic_errors", "extrapolation_share", "list_spans", "polynomial_bias"]
+__all__ = [
+    "SystematicErrors",
+    "estimate_systematic_errors",
+    "extrapolation_share",
+    "list_spans",
+    "polynomial_bias",
+    "sees_second_camera",
+]
 
-# A mean change is significant from this number of its standard deviations: 4.6 % of the areas exceed it by chance.
-_SIGNIFICANT = 2.0
+# A mean change is significant from this number of its standard deviations: 1.2 % of the areas exceed it by chance.
+_SIGNIFICANT = 2.5
 # Standard deviation of the mean change from which still fewer frames are tried.
 _LARGE = 5.0
 # Changes are averaged over this multiple of the window's standard deviation: motions and surfaces change over larger
@@ -165,6 +172,28 @@ class SystematicErrors:
         return found
 
 
+def sees_second_camera(images: ImageStack, theta: Map, sigma_px: float) -> Mask:
+    """Return where at least half of the window is inside the image of the second of two cameras, else everywhere.
+
+    One camera does not determine the disparity, and the few pixels at the edge of a window that a second one sees do so
+    by extrapolation only. Of three cameras, two remain.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    height, width = images.shape
+    if len(images.positions) != 2:
+        return np.ones(images.shape, dtype=np.bool_)
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    right, down = images.positions[np.argmax(np.abs(images.positions).sum(axis=1))]
+    with np.errstate(invalid="ignore"):
+        at_x, at_y = x - theta[0] * right, y - theta[0] * down
+        inside = (at_x >= 0) & (at_x <= width - 1) & (at_y >= 0) & (at_y <= height - 1)
+    known = np.isfinite(theta[0])
+    share = [gaussian_filter(each.astype(np.float64), sigma_px) for each in (inside & known, known)]
+    return np.asarray(share[0] >= _LEAST_OF_SECOND * share[1])
+
+
+_LEAST_OF_SECOND = 0.5
 # Number of connected areas, the largest first, and share of the disparity by which a pixel of distance counts.
 _AREAS, _PER_PIXEL = 12, 1e-4
 
@@ -181,11 +210,12 @@ def estimate_systematic_errors(
         return refined, SystematicErrors(nothing, nothing, known, fit.theta[:FULL])
     sigma = settings.window_sigma_px
     reach = window_weights(sigma).shape[2] // 2
-    # Windows with several surfaces are fitted again; beside invalid pixels there is no other surface.
-    apart = find_discontinuities(images, fit.theta) & ~around(~known, 1)
+    spans = list_spans(images)
+    # Windows with several surfaces are fitted again. Next to invalid pixels there is no other surface, and over all
+    # frames motions of the same surface by different models are far apart.
+    apart = find_discontinuities(spans[-1], fit.theta) & ~around(~known, 1)
     whole = known & ~around(apart, reach) & ~refined.uneven
     state = fill_gaps(fit.theta[:FULL], known)
-    spans = list_spans(images)
     groups = _groups(refined, settings, spans, whole)
     windows = _window_errors(refined, groups, state, sigma)
     results = [_span_errors(refined, group, spans, state, settings) for group in groups]
@@ -408,6 +438,9 @@ def _with_fewer_frames(
     """Fit the span with the smallest total error at every pixel of a group; return the fit and the spans."""
     shape = refined.images.shape
     which = np.where(group.where, min(group.span, len(found.squares) - 1), -1)
+    # A fixed motion applies to all frames.
+    if settings.acceleration != "auto":
+        return refined, which
     places = [0, *range(_VELOCITY, _STEADY)]
     usual = found.variances[0][places]
     totals = []

@@ -1,0 +1,138 @@
+"""Errors of a motion that is not steady, of curved windows and of two cameras are stated, or the pixels are invalid."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+
+import scenetruth as st
+from scenetruth.estimators.refined.discontinuity_refit import is_surrounded
+from scenetruth.estimators.refined.fit_maps import blank_fit
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.systematic_error import (
+    SystematicErrors,
+    extrapolation_share,
+    list_spans,
+    polynomial_bias,
+    sees_second_camera,
+)
+from scenetruth.indexing import centred_indices
+from scenetruth.schema import make_recording
+from tests.helpers.wavy_plane import MovingPlane
+
+Array = NDArray[np.float64]
+
+NOISE_STD = 0.003
+PERIOD, AMPLITUDE_MM = 10.0, np.array([0.3, 0.0, 1.0])
+PHASE = 0.7
+
+
+def stack(cameras: int, times: Array, shape: tuple[int, int] = (20, 40)) -> ImageStack:
+    """Images without content of cameras one step apart."""
+    positions = np.stack([np.arange(cameras, dtype=np.float64), np.zeros(cameras)], axis=-1)
+    blank = [np.zeros((1, cameras, *shape), dtype=np.float32)] * len(times)
+    return ImageStack(blank, positions, times, 1000.0, (20.0, 10.0), np.zeros((cameras * len(times), 4)))
+
+
+@pytest.mark.parametrize("reach", [1, 2, 4])
+def test_errors_of_a_fit_follow_from_powers_of_time(reach: int) -> None:
+    t = np.arange(-reach, reach + 1.0)
+    position, velocity = polynomial_bias(t, 2, accelerated=False)
+    assert position == pytest.approx(np.mean(t**2) / 2)
+    assert velocity == pytest.approx(0.0, abs=1e-12)
+    position, velocity = polynomial_bias(t, 3, accelerated=False)
+    assert position == pytest.approx(0.0, abs=1e-12)
+    assert velocity == pytest.approx(np.sum(t**4) / np.sum(t**2) / 6)
+
+
+@pytest.mark.parametrize("period", [14.0, 20.0, 50.0])
+@pytest.mark.parametrize(("longer", "shorter"), [(4, 2), (2, 1)])
+def test_the_change_between_two_spans_extrapolates_to_the_error(period: float, longer: int, shorter: int) -> None:
+    """Least squares over a harmonic motion have a closed form: velocity and mean position at time 0."""
+    omega = 2 * np.pi / period
+
+    def fitted(reach: int) -> Array:
+        t = np.arange(-reach, reach + 1.0)
+        return np.array([np.mean(np.cos(omega * t)), np.sum(t * np.sin(omega * t)) / np.sum(t**2)])
+
+    true = np.array([1.0, omega])
+    spans = [np.arange(-reach, reach + 1.0) for reach in (longer, shorter)]
+    stated = extrapolation_share(*spans, accelerated=False) * np.abs(fitted(longer) - fitted(shorter))
+    ratio = stated / np.abs(fitted(longer) - true)
+    assert np.all((ratio > 0.7) & (ratio < 1.15))
+
+
+def test_spans_are_halved_to_the_adjacent_frames() -> None:
+    assert [len(part.times) for part in list_spans(stack(2, np.arange(-4.0, 5.0)))] == [9, 5, 3]
+    assert [len(part.times) for part in list_spans(stack(2, np.arange(0.0, 4.0)))] == [4, 3, 2]
+    assert [len(part.times) for part in list_spans(stack(2, np.zeros(1)))] == [1]
+
+
+def oscillating() -> tuple[xr.Dataset, Array]:
+    """A plane that moves to and fro, and its velocity at the estimated frame."""
+    plane = MovingPlane(size=(48, 72), slopes=(0.1, -0.1), waves=16)
+    omega = 2 * np.pi / PERIOD
+    images = np.empty((3, 9, *plane.size))
+    for i, x_mm in enumerate(plane.baseline_mm * centred_indices(3)):
+        for j, t in enumerate(centred_indices(9)):
+            moved = AMPLITUDE_MM * (np.sin(omega * t + PHASE) - np.sin(PHASE))
+            rate = tuple(moved / t) if t else (0.0, 0.0, 0.0)
+            images[i, j] = replace(plane, velocity_mm=rate).image((x_mm, 0.0), t)
+    images += np.random.default_rng(2).normal(0.0, NOISE_STD, images.shape)
+    return make_recording(images, plane.focal_px, plane.baseline_mm), AMPLITUDE_MM * omega * np.cos(PHASE)
+
+
+def test_the_error_of_an_unsteady_motion_is_stated() -> None:
+    recording, velocity = oscillating()
+    found = st.estimate(recording, method="refined", discontinuity_refit=False).isel(t=0)
+    valid = found["status"].values == 2
+    assert valid.mean() > 0.3
+    for n, component in enumerate("XYZ"):
+        each = found.sel(component=component)
+        z = np.abs(each["velocity"].values - velocity[n])[valid] / each["velocity_std"].values[valid]
+        assert np.mean(z > 6) < 0.02, component
+        assert np.mean(z < 2) > 0.85, component
+
+
+def test_pixels_at_outlines_have_the_errors_of_their_surface() -> None:
+    """Left and right of a gap are two surfaces; pixels in the gap belong to the nearer one in disparity."""
+    shape = (8, 30)
+    theta = np.zeros((15, *shape))
+    theta[0] = np.where(np.arange(30) < 15, 4.0, 8.0)
+    whole = (np.arange(30) < 10) | (np.arange(30) >= 20)
+    square = np.zeros((16, *shape))
+    square[0] = np.where(np.arange(30) < 15, 1.0, 3.0)
+    errors = SystematicErrors(square, 2.0 * square, np.tile(whole, (8, 1)), theta)
+    fit = blank_fit(theta, variances=True)
+    fit.variance[:], fit.element_variance[:] = 0.5, 0.5
+    fit.theta[0, :, 10:20] = 8.0
+    near = np.zeros(shape, dtype=np.bool_)
+    near[4:, 10:20] = True
+    stated = errors.added(fit, near).variance[0]
+    np.testing.assert_allclose(stated[:4], np.tile(np.where(np.arange(30) < 10, 1.5, 3.5), (4, 1)))
+    np.testing.assert_allclose(stated[4:, 10:20], 6.5)
+
+
+def test_the_second_of_two_cameras_must_see_half_of_the_window() -> None:
+    theta = np.zeros((15, 20, 40))
+    theta[0] = 12.0
+    seen = sees_second_camera(stack(2, np.arange(-1.0, 2.0)), theta, 3.0)
+    assert not seen[:, :11].any()
+    assert seen[:, 13:].all()
+    assert sees_second_camera(stack(3, np.arange(-1.0, 2.0)), theta, 3.0).all()
+
+
+def test_texture_on_one_side_only_is_an_outline_before_a_blank_surface() -> None:
+    generator = np.random.default_rng(3)
+    texture = 1.0 + generator.uniform(-0.5, 0.5, (60, 80))
+    half = np.where(np.arange(80) < 40, texture, 1e-3)
+    surrounded = is_surrounded(half, 4.0)
+    assert surrounded[:, :36].all()
+    assert not surrounded[:, 40:43].any()
+    # The inside of printed squares of 16 px is blank.
+    printed = np.where((np.arange(80) % 16 < 2) | (np.arange(60)[:, None] % 16 < 2), texture, 1e-3)
+    assert is_surrounded(printed, 4.0)[12:-12, 12:-12].all()
