@@ -72,7 +72,6 @@ def fill_estimate(
     from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
     from scenetruth.estimators.refined.pose_consistency import estimate_pose_errors, warn_of_pose_errors
-    from scenetruth.estimators.refined.schedule import read_schedule, remove_delay_bias
     from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
 
     grid = compute_pixel_grid(recording)

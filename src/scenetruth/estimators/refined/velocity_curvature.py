@@ -68,7 +68,7 @@ def smooth_velocity(theta: Map, among: Mask, sigma_px: float) -> Map:
         smooth = _local_polynomial(np.where(own, velocity[(slice(None), *box)], 0.0), own, scale)
         here = owner[box] == number
         out[(slice(None), *box)] = np.where(here, smooth, out[(slice(None), *box)])
-    valid = np.isfinite(out).all(axis=0)
+    valid = np.asarray(np.isfinite(out).all(axis=0))
     filled = fill_gaps(out, valid) if valid.any() else out
     # Cubic between rows and columns: without steps of the second derivatives.
     places = np.mgrid[:height, :width] / 2.0
