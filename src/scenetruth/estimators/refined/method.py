@@ -11,7 +11,7 @@ import xarray as xr
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.method_settings import PhotonTransferNoise, RefinedSettings
-from scenetruth.estimators.refined.acquisition import corrects_poses, read_priors
+from scenetruth.estimators.refined.acquisition import corrects_poses, read_priors, read_schedule, remove_delay_bias
 from scenetruth.estimators.refined.common_uncertainty import has_common_part, read_calibration_uncertainty
 from scenetruth.estimators.refined.image_stack import FramesNeeded, Splines, frames_needed
 from scenetruth.estimators.refined.output_maps import (
