@@ -112,7 +112,7 @@ def test_ways_are_those_of_semi_global_matching() -> None:
     np.testing.assert_array_equal(found, plain_aggregate(costs, edges, steps, jumps))
 
 
-def test_the_winner_is_the_vertex_of_a_parabola() -> None:
+def test_the_winner_lies_between_the_vertices_of_a_parabola_and_of_two_lines() -> None:
     k = np.arange(9)
     vertices = np.array([3.2, 4.0, 4.9])
     total = np.rint(1000 + 100 * (k - vertices[:, None]) ** 2).astype(np.uint16)[None]
@@ -120,7 +120,9 @@ def test_the_winner_is_the_vertex_of_a_parabola() -> None:
     costs = np.arange(27, dtype=np.uint8).reshape(total.shape)
     place, distinct, own = np.empty((3, 1, 3))
     winners(total, costs, 2, place, distinct, own)
-    np.testing.assert_allclose(place[0], vertices, atol=1e-3)
+    # Lines of equal slopes through the larger neighbour, 144 and 121, and the lowest cost, 4 and 1.
+    lines = np.array([3 + 0.5 * (144 - 64) / (144 - 4), 4.0, 5 - 0.5 * (121 - 81) / (121 - 1)])
+    np.testing.assert_allclose(place[0], (vertices + lines) / 2, atol=1e-3)
     assert own[0].tolist() == [3, 9 + 4, 18 + 5]
     # Not a neighbour, however good; and ten bits on eight paths.
     assert distinct[0, 1] == (1010 + 320) / (1000 + 320)

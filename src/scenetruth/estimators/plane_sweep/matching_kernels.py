@@ -223,7 +223,8 @@ def winners(total: Any, costs: Any, wide: int, place: Any, distinct: Any, own: A
 
     ``total``: Aggregated costs, uint16 of shape (y, x, k).
     ``costs``: Costs of the pixels alone, uint8 of the same shape.
-    ``place``: Output: index of the best hypothesis, refined by a parabola through three costs, shape (y, x).
+    ``place``: Output: index of the best hypothesis, refined by a parabola and by lines of equal slopes through three
+      costs, shape (y, x).
     ``distinct``: Output: cost ratio of the best other hypothesis, shape (y, x). Ten bits are added to both costs, which
       limits the effect of noise on small costs.
     ``own``: Output: cost of the pixel alone for the best hypothesis, shape (y, x).
@@ -248,7 +249,9 @@ def winners(total: Any, costs: Any, wide: int, place: Any, distinct: Any, own: A
                 before, after = float(ways[k - 1]), float(ways[k + 1])
                 bend = before - 2.0 * float(best) + after
                 if bend > 0.0:
-                    found += 0.5 * (before - after) / bend
+                    # A parabola pulls towards the hypotheses, lines of equal slopes pull away from them.
+                    lines = max(before, after) - float(best)
+                    found += 0.25 * (before - after) * (1.0 / bend + 1.0 / lines)
             place[y, x], own[y, x] = found, costs[y, x, k]
             distinct[y, x] = (float(other) + _FLOOR) / (float(best) + _FLOOR)
 
