@@ -252,8 +252,9 @@ _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
 _ON_ALL_SIDES_PX, _DIRECTIONS, _OF_STRONGEST, _CUT = 3.0, 8, 0.03, 2.0
 
 # Distance in px of the neighbours that support a pixel, smallest fraction of them, and largest difference of their
-# disparities, in standard deviations and, for images without noise, in px.
-_NEIGHBOURS_PX, _SUPPORT, _ALIKE_STD, _ALIKE_PX = 3, 1 / 3, 3.0, 5e-3
+# disparities, in px for images without noise, and in standard deviations: windows that overlap by most of their pixels
+# share their noise, so that this is three standard deviations of the difference.
+_NEIGHBOURS_PX, _SUPPORT, _ALIKE_PX, _ALIKE_STD = 3, 1 / 3, 5e-3, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,7 +378,7 @@ def is_supported(fit: Fit, sound: Mask) -> Mask:
             d, d_x, d_y = values[:, there[0], there[1]]
             with np.errstate(invalid="ignore"):
                 off = d + d_x * right + d_y * down - fit.theta[0][here]
-                limit = _ALIKE_STD**2 * (variance[here] + variance[there]) + _ALIKE_PX**2
+                limit = _ALIKE_STD**2 * np.minimum(variance[here], variance[there]) + _ALIKE_PX**2
                 found[here] += off**2 <= limit
     return np.asarray(found >= _SUPPORT * ((2 * reach + 1) ** 2 - 1))
 
