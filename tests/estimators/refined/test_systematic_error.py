@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined.discontinuity_refit import is_surrounded
+from scenetruth.estimators.refined.discontinuity_refit import is_supported, is_surrounded
 from scenetruth.estimators.refined.fit_maps import blank_fit
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.systematic_error import (
@@ -136,3 +136,17 @@ def test_texture_on_one_side_only_is_an_outline_before_a_blank_surface() -> None
     # The inside of printed squares of 16 px is blank.
     printed = np.where((np.arange(80) % 16 < 2) | (np.arange(60)[:, None] % 16 < 2), texture, 1e-3)
     assert is_surrounded(printed, 4.0)[12:-12, 12:-12].all()
+
+
+def test_neighbours_of_the_same_surface_support_a_pixel() -> None:
+    """Both sides of a step are supported up to it, a mixture of both is not, nor are pixels that differ by chance."""
+    theta = np.zeros((15, 40, 40))
+    theta[0] = np.where(np.arange(40) < 20, 4.0 + 0.1 * np.arange(40), 9.0)
+    theta[1] = np.where(np.arange(40) < 20, 0.1, 0.0)
+    theta[0, 10, 12], theta[0, :, 20] = 5.5, 7.0
+    fit = blank_fit(theta, variances=True)
+    fit.variance[:] = 1e-4
+    supported = is_supported(fit, np.ones((40, 40), dtype=np.bool_))
+    expected = np.ones((40, 40), dtype=np.bool_)
+    expected[10, 12], expected[:, 20] = False, False
+    np.testing.assert_array_equal(supported[4:-4, 4:-4], expected[4:-4, 4:-4])

@@ -67,6 +67,7 @@ __all__ = [
     "HypothesisSelection",
     "empty_discontinuity_context",
     "estimate_gain_offset",
+    "is_supported",
     "is_surrounded",
     "refit_discontinuities",
     "uniform_gain_offset",
@@ -250,6 +251,11 @@ _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
 # to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
 _ON_ALL_SIDES_PX, _DIRECTIONS, _OF_STRONGEST, _CUT = 3.0, 8, 0.03, 2.0
 
+# Distance in px of the neighbours that support a pixel, smallest fraction of them, and largest difference of their
+# disparities, in px for images without noise, and in standard deviations: windows that overlap by most of their pixels
+# share their noise, so that this is three standard deviations of the difference.
+_NEIGHBOURS_PX, _SUPPORT, _ALIKE_PX, _ALIKE_STD = 3, 1 / 3, 5e-3, 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class DiscontinuityContext:
@@ -304,6 +310,8 @@ def refit_discontinuities(
         & surrounded
     )
     sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole), seen.gradient)
+    if images.farthest > 0.0:
+        sound &= is_supported(final, sound | (~where & np.isfinite(final.theta[0])))
     motion = np.where(where, motion, refined.motion)
     where |= ~surrounded
     result = replace(refined, fit=final, curved=refined.curved & ~where, motion=motion)
@@ -345,6 +353,34 @@ def is_surrounded(gradient: Map, sigma: float) -> Mask:
         )
         found &= (close > limits[0]) | (distant > limits[1])
     return found
+
+
+def is_supported(fit: Fit, sound: Mask) -> Mask:
+    """Return where enough of the neighbours have the same disparity within their noise, extrapolated along slopes.
+
+    At a straight outline half of the neighbours belong to the surface of a pixel, at a right angle a quarter and the
+    pixels along both sides: a third. Pixels whose windows mix two surfaces have disparities of their own.
+    """
+    found = np.zeros(sound.shape)
+    values = np.where(sound, fit.theta[:3], np.nan)
+    variance = fit.variance[0]
+    height, width = sound.shape
+    reach = _NEIGHBOURS_PX
+    for down in range(-reach, reach + 1):
+        for right in range(-reach, reach + 1):
+            if down == 0 == right:
+                continue
+            rows, columns = (
+                (slice(max(step, 0), size + min(step, 0)), slice(max(-step, 0), size + min(-step, 0)))
+                for step, size in ((down, height), (right, width))
+            )
+            here, there = (rows[0], columns[0]), (rows[1], columns[1])
+            d, d_x, d_y = values[:, there[0], there[1]]
+            with np.errstate(invalid="ignore"):
+                off = d + d_x * right + d_y * down - fit.theta[0][here]
+                limit = _ALIKE_STD**2 * np.minimum(variance[here], variance[there]) + _ALIKE_PX**2
+                found[here] += off**2 <= limit
+    return np.asarray(found >= _SUPPORT * ((2 * reach + 1) ** 2 - 1))
 
 
 def _final_sigma(sigma: float) -> float:
