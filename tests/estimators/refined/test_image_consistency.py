@@ -120,7 +120,7 @@ def test_cameras_alone_and_frames_alone_tell_it_too(cameras: int, frames: int) -
 def test_few_images_do_not_tell_which_is_wrong(cameras: int, frames: int, change: Callable[[Array], Array]) -> None:
     """Then nothing is told. But two cameras, one of them shifted aside, show another depth, and one camera motion."""
     recording = changed(PLANE.recording(cameras, frames, noise_std=0.01), change, (cameras // 2, frames // 2))
-    found = estimated(recording)
+    found = estimated(recording, pose_corrections="none")
     assert found.attrs["excluded_images"] == []
     if change is another or cameras * frames > 3 or cameras == 3:
         assert (found["status"] == 0).mean() > 0.98

@@ -41,7 +41,7 @@ def errors(seed: int, *, corrected: bool = True) -> dict[str, Array]:
     """Return errors over stated standard deviations, and those of disparity alone."""
     off = moved(seed)
     recording = PLANE.recording(CAMERAS, FRAMES, noise_std=NOISE, seed=seed, moved=off)
-    found = st.estimate(recording, "refined", SETTINGS | ({"pose_corrections": PRIORS} if corrected else {})).sel(t=0)
+    found = st.estimate(recording, "refined", SETTINGS | {"pose_corrections": PRIORS if corrected else "none"}).sel(t=0)
     truth = PLANE.truth()
     inner = found["status"].values == 2
     inner[:16], inner[-16:], inner[:, :24], inner[:, -24:] = False, False, False, False

@@ -38,7 +38,9 @@ _OUTLIER, _PASSES, _STEPS = 4.0, 3, 20
 # for residuals that are not independent from block to block.
 _SIGNIFICANT = 50.0
 _START_PX = 0.1
-_RELEVANT = 0.2  # ratio of variances
+_SINGULAR, _FINEST_PX = 1e-8, 1e-5  # eigenvalues are relative; no displacement is known better
+# Ratio of variances, and displacement in px, above which errors are worth a warning: interpolation leaves 1e-3 px.
+_RELEVANT, _LEAST_PX = 0.2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +91,8 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     for _ in range(_PASSES):
         equations = elimination.equations(kept)
         noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
-        matrix, side = parts.T @ equations.matrix @ parts / noise, parts.T @ equations.side / noise
+        noise = max(noise, _FINEST_PX**2 * float(np.diag(parts.T @ equations.matrix @ parts).max()))
+        matrix, side = _determined(parts.T @ equations.matrix @ parts / noise, parts.T @ equations.side / noise)
         variance, unknown, gain, seen = _maximise(matrix, side, group, variance)
         left = elimination.misfit((parts @ unknown).reshape(-1, 4))
         kept = (left < _OUTLIER * float(np.median(left))).astype(np.float64)
@@ -102,9 +105,9 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     rooted = parts * np.sqrt(variance[group])
     added = compute_correction_uncertainty(images.view(), fill_gaps(fields[:4], valid), rooted).variance[:, valid]
     own = fitted.fit.variance[[0, 3, 4, 5]][:, valid] / spline_transfer(images.spline) ** 2
+    shift, visit = float(np.sqrt(variance[0])), float(np.sqrt(variance[3:].max(initial=0.0)))
     relevant = bool((np.median(added, axis=1) > _RELEVANT * np.median(own, axis=1)).any())
-    visit = float(np.sqrt(variance[3:].max(initial=0.0)))
-    return PoseErrors(float(np.sqrt(variance[0])), visit, rooted, relevant)
+    return PoseErrors(shift, visit, rooted, relevant and max(shift, visit) > _LEAST_PX)
 
 
 def _parts_of(images: ImageStack) -> tuple[Map, NDArray[np.intp]]:
@@ -121,6 +124,13 @@ def _parts_of(images: ImageStack) -> tuple[Map, NDArray[np.intp]]:
     return np.concatenate(parts, axis=1), np.repeat(np.arange(len(parts)), [part.shape[1] for part in parts])
 
 
+def _determined(matrix: Map, side: Map) -> tuple[Map, Map]:
+    """Return normal equations without the directions that are not determined, of which rounding errors remain."""
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    kept = vectors[:, values > _SINGULAR * values[-1]]
+    return kept @ (kept.T @ matrix @ kept) @ kept.T, kept @ (kept.T @ side)
+
+
 def _maximise(matrix: Map, side: Map, group: NDArray[np.intp], variance: Map) -> tuple[Map, Map, float, Map]:
     """Return variances of groups of unknowns, unknowns, twice the gain in log-likelihood, and unknowns determined.
 
@@ -128,18 +138,20 @@ def _maximise(matrix: Map, side: Map, group: NDArray[np.intp], variance: Map) ->
     """
     count = len(variance)
     sizes = np.bincount(group, minlength=count)
-    unknown, covariance = np.zeros(len(group)), np.eye(len(group))
+    unknown, spread, determined = np.zeros(len(group)), np.ones(len(group)), np.zeros(len(group))
+    values: Map = np.zeros(len(group))
     for _ in range(_STEPS):
         root = np.sqrt(variance[group])
-        scaled = root[:, None] * matrix * root
-        covariance = root[:, None] * np.linalg.inv(scaled + np.eye(len(group))) * root
-        unknown = covariance @ side
-        variance = np.bincount(group, unknown**2 + np.diag(covariance), count) / sizes
-    root = np.sqrt(variance[group])
-    _, volume = np.linalg.slogdet(root[:, None] * matrix * root + np.eye(len(group)))
-    determined = 1.0 - np.diag(covariance) / variance[group]
+        values, vectors = np.linalg.eigh(root[:, None] * matrix * root)
+        # Rounding errors may leave small negative values.
+        values = np.maximum(values, 0.0)
+        turned = root[:, None] * vectors
+        unknown = turned @ ((turned.T @ side) / (values + 1.0))
+        spread = (turned**2 / (values + 1.0)).sum(axis=1)
+        before, variance = variance, np.bincount(group, unknown**2 + spread, count) / sizes
+        determined = 1.0 - spread / before[group]
     seen = np.bincount(group, determined, count).astype(np.float64)
-    return variance, unknown, float(side @ unknown - volume), seen
+    return variance, unknown, float(side @ unknown - np.log1p(values).sum()), seen
 
 
 # Frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers.
