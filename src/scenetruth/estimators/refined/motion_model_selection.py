@@ -60,6 +60,7 @@ _OTHER_NOISE = 1.02  # ratio by which the residual of a subset of the images may
 _MUCH_LESS = 0.5  # ratio of mean square residuals, after to before
 _SETTLED_PX = 0.1  # largest displacement of points in the last iteration, over all images
 _ACCELERATIONS = 2  # number of frame spans tested for an acceleration
+_AFFINE = 3  # velocity gradient of a `Model` with all six components
 _VARIANCES = 6  # disparity, slopes, q_X, q_Y and q_Z
 
 Map = NDArray[np.float64]
@@ -156,7 +157,10 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     state = fill_gaps(refined.fit.theta, known)
     # At the edges of the images, windows contain a single surface, but fewer pixels.
     growing = known & ~around(find_discontinuities(images, state), reach)
-    smooth = smooth_velocity(state, growing, sigma)
+    noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
+    # Windows over two surfaces that no step separates would bend the velocity of both.
+    single = growing & ~around(refined.uneven | (refined.fit.residual[0] > noise**2), reach // 2)
+    smooth = smooth_velocity(refined.fit, single, sigma)
     # Apparent curvature may have been motion.
     state[CURVATURES] = 0.0
     tried, state, refined = _find_promising_pixels(refined, richer, (whole, growing), state, smooth)
@@ -168,7 +172,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
         for motion, where in zip(richer, tried, strict=True):
             models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
             begun = np.where(around(where, 3 * reach), theta, np.nan)
-            affine = smooth if motion.number == MOTION_AFFINE else None
+            affine = smooth if models[0].gradient == _AFFINE else None
             first, bent, chosen = fit_surface(motion.images, begun, models, settings, where, affine)
             begun = np.where(where & is_valid_step(theta, first), first, begun)
             last = fit_final(motion.images, begun, models, settings, chosen, affine)
@@ -188,7 +192,6 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
                 growth = compare_growth(refined.fit, fit, sigma, where, spline_transfer(images.spline)).significant
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
-    noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
     fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise)
     return replace(
         refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)
@@ -243,6 +246,7 @@ def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map,
     """Fit a motion model at every other row and column; return the fit and the parameters of all pixels."""
     models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
     sigma, gains = motion.settings.window_sigma_px, motion.settings.photometric_model == "per_image"
+    affine = smooth if models[0].gradient == _AFFINE else None
     fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains)
     curved = refined.curved.astype(np.int8)
     # A plane first: apparent curvature may be motion. The residual is pure noise only if both are fitted.
@@ -251,10 +255,10 @@ def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map,
     if _compares_growth(refined.fit, motion):
         # The noise of a difference follows from the variances of fits to the same pixels, those of all rows.
         curved[1::2], curved[:, 1::2] = NO_MODEL, NO_MODEL
-        fit = fitted(theta, chosen=curved, variances=EVERY_VARIANCE, smooth=smooth)[0]
+        fit = fitted(theta, chosen=curved, variances=EVERY_VARIANCE, smooth=affine)[0]
         fill_between(fit.theta)
     else:
-        fit = fitted(theta, chosen=curved, variances=_VARIANCES, coarse=True)[0]
+        fit = fitted(theta, chosen=curved, variances=_VARIANCES, coarse=True, smooth=affine)[0]
     return fit, np.where(is_valid_step(theta, fit.theta), fit.theta, theta)
 
 

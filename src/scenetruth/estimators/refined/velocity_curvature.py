@@ -34,6 +34,7 @@ VELOCITY_PLACES = [6, 9, 12]
 # some thirty times below that of a window.
 _WIDER = 3.0
 _LEAST_WINDOWS = 36.0  # smallest surface with a smooth part, in squares of the window width
+_Q_X = 3  # variance of q_X
 _CUT = 3.0  # half-width of the smoothing in standard deviations
 _RIDGE = 1e-6  # of the normal matrix of unit diagonal, for surfaces that are strips
 
@@ -41,16 +42,18 @@ Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def smooth_velocity(theta: Map, among: Mask, sigma_px: float) -> Map:
-    """Return the smooth velocity of surfaces, shape (3, y, x), from parameters at included pixels; else NaN.
+def smooth_velocity(fit: Fit, among: Mask, sigma_px: float) -> Map:
+    """Return the smooth velocity of surfaces, shape (3, y, x), from a fit with variances at included pixels; else NaN.
 
-    It is the local polynomial of second order with Gaussian weights, at every other row and column. Parts that do not
-    touch are separate surfaces. Pixels between them, whose windows show two surfaces, have the nearest one.
+    It is the local polynomial of second order with Gaussian weights over the variances, at every other row and column.
+    Parts that do not touch are separate surfaces. Pixels between them, whose windows show two surfaces, have the
+    nearest one.
     """
     from scipy.ndimage import distance_transform_edt, find_objects, label, map_coordinates
 
     height, width = among.shape
-    velocity, included = theta[VELOCITY_PLACES][:, ::2, ::2], among[::2, ::2]
+    velocity, variance = fit.theta[VELOCITY_PLACES][:, ::2, ::2], fit.variance[_Q_X, ::2, ::2]
+    included = among[::2, ::2] & np.isfinite(velocity).all(axis=0) & (variance > 0.0)
     out = np.full((3, *included.shape), np.nan)
     surfaces, _ = label(included)
     large = np.bincount(surfaces.ravel()) * 4 >= _LEAST_WINDOWS * sigma_px**2
@@ -65,19 +68,22 @@ def smooth_velocity(theta: Map, among: Mask, sigma_px: float) -> Map:
         if box is None or not large[number]:
             continue
         own = surfaces[box] == number
-        smooth = _local_polynomial(np.where(own, velocity[(slice(None), *box)], 0.0), own, scale)
+        part = variance[box]
+        weights = np.where(own, np.median(part[own]) / np.where(own, part, 1.0), 0.0)
+        smooth = _local_polynomial(np.where(own, velocity[(slice(None), *box)], 0.0), weights, scale)
         here = owner[box] == number
         out[(slice(None), *box)] = np.where(here, smooth, out[(slice(None), *box)])
     valid = np.asarray(np.isfinite(out).all(axis=0))
     filled = fill_gaps(out, valid) if valid.any() else out
-    # Cubic between rows and columns: without steps of the second derivatives.
+    # Linear between rows and columns: cubic splines would oscillate beside other surfaces.
+    filled = np.pad(filled, ((0, 0), (0, 1), (0, 1)), mode="reflect", reflect_type="odd")
     places = np.mgrid[:height, :width] / 2.0
-    fine = np.stack([map_coordinates(each, places, order=3, mode="nearest") for each in filled])
+    fine = np.stack([map_coordinates(each, places, order=1, mode="nearest") for each in filled])
     return np.where(np.repeat(np.repeat(valid, 2, axis=0), 2, axis=1)[:height, :width], fine, np.nan)
 
 
-def _local_polynomial(values: Map, own: Mask, sigma_px: float) -> Map:
-    """Return the constant term of local polynomials of second order, by the included pixels, shape (n, y, x)."""
+def _local_polynomial(values: Map, weights: Map, sigma_px: float) -> Map:
+    """Return the constant term of local polynomials of second order, shape (n, y, x)."""
     from scipy.ndimage import correlate1d
 
     reach = math.ceil(_CUT * sigma_px)
@@ -92,9 +98,9 @@ def _local_polynomial(values: Map, own: Mask, sigma_px: float) -> Map:
             for k in range(degree + 1 - j)
         }
 
-    weights, sides = moments(own.astype(np.float64), 4), moments(values, 2)
+    sums, sides = moments(weights, 4), moments(weights * values, 2)
     terms = list(sides)
-    normal = np.stack([np.stack([weights[j + m, k + n] for m, n in terms], axis=-1) for j, k in terms], axis=-2)
+    normal = np.stack([np.stack([sums[j + m, k + n] for m, n in terms], axis=-1) for j, k in terms], axis=-2)
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("...ii->...i", normal), 1e-12))
     normal = normal * scale[..., :, None] * scale[..., None, :] + _RIDGE * np.eye(len(terms))
     right = np.stack([sides[term] for term in terms], axis=-1) * scale
