@@ -12,7 +12,7 @@ from scenetruth.estimators.refined.aliasing import compute_phase_error_px, enlar
 from scenetruth.estimators.refined.fit_maps import blank_fit
 from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.schema.variables import MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
-from tests.helpers.shifted_stack import Array, shifted_parameters, shifted_stack
+from tests.estimators.refined.shifted_stack import Array, shifted_parameters, shifted_stack
 
 SIGMA, NOISE = 5.0, 0.005
 INSIDE = (slice(None), slice(12, -12), slice(16, -16))

@@ -3,7 +3,7 @@
 A texture that repeats fits the images at several disparities or motions. The displacements at which the reference image
 resembles itself are candidates for such minima. The images nearest to the reference, along the stage and in time, are
 then compared with it at the fitted places and at those of each candidate, after refinement of the candidate. If the
-differences of both are equal within noise, or the candidate has the smaller ones, the match is ambiguous.
+differences of both are equal within noise, or those of the candidate are smaller, the match is ambiguous.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _CANDIDATE = 0.5
 _RIVALS = 3  # candidates per window
 # Two minima are equal if their costs differ by less than this number of standard deviations of noise, or than the
 # effect of this shift in px, to which the rival may be curved.
-_DEVIATIONS, _SHIFT_PX = 5.0, 0.1
+_DEVIATIONS, _SHIFT_PX = 3.0, 0.1
 # Smallest fraction of the weight that a rival must have in the images to be compared; with less, near the border of the
 # image, the match is ambiguous if the reference resembles itself to this dissimilarity.
 _LEAST_COMMON, _SAME = 0.1, 0.15
@@ -384,7 +384,7 @@ def _minima(
         number = np.tile(number, 2)
         change = np.concatenate([change, -change])
         offsets = np.stack([change, np.zeros_like(change)], axis=-1)
-    # Lowest first; of equal ones, the nearest.
+    # Lowest first, and the nearest of equals.
     order = np.lexsort((np.hypot(*offsets.T), cost + 0.02 * np.hypot(*offsets.T) / SEARCHED_PX, number))
     number, offsets, cost = number[order], offsets[order], cost[order]
     rank = np.arange(len(number)) - np.searchsorted(number, number)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.ambiguity import sum_members
+from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC
 from scenetruth.estimators.refined.row_bands import window_weights
 from scenetruth.threads import in_threads
 
@@ -20,9 +21,10 @@ __all__ = ["ApertureContext", "compute_normal_flow", "find_aperture"]
 # 1e-4 of a strong texture act on a weak one as a displacement of 1e-3 px. For disparity, which has one direction, less.
 _LEAST_RATIO, _LEAST_ALONG = 1e-2, 1e-3
 _ABOVE = 3.0  # smallest ratio of a gradient energy to its standard error
-# Central differences of white noise have half its variance; their products with neighbours two px away have a
-# correlation of -1/2, which increases the variance of a mean square by half.
-_GRADIENT_OF_NOISE, _CORRELATED = 0.5, 1.5
+# B-splines and their derivatives at integer positions, by order.
+_VALUES = {CUBIC: np.array([1.0, 4.0, 1.0]) / 6.0, QUINTIC: np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0}
+_SLOPES = {CUBIC: np.array([1.0, 0.0, -1.0]) / 2.0, QUINTIC: np.array([1.0, 10.0, 0.0, -10.0, -1.0]) / 24.0}
+_BORDER_PX = 4  # splines are mirrored at the border, which is a second direction of oblique stripes
 _PIXELS = 4000
 _DISCONTINUITY_PX = 0.5  # pixels of a window that differ by more than this in the farthest image are of other surfaces
 
@@ -75,18 +77,42 @@ def find_aperture(
     return _decide(images, means, inverse)
 
 
+@cache
+def _noise_of_slope(order: int) -> tuple[float, float]:
+    """Return the mean square slope of white noise, and by how much its correlation increases the variance of a mean."""
+    count = 256
+    phases = np.exp(2j * np.pi * np.outer(np.fft.fftfreq(count), np.arange(-2, 3)))
+    slopes, values = (np.pad(taps[order], (5 - len(taps[order])) // 2) for taps in (_SLOPES, _VALUES))
+    power = np.abs(phases @ slopes) ** 2 / np.abs(phases @ values) ** 2
+    return float(power.mean()), float((power**2).mean() / power.mean() ** 2)
+
+
 def _gradient_products(images: ImageStack, noise: float) -> tuple[Map, Map, Map]:
-    """Return the gradient products xx, xy, yy of the reference less noise, its variance, and where it is usable."""
+    """Return the gradient products xx, xy, yy of the reference less noise, its variance, and where it is usable.
+
+    Derivatives are those of the splines: central differences weaken short waves along x and y, and would turn the
+    direction of a texture.
+    """
+    from scipy.ndimage import convolve1d
+
     frame, camera = images.reference()
     usable = images.bad[frame][camera] == 0 if images.bad else np.ones(images.shape, dtype=np.bool_)
+    inner = np.zeros(images.shape, dtype=np.bool_)
+    inner[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = True
+    usable = usable & inner if inner.any() else usable
     products, variance = np.zeros((3, *images.shape)), np.zeros(images.shape)
+    energy, correlated = _noise_of_slope(images.spline)
+    values, slopes = _VALUES[images.spline], _SLOPES[images.spline]
     for channel in range(images.channels):
-        grey = images.grey(frame, camera, channel)
-        down, along = np.gradient(grey)
-        of_noise = _GRADIENT_OF_NOISE * noise**2 * images.variance.at(grey)
+        coefficients = images.coefficients[frame][channel, camera].astype(np.float64)
+        rows, columns = (convolve1d(coefficients, values, axis=axis, mode="mirror") for axis in (0, 1))
+        along = convolve1d(rows, slopes, axis=1, mode="mirror")
+        down = convolve1d(columns, slopes, axis=0, mode="mirror")
+        grey = convolve1d(rows, values, axis=1, mode="mirror")
+        of_noise = energy * noise**2 * images.variance.at(grey)
         products += [along * along - of_noise, along * down, down * down - of_noise]
         # Of a mean square over independent pixels, without the texture.
-        variance += 2.0 * _CORRELATED * of_noise**2
+        variance += 2.0 * correlated * of_noise**2
     flags = usable.astype(np.float64)
     return products * flags, variance * flags, flags
 
