@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -24,6 +24,7 @@ __all__ = [
     "describe_missing_contrast",
     "find_inconsistent_images",
     "fine_contrast",
+    "replace_reference",
 ]
 
 
@@ -167,11 +168,7 @@ def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
     """
     from scipy.ndimage import convolve1d, gaussian_filter
 
-    cameras = len(images.positions)
-    view = images.view()
-    order = np.lexsort((np.hypot(view.s, view.s_y), np.abs(view.t)))
-    place = next(int(n) for n in order if (int(n) // cameras, int(n) % cameras) not in images.left_out)
-    frame, camera = place // cameras, place % cameras
+    frame, camera = _nearest_included(images)
     usable = 1.0 - (images.bad[frame][camera] > 0) if images.bad else np.ones(images.shape)
     squares = np.zeros(images.shape)
     second = np.array([1.0, -2.0, 1.0]) / np.sqrt(6.0)
@@ -181,6 +178,44 @@ def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
     share = gaussian_filter(usable, sigma_px)
     mean = gaussian_filter(usable * squares, sigma_px) / images.channels / np.maximum(share, _LEAST_USABLE)
     return np.where(share > _LEAST_USABLE, np.sqrt(mean), np.inf)
+
+
+def _nearest_included(images: ImageStack) -> tuple[int, int]:
+    """Return frame and camera of the image nearest to the reference that is not excluded."""
+    cameras, view = len(images.positions), images.view()
+    order = np.lexsort((np.hypot(view.s, view.s_y), np.abs(view.t)))
+    place = next(int(n) for n in order if (int(n) // cameras, int(n) % cameras) not in images.left_out)
+    return place // cameras, place % cameras
+
+
+def replace_reference(images: ImageStack, fields: Map) -> ImageStack:
+    """Return the images with an excluded reference replaced by the nearest other image, warped by fields (n, y, x)."""
+    reference, nearest = images.reference(), _nearest_included(images)
+    if reference not in images.left_out:
+        return images
+    from scipy.ndimage import spline_filter
+
+    place = nearest[0] * len(images.positions) + nearest[1]
+    whole = images.view()
+    view = whole._replace(s=whole.s[[place]], s_y=whole.s_y[[place]], t=whole.t[[place]], moved=whole.moved[[place]])
+    bad = images.bad[nearest[0]][[nearest[1]]] if images.bad else np.zeros((0, 0, 0), dtype=np.uint8)
+    coefficients = [frame.copy() for frame in images.coefficients]
+    missing = np.zeros(images.shape, dtype=np.bool_)
+    for channel in range(images.channels):
+        stack = images.coefficients[nearest[0]][channel, [nearest[1]]]
+        warped = np.empty((1, *images.shape), dtype=np.float32)
+        gradient = np.empty((2, *images.shape), dtype=np.float32)
+        rows = (0, images.shape[0])
+        warp_rows(
+            stack, view, np.ascontiguousarray(fields), np.zeros((0, 0, 0), np.uint8), bad, 0, warped, gradient, rows
+        )
+        missing |= np.isnan(warped[0])
+        grey = np.where(missing, np.nanmean(warped[0]) if not missing.all() else 0.0, warped[0]).astype(np.float64)
+        out = coefficients[reference[0]][channel, reference[1]]
+        out[:] = spline_filter(grey, images.spline, mode="mirror")
+    flags = [each.copy() for each in images.bad] or [np.zeros(each.shape[1:], np.uint8) for each in coefficients]
+    flags[reference[0]][reference[1]] = missing
+    return replace(images, coefficients=coefficients, bad=flags, left_out=images.left_out - {reference})
 
 
 # Frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers.

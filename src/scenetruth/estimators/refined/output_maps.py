@@ -15,8 +15,8 @@ from scenetruth.estimators.refined.aperture import ApertureContext, compute_norm
 from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertainty, compute_common_variance
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
 from scenetruth.estimators.refined.fallback import compute_fallback
-from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
-from scenetruth.estimators.refined.image_consistency import fine_contrast
+from scenetruth.estimators.refined.fit_maps import STEADY_PLACES, extract_fields
+from scenetruth.estimators.refined.image_consistency import fine_contrast, replace_reference
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
@@ -148,8 +148,9 @@ def compute_maps(
     ``calibration``: Stated uncertainty, whose part of the standard deviations is returned; None if not stated.
     ``poses``: Pose errors that are not stated.
     """
+    shown = replace_reference(images, extract_fields(refined.fit.theta))
     fit = enlarge_variances(
-        images, refined.fit, refined.motion, settings.window_sigma_px, accelerated=settings.accelerated
+        shown, refined.fit, refined.motion, settings.window_sigma_px, accelerated=settings.accelerated
     )
     height, width = images.shape
     cameras, frames = len(images.positions), len(images.times)
@@ -188,7 +189,7 @@ def compute_maps(
         # If almost no pixel fits, the others fit by chance.
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
         reason[violated] = _MODEL_VIOLATION
-        known, normal, ambiguous, aperture = _determined(images, fit, beside, settings, step_px, usual, known, reason)
+        known, normal, ambiguous, aperture = _determined(shown, fit, beside, settings, step_px, usual, known, reason)
         found: dict[str, Any] = {"residual": left}
         depth = focal * baseline_mm / d
         if cameras > 1:
@@ -223,7 +224,7 @@ def compute_maps(
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm, images.spline)
-    fallback = compute_fallback(images, start, known | normal, theta[0], usual, settings.fallback)
+    fallback = compute_fallback(shown, start, known | normal, theta[0], usual, settings.fallback)
     rough = fallback.where & ~ambiguous
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
     # These maps have values everywhere.
@@ -244,7 +245,10 @@ def compute_maps(
         filled, std_filled = fallback.disparity[rough], fallback.std[rough]
         maps["disparity"][rough], maps["depth"][rough] = filled * step_px, focal * baseline_mm / filled
         maps["disparity_std"][rough] = std_filled * step_px
-        maps["depth_std"][rough] = maps["depth"][rough] * std_filled / np.abs(filled)
+        relative_square = (std_filled / filled) ** 2
+        if common is not None:
+            relative_square += np.broadcast_to(common.depth, rough.shape)[rough]
+        maps["depth_std"][rough] = maps["depth"][rough] * np.sqrt(relative_square)
     return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
 
 
