@@ -36,7 +36,7 @@ _RIVALS = 3  # candidates per window
 _DEVIATIONS, _SHIFT_PX = 3.0, 0.1
 # Smallest fraction of the weight that a rival must have in the images to be compared; with less, near the border of the
 # image, the match is ambiguous if the reference resembles itself to this dissimilarity.
-_LEAST_COMMON, _SAME = 0.1, 0.15
+_LEAST_COMMON, _SAME = 0.4, 0.15
 _LEAST_INSIDE = 0.8  # smallest fraction of both displaced windows inside the image, of 2
 _STAY = 0.5  # rivals that move by more than this fraction of their displacement are not minima
 _NEIGHBOURS = 5  # windows along each axis among which most decide
