@@ -78,7 +78,10 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
         return None
     shifts = ShiftObservations.blank(images.shape, images.count)
     gains = settings.photometric_model == "per_image"
-    for _ in bands(images, np.where(valid, fields, np.nan), settings.window_sigma_px, gains=gains, shifts=shifts):
+    seen_at = np.where(valid, fields, np.nan)
+    # Every other row is enough for shifts of whole blocks.
+    seen_at[:, 1::2] = np.nan
+    for _ in bands(images, seen_at, settings.window_sigma_px, gains=gains, shifts=shifts):
         pass
     blocks = select_blocks(shifts, fill_gaps(fields[:4], valid))
     if not len(blocks.shift) or not blocks.noise > 0:
