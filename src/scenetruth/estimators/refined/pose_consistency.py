@@ -38,8 +38,8 @@ _OUTLIER, _PASSES, _STEPS = 4.0, 3, 20
 # for residuals that are not independent from block to block.
 _SIGNIFICANT = 50.0
 _START_PX = 0.1
-_SINGULAR, _FINEST_PX = 1e-8, 1e-5  # eigenvalues are relative; no displacement is known better
-# Ratio of variances, and displacement in px, above which errors are worth a warning: interpolation leaves 1e-3 px.
+_SINGULAR, _FINEST_PX = 1e-8, 1e-5  # eigenvalues are relative; no displacement is more accurate
+# Ratio of variances, and displacement in px, above which errors matter: interpolation leaves 1e-3 px.
 _RELEVANT, _LEAST_PX = 0.2, 1e-3
 
 
