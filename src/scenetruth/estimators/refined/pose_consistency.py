@@ -97,11 +97,11 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
         noise = max(noise, _FINEST_PX**2 * float(np.diag(parts.T @ equations.matrix @ parts).max()))
         matrix, side = _determined(parts.T @ equations.matrix @ parts / noise, parts.T @ equations.side / noise)
         variance, unknown, gain, seen = _maximise(matrix, side, group, variance)
+        if gain < _SIGNIFICANT:
+            return None
         left = elimination.misfit((parts @ unknown).reshape(-1, 4))
         kept = (left < _OUTLIER * float(np.median(left))).astype(np.float64)
         excess = max(1.0, float(left[kept > 0].mean())) if kept.any() else 1.0
-    if gain < _SIGNIFICANT:
-        return None
     # Few errors are seen: the next is distributed as t with as many degrees of freedom, of variance n / (n - 2).
     freedom = np.maximum(seen, 3.0)
     variance = variance * freedom / (freedom - 2.0)
