@@ -39,8 +39,9 @@ _OUTLIER, _PASSES, _STEPS = 4.0, 3, 20
 _SIGNIFICANT = 50.0
 _START_PX = 0.1
 _SINGULAR, _FINEST_PX = 1e-8, 1e-5  # eigenvalues are relative; no displacement is more accurate
-# Ratio of variances, and displacement in px, above which errors matter: interpolation leaves 1e-3 px.
-_RELEVANT, _LEAST_PX = 0.2, 1e-3
+# Ratio of variances, and displacement in px, above which errors matter: curved and aliased surfaces with exact poses
+# reach 4e-3 px.
+_RELEVANT, _LEAST_PX = 0.2, 5e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class PoseErrors:
     rooted: Map
     """L of the covariance L Lᵀ of the errors of all images, shape (4 n, any)."""
     relevant: bool
-    """Whether standard deviations become larger by a tenth or more."""
+    """Whether they exceed those of exact poses, and standard deviations become larger by a tenth or more."""
 
     def effect(self, images: ImageStack, fields: Map) -> CorrectionUncertainty:
         """Return their effect on disparity and velocity, as that of uncertain corrections."""
