@@ -193,3 +193,27 @@ def test_nothing_of_a_recording_can_be_written_to() -> None:
     xr.testing.assert_identical(recording, before)
     # The caller's own arrays stay as they were.
     assert recording["image"].values.flags.writeable
+
+
+def test_lens_and_times_that_a_method_ignores_are_warned_of() -> None:
+    """Unless the method declares that it takes account of them."""
+    times = np.arange(3) + 0.25 * np.arange(2)[:, None]
+    distortion = (-0.1, 0.0, 0.0, 0.0)
+    recording = st.make_recording(np.zeros((2, 3, 30, 40)), 500.0, 5.0, planned_time_s=times, distortion=distortion)
+
+    class Wall(Method):
+        name = "wall"
+
+        def estimate(self, recording: Any, settings: Any, progress: Any) -> xr.Dataset:
+            return st.make_estimate(recording=recording, depth=np.full((30, 40), 900.0))
+
+    class Aware(Wall):
+        needs = Needs(distortion=True, schedule=True)
+
+    with pytest.warns(st.EstimateWarning) as caught:
+        st.estimate(recording, Wall())
+    assert {str(warning.message).partition(":")[0] for warning in caught} == {"attrs.distortion", "planned_time_s"}
+    assert any("'wall' assumes a pinhole camera" in str(warning.message) for warning in caught)
+    assert any("up to 0.25 s apart" in str(warning.message) for warning in caught)
+    st.estimate(recording, Aware())
+    st.estimate(recording.drop_vars("planned_time_s").assign_attrs(distortion=[0.0] * 4), Wall())

@@ -68,6 +68,16 @@ def test_estimates_are_those_of_the_distorted_pixels(lens: Distortion) -> None:
     assert np.sqrt(np.mean(flow[..., valid] ** 2)) < 2
 
 
+def test_flow_of_one_camera_is_that_of_the_distorted_images() -> None:
+    """The tolerances of a stage do not concern a camera that stays where it is."""
+    plane = ScannedPlane(focal_px=150.0, depth_mm=300.0, cameras=1, distortion=Distortion(k1=0.4), frames=5)
+    recording = plane.recording(stage_tolerances={"yaw_urad": 1e4})
+    found = st.estimate(recording, "refined", SETTINGS).sel(t=0)
+    inner = (..., slice(14, -14), slice(14, -14))
+    assert np.abs((found["flow"].values - plane.truth()["flow"])[inner]).max() < 0.01
+    assert "image_shift" not in found
+
+
 def test_maps_are_put_back_where_the_pixels_see_them() -> None:
     """A linear map stays linear; across a step, no value is interpolated."""
     lens = Lens(COEFFICIENTS, 150.0, (31.5, 23.5), (48, 64))
@@ -80,5 +90,7 @@ def test_maps_are_put_back_where_the_pixels_see_them() -> None:
     assert 0.8 < inside.mean() < 1
     np.testing.assert_allclose(found["disparity"][inside], 5.0 + 0.01 * undistorted[inside], rtol=1e-12)
     assert (found["invalid_reason"][~inside] > 0).all()
+    nothing = lens.put_back(maps | {"disparity": np.full((48, 64), np.nan)}, 0.25)
+    assert np.isnan(nothing["disparity"]).all()
     step = lens.put_back(maps | {"disparity": np.where(x < 30, 5.0, 9.0)}, 0.25)
     assert set(np.unique(step["disparity"][inside].round(9))) == {5.0, 9.0}

@@ -97,7 +97,9 @@ class PosePriors:
 def corrects_poses(recording: xr.Dataset, settings: RefinedSettings) -> bool:
     """Return whether the images of a recording are corrected."""
     if settings.pose_corrections == "auto":
-        return read_acquisition(recording).stage.corrects
+        sizes = recording["image"].sizes
+        # A single position is never left.
+        return sizes["s"] * sizes.get("s_y", 1) > 1 and read_acquisition(recording).stage.corrects
     return isinstance(settings.pose_corrections, CorrectionPriors)
 
 

@@ -135,7 +135,8 @@ class Lens:
         u, v = x - left, y - top
         corners = [(top + i, left + j, (v if i else 1 - v) * (u if j else 1 - u)) for i in (0, 1) for j in (0, 1)]
         near = np.rint(y).astype(np.intp), np.rint(x).astype(np.intp)
-        guide = next(maps[name] for name in ("disparity", "flow") if name in maps and np.isfinite(maps[name]).any())
+        given = (maps[name] for name in ("disparity", "flow") if name in maps)
+        guide = next((each for each in given if np.isfinite(each).any()), np.zeros(self.shape))
         values = np.stack([guide[..., rows, columns] for rows, columns, _ in corners])
         one = np.ptp(values, axis=0) < spread_px
         one &= np.all([maps["status"][rows, columns] == maps["status"][near] for rows, columns, _ in corners], axis=0)
