@@ -98,8 +98,9 @@ class RefinedSettings(MethodSettings):
     ``auto`` selects the second order where it changes the disparity by more than its own noise, else the plane."""
     motion: Literal["auto", "translation", "rigid", "growing", "affine"] = "auto"
     """Model of the velocity within a window: constant; with rotation; with rotation and isotropic growth in the
-    surface; or with an arbitrary gradient. ``auto`` selects the arbitrary gradient where it changes disparity or
-    velocity by more than the noise, else rotation and growth. A single camera allows the arbitrary gradient only."""
+    surface; or with an arbitrary gradient. ``auto`` selects the arbitrary gradient where it changes disparity,
+    velocity or growth by more than the noise, else rotation and growth, whose standard deviations then include the bias
+    by anisotropy that noise may hide. A single camera allows the arbitrary gradient only."""
     acceleration: Literal["auto"] | bool = "auto"
     """Whether the velocity changes uniformly over the frames, by the same amount in the whole window; requires three
     frames. ``auto`` enables it where it changes disparity or velocity by more than their noise, or uses fewer frames

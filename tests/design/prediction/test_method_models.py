@@ -14,6 +14,7 @@ from scenetruth.benchmark.design_point import add_noise
 from scenetruth.bound import closed_form_bound, texture_gradient
 from scenetruth.design import Prediction, predict
 from scenetruth.design.prediction import all_method_models
+from tests.helpers.nightly import nightly
 from tests.helpers.prediction_scenes import wall
 
 NOISES = 20
@@ -121,3 +122,29 @@ def test_the_bound_is_that_of_simulated_images() -> None:
 
 def test_both_methods_are_known() -> None:
     assert sorted(all_method_models()) == ["refined", "structure_tensor"]
+
+
+def growing(share: float | None, rate_per_hour: float) -> Any:
+    """A wall at a slant whose area grows."""
+    growth: dict[str, Any] = {"kind": "growth", "rate_per_hour": rate_per_hour}
+    growth |= {} if share is None else {"along_share": share}
+    slant = {"position_mm": [0, 0, 600], "rotations": [{"axis": [0, 1, 0], "angle_deg": 15}]}
+    return wall(motion=[], pose=slant, deformation=[growth], frames={"count": 5, "frame_interval_s": 60})
+
+
+@pytest.mark.parametrize("model", ["analytic", pytest.param("maps", marks=nightly)])
+def test_growth_is_predicted_for_the_model_that_is_chosen(model: Any) -> None:
+    """Isotropic growth where it is; the affine model where its noise is below the anisotropy; between them, that."""
+
+    def std(share: float | None, rate_per_hour: float, **settings: Any) -> float:
+        told = predict(growing(share, rate_per_hour), model=model, method="refined", **settings)
+        return told.precision("growth_rate", "all").std
+
+    plain, affine = (std(None, 0.1, motion=motion) for motion in ("growing", "affine"))
+    assert affine > 3 * plain
+    assert std(None, 0.1) == pytest.approx(plain, rel=1e-3)
+    assert std(1.0, 60.0 * 1.5 * affine) == pytest.approx(affine, rel=0.1)
+    weak = 0.5 * affine
+    assert std(1.0, 60.0 * weak) == pytest.approx(np.hypot(plain, weak), rel=0.05)
+    # The tested settings are those of the method: a motion model that is given stays.
+    assert std(1.0, 60.0 * 1.5 * affine, motion="growing") == pytest.approx(plain, rel=0.1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import scenetruth as st
@@ -74,7 +76,7 @@ def test_growth_that_changes_within_windows() -> None:
     }
     recording, truth = st.simulate(scene)
     found = st.estimate(recording, "refined", acceleration=False, discontinuity_refit=False)
-    inner = {"y": slice(16, -16), "x": slice(20, -20)}
+    inner: dict[str, Any] = {"y": slice(16, -16), "x": slice(20, -20)}
     found, truth = found.isel(t=0, **inner), truth.sel(t=found["t"][0]).isel(inner)
     error = (found["growth_rate"] - truth["growth_rate"]).values / found["growth_rate_std"].values
     assert np.sqrt(np.nanmean(error**2)) < 1.5

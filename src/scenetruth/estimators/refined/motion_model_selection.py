@@ -15,6 +15,7 @@ from scenetruth.estimators.refined.fit_maps import (
     CURVATURES,
     accelerated,
     between,
+    carried,
     chosen_fit,
     differ,
     every_other,
@@ -60,6 +61,7 @@ _OTHER_NOISE = 1.02  # ratio by which the residual of a subset of the images may
 _MUCH_LESS = 0.5  # ratio of mean square residuals, after to before
 _SETTLED_PX = 0.1  # largest displacement of points in the last iteration, over all images
 _ACCELERATIONS = 2  # number of frame spans tested for an acceleration
+_RAMP_PX = 1.0  # displacement by which a surface fails to continue over half a window, twice that of a discontinuity
 _AFFINE = 3  # velocity gradient of a `Model` with all six components
 _VARIANCES = 6  # disparity, slopes, q_X, q_Y and q_Z
 
@@ -157,9 +159,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     state = fill_gaps(refined.fit.theta, known)
     # At the edges of the images, windows contain a single surface, but fewer pixels.
     growing = known & ~around(find_discontinuities(images, state), reach)
-    noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
-    # Windows over two surfaces that no step separates would bend the velocity of both.
-    single = growing & ~around(refined.uneven | (refined.fit.residual[0] > noise**2), reach // 2)
+    single = growing & ~around(_find_ramps(images, state, reach), reach)
     smooth = smooth_velocity(refined.fit, single, sigma)
     # Apparent curvature may have been motion.
     state[CURVATURES] = 0.0
@@ -192,6 +192,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
                 growth = compare_growth(refined.fit, fit, sigma, where, spline_transfer(images.spline)).significant
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
+    noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
     fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise)
     return replace(
         refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)
@@ -201,6 +202,16 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
 def encode_motion_models(which: NDArray[np.int8], richer: list[MotionModelCandidate]) -> NDArray[np.int8]:
     """Return the values of ``motion_model`` for the selection of `choose_motion_model`, shape (y, x)."""
     return np.array([MOTION_PLAIN, *(motion.number for motion in richer)], dtype=np.int8)[which]
+
+
+def _find_ramps(images: ImageStack, theta: Map, distance: int) -> Mask:
+    """Return where a surface leads to another one without a step, because windows show both."""
+    found = np.zeros(images.shape, dtype=np.bool_)
+    for right, down in ((distance, 0), (0, distance)):
+        beside = carried(theta, right, down)
+        with np.errstate(invalid="ignore"):
+            found |= images.moved_px(extract_fields(theta), extract_fields(beside)) > _RAMP_PX
+    return found
 
 
 def _compares_growth(plain: Fit, motion: MotionModelCandidate) -> bool:

@@ -75,7 +75,7 @@ def smooth_velocity(fit: Fit, among: Mask, sigma_px: float) -> Map:
         out[(slice(None), *box)] = np.where(here, smooth, out[(slice(None), *box)])
     valid = np.asarray(np.isfinite(out).all(axis=0))
     filled = fill_gaps(out, valid) if valid.any() else out
-    # Linear between rows and columns: cubic splines would oscillate beside other surfaces.
+    # Linear between rows and columns: cubic splines would oscillate near other surfaces.
     filled = np.pad(filled, ((0, 0), (0, 1), (0, 1)), mode="reflect", reflect_type="odd")
     places = np.mgrid[:height, :width] / 2.0
     fine = np.stack([map_coordinates(each, places, order=1, mode="nearest") for each in filled])
