@@ -65,8 +65,9 @@ def test_missing_pixels_cost_their_samples_and_no_more(noisy: xr.Dataset, whole:
     share = float(found["image_count"].values[INSIDE].mean()) / 25
     assert share == pytest.approx((1 - gone.mean()) ** 13, abs=0.01)
     (before, scaled_before), (after, scaled) = errors(whole), errors(found)
-    assert found["depth_std"].values[INSIDE].mean() == pytest.approx(
-        whole["depth_std"].values[INSIDE].mean() / np.sqrt(share), rel=0.02
+    # In the median: where windows of half the size differ by chance, the standard deviation includes that.
+    assert np.median(found["depth_std"].values[INSIDE]) == pytest.approx(
+        np.median(whole["depth_std"].values[INSIDE]) / np.sqrt(share), rel=0.02
     )
     # The same noise but for what is lost, which moves errors by √(1/share - 1) of a standard deviation: 0.37.
     moved = (after - before) / (before / scaled_before)

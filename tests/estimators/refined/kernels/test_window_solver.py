@@ -202,7 +202,9 @@ def test_growth_along_two_directions_is_found_in_images() -> None:
     spin = (2e-3, -1e-3, 3e-3)
     gradient = 4e-3 * np.outer(first, first) - 1e-3 * np.outer(second, second) + turning(*spin)
     plane = MovingPlane(gradient=gradient)
-    found = scenetruth.estimate(plane.recording(), "refined", window_sigma_px=4, motion="affine", surface="plane")
+    # Without noise, fewer frames would be significantly better.
+    settings = {"window_sigma_px": 4, "motion": "affine", "surface": "plane", "acceleration": False}
+    found = scenetruth.estimate(plane.recording(), "refined", settings)
     inside = found.sel(t=0).isel(INSIDE)
     # 1e-4 px over a window of 4 px and four frames are 6e-6 per frame; directions follow from rates 5e-3 apart.
     rates = inside["principal_growth_rates"].values - np.reshape([4e-3, -1e-3], (2, 1, 1))
@@ -286,15 +288,16 @@ def test_curvature_is_found_in_images(surface: str) -> None:
 def test_where_the_plane_is_taken_no_curvature_is_told() -> None:
     recording, _ = curved(0.0, 0.01)
     found = scenetruth.estimate(recording, "refined", window_sigma_px=5).isel({"t": 0, **INSIDE})
-    flat = found["surface_model"].values == 2
+    flat, valid = found["surface_model"].values == 2, found["valid"].values
     assert flat.mean() > 0.8
+    assert valid.mean() > 0.99
     for name in ("mean_curvature", "gaussian_curvature_std"):
-        np.testing.assert_array_equal(np.isnan(found[name].values), flat)
+        np.testing.assert_array_equal(np.isnan(found[name].values), flat | ~valid)
 
 
 def test_a_baseline_to_the_left_changes_nothing() -> None:
     """The same images, with cameras counted from the other side."""
-    recording, _ = curved(-4e-3, 0.0)
+    recording, _ = curved(-4e-3, 0.01)
     mirrored = recording.isel(s=slice(None, None, -1))
     mirrored = mirrored.assign_coords(s=recording["s"], stage_x_mm=mirrored["stage_x_mm"].variable)
     mirrored = mirrored.assign_attrs(baseline_mm=-recording.attrs["baseline_mm"])
