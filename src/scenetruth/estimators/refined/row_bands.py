@@ -36,7 +36,7 @@ __all__ = [
 
 
 # Bytes of warped images in memory, number of rows per thread task, and smallest number of rows of a band.
-_SCRATCH_BYTES, _ROWS, _LEAST_BAND = 192e6, 16, 32
+_SCRATCH_BYTES, _ROWS, _LEAST_BAND = 96e6, 16, 32
 _CUT = 2.0  # half-width of windows in standard deviations
 
 NO_OCCLUSION = np.zeros((0, 0, 0), dtype=np.uint8)
@@ -84,8 +84,12 @@ def bands(
     least_share: float = 0.5,
     hidden: NDArray[np.uint8] = NO_OCCLUSION,
     shifts: ShiftObservations | None = None,
+    behind: int = 0,
 ) -> Iterator[RowBand]:
-    """Warp all images by the current parameters, and yield the normal equations of the pixels band by band."""
+    """Warp all images by the current parameters, and yield the normal equations of the pixels band by band.
+
+    ``behind``: Number of rows above a band whose windows lie inside it, too.
+    """
     height, width = images.shape
     view = images.view()
     window = window_weights(sigma_px)[0, 0]
@@ -94,13 +98,13 @@ def bands(
     bad = images.bad_stack()
     stacks = [images.stack(channel) for channel in range(images.channels)]
     fields = np.ascontiguousarray(fields)
-    at_a_time = int(_SCRATCH_BYTES / (8 * len(view.s) * width)) - 4 * reach
+    at_a_time = int(_SCRATCH_BYTES / (4 * len(view.s) * width)) - 4 * reach - behind
     size = max(at_a_time, _LEAST_BAND)
     for top in range(0, height, size):
         bottom = min(top + size, height)
         # Windows extend beyond the band, and so do those of the gains at their pixels.
         step = _brightness_step(window)
-        first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
+        first, end = max(top - behind - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS if len(fields) == STEADY else ALL_PRODUCTS, end - first, width))
         for stack in stacks:
             count = end - first
@@ -113,9 +117,10 @@ def bands(
         yield RowBand(products, first, top, bottom)
 
 
-def pieces(first: int, end: int) -> list[tuple[int, int]]:
-    """Return the row ranges of the thread tasks."""
-    return [(row, min(row + _ROWS, end)) for row in range(first, end, _ROWS)]
+def pieces(first: int, end: int, step: int = 1) -> list[tuple[int, int]]:
+    """Return the row ranges of the thread tasks, of rows of a lattice with a step."""
+    size = max(_ROWS // step, 1)
+    return [(row, min(row + size, end)) for row in range(first, end, size)]
 
 
 def _channel(
@@ -136,22 +141,21 @@ def _channel(
     parts = pieces(0, rows)
     in_threads(partial(warp_rows, coefficients, view, fields, hidden, bad, first, warped, gradient), parts)
     if window is not None:
-        texture, even = np.empty((rows, width), dtype=np.float32), np.empty_like(warped)
+        texture = np.empty((rows, width), dtype=np.float32)
         in_threads(partial(mean_texture, warped, least, texture), parts)
         weights = window.astype(np.float32)
         step = _brightness_step(window)
 
         def correct(number: int) -> None:
-            correct_brightness(warped[number], texture, weights, step, first, even[number])
+            correct_brightness(warped[number], texture, weights, step, first, warped[number])
 
         in_threads(correct, range(count))
-        warped = even
     return warped, gradient
 
 
 def _brightness_step(window: Map) -> int:
-    """Return the distance at which gain and offset are estimated: a sixth of the half-width of the window."""
-    return max(1, len(window) // 12)
+    """Return the distance at which gain and offset are estimated: a third of the half-width of the window."""
+    return max(1, len(window) // 6)
 
 
 # Pixels are evaluated with their neighbours, in a Gaussian window of this standard deviation truncated at 3 px.

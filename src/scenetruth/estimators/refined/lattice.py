@@ -1,0 +1,161 @@
+"""Windows on a lattice: fits at every n-th pixel where they vary smoothly, interpolated between, and at all others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.fit_maps import blank_fit, extract_fields
+from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.kernels.lattice import carry_rows, find_smooth_cells, interpolate_rows
+from scenetruth.estimators.refined.kernels.window_solver import DIRECTION, EVERY_VARIANCE, Fit, Model
+from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL, solve_rows
+from scenetruth.estimators.refined.row_bands import RowBand, pieces, window_weights
+from scenetruth.threads import in_threads
+
+__all__ = ["WindowLattice", "lattice_step"]
+
+# Largest distance of windows in their standard deviations. The result of a Gaussian window has a power spectrum times
+# exp(-4 π² σ² f²), of which 4e-9 is left at half the sampling frequency.
+_STEP = 0.7
+# Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
+_ERROR_PX = 5e-4
+# Error of a cubic polynomial through four values halfway between the middle ones, relative to their fourth difference.
+_CUBIC_ERROR = 3 / 128
+_LEAST_NODES = 5  # smallest number of nodes along an axis with a fourth difference
+# Number of rows of nodes that a cell depends on, below its own, + 1; and distance in nodes at which nodes are required.
+_ROWS_BELOW, _REQUIRED = 4, 3
+_NO_FIT = -128
+
+Map = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def lattice_step(sigma_px: float) -> int:
+    """Return the distance of windows from which the results between them can be interpolated, in px."""
+    return max(1, int(_STEP * sigma_px))
+
+
+class WindowLattice:
+    """Windows of one size, fitted band by band.
+
+    ``fits``: Fit of each model, or of the selected model at every pixel, at all pixels; with the initial parameters.
+    ``chosen``: Model of every pixel, `EVERY_MODEL` or `NO_MODEL`.
+    ``least_share``: Smallest valid fraction of a window.
+    ``told``: Number of variances.
+    ``coarse``: Whether all windows are on the lattice, also where their fits do not vary smoothly.
+    """
+
+    def __init__(
+        self,
+        images: ImageStack,
+        models: Sequence[Model],
+        sigma_px: float,
+        fits: Sequence[Fit],
+        chosen: NDArray[np.int8],
+        *,
+        least_share: float,
+        told: int,
+        coarse: bool = False,
+    ) -> None:
+        self._images, self._models, self._fits, self._chosen = images, models, fits, chosen
+        self._weights, self._least, self._told, self._coarse = window_weights(sigma_px), least_share, told, coarse
+        self._step = max(lattice_step(sigma_px), 2) if coarse else lattice_step(sigma_px)
+        self._done = 0
+        if self._step == 1:
+            return
+        self._of_nodes = _models_of_nodes(chosen, self._step)
+        begun = [np.ascontiguousarray(fit.theta[:, :: self._step, :: self._step]) for fit in fits]
+        self._nodes = [blank_fit(each, variances=told > 0) for each in begun[:1]]
+        self._nodes += [
+            self._nodes[0] if fit is fits[0] else blank_fit(each, variances=told > 0)
+            for fit, each in zip(fits[1:], begun[1:], strict=True)
+        ]
+
+    @property
+    def behind(self) -> int:
+        """Number of rows above a band that are fitted with it."""
+        return 0 if self._step == 1 or self._coarse else _ROWS_BELOW * self._step
+
+    def put(self, band: RowBand) -> None:
+        """Fit the windows of a band."""
+        if self._step == 1:
+            self._solve(band, self._fits, self._chosen, 1, (band.top, band.bottom))
+            return
+        step, height = self._step, self._images.shape[0]
+        self._solve(band, self._nodes, self._of_nodes, step, (-(-band.top // step), -(-band.bottom // step)))
+        last = band.bottom == height
+        if self._coarse and not last:
+            return
+        # Cells depend on nodes below them.
+        first, self._done = self._done, height if last else max(band.bottom - self.behind, self._done)
+        smooth = [self._smooth(nodes) for nodes in self._nodes]
+        for model, (fit, nodes) in enumerate(zip(self._fits, self._nodes, strict=True)):
+            if model == 0 or fit is not self._fits[0]:
+                self._between(nodes, smooth[model], fit, model, (first, self._done))
+        if not self._coarse:
+            whole = np.logical_and.reduce(smooth)
+            cells = np.repeat(np.repeat(whole, step, axis=0), step, axis=1)[:height, : self._images.shape[1]]
+            single = np.where(cells, NO_MODEL, self._chosen).astype(np.int8)
+            self._solve(band, self._fits, single, 1, (first, self._done))
+
+    def _solve(
+        self, band: RowBand, fits: Sequence[Fit], chosen: NDArray[np.int8], step: int, rows: tuple[int, int]
+    ) -> None:
+        # Always two models, so that the kernel is compiled once.
+        models, pair = (self._models[0], self._models[-1]), (fits[0], fits[-1])
+        common = len(self._models), self._images.view(), self._images.channels, band.first, self._least
+        solve = partial(solve_rows, band.products, self._weights, models, *common, pair, chosen, self._told, step)
+        in_threads(solve, pieces(*rows, step))
+
+    def _smooth(self, nodes: Fit) -> Mask:
+        """Return the cells in which the fits of the nodes are interpolated."""
+        out = np.zeros(self._of_nodes.shape, dtype=np.bool_)
+        if min(out.shape) < _LEAST_NODES:
+            return out
+        fields = extract_fields(nodes.theta)
+        error = np.zeros(out.shape)
+        with np.errstate(invalid="ignore"):
+            for axis in (1, 2):
+                fourth = _CUBIC_ERROR * np.diff(fields, 4, axis=axis)
+                ends = [(0, 0), (0, 0), (0, 0)]
+                ends[axis] = (2, 2)
+                error += self._images.moved_px(fields, fields + np.pad(fourth, ends, mode="edge"))
+            rough = ~(error <= _ERROR_PX)
+            known = np.isfinite(nodes.theta).all(axis=0)
+        find_smooth_cells(rough, np.where(known, self._of_nodes, _NO_FIT).astype(np.int8), out)
+        return out
+
+    def _between(self, nodes: Fit, smooth: Mask, fit: Fit, model: int, rows: tuple[int, int]) -> None:
+        """Write the fits of all pixels of a range of rows from those of the nodes."""
+        several = len(self._models) > 1 and self._fits[0] is not self._fits[-1]
+        wanted = self._chosen != NO_MODEL
+        if several:
+            wanted = (self._chosen == EVERY_MODEL) | (self._chosen == model)
+        with_variances = self._told > 0
+        maps: list[tuple[Any, Any, bool, int]] = [
+            (nodes.theta, fit.theta, True, -1),
+            (nodes.residual, fit.residual, False, -1),
+        ]
+        if with_variances:
+            maps += [(nodes.variance, fit.variance, False, -1), (nodes.images[None], fit.images[None], False, -1)]
+        if self._told == EVERY_VARIANCE:
+            maps += [(nodes.element, fit.element, False, DIRECTION)]
+            maps += [(nodes.element_variance, fit.element_variance, False, -1)]
+        for values, out, parameters, signed in maps:
+            in_threads(partial(interpolate_rows, values, self._step, smooth, wanted, signed, out), pieces(*rows))
+            if self._coarse:
+                in_threads(partial(carry_rows, values, self._step, smooth, wanted, parameters, out), pieces(*rows))
+
+
+def _models_of_nodes(chosen: NDArray[np.int8], step: int) -> NDArray[np.int8]:
+    """Return the models of the nodes: where none is selected, that of a pixel which depends on the node."""
+    from scipy.ndimage import maximum_filter
+
+    near = maximum_filter(chosen, 2 * _REQUIRED * step + 1)[::step, ::step]
+    own = chosen[::step, ::step]
+    return np.ascontiguousarray(np.where(own == NO_MODEL, near, own))
