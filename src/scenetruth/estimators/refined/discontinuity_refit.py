@@ -51,7 +51,6 @@ from scenetruth.estimators.refined.row_bands import (
     RowBand,
     around,
     bands,
-    local_gradient,
     local_means,
     pieces,
     window_weights,
@@ -412,10 +411,9 @@ def _solve(
     """Fit the windows around the pixels of a band, and return the output of `solve_members`."""
     pixels = np.argwhere(where)
     found = np.empty((len(pixels), 2))
-    limit = _compute_residual_limit(local_gradient(band.products), noise)
-    products = np.ascontiguousarray(band.products.transpose(1, 2, 0))
+    limit = _compute_residual_limit(band.gradient, noise)
     reach = np.array([images.farthest, images.longest, images.aside, DISCONTINUITY_PX])
-    fixed = products, limit, fields, reach, window_weights(sigma), model, images.view(), band.first, fit
+    fixed = band.by_pixel, limit, fields, reach, window_weights(sigma), model, images.view(), band.first, fit
     solve = partial(solve_members, *fixed, pixels, found)
     in_threads(solve, [(n, min(n + _PIXELS, len(pixels))) for n in range(0, len(pixels), _PIXELS)])
     return found.T

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from scenetruth.estimators.refined.kernels.pixel_equations import (
     add_products,
     correct_brightness,
 )
+from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.warp import STEADY, ImageView, mean_texture, warp_rows
 from scenetruth.estimators.refined.pose_corrections import ShiftObservations
 from scenetruth.threads import in_threads
@@ -37,6 +38,7 @@ __all__ = [
 
 # Bytes of warped images in memory, number of rows per thread task, and smallest number of rows of a band.
 _SCRATCH_BYTES, _ROWS, _LEAST_BAND = 96e6, 16, 32
+_LANES = 8  # the products of a pixel fill this number of lanes of vector instructions
 _CUT = 2.0  # half-width of windows in standard deviations
 
 NO_OCCLUSION = np.zeros((0, 0, 0), dtype=np.uint8)
@@ -56,6 +58,23 @@ class RowBand:
     """First row whose windows lie inside them, within the image."""
     bottom: int
     """Last such row + 1."""
+
+    @cached_property
+    def by_pixel(self) -> Map:
+        """Products of each pixel together, shape (rows, width, 24 or 48): those of `products` and zeros."""
+        count, rows, width = self.products.shape
+        out = np.zeros((rows, width, -(-count // _LANES) * _LANES))
+
+        def copy(part: tuple[int, int]) -> None:
+            out[part[0] : part[1], :, :count] = self.products[:, part[0] : part[1]].transpose(1, 2, 0)
+
+        in_threads(copy, pieces(0, rows))
+        return out
+
+    @cached_property
+    def gradient(self) -> Map:
+        """Mean square gradient of the texture over a pixel and its neighbours, as `local_gradient`."""
+        return local_gradient(self.products)
 
 
 def window_weights(sigma_px: float) -> Map:
@@ -167,9 +186,7 @@ _SQUARES, _FREEDOM, _KNOWN, _GRADIENT = 14, 15, 16, 17
 
 def local_means(values: NDArray[Any]) -> NDArray[Any]:
     """Return the means over a pixel and its neighbours, shape (y, x)."""
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(values, _SIGMA_PX, truncate=_EVIDENCE_CUT))
+    return gaussian_mean(values, _SIGMA_PX, _EVIDENCE_CUT)
 
 
 def local_gradient(products: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -204,4 +221,4 @@ class PixelEvidence:
         with np.errstate(invalid="ignore", divide="ignore"):
             # Valid pixels are counted per channel, which overestimates the coverage of several channels without harm.
             self.square[rows] = np.where(known > _LEAST, squares / freedom, np.inf)
-        self.gradient[rows] = local_gradient(band.products)[inner]
+        self.gradient[rows] = band.gradient[inner]

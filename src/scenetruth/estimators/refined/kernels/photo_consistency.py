@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.spline_samples import sample
+from scenetruth.estimators.refined.kernels.spline_samples import sample_cubic, sample_quintic
 from scenetruth.estimators.refined.kernels.warp import (
     ACCELERATED,
     CUBIC,
@@ -97,6 +97,8 @@ def _normalised(value: Any, gain: Any, offset: Any, block: Any, y: Any, x: Any) 
 
 
 def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
+    sample = sample_cubic if cubic else sample_quintic
+
     @_jit
     def compiled(
         coefficients: Any,
@@ -114,6 +116,7 @@ def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
         count, height, width = coefficients.shape
         flat = coefficients.reshape((count, height * width))
         every, at = np.empty(width, dtype=np.int64), np.empty((2, width))
+        samples = np.empty((3, width), dtype=np.float32)
         every_offset, fractions = np.empty(width, dtype=np.int64), np.empty((2, width), dtype=np.float32)
         for y in range(rows[0], rows[1]):
             size = find_columns(fields, y, every)
@@ -124,13 +127,13 @@ def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
                 s, s_y, t = view.s[number], view.s_y[number], view.t[number]
                 place_columns(accelerated, view, number, fields, y, columns, at_x, at_y)
                 find_offsets(at_x, at_y, height, width, bad[min(i, bad.shape[0] - 1)], offsets, right, down)
+                sample(flat[i], offsets, width, right, down, samples)
                 sides = (True, s <= 0.0, s >= 0.0, t <= 0.0, t >= 0.0, s_y <= 0.0, s_y >= 0.0)
                 for n in range(size):
                     if offsets[n] < 0:
                         continue
                     x = columns[n]
-                    value, _, _ = sample(cubic, flat[i], offsets[n], width, right[n], down[n])
-                    value = _normalised(value, gain[number], offset[number], block, y, x)
+                    value = _normalised(samples[0, n], gain[number], offset[number], block, y, x)
                     if np.isnan(origin[y - rows[0], x]):
                         origin[y - rows[0], x] = value
                     v = value - origin[y - rows[0], x]
@@ -196,11 +199,35 @@ _MARGIN = 1
 
 
 @numba.njit(inline="always")
-def _place(accelerated: Any, view: Any, i: Any, fields: Any, y: Any, x: Any) -> Any:
-    """Return the position of a pixel's point in an image, and its disparity there."""
-    at_x, at_y, scale = place_of(accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x)
-    at_x, at_y = corrected(view, i, at_x, at_y)
-    return at_x, at_y, abs(fields[0, y, x] * scale)
+def _place_row(accelerated: Any, view: Any, i: Any, fields: Any, y: Any, at_x: Any, at_y: Any, disparity: Any) -> Any:
+    """Write the positions of the points of the pixels of a row in an image, and their disparities there."""
+    s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+    for x in range(at_x.size):
+        right, down, scale = place_of(accelerated, view, s, s_y, t, fields, y, x)
+        at_x[x], at_y[x] = corrected(view, i, right, down)
+        disparity[x] = abs(fields[0, y, x] * scale)
+
+
+@_jit_exact
+def _largest_around(values: Any, scratch: Any) -> None:
+    """Replace values by the largest of the pixels at a distance of up to `_MARGIN` along rows and columns."""
+    height, width = values.shape
+    for y in range(height):
+        line, out = values[y], scratch[y]
+        for x in range(width):
+            out[x] = line[x]
+        for shift in range(1, _MARGIN + 1):
+            for x in range(width - shift):
+                out[x] = max(out[x], line[x + shift])
+            for x in range(shift, width):
+                out[x] = max(out[x], line[x - shift])
+    for y in range(height):
+        out = values[y]
+        out[:] = scratch[y]
+        for v in range(max(y - _MARGIN, 0), min(y + _MARGIN + 1, height)):
+            line = scratch[v]
+            for x in range(width):
+                out[x] = max(out[x], line[x])
 
 
 def _compile_visibility(*, accelerated: bool) -> Any:
@@ -208,32 +235,30 @@ def _compile_visibility(*, accelerated: bool) -> Any:
     def compiled(view: Any, fields: Any, tolerance_px: Any, hidden: Any, group: Any) -> None:
         _, height, width = fields.shape
         largest = np.empty((height, width), dtype=np.float32)
+        scratch = np.empty((height, width), dtype=np.float32)
+        at_x, at_y, disparity = np.empty(width), np.empty(width), np.empty(width)
         hidden[group] = 0
         for i in range(8 * group, min(8 * group + 8, len(view.s))):
             if view.s[i] == 0.0 and view.s_y[i] == 0.0 and view.t[i] == 0.0:
                 continue
             largest[:] = 0.0
             for y in range(height):
+                _place_row(accelerated, view, i, fields, y, at_x, at_y, disparity)
                 for x in range(width):
-                    at_x, at_y, d = _place(accelerated, view, i, fields, y, x)
-                    if at_x >= 0 and at_x < width - 1 and at_y >= 0 and at_y < height - 1:
-                        left, top = int(at_x), int(at_y)
+                    if at_x[x] >= 0 and at_x[x] < width - 1 and at_y[x] >= 0 and at_y[x] < height - 1:
+                        left, top, d = int(at_x[x]), int(at_y[x]), np.float32(disparity[x])
                         # The four surrounding pixels, which avoids gaps.
-                        for v in range(top, top + 2):
-                            for u in range(left, left + 2):
-                                largest[v, u] = max(largest[v, u], d)
+                        largest[top, left] = max(largest[top, left], d)
+                        largest[top, left + 1] = max(largest[top, left + 1], d)
+                        largest[top + 1, left] = max(largest[top + 1, left], d)
+                        largest[top + 1, left + 1] = max(largest[top + 1, left + 1], d)
+            _largest_around(largest, scratch)
             for y in range(height):
+                _place_row(accelerated, view, i, fields, y, at_x, at_y, disparity)
                 for x in range(width):
-                    at_x, at_y, d = _place(accelerated, view, i, fields, y, x)
-                    if not (at_x >= 0 and at_x < width - 1 and at_y >= 0 and at_y < height - 1):
-                        continue
-                    left, top = int(at_x + 0.5), int(at_y + 0.5)
-                    behind = False
-                    for v in range(max(top - _MARGIN, 0), min(top + _MARGIN + 1, height)):
-                        for u in range(max(left - _MARGIN, 0), min(left + _MARGIN + 1, width)):
-                            behind = behind or largest[v, u] > d + tolerance_px
-                    if behind:
-                        hidden[group, y, x] |= np.uint8(1 << (i & 7))
+                    if at_x[x] >= 0 and at_x[x] < width - 1 and at_y[x] >= 0 and at_y[x] < height - 1:
+                        if largest[int(at_y[x] + 0.5), int(at_x[x] + 0.5)] > disparity[x] + tolerance_px:
+                            hidden[group, y, x] |= np.uint8(1 << (i & 7))
 
     return compiled
 

@@ -81,6 +81,40 @@ def _subtract_known(values: Any, texture: Any, known: Any, left: Any) -> None:
 
 
 @_jit
+def _project(along: Any, at_x: Any, down: Any, at_y: Any, known: Any, out: Any) -> None:
+    """Write the products of gradients and positions, 0 where invalid."""
+    for x in range(out.size):
+        total = along[x] * at_x[x] + down[x] * at_y[x]
+        out[x] = total if known[x] != 0.0 else 0.0
+
+
+@_jit
+def _select_product(one: Any, other: Any, known: Any, out: Any) -> None:
+    for x in range(out.size):
+        product = one[x] * other[x]
+        out[x] = product if known[x] != 0.0 else 0.0
+
+
+@_jit
+def _difference(factor: Any, inverse: Any, after: Any, before: Any, out: Any) -> None:
+    for x in range(out.size):
+        out[x] = factor[x] * inverse[x] * (after[x] - before[x])
+
+
+@_jit
+def _scaled(factor: Any, values: Any, weight: float, out: Any) -> None:
+    for x in range(out.size):
+        out[x] = weight * factor[x] * values[x]
+
+
+@_jit
+def _center(pairs: Any, sums: Any, others: Any, share: Any, weight: Any, out: Any) -> None:
+    """Write weighted sums of products of differences to means."""
+    for x in range(out.size):
+        out[x] = weight[x] * (pairs[x] - sums[x] * others[x] * share[x])
+
+
+@_jit
 def _mean_of_images(warped: Any, row: int, first: int, used: Any, texture: Any) -> None:
     """Write number and mean of the valid images of some pixels of a row."""
     used[:], texture[:] = 0.0, 0.0
@@ -108,13 +142,10 @@ def _compiled_products(several: int) -> Any:
         rows: Any,
     ) -> None:
         count, _, width = warped.shape
-        whole = np.empty((several, _CHUNK)), np.empty((several, _CHUNK)), np.empty((several, _CHUNK))
-        whole_pairs, singles = np.empty((several * several, _CHUNK)), np.empty((11, _CHUNK))
-        phi, m_phi = np.empty(several), np.empty(several)
+        a, sums, sides = np.empty((several, _CHUNK)), np.empty((several, _CHUNK)), np.empty((several, _CHUNK))
+        pairs, singles = np.empty((several * several, _CHUNK)), np.empty((15, _CHUNK))
         for row, first in [(row, first) for row in range(rows[0], rows[1]) for first in range(0, width, _CHUNK)]:
             y, size = row + first_row, min(_CHUNK, width - first)
-            a, sums, sides = whole[0][:, :size], whole[1][:, :size], whole[2][:, :size]
-            pairs = whole_pairs[:, :size]
             used, texture, known, left, squares = (
                 singles[0, :size],
                 singles[1, :size],
@@ -124,67 +155,76 @@ def _compiled_products(several: int) -> Any:
             )
             at_x, at_y, scale = singles[5, :size], singles[6, :size], singles[7, :size]
             along, down, d = singles[8, :size], singles[9, :size], singles[10, :size]
+            inverse, begun, seen, factor = (
+                singles[11, :size],
+                singles[12, :size],
+                singles[13, :size],
+                singles[14, :size],
+            )
             _mean_of_images(warped, row, first, used, texture)
             if used.max() < least:
                 continue
             for x in range(size):
                 along[x], down[x] = gradient[0, row, first + x], gradient[1, row, first + x]
-                d[x] = fields[0, y, first + x]
+                # Where fields are not given, all values are 0.
+                d[x] = fields[0, y, first + x] if used[x] > 0.0 else 1.0
+                inverse[x] = 1.0 / (d[x] * d[x])
+                begun[x] = along[x] * (first + x - view.centre_x) + down[x] * (y - view.centre_y)
             sums[:], sides[:], pairs[:], squares[:] = 0.0, 0.0, 0.0, 0.0
             for i in range(count):
                 s, s_y, t = view.s[i], view.s_y[i], view.t[i]
                 _subtract_known(warped[i, row, first : first + size], texture, known, left)
                 for x in range(size):
                     at_x[x], at_y[x], scale[x] = place_of(several > STEADY, view, s, s_y, t, fields, y, first + x)
-                own = a[0]
-                for x in range(size):
-                    by_x, by_y = at_x[x] - (first + x - view.centre_x), at_y[x] - (y - view.centre_y)
-                    value = scale[x] / d[x] * (along[x] * by_x + down[x] * by_y)
-                    own[x] = value if known[x] != 0.0 else 0.0
+                _project(along, at_x, down, at_y, known, seen)
+                _select_product(scale, d, known, factor)
+                _difference(factor, inverse, seen, begun, a[0, :size])
+                _scaled(factor, along, t, a[1, :size])
+                _scaled(factor, down, t, a[2, :size])
                 # With q_Z, images shrink towards the principal point.
-                for k in range(1, STEADY):
-                    own = a[k]
-                    for x in range(size):
-                        by = along[x] if k == 1 else down[x]
-                        if k == 3:
-                            by = (along[x] * at_x[x] + down[x] * at_y[x]) / -view.focal
-                        value = scale[x] * d[x] * t * by
-                        own[x] = value if known[x] != 0.0 else 0.0
+                _scaled(factor, seen, -t / view.focal, a[3, :size])
                 for k in range(STEADY, several):
-                    own = a[k]
+                    own = a[k, :size]
+                    before = a[k - 3, :size]
                     for x in range(size):
-                        own[x] = 0.5 * t * a[k - 3, x]
+                        own[x] = 0.5 * t * before[x]
                 _add_product(squares, left, left)
                 for k in range(several):
-                    _add(sums[k], a[k])
-                    _add_product(sides[k], a[k], left)
+                    own = a[k, :size]
+                    _add(sums[k, :size], own)
+                    _add_product(sides[k, :size], own, left)
                     for m in range(k + 1):
-                        _add_product(pairs[k * several + m], a[k], a[m])
+                        _add_product(pairs[k * several + m, :size], own, a[m, :size])
+            # From here on, 0 where too few images are valid.
+            weight, phi = known, d
             for x in range(size):
-                if used[x] < least:
-                    continue
                 # Noise does not vanish in dark pixels.
-                weight = 1.0 / max(variance[0] + variance[1] * texture[x], LEAST_VARIANCE)
-                place = first + x
-                for k in range(several):
-                    phi[k] = fields[k, y, place]
-                    m_phi[k] = 0.0
-                for k in range(several):
-                    for m in range(k + 1):
-                        # Products of the differences to the means.
-                        pair = weight * (pairs[k * several + m, x] - sums[k, x] * sums[m, x] / used[x])
-                        products[PAIR_OF[k, m], row, place] += pair
-                        m_phi[k] += pair * phi[m]
-                        if m < k:
-                            m_phi[m] += pair * phi[k]
-                for k in range(several):
-                    side = weight * sides[k, x]
-                    products[SQUARE_OF[k], row, place] += side * side
-                    products[SIDE_OF[k], row, place] += side + m_phi[k]
-                products[14, row, place] += weight * squares[x]
-                products[15, row, place] += used[x] - 1.0
-                products[16, row, place] += 1.0
-                products[17, row, place] += weight * (along[x] * along[x] + down[x] * down[x])
+                by_noise = 1.0 / max(variance[0] + variance[1] * texture[x], LEAST_VARIANCE)
+                weight[x] = by_noise if used[x] >= least else 0.0
+            for x in range(size):
+                inverse[x] = 1.0 / used[x] if used[x] >= least else 0.0
+            last = first + size
+            for k in range(several):
+                for x in range(size):
+                    phi[x] = fields[k, y, first + x] if used[x] >= least else 0.0
+                side = sides[k, :size]
+                _multiply(side, weight, side)
+                _add_product(products[SQUARE_OF[k], row, first:last], side, side)
+                _add(products[SIDE_OF[k], row, first:last], side)
+                for m in range(several):
+                    one, other = max(k, m), min(k, m)
+                    _center(pairs[one * several + other, :size], sums[k, :size], sums[m, :size], inverse, weight, left)
+                    _add_product(products[SIDE_OF[m], row, first:last], left, phi)
+                    if m <= k:
+                        _add(products[PAIR_OF[k, m], row, first:last], left)
+            _add_product(products[14, row, first:last], squares, weight)
+            square = products[17, row, first:last]
+            for x in range(size):
+                square[x] += weight[x] * (along[x] * along[x] + down[x] * down[x])
+            numbers, valid = products[15, row, first:last], products[16, row, first:last]
+            for x in range(size):
+                numbers[x] += used[x] - 1.0 if used[x] >= least else 0.0
+                valid[x] += 1.0 if used[x] >= least else 0.0
 
     return compiled
 

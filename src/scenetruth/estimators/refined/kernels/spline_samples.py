@@ -11,7 +11,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["TAPS", "cubic_weights", "quintic_weights", "sample"]
+__all__ = ["TAPS", "cubic_weights", "quintic_weights", "sample_cubic", "sample_quintic"]
 
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -147,7 +147,7 @@ _BEYOND = 8 - TAPS  # coefficients read beyond the last tap, of weight zero
 
 @_jit
 def _sample_plainly(cubic: bool, image: Any, offset: int, width: int, right: Any, down: Any) -> Any:
-    """Return the same as `sample`, without reading beyond the last tap."""
+    """Return the same as `sample_quintic` for one point, without reading beyond the last tap."""
     wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
     dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
     if cubic:
@@ -169,16 +169,34 @@ def _sample_plainly(cubic: bool, image: Any, offset: int, width: int, right: Any
     return value, along, below
 
 
-@numba.njit(inline="always")
-def sample(cubic: Any, image: Any, offset: Any, width: Any, right: Any, down: Any) -> Any:
-    """Return the value of a spline and its derivatives along x and y.
+def _compiled_row(cubic: bool) -> Any:
+    fast = _cubic if cubic else _quintic
 
-    ``image``: All coefficients of the image, flat: NDArray[np.float32], shape (height * width,).
-    ``offset``: Index of the coefficient two rows above and two columns left of the integer part of the position.
-    ``right``, ``down``: Fractions of a step along x and y, float32.
-    """
-    if offset + (TAPS - 1) * width + TAPS + _BEYOND > image.size:
-        return _sample_plainly(cubic, image, offset, width, right, down)
-    if cubic:
-        return _cubic(image, offset + width + 1, width, right, down)
-    return _quintic(image, offset, width, right, down)
+    @_jit
+    def compiled(image: Any, offsets: Any, width: Any, right: Any, down: Any, out: Any) -> None:
+        values, along, below = out[0], out[1], out[2]
+        start = width + 1 if cubic else 0
+        last = image.size - (TAPS - 1) * width - TAPS - _BEYOND
+        beyond = False
+        for n in range(offsets.size):
+            if offsets[n] >= 0 and offsets[n] <= last:
+                values[n], along[n], below[n] = fast(image, offsets[n] + start, width, right[n], down[n])
+        for n in range(offsets.size):
+            beyond = beyond or offsets[n] > last
+        if beyond:
+            for n in range(offsets.size):
+                if offsets[n] > last:
+                    values[n], along[n], below[n] = _sample_plainly(cubic, image, offsets[n], width, right[n], down[n])
+
+    return compiled
+
+
+sample_cubic, sample_quintic = _compiled_row(cubic=True), _compiled_row(cubic=False)
+"""Functions that sample a spline and its derivatives along x and y at several points.
+
+``image``: All coefficients of the image, flat: NDArray[np.float32], shape (height * width,).
+``offsets``: Index of the coefficient two rows above and two columns left of the integer part of each position; negative
+  for points to be skipped.
+``right``, ``down``: Fractions of a step along x and y, float32.
+``out``: Output: values and derivatives along x and y, shape (3, n).
+"""

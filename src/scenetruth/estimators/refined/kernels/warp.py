@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.spline_samples import sample
+from scenetruth.estimators.refined.kernels.spline_samples import sample_cubic, sample_quintic
 
 __all__ = [
     "ACCELERATED",
@@ -130,6 +130,8 @@ def find_offsets(at_x: Any, at_y: Any, height: Any, width: Any, bad: Any, offset
 
 
 def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
+    sample = sample_cubic if cubic else sample_quintic
+
     @_jit
     def compiled(
         coefficients: Any,
@@ -147,6 +149,7 @@ def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
         count, height, width = coefficients.shape
         flat = coefficients.reshape((count, height * width))
         every, at = np.empty(width, dtype=np.int64), np.empty((2, width))
+        samples = np.empty((3, width), dtype=np.float32)
         every_offset, fractions = np.empty(width, dtype=np.int64), np.empty((2, width), dtype=np.float32)
         for row in range(rows[0], rows[1]):
             y = row + first_row
@@ -164,15 +167,14 @@ def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
                     for n in range(size):
                         if (hidden[number >> 3, y, columns[n]] >> (number & 7)) & 1 != 0:
                             offsets[n] = -1
+                sample(image, offsets, width, right, down, samples)
                 for n in range(size):
-                    if offsets[n] < 0:
-                        continue
-                    value, by_x, by_y = sample(cubic, image, offsets[n], width, right[n], down[n])
-                    x = columns[n]
-                    values[x] = value
-                    along[x] += by_x
-                    below[x] += by_y
-                    numbers[x] += 1
+                    if offsets[n] >= 0:
+                        x = columns[n]
+                        values[x] = samples[0, n]
+                        along[x] += samples[1, n]
+                        below[x] += samples[2, n]
+                        numbers[x] += 1
 
     return compiled
 
