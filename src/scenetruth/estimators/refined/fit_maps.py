@@ -179,7 +179,7 @@ def _changes(
     coarse: Fit, fine: Fit, sigma_px: float, among: NDArray[np.bool_] | None, most: float, fields: int = 4
 ) -> Iterator[tuple[int, int, Map, Map]]:
     """Yield index and variance index of disparity and velocity, their squared change, and that due to noise."""
-    before = share = None
+    before, share = np.zeros(0, dtype=np.bool_), np.zeros(0)
     for place, number, per_px in list(zip(STEADY_PLACES, (0, 3, 4, 5), _PER_PX, strict=True))[:fields]:
         with np.errstate(invalid="ignore"):
             # A curved surface in full windows may be less certain than a plane in small windows.
@@ -188,7 +188,7 @@ def _changes(
             noise = np.maximum(fine.variance[number] - coarse.variance[number], least)
             square = np.minimum((fine.theta[place] - coarse.theta[place]) ** 2, most * noise)
             known = np.isfinite(square) & np.isfinite(noise) & (True if among is None else among)
-            if share is None or not np.array_equal(known, before):
+            if not np.array_equal(known, before):
                 mean = np.maximum(gaussian_mean(known.astype(np.float64), sigma_px), 1e-9)
                 before, share = known, np.where(known, mean, np.inf)
             yield (

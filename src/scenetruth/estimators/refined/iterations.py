@@ -212,6 +212,7 @@ def fit_round(
 ) -> list[Fit]:
     """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model."""
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen
+    chosen = np.where(np.isnan(state[0]), NO_MODEL, chosen).astype(np.int8)
     if (chosen == EVERY_MODEL).any():
         fits = [blank_fit(state, variances=variances > 0) for _ in models]
     else:

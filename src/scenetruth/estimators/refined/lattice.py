@@ -14,6 +14,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.lattice import carry_rows, find_smooth_cells, interpolate_rows
 from scenetruth.estimators.refined.kernels.window_solver import DIRECTION, EVERY_VARIANCE, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL, solve_rows
+from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
 from scenetruth.estimators.refined.row_bands import RowBand, pieces, window_weights
 from scenetruth.threads import in_threads
 
@@ -24,6 +25,9 @@ __all__ = ["WindowLattice", "lattice_step"]
 _STEP = 0.7
 # Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
 _ERROR_PX = 5e-4
+# Or smaller than this fraction of the standard deviation of the fit, whose square it increases by 1 % at most.
+_ERROR_SHARE = 0.1
+_VARIANCES = (0, 3, 4, 5, 6, 7, 8)  # numbers of the variances of disparity, velocity and acceleration
 # Error of a cubic polynomial through four values halfway between the middle ones, relative to their fourth difference.
 _CUBIC_ERROR = 3 / 128
 _LEAST_NODES = 5  # smallest number of nodes along an axis with a fourth difference
@@ -98,8 +102,8 @@ class WindowLattice:
             if model == 0 or fit is not self._fits[0]:
                 self._between(nodes, smooth[model], fit, model, (first, self._done))
         if not self._coarse:
-            whole = np.logical_and.reduce(smooth)
-            cells = np.repeat(np.repeat(whole, step, axis=0), step, axis=1)[:height, : self._images.shape[1]]
+            done = np.logical_and.reduce(smooth) | np.logical_and.reduce([_empty(nodes) for nodes in self._nodes])
+            cells = np.repeat(np.repeat(done, step, axis=0), step, axis=1)[:height, : self._images.shape[1]]
             single = np.where(cells, NO_MODEL, self._chosen).astype(np.int8)
             self._solve(band, self._fits, single, 1, (first, self._done))
 
@@ -125,7 +129,15 @@ class WindowLattice:
                 ends = [(0, 0), (0, 0), (0, 0)]
                 ends[axis] = (2, 2)
                 error += self._images.moved_px(fields, fields + np.pad(fourth, ends, mode="edge"))
-            rough = ~(error <= _ERROR_PX)
+            std = np.zeros_like(fields)
+            for place, number in enumerate(_VARIANCES[: len(fields)]):
+                if number < self._told:
+                    std[place] = np.sqrt(nodes.variance[number])
+            limit = np.fmax(_ERROR_PX, _ERROR_SHARE * self._images.moved_px(fields, fields + std))
+            # Without texture, fits are of noise alone, and no values are wanted.
+            noise = np.sqrt(nodes.residual[0]) / spline_transfer(self._images.spline)
+            clear = textured(nodes.residual[1], noise, self._images.count, self._images.spline)
+            rough = ~(error <= limit) & (clear | np.isnan(noise))
             known = np.isfinite(nodes.theta).all(axis=0)
         find_smooth_cells(rough, np.where(known, self._of_nodes, _NO_FIT).astype(np.int8), out)
         return out
@@ -146,10 +158,10 @@ class WindowLattice:
         if self._told == EVERY_VARIANCE:
             maps += [(nodes.element, fit.element, False, DIRECTION)]
             maps += [(nodes.element_variance, fit.element_variance, False, -1)]
+        carried = ~smooth if self._coarse else _empty(nodes)
         for values, out, parameters, signed in maps:
             in_threads(partial(interpolate_rows, values, self._step, smooth, wanted, signed, out), pieces(*rows))
-            if self._coarse:
-                in_threads(partial(carry_rows, values, self._step, smooth, wanted, parameters, out), pieces(*rows))
+            in_threads(partial(carry_rows, values, self._step, carried, wanted, parameters, out), pieces(*rows))
 
 
 def _models_of_nodes(chosen: NDArray[np.int8], step: int) -> NDArray[np.int8]:
@@ -159,3 +171,9 @@ def _models_of_nodes(chosen: NDArray[np.int8], step: int) -> NDArray[np.int8]:
     near = maximum_filter(chosen, 2 * _REQUIRED * step + 1)[::step, ::step]
     own = chosen[::step, ::step]
     return np.ascontiguousarray(np.where(own == NO_MODEL, near, own))
+
+
+def _empty(nodes: Fit) -> Mask:
+    """Return the cells between nodes without a fit."""
+    out = np.pad(np.isnan(nodes.theta[0]), ((0, 1), (0, 1)), mode="edge")
+    return np.asarray(out[:-1, :-1] & out[1:, :-1] & out[:-1, 1:] & out[1:, 1:])

@@ -33,7 +33,9 @@ def estimate_noise(left: NDArray[np.float64]) -> float:
     return float(np.quantile(known, _WELL)) if known.size else float("nan")
 
 
-def textured(mean_square_gradient: NDArray[np.float64], noise: float, images: int, spline: int) -> NDArray[np.bool_]:
+def textured(
+    mean_square_gradient: NDArray[np.float64], noise: float | NDArray[np.float64], images: int, spline: int
+) -> NDArray[np.bool_]:
     """Return where the windowed mean square gradient of the mean image, in grey values per px, exceeds its noise."""
     by_noise = 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
     with np.errstate(invalid="ignore"):

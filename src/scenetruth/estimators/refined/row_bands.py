@@ -143,18 +143,18 @@ def pieces(first: int, end: int, step: int = 1) -> list[tuple[int, int]]:
 
 
 def _channel(
-    coefficients: NDArray[np.float32],
+    coefficients: list[NDArray[np.float32]],
     view: ImageView,
     fields: Map,
     hidden: NDArray[np.uint8],
-    bad: NDArray[np.uint8],
+    bad: list[NDArray[np.uint8]],
     first: int,
     window: Map | None,
     least: int,
     rows: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the images of one channel for the rows of a band, normalised to their mean, and its gradient."""
-    count, _, width = coefficients.shape
+    count, width = len(view.s), coefficients[0].shape[2]
     warped = np.empty((count, rows, width), dtype=np.float32)
     gradient = np.empty((2, rows, width), dtype=np.float32)
     parts = pieces(0, rows)

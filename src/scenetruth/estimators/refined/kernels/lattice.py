@@ -122,9 +122,11 @@ def interpolate_rows(
 
 @_jit
 def carry_rows(
-    nodes: Any, step: int, smooth: NDArray[np.bool_], wanted: NDArray[np.bool_], models: bool, out: Any, rows: Any
+    nodes: Any, step: int, cells: NDArray[np.bool_], wanted: NDArray[np.bool_], models: bool, out: Any, rows: Any
 ) -> None:
-    """Write the values of the nearest node where cells are not smooth.
+    """Write the values of the nearest node in a set of cells.
+
+    ``cells``: The cell below and to the right of each node, shape (rows, columns).
 
     ``models``: Whether the maps are parameters of a fit, which are converted to the pixel as its centre.
     """
@@ -133,7 +135,7 @@ def carry_rows(
     for y in range(rows[0], rows[1]):
         row, cell = min((y + step // 2) // step, down - 1), min(y // step, down - 1)
         for x in range(width):
-            if not wanted[y, x] or smooth[cell, min(x // step, across - 1)]:
+            if not (wanted[y, x] and cells[cell, min(x // step, across - 1)]):
                 continue
             column = min((x + step // 2) // step, across - 1)
             for n in range(count):

@@ -256,9 +256,10 @@ def _compile_visibility(*, accelerated: bool) -> Any:
             for y in range(height):
                 _place_row(accelerated, view, i, fields, y, at_x, at_y, disparity)
                 for x in range(width):
-                    if at_x[x] >= 0 and at_x[x] < width - 1 and at_y[x] >= 0 and at_y[x] < height - 1:
-                        if largest[int(at_y[x] + 0.5), int(at_x[x] + 0.5)] > disparity[x] + tolerance_px:
-                            hidden[group, y, x] |= np.uint8(1 << (i & 7))
+                    if not (at_x[x] >= 0 and at_x[x] < width - 1 and at_y[x] >= 0 and at_y[x] < height - 1):
+                        continue
+                    if largest[int(at_y[x] + 0.5), int(at_x[x] + 0.5)] > disparity[x] + tolerance_px:
+                        hidden[group, y, x] |= np.uint8(1 << (i & 7))
 
     return compiled
 

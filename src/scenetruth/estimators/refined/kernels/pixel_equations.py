@@ -146,6 +146,8 @@ def _compiled_products(several: int) -> Any:
         pairs, singles = np.empty((several * several, _CHUNK)), np.empty((15, _CHUNK))
         for row, first in [(row, first) for row in range(rows[0], rows[1]) for first in range(0, width, _CHUNK)]:
             y, size = row + first_row, min(_CHUNK, width - first)
+            if np.isnan(fields[0, y, first : first + size]).all():
+                continue
             used, texture, known, left, squares = (
                 singles[0, :size],
                 singles[1, :size],

@@ -6,7 +6,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -70,7 +70,7 @@ def _compiled_samples(pieces: list[Any], lanes: int) -> Any:
     taps = len(pieces)
     slopes = [np.polyder(piece) for piece in pieces]
 
-    def columns(polynomials: list[Any]) -> list[list[float]]:
+    def columns(polynomials: list[Any]) -> Any:
         """Return the coefficients of all lanes, from the highest power."""
         most = max(each.order for each in polynomials)
         table = np.zeros((most + 1, lanes))

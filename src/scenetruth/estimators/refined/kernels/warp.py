@@ -241,7 +241,7 @@ def image_parts(
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.uint8]]]:
     """Yield the images of an array or a list of arrays, with their defective pixels."""
     single = isinstance(coefficients, np.ndarray)
-    yield from zip([coefficients] if single else coefficients, [bad] if single else bad, strict=True)  # type: ignore[list-item]
+    yield from zip([coefficients] if single else coefficients, [bad] if single else bad, strict=True)
 
 
 @_jit
