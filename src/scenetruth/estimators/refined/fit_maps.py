@@ -191,11 +191,10 @@ def _changes(
             if not np.array_equal(known, before):
                 mean = np.maximum(gaussian_mean(known.astype(np.float64), sigma_px), 1e-9)
                 before, share = known, np.where(known, mean, np.inf)
-            yield (
-                place,
-                number,
-                *(gaussian_mean(np.where(known, values, 0.0), sigma_px) / share for values in (square, noise)),
+            changed, expected = (
+                gaussian_mean(np.where(known, values, 0.0), sigma_px) / share for values in (square, noise)
             )
+            yield place, number, changed, expected
 
 
 DISCONTINUITY_PX = 0.5

@@ -97,8 +97,6 @@ def _normalised(value: Any, gain: Any, offset: Any, block: Any, y: Any, x: Any) 
 
 
 def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
-    sample = sample_cubic if cubic else sample_quintic
-
     @_jit
     def compiled(
         coefficients: Any,
@@ -127,7 +125,10 @@ def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
                 s, s_y, t = view.s[number], view.s_y[number], view.t[number]
                 place_columns(accelerated, view, number, fields, y, columns, at_x, at_y)
                 find_offsets(at_x, at_y, height, width, bad[min(i, bad.shape[0] - 1)], offsets, right, down)
-                sample(flat[i], offsets, width, right, down, samples)
+                if cubic:
+                    sample_cubic(flat[i], offsets, width, right, down, samples)
+                else:
+                    sample_quintic(flat[i], offsets, width, right, down, samples)
                 sides = (True, s <= 0.0, s >= 0.0, t <= 0.0, t >= 0.0, s_y <= 0.0, s_y >= 0.0)
                 for n in range(size):
                     if offsets[n] < 0:

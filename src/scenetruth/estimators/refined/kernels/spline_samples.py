@@ -169,18 +169,20 @@ def _sample_plainly(cubic: bool, image: Any, offset: int, width: int, right: Any
     return value, along, below
 
 
-def _compiled_row(cubic: bool) -> Any:
-    fast = _cubic if cubic else _quintic
-
+# Functions in a closure would prevent caching.
+def _compiled_row(*, cubic: bool) -> Any:
     @_jit
     def compiled(image: Any, offsets: Any, width: Any, right: Any, down: Any, out: Any) -> None:
         values, along, below = out[0], out[1], out[2]
-        start = width + 1 if cubic else 0
         last = image.size - (TAPS - 1) * width - TAPS - _BEYOND
         beyond = False
         for n in range(offsets.size):
-            if offsets[n] >= 0 and offsets[n] <= last:
-                values[n], along[n], below[n] = fast(image, offsets[n] + start, width, right[n], down[n])
+            if not (offsets[n] >= 0 and offsets[n] <= last):
+                continue
+            if cubic:
+                values[n], along[n], below[n] = _cubic(image, offsets[n] + width + 1, width, right[n], down[n])
+            else:
+                values[n], along[n], below[n] = _quintic(image, offsets[n], width, right[n], down[n])
         for n in range(offsets.size):
             beyond = beyond or offsets[n] > last
         if beyond:

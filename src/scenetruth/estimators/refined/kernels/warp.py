@@ -130,8 +130,6 @@ def find_offsets(at_x: Any, at_y: Any, height: Any, width: Any, bad: Any, offset
 
 
 def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
-    sample = sample_cubic if cubic else sample_quintic
-
     @_jit
     def compiled(
         coefficients: Any,
@@ -167,7 +165,10 @@ def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
                     for n in range(size):
                         if (hidden[number >> 3, y, columns[n]] >> (number & 7)) & 1 != 0:
                             offsets[n] = -1
-                sample(image, offsets, width, right, down, samples)
+                if cubic:
+                    sample_cubic(image, offsets, width, right, down, samples)
+                else:
+                    sample_quintic(image, offsets, width, right, down, samples)
                 for n in range(size):
                     if offsets[n] >= 0:
                         x = columns[n]
