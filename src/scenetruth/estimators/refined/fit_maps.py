@@ -105,13 +105,14 @@ _PER_PX = (1.0, 1.0, 1.0, 16.0)
 _STEADY = int(np.count_nonzero(TOLD < FULL))  # number of variances of a motion without acceleration
 
 
-def blank_fit(state: Map, *, variances: bool) -> Fit:
-    """Return a fit with initial parameters."""
+def blank_fit(state: Map, *, variances: bool, element: bool = True) -> Fit:
+    """Return a fit with initial parameters; without the quantities of the surface ``element`` if not required."""
     shape = state.shape[1:] if variances else (1, 1)
     variance = np.full((np.count_nonzero(len(state) > TOLD), *shape), np.nan)
-    element, of_element = (np.full((count, *shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS))
+    element_shape = shape if element else (1, 1)
+    of_element = [np.full((count, *element_shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS)]
     images = np.full(shape, np.nan, dtype=np.float32)
-    return Fit(state.copy(), variance, element, of_element, images, np.full((2, *state.shape[1:]), np.nan))
+    return Fit(state.copy(), variance, *of_element, images, np.full((2, *state.shape[1:]), np.nan))
 
 
 def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:

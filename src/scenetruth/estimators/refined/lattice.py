@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.fit_maps import blank_fit, extract_fields
+from scenetruth.estimators.refined.fit_maps import STEADY_PLACES, blank_fit, extract_fields
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.lattice import carry_rows, find_smooth_cells, interpolate_rows
 from scenetruth.estimators.refined.kernels.window_solver import DIRECTION, EVERY_VARIANCE, Fit, Model
@@ -69,15 +69,15 @@ class WindowLattice:
         self._images, self._models, self._fits, self._chosen = images, models, fits, chosen
         self._weights, self._least, self._told, self._coarse = window_weights(sigma_px), least_share, told, coarse
         self._step = max(lattice_step(sigma_px), 2) if coarse else lattice_step(sigma_px)
-        self._done = 0
+        self._done, self._sigma = 0, sigma_px
         if self._step == 1:
             return
         self._of_nodes = _models_of_nodes(chosen, self._step)
         begun = [np.ascontiguousarray(fit.theta[:, :: self._step, :: self._step]) for fit in fits]
-        self._nodes = [blank_fit(each, variances=told > 0) for each in begun[:1]]
+        blank = partial(blank_fit, variances=told > 0, element=told == EVERY_VARIANCE)
+        self._nodes = [blank(begun[0])]
         self._nodes += [
-            self._nodes[0] if fit is fits[0] else blank_fit(each, variances=told > 0)
-            for fit, each in zip(fits[1:], begun[1:], strict=True)
+            self._nodes[0] if fit is fits[0] else blank(each) for fit, each in zip(fits[1:], begun[1:], strict=True)
         ]
 
     @property
@@ -103,8 +103,9 @@ class WindowLattice:
                 self._between(nodes, smooth[model], fit, model, (first, self._done))
         if not self._coarse:
             done = np.logical_and.reduce(smooth) | np.logical_and.reduce([_empty(nodes) for nodes in self._nodes])
-            cells = np.repeat(np.repeat(done, step, axis=0), step, axis=1)[:height, : self._images.shape[1]]
-            single = np.where(cells, NO_MODEL, self._chosen).astype(np.int8)
+            models = np.where(done, self._of_nodes, NO_MODEL)
+            cells = np.repeat(np.repeat(models, step, axis=0), step, axis=1)[:height, : self._images.shape[1]]
+            single = np.where(cells == self._chosen, NO_MODEL, self._chosen).astype(np.int8)
             self._solve(band, self._fits, single, 1, (first, self._done))
 
     def _solve(
@@ -125,7 +126,7 @@ class WindowLattice:
         error = np.zeros(out.shape)
         with np.errstate(invalid="ignore"):
             for axis in (1, 2):
-                fourth = _CUBIC_ERROR * np.diff(fields, 4, axis=axis)
+                fourth = _CUBIC_ERROR * self._within_window(np.diff(nodes.theta, 4, axis=axis))
                 ends = [(0, 0), (0, 0), (0, 0)]
                 ends[axis] = (2, 2)
                 error += self._images.moved_px(fields, fields + np.pad(fourth, ends, mode="edge"))
@@ -142,25 +143,39 @@ class WindowLattice:
         find_smooth_cells(rough, np.where(known, self._of_nodes, _NO_FIT).astype(np.int8), out)
         return out
 
+    def _within_window(self, theta: Map) -> Map:
+        """Return the largest changes of disparity, velocity and acceleration at a standard deviation from the centre.
+
+        ``theta``: Changes of the parameters, shape (15 or 18, y, x).
+        """
+        steps, sigma = np.abs(theta), self._sigma
+        out = extract_fields(steps)
+        out[0] += sigma * (steps[1] + steps[2]) + sigma**2 * (steps[3] + steps[4] + steps[5])
+        for n, place in enumerate(STEADY_PLACES[1:], 1):
+            out[n] += sigma * (steps[place + 1] + steps[place + 2])
+        return out
+
     def _between(self, nodes: Fit, smooth: Mask, fit: Fit, model: int, rows: tuple[int, int]) -> None:
         """Write the fits of all pixels of a range of rows from those of the nodes."""
         several = len(self._models) > 1 and self._fits[0] is not self._fits[-1]
         wanted = self._chosen != NO_MODEL
         if several:
             wanted = (self._chosen == EVERY_MODEL) | (self._chosen == model)
-        with_variances = self._told > 0
-        maps: list[tuple[Any, Any, bool, int]] = [
-            (nodes.theta, fit.theta, True, -1),
-            (nodes.residual, fit.residual, False, -1),
+        # Values at nodes and pixels; whether they are parameters; whether they are positive; first map of a direction.
+        maps: list[tuple[Any, Any, bool, bool, int]] = [
+            (nodes.theta, fit.theta, True, False, -1),
+            (nodes.residual, fit.residual, False, True, -1),
         ]
-        if with_variances:
-            maps += [(nodes.variance, fit.variance, False, -1), (nodes.images[None], fit.images[None], False, -1)]
+        if self._told > 0:
+            maps += [(nodes.variance, fit.variance, False, True, -1)]
+            maps += [(nodes.images[None], fit.images[None], False, True, -1)]
         if self._told == EVERY_VARIANCE:
-            maps += [(nodes.element, fit.element, False, DIRECTION)]
-            maps += [(nodes.element_variance, fit.element_variance, False, -1)]
+            maps += [(nodes.element, fit.element, False, False, DIRECTION)]
+            maps += [(nodes.element_variance, fit.element_variance, False, True, -1)]
         carried = ~smooth if self._coarse else _empty(nodes)
-        for values, out, parameters, signed in maps:
-            in_threads(partial(interpolate_rows, values, self._step, smooth, wanted, signed, out), pieces(*rows))
+        for values, out, parameters, positive, signed in maps:
+            interpolate = partial(interpolate_rows, values, self._step, smooth, wanted, positive, signed, out)
+            in_threads(interpolate, pieces(*rows))
             in_threads(partial(carry_rows, values, self._step, carried, wanted, parameters, out), pieces(*rows))
 
 

@@ -55,13 +55,21 @@ def _cubic(at: float, w: Any) -> None:
 
 @_jit
 def interpolate_rows(
-    nodes: Any, step: int, smooth: NDArray[np.bool_], wanted: NDArray[np.bool_], signed: int, out: Any, rows: Any
+    nodes: Any,
+    step: int,
+    smooth: NDArray[np.bool_],
+    wanted: NDArray[np.bool_],
+    positive: bool,
+    signed: int,
+    out: Any,
+    rows: Any,
 ) -> None:
     """Interpolate maps of nodes by cubic polynomials along both axes, in smooth cells.
 
     ``nodes``: Maps of the nodes, shape (maps, rows, columns).
     ``smooth``: Cells of `find_smooth_cells`.
     ``wanted``: Pixels of the image, shape (height, width).
+    ``positive``: Whether all values are positive: then they are at least the smallest of the nodes of their cell.
     ``signed``: Number of the first map of a direction of arbitrary sign, which is of three maps; -1 for none.
     ``out``: Output where wanted and smooth, shape (maps, height, width).
     """
@@ -107,6 +115,10 @@ def interpolate_rows(
                 total = 0.0
                 for u in range(STENCIL):
                     total += of[u] * line[n, left + u]
+                if positive:
+                    above = min(nodes[n, cell, beside], nodes[n, cell, beside + 1])
+                    below = min(nodes[n, cell + 1, beside], nodes[n, cell + 1, beside + 1])
+                    total = max(total, min(above, below))
                 out[n, y, x] = total
             if signed >= 0:
                 for k in range(3):
