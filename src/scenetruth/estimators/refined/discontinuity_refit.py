@@ -161,7 +161,7 @@ Map = NDArray[np.float64]
 
 _SIDE_COST = 1.05  # ratio by which the images of one side must agree better than all images
 _LEAST_JUDGED_SHARE = 0.3  # smallest fraction of the neighbourhood of a pixel with a valid cost
-_SAME_MODEL_PX = 0.01  # models that displace a point by less than this in all images have the same residual
+_SAME_MODEL_PX = 1e-3  # models that displace a point by less than this in all images have the same residual
 _DIFFERENT_PX = 0.5  # models that displace a point by more than this in any image belong to different surfaces
 
 
@@ -211,7 +211,7 @@ class HypothesisSelection:
             sides = np.where(new, self._variances(np.where(new, fields, np.nan)), self._sides)
             cost = self._cost(sides)
             # The margin covers the effect of noise: of equivalent models, the earlier one remains.
-            better = new & (cost < self.cost - 0.03)
+            better = cost < self.cost - 0.03
         worse = np.where(better, self.cost, cost)
         self.rival[other] = np.minimum(self.rival, worse)[other]
         self.theta[:, better] = theta[:, better]

@@ -145,7 +145,7 @@ def fit_surface(
     sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
     every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
-    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every, rough=True)
+    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every)
     if len(models) == 1:
         curved, theta = np.full(images.shape, models[0].surface == _CURVED), fits[0].theta
         return theta, curved, np.where(wanted, 0, NO_MODEL).astype(np.int8)
@@ -209,13 +209,8 @@ def fit_round(
     seen: PixelEvidence | None = None,
     shifts: ShiftObservations | None = None,
     coarse: bool = False,
-    rough: bool = False,
 ) -> list[Fit]:
-    """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model.
-
-    ``coarse``: Whether every other row of pixels is skipped.
-    ``rough``: Whether windows are fitted on a lattice only, also where fits do not vary smoothly; always if coarse.
-    """
+    """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model."""
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen
     chosen = np.where(np.isnan(state[0]), NO_MODEL, chosen).astype(np.int8)
     if (chosen == EVERY_MODEL).any():
@@ -227,7 +222,7 @@ def fit_round(
         fields[:, 1::2] = np.nan
         least_share /= 2
     lattice = partial(WindowLattice, images, models, chosen=chosen, least_share=least_share)
-    lattices = [lattice(sigma_px, fits, told=variances, coarse=coarse or rough)]
+    lattices = [lattice(sigma_px, fits, told=variances, coarse=coarse)]
     if finer is not None:
         lattices.append(lattice(finer[0], [finer[1]] * len(models), told=_STEADY_VARIANCES))
     behind = max(each.behind for each in lattices)

@@ -100,9 +100,11 @@ class WindowLattice:
         smooth = [self._smooth(nodes) for nodes in self._nodes]
         for model, (fit, nodes) in enumerate(zip(self._fits, self._nodes, strict=True)):
             if model == 0 or fit is not self._fits[0]:
-                self._between(nodes, smooth[model], fit, model, (first, self._done))
+                # Of several models, the first determines where windows are fitted at every pixel.
+                carried = ~smooth[model] if self._coarse else _empty(nodes) | (smooth[0] & ~smooth[model])
+                self._between(nodes, smooth[model], carried, fit, model, (first, self._done))
         if not self._coarse:
-            done = np.logical_and.reduce(smooth) | np.logical_and.reduce([_empty(nodes) for nodes in self._nodes])
+            done = smooth[0] | np.logical_and.reduce([_empty(nodes) for nodes in self._nodes])
             models = np.where(done, self._of_nodes, NO_MODEL)
             cells = np.repeat(np.repeat(models, step, axis=0), step, axis=1)[:height, : self._images.shape[1]]
             single = np.where(cells == self._chosen, NO_MODEL, self._chosen).astype(np.int8)
@@ -155,8 +157,8 @@ class WindowLattice:
             out[n] += sigma * (steps[place + 1] + steps[place + 2])
         return out
 
-    def _between(self, nodes: Fit, smooth: Mask, fit: Fit, model: int, rows: tuple[int, int]) -> None:
-        """Write the fits of all pixels of a range of rows from those of the nodes."""
+    def _between(self, nodes: Fit, smooth: Mask, carried: Mask, fit: Fit, model: int, rows: tuple[int, int]) -> None:
+        """Write the fits of pixels in a range of rows: interpolated, or carried from the nearest node."""
         several = len(self._models) > 1 and self._fits[0] is not self._fits[-1]
         wanted = self._chosen != NO_MODEL
         if several:
@@ -172,7 +174,6 @@ class WindowLattice:
         if self._told == EVERY_VARIANCE:
             maps += [(nodes.element, fit.element, False, False, DIRECTION)]
             maps += [(nodes.element_variance, fit.element_variance, False, True, -1)]
-        carried = ~smooth if self._coarse else _empty(nodes)
         for values, out, parameters, positive, signed in maps:
             interpolate = partial(interpolate_rows, values, self._step, smooth, wanted, positive, signed, out)
             in_threads(interpolate, pieces(*rows))
