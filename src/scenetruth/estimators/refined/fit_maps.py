@@ -110,9 +110,9 @@ def blank_fit(state: Map, *, variances: bool, element: bool = True) -> Fit:
     shape = state.shape[1:] if variances else (1, 1)
     variance = np.full((np.count_nonzero(len(state) > TOLD), *shape), np.nan)
     element_shape = shape if element else (1, 1)
-    of_element = [np.full((count, *element_shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS)]
+    values, of_element = (np.full((n, *element_shape), np.nan, dtype=np.float32) for n in (VALUES, FUNCTIONALS))
     images = np.full(shape, np.nan, dtype=np.float32)
-    return Fit(state.copy(), variance, *of_element, images, np.full((2, *state.shape[1:]), np.nan))
+    return Fit(state.copy(), variance, values, of_element, images, np.full((2, *state.shape[1:]), np.nan))
 
 
 def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:
