@@ -92,11 +92,10 @@ class WindowLattice:
             return
         step, height = self._step, self._images.shape[0]
         self._solve(band, self._nodes, self._of_nodes, step, (-(-band.top // step), -(-band.bottom // step)))
-        last = band.bottom == height
-        if self._coarse and not last:
+        if self._coarse and not band.last:
             return
         # Cells depend on nodes below them.
-        first, self._done = self._done, height if last else max(band.bottom - self.behind, self._done)
+        first, self._done = self._done, height if band.last else max(band.bottom - self.behind, self._done)
         smooth = [self._smooth(nodes) for nodes in self._nodes]
         for model, (fit, nodes) in enumerate(zip(self._fits, self._nodes, strict=True)):
             if model == 0 or fit is not self._fits[0]:

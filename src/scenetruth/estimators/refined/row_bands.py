@@ -58,6 +58,8 @@ class RowBand:
     """First row whose windows lie inside them, within the image."""
     bottom: int
     """Last such row + 1."""
+    last: bool
+    """Whether it is the last band."""
 
     @cached_property
     def by_pixel(self) -> Map:
@@ -107,6 +109,8 @@ def bands(
 ) -> Iterator[RowBand]:
     """Warp all images by the current parameters, and yield the normal equations of the pixels band by band.
 
+    Rows far from all pixels with finite fields are left out.
+
     ``behind``: Number of rows above a band whose windows lie inside it, too.
     """
     height, width = images.shape
@@ -119,8 +123,11 @@ def bands(
     fields = np.ascontiguousarray(fields)
     at_a_time = int(_SCRATCH_BYTES / (4 * len(view.s) * width)) - 4 * reach - behind
     size = max(at_a_time, _LEAST_BAND)
-    for top in range(0, height, size):
-        bottom = min(top + size, height)
+    rows = np.flatnonzero(np.isfinite(fields[0]).any(axis=1))
+    begin, stop = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
+    begin, stop = max(begin - 2 * reach, 0), min(stop + 2 * reach, height)
+    for top in range(begin, stop, size):
+        bottom = min(top + size, stop)
         # Windows extend beyond the band, and so do those of the gains at their pixels.
         step = _brightness_step(window)
         first, end = max(top - behind - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
@@ -133,7 +140,7 @@ def bands(
             in_threads(add, pieces(0, count))
             if shifts is not None:
                 shifts.add(even, gradient, least, first, (top, bottom))
-        yield RowBand(products, first, top, bottom)
+        yield RowBand(products, first, top, bottom, bottom == stop)
 
 
 def pieces(first: int, end: int, step: int = 1) -> list[tuple[int, int]]:
