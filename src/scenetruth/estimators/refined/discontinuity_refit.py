@@ -204,7 +204,7 @@ class HypothesisSelection:
         with np.errstate(invalid="ignore"):
             moved = self._images.moved_px(extract_fields(self.theta), fields)
             other = ~(moved <= _DIFFERENT_PX)
-            # Models that agree with the selected ones have the same residual.
+            # Models that agree with those selected have the same residual.
             new = self._where & ~(moved <= _SAME_MODEL_PX)
             if not new.any():
                 return

@@ -28,7 +28,7 @@ _ERROR_PX = 5e-4
 # Or smaller than this fraction of the standard deviation of the fit, whose square it increases by 1 % at most.
 _ERROR_SHARE = 0.1
 _VARIANCES = (0, 3, 4, 5, 6, 7, 8)  # numbers of the variances of disparity, velocity and acceleration
-# Error of a cubic polynomial through four values halfway between the middle ones, relative to their fourth difference.
+# Error of a cubic polynomial through four values halfway between the middle nodes, relative to their fourth difference.
 _CUBIC_ERROR = 3 / 128
 _LEAST_NODES = 5  # smallest number of nodes along an axis with a fourth difference
 # Number of rows of nodes that a cell depends on, below its own, + 1; and distance in nodes at which nodes are required.
