@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.interpolate import BSpline
 
-from scenetruth.estimators.refined.kernels import pixel_equations, warp, window_solver, window_sums
+from scenetruth.estimators.refined.kernels import pixel_equations, spline_samples, window_solver, window_sums
 from scenetruth.estimators.refined.kernels import pixel_equations as equations
 from scenetruth.estimators.refined.noise_estimation import EVEN, spline_slope_transfer, spline_transfer
 from scenetruth.estimators.refined.row_bands import window_weights
@@ -78,7 +78,9 @@ def test_images_are_fetched_where_they_see_the_points(
     np.testing.assert_allclose(gradient[:, seen], mean_known(np.array(slopes), 0)[0][:, seen], atol=2e-5)
 
 
-@pytest.mark.parametrize(("weights", "reach"), [(warp.quintic_weights, 3.0), (warp.cubic_weights, 2.0)])
+@pytest.mark.parametrize(
+    ("weights", "reach"), [(spline_samples.quintic_weights, 3.0), (spline_samples.cubic_weights, 2.0)]
+)
 def test_weights_are_those_of_b_splines(weights: Any, reach: float) -> None:
     # Beyond its knots, it is not a number.
     spline = BSpline.basis_element(np.arange(-reach, reach + 1), extrapolate=False)
@@ -192,7 +194,9 @@ def test_windows_are_solved(
     model = window_solver.Model(surface, 3, gradient, count == 7)
     every = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
     told = window_solver.EVERY_VARIANCE
-    window_sums.solve_rows(products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, told, (0, HEIGHT))
+    window_sums.solve_rows(
+        products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, told, 1, (0, HEIGHT)
+    )
     chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15))) + ([15, 16, 17] if count == 7 else [])
     for y, x in ((20, 28), (17, 24), (22, 31)):
         expected, variance = plain_fit(products, x, y, sigma, chosen)

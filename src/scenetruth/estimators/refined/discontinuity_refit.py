@@ -35,7 +35,7 @@ from scenetruth.estimators.refined.iterations import (
     select_models,
 )
 from scenetruth.estimators.refined.kernels.photo_consistency import SIDES, hide, judge_rows
-from scenetruth.estimators.refined.kernels.warp import ImageView, warp_rows
+from scenetruth.estimators.refined.kernels.warp import ImageView, image_parts, warp_rows
 from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import solve_members
 from scenetruth.estimators.refined.motion_model_selection import (
@@ -44,14 +44,13 @@ from scenetruth.estimators.refined.motion_model_selection import (
     encode_motion_models,
     list_motion_models,
 )
-from scenetruth.estimators.refined.noise_estimation import estimate_noise, textured
+from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
 from scenetruth.estimators.refined.row_bands import (
     NO_OCCLUSION,
     PixelEvidence,
     RowBand,
     around,
     bands,
-    local_gradient,
     local_means,
     pieces,
     window_weights,
@@ -94,20 +93,27 @@ def uniform_gain_offset(count: int) -> GainOffset:
 
 
 def estimate_gain_offset(
-    coefficients: NDArray[np.float32],
+    coefficients: NDArray[np.float32] | list[NDArray[np.float32]],
     view: ImageView,
     fields: NDArray[np.float64],
-    bad: NDArray[np.uint8],
+    bad: NDArray[np.uint8] | list[NDArray[np.uint8]],
     good: NDArray[np.bool_],
 ) -> GainOffset:
     """Estimate gains and offsets of the images relative to their mean by regression in blocks over ``good`` pixels."""
-    count, height, width = coefficients.shape
+    count, (_, height, width) = (
+        len(view.s),
+        coefficients[0].shape if isinstance(coefficients, list) else coefficients.shape,
+    )
     down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
     gain = np.full((count, down, across), np.nan, dtype=np.float32)
     offset = np.full_like(gain, np.nan)
     asked = np.where(good, fields, np.nan)
     # Excluded images have no intensity.
-    used = ~bad.all(axis=(1, 2)) if bad.shape[0] > 0 else np.ones(count, dtype=np.bool_)
+    parts = [(len(part), flags) for part, flags in image_parts(coefficients, bad)]
+    used = np.concatenate(
+        [~flags.all(axis=(1, 2)) if len(flags) else np.ones(size, dtype=np.bool_) for size, flags in parts]
+    )
+    some_bad = any(len(flags) for _, flags in parts)
 
     def regress(block: int) -> None:
         first = block * BLOCK_PX
@@ -117,7 +123,7 @@ def estimate_gain_offset(
         warp_rows(coefficients, view, asked, NO_OCCLUSION, bad, first, warped, gradient, (0, rows))
         for column in range(across):
             part = warped[:, :, column * BLOCK_PX : (column + 1) * BLOCK_PX].reshape(count, -1).astype(np.float64)
-            found = _in_block(part[used], some_bad=bad.shape[0] > 0)
+            found = _in_block(part[used], some_bad=some_bad)
             if found is not None:
                 gain[used, block, column], offset[used, block, column] = found
 
@@ -157,6 +163,7 @@ Map = NDArray[np.float64]
 
 _SIDE_COST = 1.05  # ratio by which the images of one side must agree better than all images
 _LEAST_JUDGED_SHARE = 0.3  # smallest fraction of the neighbourhood of a pixel with a valid cost
+_SAME_MODEL_PX = 1e-3  # models that displace a point by less than this in all images have the same residual
 _DIFFERENT_PX = 0.5  # models that displace a point by more than this in any image belong to different surfaces
 
 
@@ -181,29 +188,37 @@ class HypothesisSelection:
         self._bad = images.bad_stack()
         view, fields = images.view(), np.ascontiguousarray(extract_fields(theta))
         self._brightness = [
-            uniform_gain_offset(len(stack))
+            uniform_gain_offset(len(view.s))
             if steady is None
             else estimate_gain_offset(stack, view, fields, self._bad, steady)
             for stack in self._stacks
         ]
         self.theta = theta.copy()
-        self.cost = self._judge(theta)
+        self._sides = self._variances(np.where(where, fields, np.nan))
+        self.cost = self._cost(self._sides)
         """Residual of the selected model, in squares of the noise."""
         self.rival = np.full(images.shape, np.inf, dtype=np.float32)
         """Smallest residual of any other model that belongs to another surface."""
 
     def offer(self, theta: Map) -> None:
         """Select models where they explain the images better; parameters are (15 or 18, y, x), NaN where invalid."""
-        cost = self._judge(theta)
+        fields = extract_fields(theta)
         with np.errstate(invalid="ignore"):
-            moved = self._images.moved_px(extract_fields(self.theta), extract_fields(theta))
+            moved = self._images.moved_px(extract_fields(self.theta), fields)
             other = ~(moved <= _DIFFERENT_PX)
+            # Models that agree with those selected have the same residual.
+            new = self._where & ~(moved <= _SAME_MODEL_PX)
+            if not new.any():
+                return
+            sides = np.where(new, self._variances(np.where(new, fields, np.nan)), self._sides)
+            cost = self._cost(sides)
             # The margin covers the effect of noise: of equivalent models, the earlier one remains.
             better = cost < self.cost - 0.03
         worse = np.where(better, self.cost, cost)
         self.rival[other] = np.minimum(self.rival, worse)[other]
         self.theta[:, better] = theta[:, better]
         self.cost[better] = cost[better]
+        self._sides[:, better] = sides[:, better]
 
     def spread(self, distance: int) -> None:
         """Try the models of the eight pixels at a distance, at every pixel."""
@@ -212,19 +227,31 @@ class HypothesisSelection:
                 if right or down:
                     self.offer(carried(self.theta, right, down))
 
-    def _judge(self, theta: Map) -> NDArray[np.float32]:
-        fields = np.where(self._where, extract_fields(theta), np.nan)
+    def _variances(self, fields: Map) -> NDArray[np.float32]:
+        """Return the variances of the images of `SIDES` for fields, NaN where not wanted."""
         sides = np.empty((SIDES, *self._images.shape), dtype=np.float32)
+        fields = np.ascontiguousarray(fields)
+        if len(self._stacks) == 1:
+            self._judge(0, fields, sides)
+            return sides
+        total = np.zeros_like(sides)
+        for channel in range(len(self._stacks)):
+            self._judge(channel, fields, sides)
+            total += sides / len(self._stacks)
+        return total
+
+    def _judge(self, channel: int, fields: Map, out: NDArray[np.float32]) -> None:
+        stack, brightness = self._stacks[channel], self._brightness[channel]
+        judge = partial(judge_rows, stack, self._images.view(), fields, self._bad, *brightness, BLOCK_PX, out)
+        in_threads(judge, pieces(0, self._images.shape[0]))
+
+    def _cost(self, sides: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the residual over every pixel and its neighbours, in squares of the noise."""
         best = np.full(self._images.shape, np.inf, dtype=np.float32)
-        totals = np.zeros_like(sides)
-        for stack, brightness in zip(self._stacks, self._brightness, strict=True):
-            judge = partial(judge_rows, stack, self._images.view(), fields, self._bad, *brightness, BLOCK_PX, sides)
-            in_threads(judge, pieces(0, self._images.shape[0]))
-            totals += sides / len(self._stacks)
         for side in range(SIDES):
-            known = np.isfinite(totals[side])
+            known = np.isfinite(sides[side])
             share = local_means(known.astype(np.float32))
-            mean = local_means(np.where(known, totals[side], 0.0)) / np.maximum(share, _LEAST_JUDGED_SHARE)
+            mean = local_means(np.where(known, sides[side], np.float32(0.0))) / np.maximum(share, _LEAST_JUDGED_SHARE)
             cost = np.where(share > _LEAST_JUDGED_SHARE, mean, np.inf) * (1.0 if side == 0 else _SIDE_COST)
             best = np.minimum(best, cost / self._square)
         return best
@@ -285,6 +312,9 @@ def refit_discontinuities(
     whole = refined.fit.theta
     reach = window_weights(sigma).shape[2] // 2
     where = around(_unexplained(refined.seen, noise) | find_discontinuities(images, whole), reach) | refined.uneven
+    # Windows without texture determine no surface.
+    contrast = noise / spline_transfer(images.spline)
+    where &= textured(refined.fit.residual[1], contrast, images.count, images.spline) | np.isnan(whole[0])
     if not where.any() or not np.isfinite(noise):
         return refined, DiscontinuityContext(where, np.zeros_like(where))
     steady = ~where if settings.photometric_model == "per_image" else None
@@ -484,10 +514,9 @@ def _solve(
     """Fit the windows around the pixels of a band, and return the output of `solve_members`."""
     pixels = np.argwhere(where)
     found = np.empty((len(pixels), 2))
-    limit = _compute_residual_limit(local_gradient(band.products), noise)
-    products = np.ascontiguousarray(band.products.transpose(1, 2, 0))
+    limit = _compute_residual_limit(band.gradient, noise)
     reach = np.array([images.farthest, images.longest, images.aside, DISCONTINUITY_PX])
-    fixed = products, limit, fields, reach, window_weights(sigma), model, images.view(), band.first, fit
+    fixed = band.by_pixel, limit, fields, reach, window_weights(sigma), model, images.view(), band.first, fit
     solve = partial(solve_members, *fixed, pixels, found)
     in_threads(solve, [(n, min(n + _PIXELS, len(pixels))) for n in range(0, len(pixels), _PIXELS)])
     return found.T

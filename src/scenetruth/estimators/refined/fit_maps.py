@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.window_solver import ALL, FULL, FUNCTIONALS, TOLD, VALUES, Fit
 
 __all__ = [
@@ -108,13 +109,14 @@ _PER_PX = (1.0, 1.0, 1.0, 16.0)
 _STEADY = int(np.count_nonzero(TOLD < FULL))  # number of variances of a motion without acceleration
 
 
-def blank_fit(state: Map, *, variances: bool) -> Fit:
-    """Return a fit with initial parameters."""
+def blank_fit(state: Map, *, variances: bool, element: bool = True) -> Fit:
+    """Return a fit with initial parameters; without the quantities of the surface ``element`` if not required."""
     shape = state.shape[1:] if variances else (1, 1)
     variance = np.full((np.count_nonzero(len(state) > TOLD), *shape), np.nan)
-    element, of_element = (np.full((count, *shape), np.nan, dtype=np.float32) for count in (VALUES, FUNCTIONALS))
+    element_shape = shape if element else (1, 1)
+    values, of_element = (np.full((n, *element_shape), np.nan, dtype=np.float32) for n in (VALUES, FUNCTIONALS))
     images = np.full(shape, np.nan, dtype=np.float32)
-    return Fit(state.copy(), variance, element, of_element, images, np.full((2, *state.shape[1:]), np.nan))
+    return Fit(state.copy(), variance, values, of_element, images, np.full((2, *state.shape[1:]), np.nan))
 
 
 def chosen_fit(where: NDArray[np.bool_], fit: Fit, other: Fit) -> Fit:
@@ -160,9 +162,8 @@ def differ(
     ``among``: Pixels included in the average, shape (y, x); default: all.
     """
     found = np.zeros(coarse.theta.shape[1:], dtype=np.bool_)
-    for place, _, square, noise in _changes(coarse, fine, sigma_px, among, most):
-        if motion or place == 0:
-            found |= square > _SIGNIFICANT * noise
+    for _, _, square, noise in _changes(coarse, fine, sigma_px, among, most, fields=4 if motion else 1):
+        found |= square > _SIGNIFICANT * noise
     return found
 
 
@@ -180,12 +181,11 @@ def with_bias(fine: Fit, coarse: Fit, sigma_px: float, coarse_sigma_px: float) -
 
 
 def _changes(
-    coarse: Fit, fine: Fit, sigma_px: float, among: NDArray[np.bool_] | None, most: float
+    coarse: Fit, fine: Fit, sigma_px: float, among: NDArray[np.bool_] | None, most: float, fields: int = 4
 ) -> Iterator[tuple[int, int, Map, Map]]:
     """Yield index and variance index of disparity and velocity, their squared change, and that due to noise."""
-    from scipy.ndimage import gaussian_filter
-
-    for place, number, per_px in zip(STEADY_PLACES, (0, 3, 4, 5), _PER_PX, strict=True):
+    before, share = np.zeros(0, dtype=np.bool_), np.zeros(0)
+    for place, number, per_px in list(zip(STEADY_PLACES, (0, 3, 4, 5), _PER_PX, strict=True))[:fields]:
         with np.errstate(invalid="ignore"):
             # A curved surface in full windows may be less certain than a plane in small windows.
             floor = LEAST_PX * per_px / (1.0 if place == 0 else np.maximum(np.abs(coarse.theta[0]), 1e-3))
@@ -193,12 +193,13 @@ def _changes(
             noise = np.maximum(fine.variance[number] - coarse.variance[number], least)
             square = np.minimum((fine.theta[place] - coarse.theta[place]) ** 2, most * noise)
             known = np.isfinite(square) & np.isfinite(noise) & (True if among is None else among)
-            share = np.where(known, np.maximum(gaussian_filter(known.astype(np.float64), sigma_px), 1e-9), np.inf)
-            yield (
-                place,
-                number,
-                *(gaussian_filter(np.where(known, values, 0.0), sigma_px) / share for values in (square, noise)),
+            if not np.array_equal(known, before):
+                mean = np.maximum(gaussian_mean(known.astype(np.float64), sigma_px), 1e-9)
+                before, share = known, np.where(known, mean, np.inf)
+            changed, expected = (
+                gaussian_mean(np.where(known, values, 0.0), sigma_px) / share for values in (square, noise)
             )
+            yield place, number, changed, expected
 
 
 DISCONTINUITY_PX = 0.5

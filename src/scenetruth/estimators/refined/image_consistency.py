@@ -66,16 +66,17 @@ def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even:
     for row, left in product(rows if even else (), columns):
         block = fields[:, row : row + edge, left : left + edge]
         block[:] = np.median(block, axis=(1, 2), keepdims=True)
+    count = len(view.s)
     stacks = [images.stack(channel) for channel in range(images.channels)]
     jobs = [(stack, int(row)) for stack in stacks for row in rows]
     parts: dict[int, tuple[Map, Map]] = {}
 
     def work(number: int) -> None:
         stack, row = jobs[number]
-        warped = np.empty((len(stack), edge, width), dtype=np.float32)
+        warped = np.empty((count, edge, width), dtype=np.float32)
         gradient = np.empty((2, edge, width), dtype=np.float32)
         warp_rows(stack, view, fields, np.zeros((0, 0, 0), np.uint8), bad, row, warped, gradient, (0, edge))
-        blocks = [_correlations(warped[:, :, left : left + edge].reshape(len(stack), -1)) for left in columns]
+        blocks = [_correlations(warped[:, :, left : left + edge].reshape(count, -1)) for left in columns]
         found, contrast = zip(*blocks, strict=True)
         parts[number] = np.array(found), np.array(contrast)
 

@@ -179,18 +179,23 @@ class ImageStack:
         """Number of images that are not excluded."""
         return len(self.times) * len(self.positions) - len(self.left_out)
 
-    def stack(self, channel: int) -> NDArray[np.float32]:
-        """Return the coefficients of one channel, camera by camera within each frame, shape (n, y, x)."""
-        return np.concatenate([part[channel] for part in self.coefficients])
+    def stack(self, channel: int) -> list[NDArray[np.float32]]:
+        """Return the coefficients of one channel by frame, shape (s, y, x) each."""
+        return [part[channel] for part in self.coefficients]
 
-    def bad_stack(self) -> NDArray[np.uint8]:
-        """Return where images must not be sampled, in the order of `stack`, shape (n, y, x); (0, 0, 0) if nowhere."""
-        if not self.bad and not self.left_out:
-            return NO_DEFECTS
+    def bad_stack(self) -> list[NDArray[np.uint8]]:
+        """Return where images must not be sampled, in the order of `stack`, by frame; shape (0, 0, 0) if nowhere."""
         shape = (len(self.positions), *self.shape)
-        found = np.concatenate(self.bad or [np.zeros(shape, dtype=np.uint8)] * len(self.times))
-        for frame, camera in self.left_out:
-            found[frame * len(self.positions) + camera] = 1
+        found = []
+        for frame in range(len(self.times)):
+            excluded = [camera for left_out, camera in self.left_out if left_out == frame]
+            flags = self.bad[frame] if self.bad else NO_DEFECTS
+            # Frames without defects are arrays of a single number.
+            flags = flags if flags.any() else NO_DEFECTS
+            if excluded:
+                flags = flags.copy() if len(flags) else np.zeros(shape, dtype=np.uint8)
+                flags[excluded] = 1
+            found.append(flags)
         return found
 
     def view(self) -> ImageView:

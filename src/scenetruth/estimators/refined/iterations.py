@@ -15,14 +15,14 @@ from scenetruth.estimators.refined.fit_maps import (
     blank_fit,
     differ,
     extract_fields,
-    fill_between,
     initial_parameters,
 )
 from scenetruth.estimators.refined.image_consistency import find_inconsistent_images
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit, Model
-from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL, solve_rows
+from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL
+from scenetruth.estimators.refined.lattice import WindowLattice
 from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
     estimate_noise,
@@ -31,10 +31,9 @@ from scenetruth.estimators.refined.noise_estimation import (
     textured,
 )
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections, ShiftObservations
-from scenetruth.estimators.refined.row_bands import PixelEvidence, bands, local_means, pieces, window_weights
+from scenetruth.estimators.refined.row_bands import PixelEvidence, bands, local_means
 from scenetruth.estimators.refined.velocity_curvature import add_velocity, remove_slopes, remove_velocity
 from scenetruth.schema.variables import MOTION_PLAIN
-from scenetruth.threads import in_threads
 
 __all__ = [
     "STAGES",
@@ -52,6 +51,7 @@ STAGES = (1, 2)  # numbers of adjacent frames used in the first iterations
 _STILL_SHARE = 0.9  # fraction of the pixels that must have converged: at discontinuities, some never do
 _FINER = 0.5  # relative width of the smaller windows that test whether full windows suffice
 _FITTED = 1.5  # windows with a residual above this multiple of the noise are excluded from the convergence test
+_STEADY_VARIANCES = 6  # number of variances of the smaller windows: disparity, slopes and velocity
 _FULL_ITERATIONS = 2  # iterations with all pixels
 
 Map = NDArray[np.float64]
@@ -179,7 +179,7 @@ def fit_final(
     smooth: Map | None = None,
 ) -> FinalIteration:
     """Warp all images and fit the selected models, with all output quantities."""
-    seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True)
+    seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True, element=False)
     small = _FINER * settings.window_sigma_px
     gains = settings.photometric_model == "per_image"
     final = partial(fit_round, images, state, models, settings.window_sigma_px, gains=gains, chosen=chosen)
@@ -224,53 +224,32 @@ def fit_round(
 
     ``smooth``: Velocity that is removed before affine models are fitted, as in `smooth_velocity`.
     """
-    view, windows = images.view(), window_weights(sigma_px)
-    chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen.copy()
+    chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen
+    chosen = np.where(np.isnan(state[0]), NO_MODEL, chosen).astype(np.int8)
     begun = state if smooth is None else remove_slopes(state, smooth)
     if (chosen == EVERY_MODEL).any():
-        fits = [blank_fit(begun, variances=variances > 0) for _ in models]
+        fits = [blank_fit(begun, variances=variances > 0, element=variances == EVERY_VARIANCE) for _ in models]
     else:
-        fits = [blank_fit(begun, variances=variances > 0)] * len(models)
+        fits = [blank_fit(begun, variances=variances > 0, element=variances == EVERY_VARIANCE)] * len(models)
     fields, least_share = extract_fields(state), _LEAST_SHARE
     if coarse:
         fields[:, 1::2] = np.nan
         least_share /= 2
-        chosen[1::2], chosen[:, 1::2] = NO_MODEL, NO_MODEL
-    for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts):
+    lattice = partial(WindowLattice, images, models, chosen=chosen, least_share=least_share)
+    lattices = [lattice(sigma_px, fits, told=variances, coarse=coarse)]
+    if finer is not None:
+        lattices.append(lattice(finer[0], [finer[1]] * len(models), told=_STEADY_VARIANCES))
+    behind = max(each.behind for each in lattices)
+    for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts, behind=behind):
         if smooth is not None:
             remove_velocity(band, smooth)
-        # Always two models, so that the kernel is compiled once.
-        pair = (
-            (models[0], models[-1]),
-            len(models),
-            view,
-            images.channels,
-            band.first,
-            least_share,
-            (fits[0], fits[-1]),
-        )
-        solve = partial(solve_rows, band.products, windows, *pair, chosen, variances)
-        in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
-        if finer is not None:
-            pair = (
-                (models[0], models[-1]),
-                len(models),
-                view,
-                images.channels,
-                band.first,
-                least_share,
-                (finer[1],) * 2,
-            )
-            solve = partial(solve_rows, band.products, window_weights(finer[0]), *pair, chosen, 6)
-            in_threads(solve, pieces(band.top - band.first, band.bottom - band.first))
+        for each in lattices:
+            each.put(band)
         if seen is not None:
             seen.put(band)
     if smooth is not None:
         for fit in {id(fit): fit for fit in (*fits, *([] if finer is None else finer[1:]))}.values():
             add_velocity(fit, smooth, images, chosen > NO_MODEL)
-    if coarse:
-        for fit in fits:
-            fill_between(fit.theta)
     return fits
 
 

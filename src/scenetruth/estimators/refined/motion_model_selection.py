@@ -37,6 +37,7 @@ from scenetruth.estimators.refined.iterations import (
     is_valid_step,
     select_models,
 )
+from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
@@ -139,9 +140,7 @@ def choose_motion_model(
 
 def _leaves_less(fit: Fit, trial: MotionModelTrial, among: Mask, sigma_px: float, noise: float) -> Mask:
     """Return where a trial reduces the windowed residual, to the noise level or to less than half of its square."""
-    from scipy.ndimage import gaussian_filter
-
-    before, after = (gaussian_filter(np.where(among, each.residual[0], 0.0), sigma_px) for each in (fit, trial.fit))
+    before, after = (gaussian_mean(np.where(among, each.residual[0], 0.0), sigma_px) for each in (fit, trial.fit))
     less = after < (1.0 if trial.all_images else _OTHER_NOISE) * before
     return np.asarray(less & ((trial.fit.residual[0] <= noise**2) | (after < _MUCH_LESS * before)))
 

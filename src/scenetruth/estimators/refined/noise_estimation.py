@@ -34,7 +34,10 @@ def estimate_noise(left: NDArray[np.float64]) -> float:
 
 
 def textured(
-    mean_square_gradient: NDArray[np.float64], noise: float, images: int | NDArray[np.floating[Any]], spline: int
+    mean_square_gradient: NDArray[np.float64],
+    noise: float | NDArray[np.float64],
+    images: int | NDArray[np.floating[Any]],
+    spline: int,
 ) -> NDArray[np.bool_]:
     """Return where the windowed mean square gradient of the mean image, in grey values per px, exceeds its noise.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from scenetruth.estimators.refined.kernels.pixel_equations import (
     add_products,
     correct_brightness,
 )
+from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.warp import STEADY, ImageView, mean_texture, warp_rows
 from scenetruth.estimators.refined.pose_corrections import ShiftObservations
 from scenetruth.threads import in_threads
@@ -36,7 +37,8 @@ __all__ = [
 
 
 # Bytes of warped images in memory, number of rows per thread task, and smallest number of rows of a band.
-_SCRATCH_BYTES, _ROWS, _LEAST_BAND = 192e6, 16, 32
+_SCRATCH_BYTES, _ROWS, _LEAST_BAND = 96e6, 16, 32
+_LANES = 8  # the products of a pixel fill this number of lanes of vector instructions
 _CUT = 2.0  # half-width of windows in standard deviations
 
 NO_OCCLUSION = np.zeros((0, 0, 0), dtype=np.uint8)
@@ -56,6 +58,25 @@ class RowBand:
     """First row whose windows lie inside them, within the image."""
     bottom: int
     """Last such row + 1."""
+    last: bool
+    """Whether it is the last band."""
+
+    @cached_property
+    def by_pixel(self) -> Map:
+        """Products of each pixel together, shape (rows, width, 24 or 48): those of `products` and zeros."""
+        count, rows, width = self.products.shape
+        out = np.zeros((rows, width, -(-count // _LANES) * _LANES))
+
+        def copy(part: tuple[int, int]) -> None:
+            out[part[0] : part[1], :, :count] = self.products[:, part[0] : part[1]].transpose(1, 2, 0)
+
+        in_threads(copy, pieces(0, rows))
+        return out
+
+    @cached_property
+    def gradient(self) -> Map:
+        """Mean square gradient of the texture over a pixel and its neighbours, as `local_gradient`."""
+        return local_gradient(self.products)
 
 
 def window_weights(sigma_px: float) -> Map:
@@ -84,8 +105,14 @@ def bands(
     least_share: float = 0.5,
     hidden: NDArray[np.uint8] = NO_OCCLUSION,
     shifts: ShiftObservations | None = None,
+    behind: int = 0,
 ) -> Iterator[RowBand]:
-    """Warp all images by the current parameters, and yield the normal equations of the pixels band by band."""
+    """Warp all images by the current parameters, and yield the normal equations of the pixels band by band.
+
+    Rows far from all pixels with finite fields are left out.
+
+    ``behind``: Number of rows above a band whose windows lie inside it, too.
+    """
     height, width = images.shape
     view = images.view()
     window = window_weights(sigma_px)[0, 0]
@@ -94,13 +121,16 @@ def bands(
     bad = images.bad_stack()
     stacks = [images.stack(channel) for channel in range(images.channels)]
     fields = np.ascontiguousarray(fields)
-    at_a_time = int(_SCRATCH_BYTES / (8 * len(view.s) * width)) - 4 * reach
+    at_a_time = int(_SCRATCH_BYTES / (4 * len(view.s) * width)) - 4 * reach - behind
     size = max(at_a_time, _LEAST_BAND)
-    for top in range(0, height, size):
-        bottom = min(top + size, height)
+    rows = np.flatnonzero(np.isfinite(fields[0]).any(axis=1))
+    begin, stop = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
+    begin, stop = max(begin - 2 * reach, 0), min(stop + 2 * reach, height)
+    for top in range(begin, stop, size):
+        bottom = min(top + size, stop)
         # Windows extend beyond the band, and so do those of the gains at their pixels.
         step = _brightness_step(window)
-        first, end = max(top - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
+        first, end = max(top - behind - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS if len(fields) == STEADY else ALL_PRODUCTS, end - first, width))
         for stack in stacks:
             count = end - first
@@ -110,48 +140,48 @@ def bands(
             in_threads(add, pieces(0, count))
             if shifts is not None:
                 shifts.add(even, gradient, least, first, (top, bottom))
-        yield RowBand(products, first, top, bottom)
+        yield RowBand(products, first, top, bottom, bottom == stop)
 
 
-def pieces(first: int, end: int) -> list[tuple[int, int]]:
-    """Return the row ranges of the thread tasks."""
-    return [(row, min(row + _ROWS, end)) for row in range(first, end, _ROWS)]
+def pieces(first: int, end: int, step: int = 1) -> list[tuple[int, int]]:
+    """Return the row ranges of the thread tasks, of rows of a lattice with a step."""
+    size = max(_ROWS // step, 1)
+    return [(row, min(row + size, end)) for row in range(first, end, size)]
 
 
 def _channel(
-    coefficients: NDArray[np.float32],
+    coefficients: list[NDArray[np.float32]],
     view: ImageView,
     fields: Map,
     hidden: NDArray[np.uint8],
-    bad: NDArray[np.uint8],
+    bad: list[NDArray[np.uint8]],
     first: int,
     window: Map | None,
     least: int,
     rows: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the images of one channel for the rows of a band, normalised to their mean, and its gradient."""
-    count, _, width = coefficients.shape
+    count, width = len(view.s), coefficients[0].shape[2]
     warped = np.empty((count, rows, width), dtype=np.float32)
     gradient = np.empty((2, rows, width), dtype=np.float32)
     parts = pieces(0, rows)
     in_threads(partial(warp_rows, coefficients, view, fields, hidden, bad, first, warped, gradient), parts)
     if window is not None:
-        texture, even = np.empty((rows, width), dtype=np.float32), np.empty_like(warped)
+        texture = np.empty((rows, width), dtype=np.float32)
         in_threads(partial(mean_texture, warped, least, texture), parts)
         weights = window.astype(np.float32)
         step = _brightness_step(window)
 
         def correct(number: int) -> None:
-            correct_brightness(warped[number], texture, weights, step, first, even[number])
+            correct_brightness(warped[number], texture, weights, step, first, warped[number])
 
         in_threads(correct, range(count))
-        warped = even
     return warped, gradient
 
 
 def _brightness_step(window: Map) -> int:
-    """Return the distance at which gain and offset are estimated: a sixth of the half-width of the window."""
-    return max(1, len(window) // 12)
+    """Return the distance at which gain and offset are estimated: a third of the half-width of the window."""
+    return max(1, len(window) // 6)
 
 
 # Pixels are evaluated with their neighbours, in a Gaussian window of this standard deviation truncated at 3 px.
@@ -163,9 +193,7 @@ _SQUARES, _FREEDOM, _KNOWN, _GRADIENT = 14, 15, 16, 17
 
 def local_means(values: NDArray[Any]) -> NDArray[Any]:
     """Return the means over a pixel and its neighbours, shape (y, x)."""
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(values, _SIGMA_PX, truncate=_EVIDENCE_CUT))
+    return gaussian_mean(values, _SIGMA_PX, _EVIDENCE_CUT)
 
 
 def local_gradient(products: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -200,4 +228,4 @@ class PixelEvidence:
         with np.errstate(invalid="ignore", divide="ignore"):
             # Valid pixels are counted per channel, which overestimates the coverage of several channels without harm.
             self.square[rows] = np.where(known > _LEAST, squares / freedom, np.inf)
-        self.gradient[rows] = local_gradient(band.products)[inner]
+        self.gradient[rows] = band.gradient[inner]

@@ -8,18 +8,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.kernels.spline_samples import TAPS, cubic_weights, quintic_weights
 from scenetruth.estimators.refined.kernels.warp import (
     ACCELERATED,
     CUBIC,
     QUINTIC,
     REACH,
     STEADY,
-    TAPS,
     ImageView,
     corrected,
-    cubic_weights,
     place_of,
-    quintic_weights,
 )
 
 __all__ = ["COSTS", "add_similarity", "compare_rivals", "sum_members"]

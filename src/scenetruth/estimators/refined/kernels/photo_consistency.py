@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.kernels.spline_samples import sample_cubic, sample_quintic
 from scenetruth.estimators.refined.kernels.warp import (
     ACCELERATED,
     CUBIC,
     QUINTIC,
-    REACH,
     STEADY,
-    TAPS,
     ImageView,
     corrected,
-    cubic_weights,
+    find_columns,
+    find_offsets,
+    image_parts,
     mean_of_row,
+    place_columns,
     place_of,
-    quintic_weights,
 )
 
 __all__ = ["SIDES", "SUMS", "add_shifts", "hide", "judge_rows"]
@@ -77,79 +79,71 @@ SIDES = 7
 _LEAST = 3
 
 
+@_jit
+def _normalised(value: Any, gain: Any, offset: Any, block: Any, y: Any, x: Any) -> Any:
+    """Return a grey value without gain and offset, which are interpolated between the centres of blocks."""
+    down, across = gain.shape
+    row = min(max((y + 0.5) / block - 0.5, 0.0), down - 1.0)
+    column = min(max((x + 0.5) / block - 0.5, 0.0), across - 1.0)
+    above, beside = int(row), int(column)
+    below, right = min(above + 1, down - 1), min(beside + 1, across - 1)
+    v1, u1 = np.float32(row - above), np.float32(column - beside)
+    v0, u0 = np.float32(1.0) - v1, np.float32(1.0) - u1
+    scaled = v0 * (u0 * gain[above, beside] + u1 * gain[above, right])
+    scaled += v1 * (u0 * gain[below, beside] + u1 * gain[below, right])
+    shifted = v0 * (u0 * offset[above, beside] + u1 * offset[above, right])
+    shifted += v1 * (u0 * offset[below, beside] + u1 * offset[below, right])
+    return (value - shifted) / scaled
+
+
 def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
     @_jit
     def compiled(
-        coefficients: Any, view: Any, fields: Any, bad: Any, gain: Any, offset: Any, block: Any, out: Any, rows: Any
+        coefficients: Any,
+        view: Any,
+        fields: Any,
+        bad: Any,
+        gain: Any,
+        offset: Any,
+        block: Any,
+        first_image: Any,
+        origin: Any,
+        sums: Any,
+        rows: Any,
     ) -> None:
         count, height, width = coefficients.shape
-        wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
-        dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
-        sums = np.empty((SIDES, 3))
-        _, down, across = gain.shape
-        some_bad = bad.shape[0] > 0
+        flat = coefficients.reshape((count, height * width))
+        every, at = np.empty(width, dtype=np.int64), np.empty((2, width))
+        samples = np.empty((3, width), dtype=np.float32)
+        every_offset, fractions = np.empty(width, dtype=np.int64), np.empty((2, width), dtype=np.float32)
         for y in range(rows[0], rows[1]):
-            for x in range(width):
-                out[:, y, x] = np.nan
-                if np.isnan(fields[0, y, x]):
-                    continue
-                sums[:] = 0.0
-                # Centres of the four blocks around the pixel.
-                row = min(max((y + 0.5) / block - 0.5, 0.0), down - 1.0)
-                column = min(max((x + 0.5) / block - 0.5, 0.0), across - 1.0)
-                above, beside = int(row), int(column)
-                below, right = min(above + 1, down - 1), min(beside + 1, across - 1)
-                v1, u1 = np.float32(row - above), np.float32(column - beside)
-                v0, u0 = np.float32(1.0) - v1, np.float32(1.0) - u1
-                origin, met = 0.0, False
-                for i in range(count):
-                    s, s_y, t = view.s[i], view.s_y[i], view.t[i]
-                    at_x, at_y, _ = place_of(accelerated, view, s, s_y, t, fields, y, x)
-                    at_x, at_y = corrected(view, i, at_x, at_y)
-                    if not (at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
+            size = find_columns(fields, y, every)
+            columns, offsets = every[:size], every_offset[:size]
+            at_x, at_y, right, down = at[0, :size], at[1, :size], fractions[0, :size], fractions[1, :size]
+            for i in range(count):
+                number = first_image + i
+                s, s_y, t = view.s[number], view.s_y[number], view.t[number]
+                place_columns(accelerated, view, number, fields, y, columns, at_x, at_y)
+                find_offsets(at_x, at_y, height, width, bad[min(i, bad.shape[0] - 1)], offsets, right, down)
+                if cubic:
+                    sample_cubic(flat[i], offsets, width, right, down, samples)
+                else:
+                    sample_quintic(flat[i], offsets, width, right, down, samples)
+                sides = (True, s <= 0.0, s >= 0.0, t <= 0.0, t >= 0.0, s_y <= 0.0, s_y >= 0.0)
+                for n in range(size):
+                    if offsets[n] < 0:
                         continue
-                    if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
-                        continue
-                    left, top = int(at_x), int(at_y)
-                    # A common function for both orders takes 1.5 times as long.
-                    if cubic:
-                        cubic_weights(at_x - left, wx, dx)
-                        cubic_weights(at_y - top, wy, dy)
-                    else:
-                        quintic_weights(at_x - left, wx, dx)
-                        quintic_weights(at_y - top, wy, dy)
-                    value = np.float32(0.0)
-                    for k in range(TAPS):
-                        a = np.float32(0.0)
-                        for j in range(TAPS):
-                            a += wx[j] * coefficients[i, top + k - REACH, left + j - REACH]
-                        value += wy[k] * a
-                    g, o = gain[i], offset[i]
-                    scaled = v0 * (u0 * g[above, beside] + u1 * g[above, right])
-                    scaled += v1 * (u0 * g[below, beside] + u1 * g[below, right])
-                    shifted = v0 * (u0 * o[above, beside] + u1 * o[above, right])
-                    shifted += v1 * (u0 * o[below, beside] + u1 * o[below, right])
-                    value = (value - shifted) / scaled
-                    if not met:
-                        origin, met = float(value), True
-                    v = value - origin
+                    x = columns[n]
+                    value = _normalised(samples[0, n], gain[number], offset[number], block, y, x)
+                    if np.isnan(origin[y - rows[0], x]):
+                        origin[y - rows[0], x] = value
+                    v = value - origin[y - rows[0], x]
+                    total = sums[y - rows[0], x]
                     for side in range(SIDES):
-                        if (
-                            side == 0
-                            or (side == 1 and s <= 0.0)
-                            or (side == 2 and s >= 0.0)
-                            or (side == 3 and t <= 0.0)
-                            or (side == 4 and t >= 0.0)
-                            or (side == 5 and s_y <= 0.0)
-                            or (side == 6 and s_y >= 0.0)
-                        ):
-                            sums[side, 0] += 1.0
-                            sums[side, 1] += v
-                            sums[side, 2] += v * v
-                for side in range(SIDES):
-                    n = sums[side, 0]
-                    if n >= _LEAST:
-                        out[side, y, x] = (sums[side, 2] - sums[side, 1] ** 2 / n) / (n - 1.0)
+                        if sides[side]:
+                            total[side, 0] += 1.0
+                            total[side, 1] += v
+                            total[side, 2] += v * v
 
     return compiled
 
@@ -161,11 +155,21 @@ _JUDGES = {
 }
 
 
+@_jit
+def _variances(sums: Any, out: Any, rows: Any) -> None:
+    """Write the variances from numbers, sums and squares."""
+    for y in range(rows[0], rows[1]):
+        for x in range(out.shape[2]):
+            for side in range(SIDES):
+                n, total, squares = sums[y - rows[0], x, side]
+                out[side, y, x] = (squares - total**2 / n) / (n - 1.0) if n >= _LEAST else np.nan
+
+
 def judge_rows(
-    coefficients: NDArray[np.float32],
+    coefficients: NDArray[np.float32] | Sequence[NDArray[np.float32]],
     view: ImageView,
     fields: NDArray[np.float64],
-    bad: NDArray[np.uint8],
+    bad: NDArray[np.uint8] | Sequence[NDArray[np.uint8]],
     gain: NDArray[np.float32],
     offset: NDArray[np.float32],
     block: int,
@@ -174,12 +178,19 @@ def judge_rows(
 ) -> None:
     """Compute the variances of the grey values of the images at every pixel.
 
+    ``coefficients``, ``bad``: Arrays or lists of arrays, as in `warp_rows`.
     ``gain``, ``offset``: Normalisation of the image intensities, (value - offset) / gain, in blocks of pixels, shape
       (n, rows of blocks, columns of blocks); interpolated linearly.
     ``block``: Side length of a block in px.
     ``out``: Variances of the images of `SIDES`, NaN where fewer than three are valid, shape (7, height, width).
     """
-    _JUDGES[len(fields), view.spline](coefficients, view, fields, bad, gain, offset, block, out, rows)
+    kernel, first = _JUDGES[len(fields), view.spline], 0
+    origin = np.full((rows[1] - rows[0], out.shape[2]), np.nan)
+    sums = np.zeros((*origin.shape, SIDES, 3))
+    for part, flags in image_parts(coefficients, bad):
+        kernel(part, view, fields, flags, gain, offset, block, first, origin, sums, rows)
+        first += len(part)
+    _variances(sums, out, rows)
 
 
 _jit_exact = numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -189,11 +200,35 @@ _MARGIN = 1
 
 
 @numba.njit(inline="always")
-def _place(accelerated: Any, view: Any, i: Any, fields: Any, y: Any, x: Any) -> Any:
-    """Return the position of a pixel's point in an image, and its disparity there."""
-    at_x, at_y, scale = place_of(accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x)
-    at_x, at_y = corrected(view, i, at_x, at_y)
-    return at_x, at_y, abs(fields[0, y, x] * scale)
+def _place_row(accelerated: Any, view: Any, i: Any, fields: Any, y: Any, at_x: Any, at_y: Any, disparity: Any) -> Any:
+    """Write the positions of the points of the pixels of a row in an image, and their disparities there."""
+    s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+    for x in range(at_x.size):
+        right, down, scale = place_of(accelerated, view, s, s_y, t, fields, y, x)
+        at_x[x], at_y[x] = corrected(view, i, right, down)
+        disparity[x] = abs(fields[0, y, x] * scale)
+
+
+@_jit_exact
+def _largest_around(values: Any, scratch: Any) -> None:
+    """Replace values by the largest of the pixels at a distance of up to `_MARGIN` along rows and columns."""
+    height, width = values.shape
+    for y in range(height):
+        line, out = values[y], scratch[y]
+        for x in range(width):
+            out[x] = line[x]
+        for shift in range(1, _MARGIN + 1):
+            for x in range(width - shift):
+                out[x] = max(out[x], line[x + shift])
+            for x in range(shift, width):
+                out[x] = max(out[x], line[x - shift])
+    for y in range(height):
+        out = values[y]
+        out[:] = scratch[y]
+        for v in range(max(y - _MARGIN, 0), min(y + _MARGIN + 1, height)):
+            line = scratch[v]
+            for x in range(width):
+                out[x] = max(out[x], line[x])
 
 
 def _compile_visibility(*, accelerated: bool) -> Any:
@@ -201,31 +236,30 @@ def _compile_visibility(*, accelerated: bool) -> Any:
     def compiled(view: Any, fields: Any, tolerance_px: Any, hidden: Any, group: Any) -> None:
         _, height, width = fields.shape
         largest = np.empty((height, width), dtype=np.float32)
+        scratch = np.empty((height, width), dtype=np.float32)
+        at_x, at_y, disparity = np.empty(width), np.empty(width), np.empty(width)
         hidden[group] = 0
         for i in range(8 * group, min(8 * group + 8, len(view.s))):
             if view.s[i] == 0.0 and view.s_y[i] == 0.0 and view.t[i] == 0.0:
                 continue
             largest[:] = 0.0
             for y in range(height):
+                _place_row(accelerated, view, i, fields, y, at_x, at_y, disparity)
                 for x in range(width):
-                    at_x, at_y, d = _place(accelerated, view, i, fields, y, x)
-                    if at_x >= 0 and at_x < width - 1 and at_y >= 0 and at_y < height - 1:
-                        left, top = int(at_x), int(at_y)
+                    if at_x[x] >= 0 and at_x[x] < width - 1 and at_y[x] >= 0 and at_y[x] < height - 1:
+                        left, top, d = int(at_x[x]), int(at_y[x]), np.float32(disparity[x])
                         # The four surrounding pixels, which avoids gaps.
-                        for v in range(top, top + 2):
-                            for u in range(left, left + 2):
-                                largest[v, u] = max(largest[v, u], d)
+                        largest[top, left] = max(largest[top, left], d)
+                        largest[top, left + 1] = max(largest[top, left + 1], d)
+                        largest[top + 1, left] = max(largest[top + 1, left], d)
+                        largest[top + 1, left + 1] = max(largest[top + 1, left + 1], d)
+            _largest_around(largest, scratch)
             for y in range(height):
+                _place_row(accelerated, view, i, fields, y, at_x, at_y, disparity)
                 for x in range(width):
-                    at_x, at_y, d = _place(accelerated, view, i, fields, y, x)
-                    if not (at_x >= 0 and at_x < width - 1 and at_y >= 0 and at_y < height - 1):
+                    if not (at_x[x] >= 0 and at_x[x] < width - 1 and at_y[x] >= 0 and at_y[x] < height - 1):
                         continue
-                    left, top = int(at_x + 0.5), int(at_y + 0.5)
-                    behind = False
-                    for v in range(max(top - _MARGIN, 0), min(top + _MARGIN + 1, height)):
-                        for u in range(max(left - _MARGIN, 0), min(left + _MARGIN + 1, width)):
-                            behind = behind or largest[v, u] > d + tolerance_px
-                    if behind:
+                    if largest[int(at_y[x] + 0.5), int(at_x[x] + 0.5)] > disparity[x] + tolerance_px:
                         hidden[group, y, x] |= np.uint8(1 << (i & 7))
 
     return compiled

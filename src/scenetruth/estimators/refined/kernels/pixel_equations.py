@@ -50,6 +50,84 @@ SQUARE_OF = np.array([18, 19, 20, 21, 43, 44, 45])
 """Index of the square of b of each field."""
 
 
+_CHUNK = 128  # pixels evaluated together, whose sums stay in the cache
+
+
+@_jit
+def _multiply(one: Any, other: Any, out: Any) -> None:
+    for x in range(out.size):
+        out[x] = one[x] * other[x]
+
+
+@_jit
+def _add_product(out: Any, one: Any, other: Any) -> None:
+    for x in range(out.size):
+        out[x] += one[x] * other[x]
+
+
+@_jit
+def _add(out: Any, values: Any) -> None:
+    for x in range(out.size):
+        out[x] += values[x]
+
+
+@_jit
+def _subtract_known(values: Any, texture: Any, known: Any, left: Any) -> None:
+    """Write 1 where a value is valid, else 0, and its difference to the texture, else 0."""
+    for x in range(known.size):
+        known[x] = 0.0 if np.isnan(values[x]) else 1.0
+    for x in range(known.size):
+        left[x] = 0.0 if np.isnan(values[x]) else texture[x] - values[x]
+
+
+@_jit
+def _project(along: Any, at_x: Any, down: Any, at_y: Any, known: Any, out: Any) -> None:
+    """Write the products of gradients and positions, 0 where invalid."""
+    for x in range(out.size):
+        total = along[x] * at_x[x] + down[x] * at_y[x]
+        out[x] = total if known[x] != 0.0 else 0.0
+
+
+@_jit
+def _select_product(one: Any, other: Any, known: Any, out: Any) -> None:
+    for x in range(out.size):
+        product = one[x] * other[x]
+        out[x] = product if known[x] != 0.0 else 0.0
+
+
+@_jit
+def _difference(factor: Any, inverse: Any, after: Any, before: Any, out: Any) -> None:
+    for x in range(out.size):
+        out[x] = factor[x] * inverse[x] * (after[x] - before[x])
+
+
+@_jit
+def _scaled(factor: Any, values: Any, weight: float, out: Any) -> None:
+    for x in range(out.size):
+        out[x] = weight * factor[x] * values[x]
+
+
+@_jit
+def _center(pairs: Any, sums: Any, others: Any, share: Any, weight: Any, out: Any) -> None:
+    """Write weighted sums of products of differences to means."""
+    for x in range(out.size):
+        out[x] = weight[x] * (pairs[x] - sums[x] * others[x] * share[x])
+
+
+@_jit
+def _mean_of_images(warped: Any, row: int, first: int, used: Any, texture: Any) -> None:
+    """Write number and mean of the valid images of some pixels of a row."""
+    used[:], texture[:] = 0.0, 0.0
+    for i in range(warped.shape[0]):
+        values = warped[i, row, first : first + used.size]
+        for x in range(used.size):
+            used[x] += 0.0 if np.isnan(values[x]) else 1.0
+        for x in range(used.size):
+            texture[x] += 0.0 if np.isnan(values[x]) else values[x]
+    for x in range(used.size):
+        texture[x] /= used[x]
+
+
 def _compiled_products(several: int) -> Any:
     @_jit
     def compiled(
@@ -64,72 +142,91 @@ def _compiled_products(several: int) -> Any:
         rows: Any,
     ) -> None:
         count, _, width = warped.shape
-        a, mean, own = np.empty((count, several)), np.empty(several), np.empty(several)
-        phi, pairs, sides = np.empty(several), np.empty((several, several)), np.empty(several)
-        for row in range(rows[0], rows[1]):
-            y = row + first_row
-            for x in range(width):
-                used, texture = 0, 0.0
-                for i in range(count):
-                    g = warped[i, row, x]
-                    if not np.isnan(g):
-                        texture += g
-                        used += 1
-                if used < least:
-                    continue
-                texture /= used
+        a, sums, sides = np.empty((several, _CHUNK)), np.empty((several, _CHUNK)), np.empty((several, _CHUNK))
+        pairs, singles = np.empty((several * several, _CHUNK)), np.empty((15, _CHUNK))
+        for row, first in [(row, first) for row in range(rows[0], rows[1]) for first in range(0, width, _CHUNK)]:
+            y, size = row + first_row, min(_CHUNK, width - first)
+            if np.isnan(fields[0, y, first : first + size]).all():
+                continue
+            used, texture, known, left, squares = (
+                singles[0, :size],
+                singles[1, :size],
+                singles[2, :size],
+                singles[3, :size],
+                singles[4, :size],
+            )
+            at_x, at_y, scale = singles[5, :size], singles[6, :size], singles[7, :size]
+            along, down, d = singles[8, :size], singles[9, :size], singles[10, :size]
+            inverse, begun, seen, factor = (
+                singles[11, :size],
+                singles[12, :size],
+                singles[13, :size],
+                singles[14, :size],
+            )
+            _mean_of_images(warped, row, first, used, texture)
+            if used.max() < least:
+                continue
+            for x in range(size):
+                along[x], down[x] = gradient[0, row, first + x], gradient[1, row, first + x]
+                # Where fields are not given, all values are 0.
+                d[x] = fields[0, y, first + x] if used[x] > 0.0 else 1.0
+                inverse[x] = 1.0 / (d[x] * d[x])
+                begun[x] = along[x] * (first + x - view.centre_x) + down[x] * (y - view.centre_y)
+            sums[:], sides[:], pairs[:], squares[:] = 0.0, 0.0, 0.0, 0.0
+            for i in range(count):
+                s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+                _subtract_known(warped[i, row, first : first + size], texture, known, left)
+                for x in range(size):
+                    at_x[x], at_y[x], scale[x] = place_of(several > STEADY, view, s, s_y, t, fields, y, first + x)
+                _project(along, at_x, down, at_y, known, seen)
+                _select_product(scale, d, known, factor)
+                _difference(factor, inverse, seen, begun, a[0, :size])
+                _scaled(factor, along, t, a[1, :size])
+                _scaled(factor, down, t, a[2, :size])
+                # With q_Z, images shrink towards the principal point.
+                _scaled(factor, seen, -t / view.focal, a[3, :size])
+                for k in range(STEADY, several):
+                    own = a[k, :size]
+                    before = a[k - 3, :size]
+                    for x in range(size):
+                        own[x] = 0.5 * t * before[x]
+                _add_product(squares, left, left)
                 for k in range(several):
-                    phi[k] = fields[k, y, x]
-                along, down = np.float64(gradient[0, row, x]), np.float64(gradient[1, row, x])
-                mean[:] = 0.0
-                for i in range(count):
-                    if np.isnan(warped[i, row, x]):
-                        continue
-                    t = view.t[i]
-                    at_x, at_y, scale = place_of(several > STEADY, view, view.s[i], view.s_y[i], t, fields, y, x)
-                    share = scale / phi[0]
-                    a[i, 0] = share * (along * (at_x - (x - view.centre_x)) + down * (at_y - (y - view.centre_y)))
-                    a[i, 1] = scale * along * phi[0] * t
-                    a[i, 2] = scale * down * phi[0] * t
-                    a[i, 3] = -scale * phi[0] * t / view.focal * (along * at_x + down * at_y)
-                    for k in range(STEADY, several):
-                        a[i, k] = 0.5 * t * a[i, k - 3]
-                    for k in range(several):
-                        mean[k] += a[i, k]
-                for k in range(several):
-                    mean[k] /= used
-                pairs[:], sides[:] = 0.0, 0.0
-                squares = 0.0
-                for i in range(count):
-                    g = warped[i, row, x]
-                    if np.isnan(g):
-                        continue
-                    left = texture - g
-                    squares += left * left
-                    for k in range(several):
-                        own[k] = a[i, k] - mean[k]
-                    for k in range(several):
-                        sides[k] += own[k] * left
-                        for m in range(k + 1):
-                            pairs[k, m] += own[k] * own[m]
-                # Noise does not vanish in dark pixels.
-                weight = 1.0 / max(variance[0] + variance[1] * texture, LEAST_VARIANCE)
-                squares *= weight
-                for k in range(several):
-                    sides[k] *= weight
-                    products[SQUARE_OF[k], row, x] += sides[k] * sides[k]
+                    own = a[k, :size]
+                    _add(sums[k, :size], own)
+                    _add_product(sides[k, :size], own, left)
                     for m in range(k + 1):
-                        pairs[k, m] *= weight
-                        products[PAIR_OF[k, m], row, x] += pairs[k, m]
-                        sides[k] += pairs[k, m] * phi[m]
-                        if m < k:
-                            sides[m] += pairs[k, m] * phi[k]
-                for k in range(several):
-                    products[SIDE_OF[k], row, x] += sides[k]
-                products[14, row, x] += squares
-                products[15, row, x] += used - 1.0
-                products[16, row, x] += 1.0
-                products[17, row, x] += weight * (along * along + down * down)
+                        _add_product(pairs[k * several + m, :size], own, a[m, :size])
+            # From here on, 0 where too few images are valid.
+            weight, phi = known, d
+            for x in range(size):
+                # Noise does not vanish in dark pixels.
+                by_noise = 1.0 / max(variance[0] + variance[1] * texture[x], LEAST_VARIANCE)
+                weight[x] = by_noise if used[x] >= least else 0.0
+            for x in range(size):
+                inverse[x] = 1.0 / used[x] if used[x] >= least else 0.0
+            last = first + size
+            for k in range(several):
+                for x in range(size):
+                    phi[x] = fields[k, y, first + x] if used[x] >= least else 0.0
+                side = sides[k, :size]
+                _multiply(side, weight, side)
+                _add_product(products[SQUARE_OF[k], row, first:last], side, side)
+                _add(products[SIDE_OF[k], row, first:last], side)
+                for m in range(several):
+                    one, other = max(k, m), min(k, m)
+                    _center(pairs[one * several + other, :size], sums[k, :size], sums[m, :size], inverse, weight, left)
+                    _add_product(products[SIDE_OF[m], row, first:last], left, phi)
+                    if m <= k:
+                        _add(products[PAIR_OF[k, m], row, first:last], left)
+            _add_product(products[14, row, first:last], squares, weight)
+            square = products[17, row, first:last]
+            for x in range(size):
+                square[x] += weight[x] * (along[x] * along[x] + down[x] * down[x])
+            numbers, valid = products[15, row, first:last], products[16, row, first:last]
+            for x in range(size):
+                numbers[x] += used[x] - 1.0 if used[x] >= least else 0.0
+                valid[x] += 1.0 if used[x] >= least else 0.0
 
     return compiled
 
@@ -169,40 +266,81 @@ def is_pair(product: int) -> bool:
 
 
 @_jit
-def _brightness(image: Any, texture: Any, some: Any, window: Any, y: int, step: int, sums: Any, nodes: Any) -> None:
-    """Write gain and offset, estimated in the window, at every n-th column of a row, and at the last."""
-    height, width = image.shape
-    reach = window.shape[0] // 2
-    sums[:] = 0.0
-    for v in range(max(y - reach, 0), min(y + reach + 1, height)):
-        if not some[v]:
-            continue
-        weight = window[v - y + reach]
-        for x in range(width):
-            g, h = image[v, x], texture[v, x]
-            known = not (np.isnan(g) or np.isnan(h))
-            w = weight if known else np.float32(0.0)
-            a, b = (g, h) if known else (np.float32(0.0), np.float32(0.0))
-            at = x + reach
-            sums[0, at] += w
-            sums[1, at] += w * a
-            sums[2, at] += w * b
-            sums[3, at] += w * a * b
-            sums[4, at] += w * b * b
+def _add_row(out: Any, weight: float, line: Any) -> None:
+    for x in range(out.size):
+        out[x] += weight * line[x]
+
+
+@_jit
+def _dot(weights: Any, values: Any) -> float:
+    total = 0.0
+    for u in range(weights.size):
+        total += weights[u] * values[u]
+    return total
+
+
+@_jit
+def _brightness_terms(image: Any, texture: Any, terms: Any) -> None:
+    """Write 1, g, h, g h and h² of the pixels of a row with grey values g and texture h, 0 where one is invalid."""
+    known, g, h = terms[0], terms[1], terms[2]
+    for x in range(known.size):
+        both = image[x] + texture[x]
+        known[x] = np.float32(0.0) if np.isnan(both) else np.float32(1.0)
+    for x in range(known.size):
+        g[x] = np.float32(0.0) if known[x] == 0 else image[x]
+    for x in range(known.size):
+        h[x] = np.float32(0.0) if known[x] == 0 else texture[x]
+    _multiply(g, h, terms[3])
+    _multiply(h, h, terms[4])
+
+
+@_jit
+def _node_rows(height: int, step: int, first_row: int) -> Any:
+    """Return the rows with nodes: the first, every n-th of the image, and the last."""
+    first = step - first_row % step
+    inner = max((height - 1 - first + step - 1) // step, 0)
+    rows = np.empty(inner + 2, dtype=np.int64)
+    rows[0], rows[inner + 1] = 0, height - 1
+    for n in range(inner):
+        rows[n + 1] = first + n * step
+    return rows
+
+
+@_jit
+def _estimate_brightness(sums: Any, window: Any, step: int, nodes: Any) -> None:
+    """Write gain and offset at every n-th column, and the last, from the sums along the columns of the windows."""
+    width = sums.shape[1] - window.shape[0] + 1
+    size = window.shape[0]
     for node in range(nodes.shape[1]):
         x = min(node * step, width - 1)
-        n, g, h, gh, hh = 0.0, 0.0, 0.0, 0.0, 0.0
-        for j in range(2 * reach + 1):
-            weight = window[j]
-            n += weight * sums[0, x + j]
-            g += weight * sums[1, x + j]
-            h += weight * sums[2, x + j]
-            gh += weight * sums[3, x + j]
-            hh += weight * sums[4, x + j]
+        n, g, h = (
+            _dot(window, sums[0, x : x + size]),
+            _dot(window, sums[1, x : x + size]),
+            _dot(window, sums[2, x : x + size]),
+        )
+        gh, hh = _dot(window, sums[3, x : x + size]), _dot(window, sums[4, x : x + size])
         spread = hh * n - h * h
         gain = (gh * n - g * h) / spread if spread > 1e-6 * h * h + 1e-12 else 1.0
         nodes[0, node] = gain if gain > 0.1 else np.nan
         nodes[1, node] = (g - gain * h) / n if n > 0.0 else np.nan
+
+
+@_jit
+def _along_row(above: Any, below: Any, down: float, step: int, out: Any) -> None:
+    """Interpolate the values of nodes linearly along a row."""
+    width, count = out.size, above.size
+    last = (1.0 - down) * above[0] + down * below[0]
+    if count == 1:
+        out[:] = last
+    for node in range(count - 1):
+        first, start = last, node * step
+        end = min(start + step, width - 1)
+        last = (1.0 - down) * above[node + 1] + down * below[node + 1]
+        each = (last - first) / (end - start)
+        for x in range(start, end):
+            out[x] = first + each * (x - start)
+        if end == width - 1:
+            out[end] = last
 
 
 @_jit
@@ -221,37 +359,50 @@ def correct_brightness(
     ``image``: Warped grey values, NaN where invalid, shape (rows, width).
     ``texture``: The texture, NaN where invalid, of the same shape.
     ``window``: Weights along either axis, shape (2 r + 1,).
+    ``out``: Output; may be the image.
     """
     height, width = image.shape
-    sums = np.empty((5, width + window.shape[0] - 1), dtype=np.float32)
-    count = (width - 1 + step - 1) // step + 1
-    above, below = np.empty((2, count)), np.empty((2, count))
+    reach = window.shape[0] // 2
+    rows = _node_rows(height, step, first_row)
     some = np.empty(height, dtype=np.bool_)
+    # Sums of the rows of nodes whose windows contain a row, in turn.
+    ring = 2 * reach // step + 3
+    sums = np.zeros((ring, 5, width + 2 * reach), dtype=np.float32)
+    terms = np.empty((5, width), dtype=np.float32)
+    nodes = np.empty((rows.size, 2, (width - 1 + step - 1) // step + 1))
+    begun, done = 0, 0
     for y in range(height):
-        some[y] = not np.isnan(texture[y]).all()
-    top = 0
-    _brightness(image, texture, some, window, top, step, sums, above)
-    while True:
-        bottom = min(top + step - (top + first_row) % step, height - 1)
-        _brightness(image, texture, some, window, bottom, step, sums, below)
-        for y in range(top, bottom + 1 if bottom == height - 1 else bottom):
-            if not some[y]:
-                out[y] = np.nan
-                continue
-            down = (y - top) / (bottom - top) if bottom > top else 0.0
-            for x in range(width):
-                node = min(x // step, count - 2) if count > 1 else 0
-                other = min(node + 1, count - 1)
-                gap = min(other * step, width - 1) - node * step
-                across = (x - node * step) / gap if gap > 0 else 0.0
-                left, right = (1.0 - across) * (1.0 - down), across * (1.0 - down)
-                low_left, low_right = (1.0 - across) * down, across * down
-                gain = left * above[0, node] + right * above[0, other]
-                gain += low_left * below[0, node] + low_right * below[0, other]
-                offset = left * above[1, node] + right * above[1, other]
-                offset += low_left * below[1, node] + low_right * below[1, other]
-                out[y, x] = (image[y, x] - offset) / gain
-        if bottom == height - 1:
-            return
-        top = bottom
-        above[:] = below
+        some[y] = False
+        for x in range(width):
+            if not np.isnan(texture[y, x]):
+                some[y] = True
+                break
+        while begun < rows.size and rows[begun] <= y + reach:
+            sums[begun % ring] = np.float32(0.0)
+            begun += 1
+        if some[y]:
+            _brightness_terms(image[y], texture[y], terms)
+            for node in range(done, begun):
+                if abs(y - rows[node]) <= reach:
+                    weight = window[y - rows[node] + reach]
+                    for k in range(5):
+                        _add_row(sums[node % ring, k, reach : reach + width], weight, terms[k])
+        while done < begun and (rows[done] + reach <= y or y == height - 1):
+            _estimate_brightness(sums[done % ring], window, step, nodes[done])
+            done += 1
+    gain, offset = np.empty(width, dtype=np.float32), np.empty(width, dtype=np.float32)
+    place = 0
+    for y in range(height):
+        if not some[y]:
+            out[y] = np.nan
+            continue
+        while place + 2 < rows.size and rows[place + 1] <= y:
+            place += 1
+        top, bottom = rows[place], rows[min(place + 1, rows.size - 1)]
+        down = (y - top) / (bottom - top) if bottom > top else 0.0
+        above, below = nodes[place], nodes[min(place + 1, rows.size - 1)]
+        _along_row(above[0], below[0], down, step, gain)
+        _along_row(above[1], below[1], down, step, offset)
+        source, target = image[y], out[y]
+        for x in range(width):
+            target[x] = (source[x] - offset[x]) / gain[x]

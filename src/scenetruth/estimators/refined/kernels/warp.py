@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from scenetruth.estimators.refined.kernels.spline_samples import sample_cubic, sample_quintic
 
 __all__ = [
     "ACCELERATED",
@@ -14,15 +17,16 @@ __all__ = [
     "QUINTIC",
     "REACH",
     "STEADY",
-    "TAPS",
     "ImageView",
     "corrected",
-    "cubic_weights",
     "distorted",
+    "find_columns",
+    "find_offsets",
+    "image_parts",
     "mean_of_row",
     "mean_texture",
+    "place_columns",
     "place_of",
-    "quintic_weights",
     "smooth_over",
     "straightened",
     "warp_rows",
@@ -36,7 +40,6 @@ STEADY, ACCELERATED = 4, 7
 """Numbers of fields: d, q_X, q_Y, q_Z, and for accelerated motion a_X, a_Y, a_Z."""
 CUBIC, QUINTIC = 3, 5
 """Orders of the splines through the images."""
-TAPS = 6
 _FAR_OUTSIDE = 1e9
 REACH = 2  # taps before the integer part of the sample position
 
@@ -140,45 +143,38 @@ def place_of(accelerated: Any, view: Any, s: Any, s_y: Any, t: Any, fields: Any,
 
 
 @numba.njit(inline="always")
-def _far(f: Any) -> Any:
-    """Return 120 times the quintic B-spline at the distance 2 - f, for f from 0 to 1."""
-    return 1.0 + f * (5.0 + f * (10.0 + f * (10.0 + f * (5.0 - 5.0 * f))))
+def place_columns(accelerated: Any, view: Any, i: Any, fields: Any, y: Any, columns: Any, at_x: Any, at_y: Any) -> Any:
+    """Write column and row in an image of the points of the pixels of a row."""
+    s, s_y, t = view.s[i], view.s_y[i], view.t[i]
+    for n in range(columns.size):
+        x, down, _ = place_of(accelerated, view, s, s_y, t, fields, y, columns[n])
+        at_x[n], at_y[n] = corrected(view, i, x, down)
 
 
 @numba.njit(inline="always")
-def _far_slope(f: Any) -> Any:
-    return 5.0 + f * (20.0 + f * (30.0 + f * (20.0 - 25.0 * f)))
+def find_columns(fields: Any, y: Any, columns: Any) -> Any:
+    """Write the columns of a row whose fields are finite; return their number."""
+    count = 0
+    for x in range(fields.shape[2]):
+        if not np.isnan(fields[0, y, x]):
+            columns[count] = x
+            count += 1
+    return count
 
 
 @numba.njit(inline="always")
-def _near(f: Any) -> Any:
-    """Return 120 times the quintic B-spline at the distance 1 - f, for f from 0 to 1."""
-    return 26.0 + f * (50.0 + f * (20.0 + f * (-20.0 + f * (-20.0 + 10.0 * f))))
-
-
-@numba.njit(inline="always")
-def _near_slope(f: Any) -> Any:
-    return 50.0 + f * (40.0 + f * (-60.0 + f * (-80.0 + 50.0 * f)))
-
-
-@_jit
-def cubic_weights(f: float, w: Any, dw: Any) -> None:
-    """Write the weights of six coefficients of a cubic spline, with outer weights 0, as `quintic_weights`."""
-    g = 1.0 - f
-    w[0], w[1], w[2] = 0.0, g**3 / 6.0, 2.0 / 3.0 - 0.5 * f * f * (2.0 - f)
-    w[3], w[4], w[5] = 2.0 / 3.0 - 0.5 * g * g * (2.0 - g), f**3 / 6.0, 0.0
-    dw[0], dw[1], dw[2] = 0.0, -0.5 * g * g, f * (1.5 * f - 2.0)
-    dw[3], dw[4], dw[5] = g * (2.0 - 1.5 * g), 0.5 * f * f, 0.0
-
-
-@_jit
-def quintic_weights(f: float, w: Any, dw: Any) -> None:
-    """Write the weights of six coefficients at a fraction f of a step, and their derivatives."""
-    g = 1.0 - f
-    w[0], w[1], w[2] = g**5 / 120.0, _far(g) / 120.0, _near(g) / 120.0
-    w[3], w[4], w[5] = _near(f) / 120.0, _far(f) / 120.0, f**5 / 120.0
-    dw[0], dw[1], dw[2] = -(g**4) / 24.0, -_far_slope(g) / 120.0, -_near_slope(g) / 120.0
-    dw[3], dw[4], dw[5] = _near_slope(f) / 120.0, _far_slope(f) / 120.0, f**4 / 24.0
+def find_offsets(at_x: Any, at_y: Any, height: Any, width: Any, bad: Any, offsets: Any, right: Any, down: Any) -> Any:
+    """Write the offsets of samples in an image, -1 where it must not be sampled, and their fractions of a step."""
+    for n in range(offsets.size):
+        x, y = at_x[n], at_y[n]
+        inside = x >= REACH and x < width - 3 and y >= REACH and y < height - 3
+        left, top = int(x) if inside else REACH, int(y) if inside else REACH
+        right[n], down[n] = (x - left if inside else 0.0), (y - top if inside else 0.0)
+        offsets[n] = (top - REACH) * width + left - REACH if inside else -1
+    if bad.shape[0] > 0:
+        for n in range(offsets.size):
+            if offsets[n] >= 0 and bad[int(at_y[n] + 0.5), int(at_x[n] + 0.5)] != 0:
+                offsets[n] = -1
 
 
 def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
@@ -190,61 +186,56 @@ def _compiled_warp(*, accelerated: bool, cubic: bool) -> Any:
         hidden: Any,
         bad: Any,
         first_row: Any,
+        first_image: Any,
         warped: Any,
         gradient: Any,
+        used: Any,
         rows: Any,
     ) -> None:
         count, height, width = coefficients.shape
-        wx, wy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
-        dx, dy = np.empty(TAPS, dtype=np.float32), np.empty(TAPS, dtype=np.float32)
-        used = np.empty(width, dtype=np.int64)
-        some, some_bad = hidden.shape[0] > 0, bad.shape[0] > 0
+        flat = coefficients.reshape((count, height * width))
+        every, at = np.empty(width, dtype=np.int64), np.empty((2, width))
+        samples = np.empty((3, width), dtype=np.float32)
+        every_offset, fractions = np.empty(width, dtype=np.int64), np.empty((2, width), dtype=np.float32)
         for row in range(rows[0], rows[1]):
             y = row + first_row
-            used[:] = 0
-            gradient[:, row] = np.float32(0.0)
+            size = find_columns(fields, y, every)
+            columns, offsets = every[:size], every_offset[:size]
+            at_x, at_y, right, down = at[0, :size], at[1, :size], fractions[0, :size], fractions[1, :size]
+            along, below, numbers = gradient[0, row], gradient[1, row], used[row - rows[0]]
             for i in range(count):
-                s, s_y, t = view.s[i], view.s_y[i], view.t[i]
-                image = coefficients[i]
-                for x in range(width):
-                    at_x, at_y, _ = place_of(accelerated, view, s, s_y, t, fields, y, x)
-                    at_x, at_y = corrected(view, i, at_x, at_y)
-                    seen = not some or (hidden[i >> 3, y, x] >> (i & 7)) & 1 == 0
-                    if not (seen and at_x >= REACH and at_x < width - 3 and at_y >= REACH and at_y < height - 3):
-                        warped[i, row, x] = np.float32(np.nan)
-                        continue
-                    if some_bad and bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0:
-                        warped[i, row, x] = np.float32(np.nan)
-                        continue
-                    left, top = int(at_x), int(at_y)
-                    # A common function for both orders takes 1.5 times as long.
-                    if cubic:
-                        cubic_weights(at_x - left, wx, dx)
-                        cubic_weights(at_y - top, wy, dy)
-                    else:
-                        quintic_weights(at_x - left, wx, dx)
-                        quintic_weights(at_y - top, wy, dy)
-                    value, along, down = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-                    for k in range(TAPS):
-                        line = image[top + k - REACH]
-                        a, b = np.float32(0.0), np.float32(0.0)
-                        for j in range(TAPS):
-                            c = line[left + j - REACH]
-                            a += wx[j] * c
-                            b += dx[j] * c
-                        value += wy[k] * a
-                        along += wy[k] * b
-                        down += dy[k] * a
-                    warped[i, row, x] = value
-                    gradient[0, row, x] += along
-                    gradient[1, row, x] += down
-                    used[x] += 1
-            for x in range(width):
-                share = np.float32(1.0 / max(used[x], 1))
-                along, down = straightened(view, x, y, share * gradient[0, row, x], share * gradient[1, row, x])
-                gradient[0, row, x], gradient[1, row, x] = along, down
+                number = first_image + i
+                values, image = warped[number, row], flat[i]
+                values[:] = np.float32(np.nan)
+                place_columns(accelerated, view, number, fields, y, columns, at_x, at_y)
+                find_offsets(at_x, at_y, height, width, bad[min(i, bad.shape[0] - 1)], offsets, right, down)
+                if hidden.shape[0] > 0:
+                    for n in range(size):
+                        if (hidden[number >> 3, y, columns[n]] >> (number & 7)) & 1 != 0:
+                            offsets[n] = -1
+                if cubic:
+                    sample_cubic(image, offsets, width, right, down, samples)
+                else:
+                    sample_quintic(image, offsets, width, right, down, samples)
+                for n in range(size):
+                    if offsets[n] >= 0:
+                        x = columns[n]
+                        values[x] = samples[0, n]
+                        along[x] += samples[1, n]
+                        below[x] += samples[2, n]
+                        numbers[x] += 1
 
     return compiled
+
+
+@_jit
+def _average_gradient(view: Any, used: Any, first_row: Any, gradient: Any, rows: Any) -> None:
+    """Divide the sums of the derivatives by the numbers of images."""
+    for row in range(rows[0], rows[1]):
+        for x in range(used.shape[1]):
+            share = np.float32(1.0 / max(used[row - rows[0], x], 1))
+            along, down = share * gradient[0, row, x], share * gradient[1, row, x]
+            gradient[0, row, x], gradient[1, row, x] = straightened(view, x, row + first_row, along, down)
 
 
 _WARPS = {
@@ -255,11 +246,11 @@ _WARPS = {
 
 
 def warp_rows(
-    coefficients: NDArray[np.float32],
+    coefficients: NDArray[np.float32] | Sequence[NDArray[np.float32]],
     view: ImageView,
     fields: NDArray[np.float64],
     hidden: NDArray[np.uint8],
-    bad: NDArray[np.uint8],
+    bad: NDArray[np.uint8] | Sequence[NDArray[np.uint8]],
     first_row: int,
     warped: NDArray[np.float32],
     gradient: NDArray[np.float32],
@@ -274,16 +265,32 @@ def warp_rows(
     with the disparity d in px per step and the velocity q in steps per frame (paper, eq. 2 and 3), then displaced by
     `corrected`. With an acceleration a in steps per frame², t q is replaced by t q + ½ t² a.
 
-    ``coefficients``: Spline coefficients, shape (n, height, width).
+    ``coefficients``: Spline coefficients, shape (n, height, width), or a list of such arrays.
     ``fields``: d, q_X, q_Y, q_Z of every pixel, for accelerated motion also a_X, a_Y, a_Z, shape (4, height, width) or
       (7, height, width); NaN where not required.
     ``hidden``: Occlusion of the points by image, as from `photo_consistency.hide`; shape (0, 0, 0) for none.
     ``bad``: Nonzero at pixels whose surroundings must not be sampled, shape (n, height, width); (0, 0, 0) for none.
+      With a list of coefficients, a list of the same length.
     ``warped``: Output: grey values, NaN where a point is outside the image, occluded, or at defective pixels, shape
       (n, rows, width).
     ``gradient``: Output: grey-value derivatives along x and y, averaged over the images, shape (2, rows, width).
     """
-    _WARPS[len(fields), view.spline](coefficients, view, fields, hidden, bad, first_row, warped, gradient, rows)
+    kernel, first = _WARPS[len(fields), view.spline], 0
+    used = np.zeros((rows[1] - rows[0], warped.shape[2]), dtype=np.int64)
+    gradient[:, rows[0] : rows[1]] = 0.0
+    for part, flags in image_parts(coefficients, bad):
+        kernel(part, view, fields, hidden, flags, first_row, first, warped, gradient, used, rows)
+        first += len(part)
+    _average_gradient(view, used, first_row, gradient, rows)
+
+
+def image_parts(
+    coefficients: NDArray[np.float32] | Sequence[NDArray[np.float32]],
+    bad: NDArray[np.uint8] | Sequence[NDArray[np.uint8]],
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.uint8]]]:
+    """Yield the images of an array or a list of arrays, with their defective pixels."""
+    single = isinstance(coefficients, np.ndarray)
+    yield from zip([coefficients] if single else coefficients, [bad] if single else bad, strict=True)
 
 
 @_jit

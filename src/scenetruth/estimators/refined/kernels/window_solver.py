@@ -14,6 +14,7 @@ from scenetruth.estimators.refined.kernels.warp import ImageView
 __all__ = [
     "ALL",
     "CURVED",
+    "DIRECTION",
     "EVERY_VARIANCE",
     "FULL",
     "FUNCTIONALS",
@@ -37,6 +38,8 @@ FUNCTIONALS = 11
 rotation rate, growth rate of the area, two principal growth rates, angle of the first principal direction."""
 VALUES = 13
 """Number of values: the first ten of these, and the three components of the direction."""
+DIRECTION = 10
+"""Index of the first component of the direction among the values; its sign is arbitrary."""
 _CURVATURE, _ROTATION, _AREA, _PRINCIPAL, _ANGLE = 2, 4, 7, 8, 10
 # Number of velocity slopes among the parameters: along x and along y, for three components.
 _VELOCITY = 6
@@ -498,16 +501,21 @@ def fit_window(
     fit: Fit,
     x: int,
     y: int,
+    column_of: int,
+    row_of: int,
     told: int,
     work: Any,
 ) -> None:
-    """Fit a model to the moments of the window around pixel (x, y), in column ``place``, if they suffice."""
+    """Fit a model to the moments, in column ``place``, of the window around pixel (x, y), if they suffice.
+
+    The fit is that of column and row ``column_of`` and ``row_of`` of its maps.
+    """
     places, values, sizes, bend, tangents = work.places, work.values, work.sizes, work.bend, work.tangents
     small, other, full = work.matrices[0], work.matrices[1], work.matrices[2]
     right, scale, solution, column = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
     element = work.element
-    fit.residual[:, y, x] = np.nan
-    theta = fit.theta[:, y, x]
+    fit.residual[:, row_of, column_of] = np.nan
+    theta = fit.theta[:, row_of, column_of]
     count = len(theta)
     if not enough:
         theta[:] = np.nan
@@ -545,8 +553,8 @@ def fit_window(
     for i in range(n):
         for k in range(sizes[i]):
             theta[places[i, k]] += values[i, k] * solution[i] * scale[i]
-    fit.residual[0, y, x] = moments[_SQUARES, place] / max(moments[_FREEDOM, place], 1e-300)
-    fit.residual[1, y, x] = moments[GRADIENTS, place] / moments[KNOWN, place]
+    fit.residual[0, row_of, column_of] = moments[_SQUARES, place] / max(moments[_FREEDOM, place], 1e-300)
+    fit.residual[1, row_of, column_of] = moments[GRADIENTS, place] / moments[KNOWN, place]
     if told == 0:
         return
     # Cov = H^-1 S H^-1 with the sums H of the weights, and S of their squares times the ratio of b to its expectation
@@ -554,18 +562,18 @@ def fit_window(
     for field in range(7 if count > FULL else 4):
         expected = moments[_EXPECTED[field], place]
         square = moments[_LEFT[field], place] / expected if expected > 0.0 else 0.0
-        work.noise[field] = np.sqrt(max(square, fit.residual[0, y, x]))
+        work.noise[field] = np.sqrt(max(square, fit.residual[0, row_of, column_of]))
     _full_matrix(seconds, place, model.surface, count, full, work.noise)
     _reduce(full, places, values, sizes, n, other)
     for i in range(n):
         for j in range(n):
             other[i, j] *= scale[i] * scale[j]
-    fit.images[y, x] = moments[_FREEDOM, place] / moments[KNOWN, place] + 1.0
+    fit.images[row_of, column_of] = moments[_FREEDOM, place] / moments[KNOWN, place] + 1.0
     several = len(TOLD)
     if told > several:
         own = work.gradients[several:]
         describe_element(model.surface, model.gradient, theta, from_x, from_y, view.focal, element, own)
-        fit.element[:, y, x] = element
+        fit.element[:, row_of, column_of] = element
     for k in range(several + FUNCTIONALS if told > several else told):
         if (k >= several and np.isnan(element[k - several])) or (k < several and TOLD[k] >= count):
             continue
@@ -580,6 +588,6 @@ def fit_window(
                 share += other[i, j] * column[j]
             total += column[i] * share
         if k < several:
-            fit.variance[k, y, x] = total
+            fit.variance[k, row_of, column_of] = total
         else:
-            fit.element_variance[k - several, y, x] = total
+            fit.element_variance[k - several, row_of, column_of] = total

@@ -54,40 +54,54 @@ def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
 
 
 @_jit
-def _add_pairs(out: Any, weight: float, one: Any, other: Any, odd: bool) -> None:
-    """Add the values on both sides of the centre, with weights that are symmetric, or antisymmetric if ``odd``."""
-    if odd:
-        for x in range(out.size):
-            out[x] += weight * (one[x] - other[x])
-    else:
-        for x in range(out.size):
-            out[x] += weight * (one[x] + other[x])
+def _add_row(out: Any, weight: float, line: Any) -> None:
+    """Add a multiple of a row."""
+    for x in range(out.size):
+        out[x] += weight * line[x]
 
 
 @_jit
-def _window_sums(products: Any, pairs_only: bool, window: Any, y: int, asked: Any, scratch: Any, moments: Any) -> None:
-    """Sum products over the windows of a row, times powers of the distance: moments (numbered, x)."""
-    count, height, width = products.shape
+def _dot(weights: Any, values: Any) -> float:
+    total = 0.0
+    for u in range(weights.size):
+        total += weights[u] * values[u]
+    return total
+
+
+@_jit
+def _sums_along_y(products: Any, pairs_only: bool, window: Any, y: int, ends: Any, asked: Any, lines: Any) -> None:
+    """Sum products along the columns of the windows of a row, times powers of the distance: (numbered, x).
+
+    ``ends``: First and last column + 1 of the sums.
+    ``lines``: Output, with a margin of the half-width of a window on both sides.
+    """
+    count, height, _ = products.shape
     reach = window.shape[1] // 2
     curved, turning, bent = asked
-    middle = scratch[reach : reach + width]
+    first, last = ends
     for n in range(count):
+        if pairs_only and not is_pair(n):
+            continue
+        for k in range(_degree(n, curved, turning, bent) + 1):
+            out = lines[n * POWERS + k, first + reach : last + reach]
+            out[:] = 0.0
+            for v in range(max(y - reach, 0), min(y + reach + 1, height)):
+                _add_row(out, window[k, v - y + reach], products[n, v, first:last])
+
+
+@_jit
+def _sums_along_x(lines: Any, pairs_only: bool, window: Any, x: int, asked: Any, moments: Any) -> None:
+    """Sum the sums of `_sums_along_y` over the window around column x: moments (numbered, 1)."""
+    width = window.shape[1]
+    curved, turning, bent = asked
+    for n in range(lines.shape[0] // POWERS):
         if pairs_only and not is_pair(n):
             continue
         degree = _degree(n, curved, turning, bent)
         for k in range(degree + 1):
-            middle[:] = 0.0
-            for v in range(max(y - reach, 0), min(y + reach + 1, height)):
-                weight, line = window[k, v - y + reach], products[n, v]
-                for x in range(width):
-                    middle[x] += weight * line[x]
+            line = lines[n * POWERS + k, x : x + width]
             for j in range(degree + 1 - k):
-                out = moments[(n * POWERS + j) * POWERS + k]
-                for x in range(width):
-                    out[x] = window[j, reach] * middle[x]
-                for u in range(1, reach + 1):
-                    right, left = scratch[reach + u : reach + u + width], scratch[reach - u : reach - u + width]
-                    _add_pairs(out, window[j, reach + u], right, left, j % 2 == 1)
+                moments[(n * POWERS + j) * POWERS + k, 0] = _dot(window[j], line)
 
 
 @_jit
@@ -103,35 +117,54 @@ def solve_rows(
     fits: tuple[Fit, Fit],
     chosen: NDArray[np.int8],
     told: int,
+    step: int,
     rows: tuple[int, int],
 ) -> None:
-    """Fit surface and motion in the window around every pixel of a range of rows.
+    """Fit surface and motion in the windows around the pixels of a lattice, for a range of its rows.
 
+    ``products``: Normal equations of `pixel_equations.add_products` of image rows from ``first_row`` on.
     ``weights``: Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
       (2, 5, 2 r + 1).
-    ``chosen``: Model of every pixel of the image, `EVERY_MODEL` or `NO_MODEL`, shape (height, width).
+    ``fits``: Maps with the rows and columns of the lattice.
+    ``chosen``: Model of every pixel of the lattice, `EVERY_MODEL` or `NO_MODEL`.
+    ``step``: Distance of adjacent pixels of the lattice, which begins at row and column 0 of the image.
     """
-    width = products.shape[2]
+    size, _, width = products.shape
     window, squared = weights[0], weights[1]
+    reach = window.shape[1] // 2
     # Beyond the ends of a row, all values are zero.
-    scratch = np.zeros(width + window.shape[1] - 1)
-    moments = np.zeros((len(products) * POWERS**2, width))
-    seconds = np.zeros((len(moments) if told > 0 else 1, width))
+    lines = np.zeros((size * POWERS, width + 2 * reach))
+    second_lines = np.zeros((len(lines) if told > 0 else 1, lines.shape[1]))
+    moments = np.zeros((size * POWERS**2, 1))
+    seconds = np.zeros((len(moments) if told > 0 else 1, 1))
     work = work_space()
     whole = channels * window[0].sum() ** 2
-    curved, turning, bent = _asked(models, count)
+    asked = _asked(models, count)
+    plain = (asked[0], asked[1], False)
     for row in range(rows[0], rows[1]):
-        y = row + first_row
-        if chosen[y].max() < EVERY_MODEL:
+        y = row * step
+        first, last = width, 0
+        for column in range(chosen.shape[1]):
+            if chosen[row, column] >= EVERY_MODEL:
+                first = min(first, column * step)
+                last = column * step + 1
+        if last == 0:
             continue
-        _window_sums(products, False, window, row, (curved, turning, bent), scratch, moments)
+        ends = (max(first - reach, 0), min(last + reach, width))
+        _sums_along_y(products, False, window, y - first_row, ends, asked, lines)
         if told > 0:
-            _window_sums(products, True, squared, row, (curved, turning, False), scratch, seconds)
-        for m in range(count):
-            for x in range(width):
-                if chosen[y, x] == EVERY_MODEL or chosen[y, x] == m:
-                    enough = moments[KNOWN, x] / whole >= least
-                    fit_window(moments, seconds, x, models[m], view, enough, fits[m], x, y, told, work)
+            _sums_along_y(products, True, squared, y - first_row, ends, plain, second_lines)
+        for column in range(first // step, (last - 1) // step + 1):
+            if chosen[row, column] < EVERY_MODEL:
+                continue
+            x = column * step
+            _sums_along_x(lines, False, window, x, asked, moments)
+            if told > 0:
+                _sums_along_x(second_lines, True, squared, x, plain, seconds)
+            enough = moments[KNOWN, 0] / whole >= least
+            for m in range(count):
+                if chosen[row, column] == EVERY_MODEL or chosen[row, column] == m:
+                    fit_window(moments, seconds, 0, models[m], view, enough, fits[m], x, y, column, row, told, work)
 
 
 @_jit
@@ -265,7 +298,7 @@ def _compiled(several: int) -> Any:
                 shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
             else:
                 shares[number, 1] = np.inf
-            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, told, work)
+            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, x, y, told, work)
 
     return compiled
 
