@@ -34,6 +34,7 @@ _LEAST_NODES = 5  # smallest number of nodes along an axis with a fourth differe
 # Number of rows of nodes that a cell depends on, below its own, + 1; and distance in nodes at which nodes are required.
 _ROWS_BELOW, _REQUIRED = 4, 3
 _NO_FIT = -128
+_COARSE_STEP = 2  # distance where all windows are on the lattice: as of the rows, and smaller than narrow objects
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -68,7 +69,7 @@ class WindowLattice:
     ) -> None:
         self._images, self._models, self._fits, self._chosen = images, models, fits, chosen
         self._weights, self._least, self._told, self._coarse = window_weights(sigma_px), least_share, told, coarse
-        self._step = max(lattice_step(sigma_px), 2) if coarse else lattice_step(sigma_px)
+        self._step = _COARSE_STEP if coarse else lattice_step(sigma_px)
         self._done, self._sigma = 0, sigma_px
         if self._step == 1:
             return
