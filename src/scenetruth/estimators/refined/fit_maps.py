@@ -26,6 +26,7 @@ __all__ = [
     "every_other",
     "explained",
     "extract_fields",
+    "fill_between",
     "find_discontinuities",
     "find_mixed_pixels",
     "initial_parameters",
@@ -59,6 +60,14 @@ def accelerated(theta: Map) -> Map:
 def extract_fields(theta: Map) -> Map:
     """Return d, q and, if present, their acceleration at the pixels, shape (4 or 7, y, x), from parameters."""
     return theta[STEADY_PLACES + (_ACCELERATION if len(theta) > FULL else [])]
+
+
+def fill_between(theta: Map) -> None:
+    """Propagate the parameters of even rows and columns to the pixels below and to the right, in place."""
+    even = theta[:, ::2, ::2]
+    for down, right in ((0, 1), (1, 0), (1, 1)):
+        out = theta[:, down::2, right::2]
+        out[:] = _moved(even[:, : out.shape[1], : out.shape[2]], right, down)
 
 
 def carried(theta: Map, right: int, down: int) -> Map:
