@@ -363,6 +363,7 @@ APART = {"browser", "docs", "fuzz", "helpers", "plugins"}
 """Folders of tests that belong to no package."""
 SEE_INSIDE = {
     "estimators/refined/test_iterations.py": "sets the size of bands of rows, a constant of `row_bands`",
+    "estimators/refined/test_lattice.py": "fits windows at every pixel, by a constant of `lattice`",
 }
 """Files of tests, other than tests of kernels, that name modules of packages within packages, and why."""
 TEST_FILES = sorted(path for path in TESTS.rglob("*.py") if path.relative_to(TESTS).parts[0] != "plugins")

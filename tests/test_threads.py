@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scenetruth import threads
+from scenetruth import compilation, threads
 
 
 @given(count=st.integers(0, 5000), number=st.integers(1, 5), least=st.integers(1, 2000))
@@ -22,7 +22,7 @@ def test_bands_take_every_index_once(count: int, number: int, least: int) -> Non
         out[low:high] += step
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(threads, "thread_count", lambda: number)
+        patch.setattr(compilation, "thread_count", lambda: number)
         threads.in_bands(kernel, count, taken, 3, least=least)
     assert (taken == 3).all()
     # No band that is not worth a thread, and no more bands than even out their cost.
@@ -35,7 +35,7 @@ def test_bands_take_every_index_once(count: int, number: int, least: int) -> Non
 def test_bands_are_done_in_several_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     import threading
 
-    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+    monkeypatch.setattr(compilation, "thread_count", lambda: 2)
     met = threading.Barrier(2)
     names = set()
 
@@ -50,7 +50,7 @@ def test_bands_are_done_in_several_threads(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_work_may_share_its_own_work_among_busy_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     # Each of the callers occupies a thread, and no thread is left to help any of them.
-    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+    monkeypatch.setattr(compilation, "thread_count", lambda: 2)
 
     def inner(total: list[int]) -> None:
         threads.in_threads(total.append, range(8))
@@ -66,7 +66,7 @@ def test_work_may_share_its_own_work_among_busy_threads(monkeypatch: pytest.Monk
 
 
 def test_errors_of_threads_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+    monkeypatch.setattr(compilation, "thread_count", lambda: 2)
 
     def fail(job: int) -> None:
         if job == 1:
@@ -78,6 +78,6 @@ def test_errors_of_threads_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 100])
 def test_runs_of_rows_cover_all_rows_once(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    monkeypatch.setattr(threads, "thread_count", lambda: 3)
+    monkeypatch.setattr(compilation, "thread_count", lambda: 3)
     rows = [row for first, last in threads.bands(count) for row in range(first, last)]
     assert rows == list(range(count))

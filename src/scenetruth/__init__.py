@@ -70,7 +70,7 @@ __all__ = [
     "simulate", "sweep", "track_points", "verify", "write_card", "write_report",
 ]  # fmt: skip
 
-_import_name, __dir__ = export_lazily(
+_import_name, _list_names = export_lazily(
     __name__,
     {
         "benchmark": "BenchmarkResult compare",
@@ -107,6 +107,10 @@ _import_name, __dir__ = export_lazily(
 
 _NAMESPACES = ("bound", "camera", "dataset", "design", "errors", "estimators", "testing")
 """Public subpackages, imported on access."""
+
+
+def __dir__() -> list[str]:
+    return sorted({*_list_names(), "__version__"})
 
 
 def __getattr__(name: str) -> Any:

@@ -220,6 +220,7 @@ def test_a_plug_in_that_is_not_used_costs_nothing() -> None:
         "scenetruth",
         "scenetruth.compilation",
         "scenetruth.errors",
+        "scenetruth.lazy_exports",
         "scenetruth.testing",
         "scenetruth.testing.pytest_plugin",
         "scenetruth.testing.assertion_context",

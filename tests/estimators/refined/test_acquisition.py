@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.estimators.refined.acquisition import derive_priors, read_schedule, remove_delay_bias
-from scenetruth.estimators.refined.kernels.warp import ImageView, place_of
+from scenetruth.estimators.refined import ImageView, derive_priors, place_of, read_schedule, remove_delay_bias
 from scenetruth.schema import StageTolerances
 from tests.helpers.scanned_plane import ScannedPlane
 

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates, spline_filter
 
-from scenetruth.estimators.refined.aliasing import compute_phase_error_px, enlarge_variances, interpolation_error
-from scenetruth.estimators.refined.fit_maps import blank_fit
-from scenetruth.estimators.refined.kernels.window_solver import Fit
+from scenetruth.estimators.refined import Fit, blank_fit, compute_phase_error_px, enlarge_variances, interpolation_error
 from scenetruth.schema.variables import MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
-from tests.estimators.refined.shifted_stack import Array, shifted_parameters, shifted_stack
+from tests.helpers.shifted_stack import Array, shifted_parameters, shifted_stack
 
 SIGMA, NOISE = 5.0, 0.005
 INSIDE = (slice(None), slice(12, -12), slice(16, -16))

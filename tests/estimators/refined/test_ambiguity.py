@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.estimators.refined.ambiguity import find_ambiguous, image_motion
-from scenetruth.estimators.refined.aperture import find_aperture
-from scenetruth.estimators.refined.image_stack import ImageStack
-from tests.estimators.refined.shifted_stack import FLOW, Array, shifted_parameters, shifted_stack
+from scenetruth.estimators.refined import ImageStack, find_ambiguous, find_aperture, image_motion
+from tests.helpers.shifted_stack import FLOW, Array, shifted_parameters, shifted_stack
 
 SIGMA, SMALL, NOISE = 4.0, 2.5, 0.01
 EVERYWHERE = np.ones((72, 96), dtype=np.bool_)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
+from scenetruth.estimators.refined import compute_normal_flow, find_aperture
 from scenetruth.schema import make_recording
-from tests.estimators.refined.shifted_stack import DISPARITY, FLOW, Array, shifted_parameters, shifted_stack
+from tests.helpers.shifted_stack import DISPARITY, FLOW, Array, shifted_parameters, shifted_stack
 
 SIGMA, SMALL, NOISE = 4.0, 2.0, 0.01
 NOWHERE = np.zeros((72, 96), dtype=np.bool_)

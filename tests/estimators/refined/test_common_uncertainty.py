@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.camera import Distortion
-from scenetruth.estimators.refined.common_uncertainty import (
+from scenetruth.estimators.refined import (
     CalibrationUncertainty,
     compute_common_variance,
+    distort,
     read_calibration_uncertainty,
 )
-from scenetruth.estimators.refined.lens_distortion import distort
 from tests.helpers.scanned_plane import ScannedPlane
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators.refined.fallback import Sources, _near_bare_surfaces, fill_holes
+from scenetruth.estimators.refined import Sources, fill_holes, near_bare_surfaces
 from tests.helpers.wavy_plane import MovingPlane
 
 SHAPE = (80, 100)
@@ -124,7 +124,7 @@ def test_one_camera_has_no_fallback(bare: xr.Dataset) -> None:
 def test_sweep_pixels_near_bare_surfaces_are_uncertain() -> None:
     """The squares of the sweep extend the disparity of an outline by some pixels; within texture they do not."""
     textured = (X < 50) & ~((abs(Y - 40) < 2) & (abs(X - 20) < 2))
-    near = _near_bare_surfaces(textured)
+    near = near_bare_surfaces(textured)
     assert near[:, 46:].all()
     assert not near[:, :44].any()
     swept = X < 50

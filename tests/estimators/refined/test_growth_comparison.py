@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 import scenetruth as st
-from scenetruth.estimators.refined import growth_comparison
-from scenetruth.estimators.refined.fit_maps import blank_fit
-from scenetruth.estimators.refined.kernels.window_solver import Fit
+from scenetruth.estimators.refined import RATES, Fit, GrowthComparison, blank_fit, compare_growth
 from scenetruth.schema.variables import MOTION_AFFINE, MOTION_PLAIN
 from tests.helpers.wavy_plane import MovingPlane, turning
 
@@ -33,17 +31,17 @@ def fits(bias: Array | float, seed: int = 0) -> tuple[Fit, Fit]:
         fit.theta[0] = 8.0
         fit.variance[:] = 1e-4
         fit.element[:], fit.element_variance[:] = 0.0, variance
-    affine.element[growth_comparison.RATES] = noise
+    affine.element[RATES] = noise
     plain.element[GROWTH] = np.asarray(bias) * ADDED_STD
     return plain, affine
 
 
-def compared(bias: Array | float, among: NDArray[np.bool_] | None = None) -> growth_comparison.GrowthComparison:
+def compared(bias: Array | float, among: NDArray[np.bool_] | None = None) -> GrowthComparison:
     among = np.ones(SHAPE, dtype=np.bool_) if among is None else among
-    return growth_comparison.compare_growth(*fits(bias), SIGMA_PX, among, 1.0)
+    return compare_growth(*fits(bias), SIGMA_PX, among, 1.0)
 
 
-def hidden(found: growth_comparison.GrowthComparison) -> Array:
+def hidden(found: GrowthComparison) -> Array:
     """Return the bias of growth in `ADDED_STD`."""
     return np.asarray(np.sqrt(found.bias[3]) / ADDED_STD)
 
@@ -91,12 +89,12 @@ def test_exact_images_leave_the_error_of_interpolation() -> None:
     for fit in (plain, affine):
         fit.variance[:] *= 1e-8
         fit.element_variance[:] *= 1e-8
-    found = growth_comparison.compare_growth(plain, affine, SIGMA_PX, np.ones(SHAPE, dtype=np.bool_), 1.0)
+    found = compare_growth(plain, affine, SIGMA_PX, np.ones(SHAPE, dtype=np.bool_), 1.0)
     assert found.significant.mean() > 0.9
-    affine.element[growth_comparison.RATES] *= 1e-4
+    affine.element[RATES] *= 1e-4
     # An image shift of 2.5e-4 px is 3 standard deviations of q_X here.
     affine.variance[3] = (2.5e-4 / 8.0 / 3.0) ** 2
-    found = growth_comparison.compare_growth(plain, affine, SIGMA_PX, np.ones(SHAPE, dtype=np.bool_), 1.0)
+    found = compare_growth(plain, affine, SIGMA_PX, np.ones(SHAPE, dtype=np.bool_), 1.0)
     assert found.significant.mean() < 0.01
 
 

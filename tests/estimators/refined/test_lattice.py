@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from scenetruth.estimators.method_settings import RefinedSettings
-from scenetruth.estimators.refined.image_stack import ImageStack, Splines
-from scenetruth.estimators.refined.iterations import RefinedState, refine
-from scenetruth.estimators.refined.lattice import lattice_step
-from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+from scenetruth.estimators.refined import DefectFilteredFrames, ImageStack, RefinedState, Splines, lattice_step, refine
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 PLANE = MovingPlane(gradient=turning(2e-3, -1e-3, 3e-3))

@@ -8,8 +8,16 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.camera import Distortion
-from scenetruth.estimators.refined.kernels.warp import ImageView, corrected, straightened
-from scenetruth.estimators.refined.lens_distortion import Lens, compute_jacobian, distort, lens_problems, undistort
+from scenetruth.estimators.refined import (
+    ImageView,
+    Lens,
+    compute_jacobian,
+    corrected,
+    distort,
+    lens_problems,
+    straightened,
+    undistort,
+)
 from tests.helpers.scanned_plane import ScannedPlane
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined.pose_consistency import _maximise
+from scenetruth.estimators.refined import maximise_likelihood
 from tests.helpers.wavy_plane import MovingPlane
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ def test_variances_of_two_groups() -> None:
     group = np.repeat([0, 1], [80, 40])
     true = np.where(group == 0, 3.0, 0.0)
     side = 25.0 * generator.normal(0.0, 1.0, 120) * true + 5.0 * generator.normal(0.0, 1.0, 120)
-    variance, unknown, gain, seen = _maximise(25.0 * np.eye(120), side, group, np.full(2, 0.5))
+    variance, unknown, gain, seen = maximise_likelihood(25.0 * np.eye(120), side, group, np.full(2, 0.5))
     assert np.sqrt(variance[0]) == pytest.approx(3.0, rel=0.33)
     assert np.sqrt(variance[1]) < 0.2
     assert gain > 100

@@ -10,12 +10,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined.discontinuity_refit import is_supported, is_surrounded
-from scenetruth.estimators.refined.fit_maps import blank_fit
-from scenetruth.estimators.refined.image_stack import ImageStack
-from scenetruth.estimators.refined.systematic_error import (
+from scenetruth.estimators.refined import (
+    ImageStack,
     SystematicErrors,
+    blank_fit,
     extrapolation_share,
+    is_supported,
+    is_surrounded,
     list_spans,
     polynomial_bias,
     sees_second_camera,

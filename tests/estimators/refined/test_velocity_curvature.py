@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 import scenetruth as st
-from scenetruth.estimators.refined.fit_maps import blank_fit, initial_parameters
-from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
+from scenetruth.estimators.refined import blank_fit, initial_parameters, smooth_velocity
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 SHAPE, SIGMA_PX = (61, 82), 3.0

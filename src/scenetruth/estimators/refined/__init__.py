@@ -7,11 +7,26 @@ from typing import TYPE_CHECKING
 from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from scenetruth.estimators.refined.fit_maps import between, blank_fit, every_other, with_bias
+    from scenetruth.estimators.refined.acquisition import derive_priors, read_schedule, remove_delay_bias
+    from scenetruth.estimators.refined.aliasing import compute_phase_error_px, enlarge_variances, interpolation_error
+    from scenetruth.estimators.refined.ambiguity import find_ambiguous, image_motion
+    from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
+    from scenetruth.estimators.refined.common_uncertainty import (
+        CalibrationUncertainty,
+        compute_common_variance,
+        read_calibration_uncertainty,
+    )
+    from scenetruth.estimators.refined.discontinuity_refit import is_supported, is_surrounded
+    from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces
+    from scenetruth.estimators.refined.fit_maps import between, blank_fit, every_other, initial_parameters, with_bias
+    from scenetruth.estimators.refined.growth_comparison import RATES, GrowthComparison, compare_growth
     from scenetruth.estimators.refined.image_consistency import fine_contrast
     from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack, Splines
-    from scenetruth.estimators.refined.iterations import refine
-    from scenetruth.estimators.refined.kernels.warp import ImageView
+    from scenetruth.estimators.refined.iterations import RefinedState, refine
+    from scenetruth.estimators.refined.kernels.warp import ImageView, corrected, place_of, straightened
+    from scenetruth.estimators.refined.kernels.window_solver import Fit
+    from scenetruth.estimators.refined.lattice import lattice_step
+    from scenetruth.estimators.refined.lens_distortion import Lens, compute_jacobian, distort, lens_problems, undistort
     from scenetruth.estimators.refined.noise_estimation import (
         EVEN,
         GreyVariance,
@@ -25,6 +40,7 @@ if TYPE_CHECKING:
         find_saturated_runs,
         spread_defects,
     )
+    from scenetruth.estimators.refined.pose_consistency import maximise_likelihood
     from scenetruth.estimators.refined.pose_corrections import (
         Blocks,
         Elimination,
@@ -33,25 +49,54 @@ if TYPE_CHECKING:
         select_blocks,
     )
     from scenetruth.estimators.refined.row_bands import NO_OCCLUSION
+    from scenetruth.estimators.refined.systematic_error import (
+        SystematicErrors,
+        extrapolation_share,
+        list_spans,
+        polynomial_bias,
+        sees_second_camera,
+    )
+    from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 
 __all__ = [
-    "EVEN", "NO_DEFECTS", "NO_OCCLUSION", "Blocks", "DefectFilteredFrames", "Elimination", "GreyVariance", "ImageStack",
-    "ImageView", "ShiftObservations", "Splines", "between", "blank_fit", "compute_point_derivatives",
-    "estimate_variance", "every_other", "fill_defects", "find_dead_pixels", "find_saturated_runs", "fine_contrast",
-    "photon_transfer_variance", "refine", "select_blocks", "spread_defects", "with_bias",
+    "EVEN", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Blocks", "CalibrationUncertainty", "DefectFilteredFrames",
+    "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens", "RefinedState",
+    "ShiftObservations", "Sources", "Splines", "SystematicErrors", "between", "blank_fit", "compare_growth",
+    "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
+    "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "estimate_variance",
+    "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous", "find_aperture",
+    "find_dead_pixels", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters",
+    "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans",
+    "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of", "polynomial_bias",
+    "read_calibration_uncertainty", "read_schedule", "refine", "remove_delay_bias", "sees_second_camera",
+    "select_blocks", "smooth_velocity", "spread_defects", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
     __name__,
     {
-        "fit_maps": "between blank_fit every_other with_bias",
+        "acquisition": "derive_priors read_schedule remove_delay_bias",
+        "aliasing": "compute_phase_error_px enlarge_variances interpolation_error",
+        "ambiguity": "find_ambiguous image_motion",
+        "aperture": "compute_normal_flow find_aperture",
+        "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
+        "discontinuity_refit": "is_supported is_surrounded",
+        "fallback": "Sources fill_holes near_bare_surfaces",
+        "fit_maps": "between blank_fit every_other initial_parameters with_bias",
+        "growth_comparison": "RATES GrowthComparison compare_growth",
         "image_consistency": "fine_contrast",
         "image_stack": "NO_DEFECTS ImageStack Splines",
-        "iterations": "refine",
-        "kernels.warp": "ImageView",
+        "iterations": "RefinedState refine",
+        "kernels.warp": "ImageView corrected place_of straightened",
+        "kernels.window_solver": "Fit",
+        "lattice": "lattice_step",
+        "lens_distortion": "Lens compute_jacobian distort lens_problems undistort",
         "noise_estimation": "EVEN GreyVariance estimate_variance photon_transfer_variance",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
+        "pose_consistency": "maximise_likelihood",
         "pose_corrections": "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks",
         "row_bands": "NO_OCCLUSION",
+        "systematic_error": "SystematicErrors extrapolation_share list_spans polynomial_bias sees_second_camera",
+        "velocity_curvature": "smooth_velocity",
     },
 )

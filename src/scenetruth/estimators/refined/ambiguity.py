@@ -217,7 +217,7 @@ def _rivalled(
                 continue
             out = np.empty((COSTS, len(rivals)))
             starts = np.ascontiguousarray(rivals[:, :4])
-            fixed = stack, reference, view, fields, bad, axis.factors, axis.both, weights, _STEP, _ROUNDS, starts, out
+            fixed = stack, reference, view, fields, bad, axis.factors, axis.both, weights, (_STEP, _ROUNDS), starts, out
             work = partial(compare_rivals, *fixed)
             in_threads(work, [(n, min(n + _TASK, len(rivals))) for n in range(0, len(rivals), _TASK)])
             own, rival, weight, slope, moved = out

@@ -117,7 +117,7 @@ def compute_fallback(
     if kind == "plane_sweep":
         return FallbackValues(swept, start.fields[0], np.full(images.shape, np.nan))
     fitted = valid & textured
-    beyond = _near_bare_surfaces(_own_texture(images, noise, _CLOSE_PX))
+    beyond = near_bare_surfaces(_own_texture(images, noise, _CLOSE_PX))
     sources = Sources(np.where(fitted, disparity, start.fields[0]), fitted, swept, beyond)
     found = fill_holes(mean_grey_image(images), noise / images.channels**0.5, sources, ~valid & usable, images.farthest)
     contradicted = start.known & ~swept & (np.abs(start.fields[0] - found.disparity) > _CONTRADICTION_PX)
@@ -125,7 +125,7 @@ def compute_fallback(
     return replace(found, where=found.where & ~contradicted & clear)
 
 
-def _near_bare_surfaces(textured: Mask) -> Mask:
+def near_bare_surfaces(textured: Mask) -> Mask:
     """Return what is within reach of a census square, and of the blur of an edge, from a bare area of such a square."""
     from scipy import ndimage
 

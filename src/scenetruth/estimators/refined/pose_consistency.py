@@ -97,7 +97,7 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
         noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
         noise = max(noise, _FINEST_PX**2 * float(np.diag(parts.T @ equations.matrix @ parts).max()))
         matrix, side = _determined(parts.T @ equations.matrix @ parts / noise, parts.T @ equations.side / noise)
-        variance, unknown, gain, seen = _maximise(matrix, side, group, variance)
+        variance, unknown, gain, seen = maximise_likelihood(matrix, side, group, variance)
         if gain < _SIGNIFICANT:
             return None
         left = elimination.misfit((parts @ unknown).reshape(-1, 4))
@@ -135,7 +135,7 @@ def _determined(matrix: Map, side: Map) -> tuple[Map, Map]:
     return kept @ (kept.T @ matrix @ kept) @ kept.T, kept @ (kept.T @ side)
 
 
-def _maximise(matrix: Map, side: Map, group: NDArray[np.intp], variance: Map) -> tuple[Map, Map, float, Map]:
+def maximise_likelihood(matrix: Map, side: Map, group: NDArray[np.intp], variance: Map) -> tuple[Map, Map, float, Map]:
     """Return variances of groups of unknowns, unknowns, twice the gain in log-likelihood, and unknowns determined.
 
     ``matrix``, ``side``: Normal equations of the unknowns, in units of the noise. ``variance``: Initial variances.

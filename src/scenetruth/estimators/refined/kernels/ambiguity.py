@@ -189,13 +189,13 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
         factors: Any,
         both: Any,
         weights: Any,
-        step: Any,
-        rounds: Any,
+        sampling: Any,
         rivals: Any,
         out: Any,
         part: Any,
     ) -> None:
         count, height, width = coefficients.shape
+        step, rounds = sampling
         reach = len(weights) // 2
         size = 6 if both else 3
         sums, before = np.empty((count, _SUMS)), np.empty((count, _SUMS))
@@ -332,8 +332,7 @@ def compare_rivals(
     factors: NDArray[np.float64],
     both: bool,
     weights: NDArray[np.float64],
-    step: int,
-    rounds: int,
+    sampling: tuple[int, int],
     rivals: NDArray[np.float64],
     out: NDArray[np.float64],
     part: tuple[int, int],
@@ -347,10 +346,11 @@ def compare_rivals(
     ``fields``: Fitted fields, NaN where invalid, shape (4 or 7, y, x).
     ``factors``: Displacement of the images along x and y by a change of 1 px, shape (n, 2).
     ``both``: Whether the changes along x and y are independent; else they are the same.
-    ``weights``: Window along one axis, evaluated at every ``step``-th pixel.
+    ``weights``: Window along one axis, evaluated at every n-th pixel.
+    ``sampling``: n, and the number of iterations.
     ``rivals``: Row, column and changes along x and y at the start, shape (m, 4).
     ``out``: Output: weighted sums of squares at the fitted places and of the rival, sum of the weights, weighted sum of
       the squared gradient, and change after refinement in px, shape (5, m).
     """
     kernel = _RIVALS[len(fields), view.spline]
-    kernel(coefficients, reference, view, fields, bad, factors, both, weights, step, rounds, rivals, out, part)
+    kernel(coefficients, reference, view, fields, bad, factors, both, weights, sampling, rivals, out, part)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import spline_filter
 
-from scenetruth.estimators.refined.fit_maps import initial_parameters
-from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined import ImageStack, initial_parameters
 
 __all__ = ["DISPARITY", "FLOW", "Array", "shifted_parameters", "shifted_stack"]
 
