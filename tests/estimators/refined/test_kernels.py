@@ -194,9 +194,7 @@ def test_windows_are_solved(
     model = window_solver.Model(surface, 3, gradient, count == 7)
     every = np.zeros((HEIGHT, WIDTH), dtype=np.int8)
     told = window_solver.EVERY_VARIANCE
-    window_sums.solve_rows(
-        products, weights, (model, model), 1, VIEW, 1, 0, 0.5, (fit, fit), every, told, 1, (0, HEIGHT)
-    )
+    window_sums.solve_rows(products, weights, (model, model), 1, VIEW, 0, 0.5, (fit, fit), every, told, 1, (0, HEIGHT))
     chosen = columns + ([6, 9, 12] if gradient == 0 else list(range(6, 15))) + ([15, 16, 17] if count == 7 else [])
     for y, x in ((20, 28), (17, 24), (22, 31)):
         expected, variance = plain_fit(products, x, y, sigma, chosen)

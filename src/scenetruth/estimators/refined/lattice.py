@@ -115,7 +115,7 @@ class WindowLattice:
     ) -> None:
         # Always two models, so that the kernel is compiled once.
         models, pair = (self._models[0], self._models[-1]), (fits[0], fits[-1])
-        common = len(self._models), self._images.view(), self._images.channels, band.first, self._least
+        common = len(self._models), self._images.view(), band.first, self._least * self._images.channels
         solve = partial(solve_rows, band.products, self._weights, models, *common, pair, chosen, self._told, step)
         in_threads(solve, pieces(*rows, step))
 

@@ -40,7 +40,7 @@ def fitted_to_all(products: Array) -> window_solver.Fit:
     fit, every = blank(products), np.zeros((HEIGHT, WIDTH), dtype=np.int8)
     weights, told = window_weights(3.0), window_solver.EVERY_VARIANCE
     models = (model_of(products), model_of(products))
-    window_sums.solve_rows(products, weights, models, 1, VIEW, 1, 0, 0.0, (fit, fit), every, told, 1, (0, HEIGHT))
+    window_sums.solve_rows(products, weights, models, 1, VIEW, 0, 0.0, (fit, fit), every, told, 1, (0, HEIGHT))
     return fit
 
 

@@ -499,17 +499,18 @@ def fit_window(
     view: ImageView,
     enough: bool,
     fit: Fit,
-    x: int,
-    y: int,
-    column_of: int,
-    row_of: int,
+    pixel: tuple[int, int],
+    entry: tuple[int, int],
     told: int,
     work: Any,
 ) -> None:
-    """Fit a model to the moments, in column ``place``, of the window around pixel (x, y), if they suffice.
+    """Fit a model to the moments, in column ``place``, of the window around a pixel, if they suffice.
 
-    The fit is that of column and row ``column_of`` and ``row_of`` of its maps.
+    ``pixel``: Column and row of the image.
+    ``entry``: Column and row of the maps of the fit.
     """
+    x, y = pixel
+    column_of, row_of = entry
     places, values, sizes, bend, tangents = work.places, work.values, work.sizes, work.bend, work.tangents
     small, other, full = work.matrices[0], work.matrices[1], work.matrices[2]
     right, scale, solution, column = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]

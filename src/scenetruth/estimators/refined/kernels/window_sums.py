@@ -111,7 +111,6 @@ def solve_rows(
     models: tuple[Model, Model],
     count: int,
     view: ImageView,
-    channels: int,
     first_row: int,
     least: float,
     fits: tuple[Fit, Fit],
@@ -125,6 +124,7 @@ def solve_rows(
     ``products``: Normal equations of `pixel_equations.add_products` of image rows from ``first_row`` on.
     ``weights``: Weights of a window, and their squares for variances, times the powers 0 to 4 of the distance, shape
       (2, 5, 2 r + 1).
+    ``least``: Smallest number of valid channels in a window, averaged with its weights.
     ``fits``: Maps with the rows and columns of the lattice.
     ``chosen``: Model of every pixel of the lattice, `EVERY_MODEL` or `NO_MODEL`.
     ``step``: Distance of adjacent pixels of the lattice, which begins at row and column 0 of the image.
@@ -138,7 +138,7 @@ def solve_rows(
     moments = np.zeros((size * POWERS**2, 1))
     seconds = np.zeros((len(moments) if told > 0 else 1, 1))
     work = work_space()
-    whole = channels * window[0].sum() ** 2
+    whole = window[0].sum() ** 2
     asked = _asked(models, count)
     plain = (asked[0], asked[1], False)
     for row in range(rows[0], rows[1]):
@@ -164,7 +164,7 @@ def solve_rows(
             enough = moments[KNOWN, 0] / whole >= least
             for m in range(count):
                 if chosen[row, column] == EVERY_MODEL or chosen[row, column] == m:
-                    fit_window(moments, seconds, 0, models[m], view, enough, fits[m], x, y, column, row, told, work)
+                    fit_window(moments, seconds, 0, models[m], view, enough, fits[m], (x, y), (column, row), told, work)
 
 
 @_jit
@@ -298,7 +298,7 @@ def _compiled(several: int) -> Any:
                 shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
             else:
                 shares[number, 1] = np.inf
-            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, x, y, x, y, told, work)
+            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, (x, y), (x, y), told, work)
 
     return compiled
 
