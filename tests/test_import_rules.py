@@ -361,11 +361,6 @@ WHOLE_PROJECT = {
 """Tests at the top that belong to no module."""
 APART = {"browser", "docs", "fuzz", "helpers", "plugins"}
 """Folders of tests that belong to no package."""
-SEE_INSIDE = {
-    "estimators/refined/test_iterations.py": "sets the size of bands of rows, a constant of `row_bands`",
-    "estimators/refined/test_lattice.py": "fits windows at every pixel, by a constant of `lattice`",
-}
-"""Files of tests, other than tests of kernels, that name modules of packages within packages, and why."""
 TEST_FILES = sorted(path for path in TESTS.rglob("*.py") if path.relative_to(TESTS).parts[0] != "plugins")
 
 
@@ -425,8 +420,7 @@ def test_tests_import_from_packages_but_for_kernels() -> None:
         for file in TEST_FILES
         if not is_of_kernels(file, TESTS) and (inner := inner_modules(file, SOURCE))
     }
-    assert {name: inner for name, inner in found.items() if name not in SEE_INSIDE} == {}
-    assert not set(SEE_INSIDE) - set(found), "exceptions that are needed no more"
+    assert found == {}
 
 
 def test_the_rules_of_tests_see_what_breaks_them(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.estimators.method_settings import RefinedSettings
-from scenetruth.estimators.refined import DefectFilteredFrames, ImageStack, Splines, refine
+from scenetruth.estimators.refined import FIT_LIMITS, DefectFilteredFrames, ImageStack, Splines, refine
 from tests.helpers.curved_surface import curved
 from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
@@ -55,7 +55,7 @@ def test_rounds_arrive_from_starts_that_are_off(off: tuple[float, ...]) -> None:
 def test_bands_of_rows_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     images, start = images_of(PLANE), PLANE.start()
     whole = refine(images, start, SETTINGS)
-    monkeypatch.setattr("scenetruth.estimators.refined.row_bands._SCRATCH_BYTES", 1.0)
+    monkeypatch.setattr(FIT_LIMITS, "scratch_bytes", 1.0)
     parts = refine(images, start, SETTINGS)
     for one, other in zip(whole.fit, parts.fit, strict=True):
         np.testing.assert_array_equal(one, other)

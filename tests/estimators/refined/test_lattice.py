@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from scenetruth.estimators.method_settings import RefinedSettings
-from scenetruth.estimators.refined import DefectFilteredFrames, ImageStack, RefinedState, Splines, lattice_step, refine
+from scenetruth.estimators.refined import (
+    FIT_LIMITS,
+    DefectFilteredFrames,
+    ImageStack,
+    RefinedState,
+    Splines,
+    lattice_step,
+    refine,
+)
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 PLANE = MovingPlane(gradient=turning(2e-3, -1e-3, 3e-3))
@@ -38,7 +46,7 @@ def test_the_step_follows_the_window() -> None:
 def test_fits_of_the_lattice_are_those_of_every_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
     """To a tenth of the standard deviation, the limit of the interpolation error."""
     some = refined().fit
-    monkeypatch.setattr("scenetruth.estimators.refined.lattice._STEP", 0.0)
+    monkeypatch.setattr(FIT_LIMITS, "lattice_step", 0.0)
     every = refined().fit
     known = np.isfinite(every.theta).all(axis=0)
     assert (np.isfinite(some.theta).all(axis=0) == known).mean() > 0.99

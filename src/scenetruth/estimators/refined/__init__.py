@@ -48,7 +48,7 @@ if TYPE_CHECKING:
         compute_point_derivatives,
         select_blocks,
     )
-    from scenetruth.estimators.refined.row_bands import NO_OCCLUSION
+    from scenetruth.estimators.refined.row_bands import FIT_LIMITS, NO_OCCLUSION
     from scenetruth.estimators.refined.systematic_error import (
         SystematicErrors,
         extrapolation_share,
@@ -59,7 +59,8 @@ if TYPE_CHECKING:
     from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 
 __all__ = [
-    "EVEN", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Blocks", "CalibrationUncertainty", "DefectFilteredFrames",
+    "EVEN", "FIT_LIMITS", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Blocks", "CalibrationUncertainty",
+    "DefectFilteredFrames",
     "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens", "RefinedState",
     "ShiftObservations", "Sources", "Splines", "SystematicErrors", "between", "blank_fit", "compare_growth",
     "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
@@ -95,7 +96,7 @@ __getattr__, __dir__ = export_lazily(
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
         "pose_corrections": "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks",
-        "row_bands": "NO_OCCLUSION",
+        "row_bands": "FIT_LIMITS NO_OCCLUSION",
         "systematic_error": "SystematicErrors extrapolation_share list_spans polynomial_bias sees_second_camera",
         "velocity_curvature": "smooth_velocity",
     },

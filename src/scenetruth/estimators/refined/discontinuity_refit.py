@@ -304,7 +304,7 @@ def refit_discontinuities(
     start: Map,
     refined: RefinedState,
     settings: RefinedSettings,
-    told: Callable[[int], None] | None = None,
+    report: Callable[[int], None] | None = None,
 ) -> tuple[RefinedState, DiscontinuityContext]:
     """Fit pixels again whose windows contain several surfaces, from disparity and velocity of shape (4, y, x)."""
     noise = estimate_noise(np.sqrt(refined.fit.residual[0]))

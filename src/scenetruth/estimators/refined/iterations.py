@@ -80,7 +80,7 @@ class RefinedState:
 
 
 def refine(
-    images: ImageStack, start: Map, settings: RefinedSettings, told: Callable[[int], None] | None = None
+    images: ImageStack, start: Map, settings: RefinedSettings, report: Callable[[int], None] | None = None
 ) -> RefinedState:
     """Fit surface and motion around every pixel, from finite disparity and velocity, shape (4, y, x).
 
@@ -108,10 +108,10 @@ def refine(
             left_out = find_inconsistent_images(images, extract_fields(state), sigma, part)
         part = part.without(left_out)
         shifts = None if cameras is None or settled else ShiftObservations.blank(images.shape, len(part.view().s))
-        told_by = PixelEvidence.blank(images.shape) if settings.noise == "estimated" and model is models[0] else None
-        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts, seen=told_by, coarse=True)
-        if told_by is not None:
-            images = replace(images, variance=_estimated_variance(images, told_by))
+        evidence = PixelEvidence.blank(images.shape) if settings.noise == "estimated" and model is models[0] else None
+        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts, seen=evidence, coarse=True)
+        if evidence is not None:
+            images = replace(images, variance=_estimated_variance(images, evidence))
         before, state = state, fill_invalid_parameters(state, fit.theta)
         if cameras is not None and shifts is not None:
             moved = cameras.update(shifts, before[STEADY_PLACES], part)
@@ -119,8 +119,8 @@ def refine(
             # Undetermined corrections would drift slowly without limit, together with all surfaces.
             settled = reach == span and moved < settings.tolerance_px
         done += 1
-        if told is not None:
-            told(done)
+        if report is not None:
+            report(done)
         if model is models[0] and settled and _still(before, state, fit, images, settings.tolerance_px):
             break
     images = images.without(find_inconsistent_images(images, extract_fields(state), sigma, images))
@@ -128,11 +128,11 @@ def refine(
     theta, curved, chosen = fit_surface(images, state, models, settings)
     state = fill_invalid_parameters(state, theta)
     done += 1
-    if told is not None:
-        told(done)
+    if report is not None:
+        report(done)
     last = fit_final(images, state, models, settings, chosen)
-    if told is not None:
-        told(done + 1)
+    if report is not None:
+        report(done + 1)
     motion = np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
     return RefinedState(last.fit, curved, done + 1, last.seen, last.uneven, motion, images, cameras)
 
@@ -236,9 +236,9 @@ def fit_round(
         fields[:, 1::2] = np.nan
         least_share /= 2
     lattice = partial(WindowLattice, images, models, chosen=chosen, least_share=least_share)
-    lattices = [lattice(sigma_px, fits, told=variances, coarse=coarse)]
+    lattices = [lattice(sigma_px, fits, variances=variances, coarse=coarse)]
     if finer is not None:
-        lattices.append(lattice(finer[0], [finer[1]] * len(models), told=_STEADY_VARIANCES))
+        lattices.append(lattice(finer[0], [finer[1]] * len(models), variances=_STEADY_VARIANCES))
     behind = max(each.behind for each in lattices)
     for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts, behind=behind):
         if smooth is not None:

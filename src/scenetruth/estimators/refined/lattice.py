@@ -15,14 +15,11 @@ from scenetruth.estimators.refined.kernels.lattice import carry_rows, find_smoot
 from scenetruth.estimators.refined.kernels.window_solver import DIRECTION, EVERY_VARIANCE, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL, solve_rows
 from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
-from scenetruth.estimators.refined.row_bands import RowBand, pieces, window_weights
+from scenetruth.estimators.refined.row_bands import FIT_LIMITS, RowBand, pieces, window_weights
 from scenetruth.threads import in_threads
 
 __all__ = ["WindowLattice", "lattice_step"]
 
-# Largest distance of windows in their standard deviations. The result of a Gaussian window has a power spectrum times
-# exp(-4 π² σ² f²), of which 4e-9 is left at half the sampling frequency.
-_STEP = 0.7
 # Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
 _ERROR_PX = 5e-4
 # Or smaller than this fraction of the standard deviation of the fit, whose square it increases by 1 % at most.
@@ -42,7 +39,7 @@ Mask = NDArray[np.bool_]
 
 def lattice_step(sigma_px: float) -> int:
     """Return the distance of windows from which the results between them can be interpolated, in px."""
-    return max(1, int(_STEP * sigma_px))
+    return max(1, int(FIT_LIMITS.lattice_step * sigma_px))
 
 
 class WindowLattice:
@@ -51,7 +48,7 @@ class WindowLattice:
     ``fits``: Fit of each model, or of the selected model at every pixel, at all pixels; with the initial parameters.
     ``chosen``: Model of every pixel, `EVERY_MODEL` or `NO_MODEL`.
     ``least_share``: Smallest valid fraction of a window.
-    ``told``: Number of variances.
+    ``variances``: Number of variances.
     ``coarse``: Whether all windows are on the lattice, also where their fits do not vary smoothly.
     """
 
@@ -64,18 +61,23 @@ class WindowLattice:
         chosen: NDArray[np.int8],
         *,
         least_share: float,
-        told: int,
+        variances: int,
         coarse: bool = False,
     ) -> None:
         self._images, self._models, self._fits, self._chosen = images, models, fits, chosen
-        self._weights, self._least, self._told, self._coarse = window_weights(sigma_px), least_share, told, coarse
+        self._weights, self._least, self._variances, self._coarse = (
+            window_weights(sigma_px),
+            least_share,
+            variances,
+            coarse,
+        )
         self._step = _COARSE_STEP if coarse else lattice_step(sigma_px)
         self._done, self._sigma = 0, sigma_px
         if self._step == 1:
             return
         self._of_nodes = _models_of_nodes(chosen, self._step)
         begun = [np.ascontiguousarray(fit.theta[:, :: self._step, :: self._step]) for fit in fits]
-        blank = partial(blank_fit, variances=told > 0, element=told == EVERY_VARIANCE)
+        blank = partial(blank_fit, variances=variances > 0, element=variances == EVERY_VARIANCE)
         self._nodes = [blank(begun[0])]
         self._nodes += [
             self._nodes[0] if fit is fits[0] else blank(each) for fit, each in zip(fits[1:], begun[1:], strict=True)
@@ -116,7 +118,7 @@ class WindowLattice:
         # Always two models, so that the kernel is compiled once.
         models, pair = (self._models[0], self._models[-1]), (fits[0], fits[-1])
         common = len(self._models), self._images.view(), band.first, self._least * self._images.channels
-        solve = partial(solve_rows, band.products, self._weights, models, *common, pair, chosen, self._told, step)
+        solve = partial(solve_rows, band.products, self._weights, models, *common, pair, chosen, self._variances, step)
         in_threads(solve, pieces(*rows, step))
 
     def _smooth(self, nodes: Fit) -> Mask:
@@ -134,7 +136,7 @@ class WindowLattice:
                 error += self._images.moved_px(fields, fields + np.pad(fourth, ends, mode="edge"))
             std = np.zeros_like(fields)
             for place, number in enumerate(_VARIANCES[: len(fields)]):
-                if number < self._told:
+                if number < self._variances:
                     std[place] = np.sqrt(nodes.variance[number])
             limit = np.fmax(_ERROR_PX, _ERROR_SHARE * self._images.moved_px(fields, fields + std))
             # Without texture, fits are of noise alone, and no values are wanted.
@@ -168,10 +170,10 @@ class WindowLattice:
             (nodes.theta, fit.theta, True, False, -1),
             (nodes.residual, fit.residual, False, True, -1),
         ]
-        if self._told > 0:
+        if self._variances > 0:
             maps += [(nodes.variance, fit.variance, False, True, -1)]
             maps += [(nodes.images[None], fit.images[None], False, True, -1)]
-        if self._told == EVERY_VARIANCE:
+        if self._variances == EVERY_VARIANCE:
             maps += [(nodes.element, fit.element, False, False, DIRECTION)]
             maps += [(nodes.element_variance, fit.element_variance, False, True, -1)]
         for values, out, parameters, positive, signed in maps:

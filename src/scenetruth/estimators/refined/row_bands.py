@@ -24,7 +24,9 @@ from scenetruth.estimators.refined.pose_corrections import ShiftObservations
 from scenetruth.threads import in_threads
 
 __all__ = [
+    "FIT_LIMITS",
     "NO_OCCLUSION",
+    "FitLimits",
     "PixelEvidence",
     "RowBand",
     "around",
@@ -36,14 +38,27 @@ __all__ = [
 ]
 
 
-# Bytes of warped images in memory, number of rows per thread task, and smallest number of rows of a band.
-_SCRATCH_BYTES, _ROWS, _LEAST_BAND = 96e6, 16, 32
+_ROWS, _LEAST_BAND = 16, 32  # number of rows per thread task, and smallest number of rows of a band
 _LANES = 8  # the products of a pixel fill this number of lanes of vector instructions
 _CUT = 2.0  # half-width of windows in standard deviations
 
 NO_OCCLUSION = np.zeros((0, 0, 0), dtype=np.uint8)
 
 Map = NDArray[np.float64]
+
+
+@dataclass
+class FitLimits:
+    """Sizes that trade memory and time of the fit."""
+
+    scratch_bytes: float = 96e6
+    """Size of the warped images of a band of rows."""
+    lattice_step: float = 0.7
+    """Largest distance of windows in their standard deviations. The result of a Gaussian window has a power spectrum
+    times exp(-4 π² σ² f²), of which 4e-9 is left at half the sampling frequency."""
+
+
+FIT_LIMITS = FitLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +136,7 @@ def bands(
     bad = images.bad_stack()
     stacks = [images.stack(channel) for channel in range(images.channels)]
     fields = np.ascontiguousarray(fields)
-    at_a_time = int(_SCRATCH_BYTES / (4 * len(view.s) * width)) - 4 * reach - behind
+    at_a_time = int(FIT_LIMITS.scratch_bytes / (4 * len(view.s) * width)) - 4 * reach - behind
     size = max(at_a_time, _LEAST_BAND)
     rows = np.flatnonzero(np.isfinite(fields[0]).any(axis=1))
     begin, stop = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
