@@ -120,7 +120,8 @@ class RefinedSettings(MethodSettings):
     """Whether windows that contain several surfaces are fitted again to the pixels of the central surface only."""
     pose_corrections: Annotated[CorrectionPriors | Literal["auto", "none"], BeforeValidator(_none_as_text)] = "auto"
     """Prior standard deviations of camera-pose errors, which are then estimated from all points together; ``auto``
-    takes the stage tolerances of the recording, if it states any; ``none`` takes poses as exact."""
+    takes the stage tolerances of the recording, or, if it states none, adds the effect of pose errors that the images
+    show to the standard deviations; ``none`` takes poses as exact."""
     fallback: Literal["fill", "plane_sweep", "none"] = "fill"
     """Fallback disparity and depth where the fit failed (``status`` 3): ``fill``, those of the plane sweep near texture
     and planes of neighbouring surfaces in holes, with standard deviations; ``plane_sweep``, those of the plane sweep
