@@ -13,6 +13,7 @@ import scenetruth as st
 from scenetruth.estimators.refined import (
     ImageStack,
     SystematicErrors,
+    add_contradiction,
     blank_fit,
     extrapolation_share,
     is_supported,
@@ -20,6 +21,7 @@ from scenetruth.estimators.refined import (
     list_spans,
     polynomial_bias,
     sees_second_camera,
+    spline_transfer,
 )
 from scenetruth.indexing import centred_indices
 from scenetruth.schema import make_recording
@@ -153,3 +155,18 @@ def test_neighbours_of_the_same_surface_support_a_pixel() -> None:
     expected = np.ones((40, 40), dtype=np.bool_)
     expected[10, 12], expected[:, 20] = False, False
     np.testing.assert_array_equal(supported[4:-4, 4:-4], expected[4:-4, 4:-4])
+
+
+def test_fewer_frames_that_contradict_all_frames_have_the_difference_as_their_error() -> None:
+    """Of three pixels, the first differs by 0.09 px per frame, the second by 0.11, the third also without residual."""
+    theta = np.zeros((15, 1, 3))
+    theta[0] = 8.0
+    full, fit = blank_fit(theta, variances=True), blank_fit(theta, variances=True)
+    full.variance[:], fit.variance[:] = 1e-8, 1e-6
+    fit.theta[6, 0] = [0.09 / 8.0, 0.11 / 8.0, 0.11 / 8.0]
+    found = add_contradiction(full, fit, np.array([[True, True, False]]), 5)
+    np.testing.assert_array_equal(found.variance[[0, 1, 2, 4, 5]], fit.variance[[0, 1, 2, 4, 5]])
+    np.testing.assert_array_equal(found.variance[3, 0, [0, 2]], fit.variance[3, 0, [0, 2]])
+    # Output divides variances by the square of the splines' transfer.
+    added = (found.variance[3, 0, 1] - 1e-6) / spline_transfer(5) ** 2
+    assert added == pytest.approx((0.11 / 8.0) ** 2)

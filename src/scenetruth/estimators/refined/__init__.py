@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         GreyVariance,
         estimate_variance,
         photon_transfer_variance,
+        spline_transfer,
     )
     from scenetruth.estimators.refined.pixel_defects import (
         DefectFilteredFrames,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from scenetruth.estimators.refined.row_bands import FIT_LIMITS, NO_OCCLUSION
     from scenetruth.estimators.refined.systematic_error import (
         SystematicErrors,
+        add_contradiction,
         extrapolation_share,
         list_spans,
         polynomial_bias,
@@ -62,15 +64,15 @@ __all__ = [
     "EVEN", "FIT_LIMITS", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Blocks", "CalibrationUncertainty",
     "DefectFilteredFrames",
     "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens", "RefinedState",
-    "ShiftObservations", "Sources", "Splines", "SystematicErrors", "between", "blank_fit", "compare_growth",
-    "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
+    "ShiftObservations", "Sources", "Splines", "SystematicErrors", "add_contradiction", "between", "blank_fit",
+    "compare_growth", "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
     "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "estimate_variance",
     "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous", "find_aperture",
     "find_dead_pixels", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters",
     "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans",
     "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of", "polynomial_bias",
     "read_calibration_uncertainty", "read_schedule", "refine", "remove_delay_bias", "sees_second_camera",
-    "select_blocks", "smooth_velocity", "spread_defects", "straightened", "undistort", "with_bias",
+    "select_blocks", "smooth_velocity", "spline_transfer", "spread_defects", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -92,12 +94,14 @@ __getattr__, __dir__ = export_lazily(
         "kernels.window_solver": "Fit",
         "lattice": "lattice_step",
         "lens_distortion": "Lens compute_jacobian distort lens_problems undistort",
-        "noise_estimation": "EVEN GreyVariance estimate_variance photon_transfer_variance",
+        "noise_estimation": "EVEN GreyVariance estimate_variance photon_transfer_variance spline_transfer",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
         "pose_corrections": "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks",
         "row_bands": "FIT_LIMITS NO_OCCLUSION",
-        "systematic_error": "SystematicErrors extrapolation_share list_spans polynomial_bias sees_second_camera",
+        "systematic_error": (
+            "SystematicErrors add_contradiction extrapolation_share list_spans polynomial_bias sees_second_camera"
+        ),
         "velocity_curvature": "smooth_velocity",
     },
 )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSettings
 from scenetruth.estimators.refined.fit_maps import (
+    STEADY_PLACES,
     accelerated,
     between,
     chosen_fit,
@@ -29,11 +30,13 @@ from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState, fit_final, fit_round, is_valid_step, select_models
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, TOLD, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
+from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
 
 __all__ = [
     "SystematicErrors",
+    "add_contradiction",
     "estimate_systematic_errors",
     "extrapolation_share",
     "list_spans",
@@ -55,6 +58,9 @@ _ROUNDS = 4  # largest number of iterations of a fit to fewer frames
 # Sum of the variances of disparity and velocity, relative to noise, that fewer frames must reduce by this ratio: the
 # selection follows noise where both are alike.
 _BETTER = 0.8
+# A fit to all frames whose residual is below this multiple of the noise explains them; velocities of fewer frames that
+# differ from it by more than this many px per frame contradict it.
+_EXPLAINED, _CONTRADICTION_PX = 1.3, 0.1
 _STATED = 10  # quantities of the surface element with a systematic error: all but the direction of growth
 _STEADY = int(np.count_nonzero(TOLD < FULL))
 _VELOCITY = 3  # first variance of the velocity
@@ -432,6 +438,26 @@ def _converged(
     return theta
 
 
+def add_contradiction(full: Fit, fit: Fit, where: Mask, spline: int) -> Fit:
+    """Return a fit to fewer frames, with its difference in the variances of velocity where both fits are explained.
+
+    An unsteady motion leaves residuals over all frames. If there are none, but velocities differ by more than a tenth
+    of a pixel per frame, the texture does not determine them.
+
+    ``full``: Fit to all frames.
+    ``spline``: Order of the splines, whose transfer the variances include.
+    """
+    places = STEADY_PLACES[1:]
+    change = fit.theta[places] - full.theta[places]
+    with np.errstate(invalid="ignore"):
+        moved = np.abs(fit.theta[0]) * np.hypot(change[0], change[1])
+        contradicted = where & (moved > _CONTRADICTION_PX)
+    variance = fit.variance.copy()
+    added = (spline_transfer(spline) * change) ** 2
+    variance[3:6] = np.where(contradicted, variance[3:6] + added, variance[3:6])
+    return fit._replace(variance=variance)
+
+
 def _with_fewer_frames(
     refined: RefinedState, group: _Group, found: _SpanErrors, spans: list[ImageStack], settings: RefinedSettings
 ) -> tuple[RefinedState, NDArray[np.intp]]:
@@ -453,6 +479,9 @@ def _with_fewer_frames(
     better = found.worth & (np.min(totals, axis=0) < _BETTER * present)
     changed = group.where & between(better, shape)
     best = np.asarray(between(best, shape), dtype=np.intp)
+    usual_residual = estimate_noise(np.sqrt(refined.fit.residual[0]))
+    with np.errstate(invalid="ignore"):
+        all_fit = refined.fit.residual[0] <= (_EXPLAINED * usual_residual) ** 2
     result = refined
     for k, part in enumerate(spans[: len(totals)]):
         where = changed & (best == k) & (which != k)
@@ -465,9 +494,10 @@ def _with_fewer_frames(
         begun = np.where(around(where, 2 * (window_weights(settings.window_sigma_px).shape[2] // 2)), theta, np.nan)
         last = fit_final(part, begun, models, own, chosen)
         sound = where & is_valid_step(theta, last.fit.theta)
+        chosen_last = add_contradiction(refined.fit, last.fit, sound & all_fit, part.spline)
         result = replace(
             result,
-            fit=chosen_fit(sound, last.fit, result.fit),
+            fit=chosen_fit(sound, chosen_last, result.fit),
             seen=result.seen.chosen(sound, last.seen),
             uneven=np.where(sound, last.uneven, result.uneven),
         )
