@@ -1,7 +1,7 @@
 """How far the standard deviations of fallback values can be trusted, on stand-ins for real captures.
 
 Run it from the top of the repository: ``python -m benchmarks.fallback [NAME ...] [--aside] [--cache DIR]``. Wrong is a
-disparity that is off by more than 0.25 px per step.
+disparity with an error of more than 0.25 px per step.
 """
 
 from __future__ import annotations

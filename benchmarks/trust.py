@@ -7,6 +7,7 @@ looked at only to confirm what was chosen on the others. Families are in the mod
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import importlib
 import json
@@ -24,7 +25,7 @@ from benchmarks.jobs import arguments, ends, heading, line, number
 import scenetruth as st
 from scenetruth.scoring.regions import main_regions
 
-__all__ = ["Plain", "assess", "family", "list_scenes", "plane", "rig", "simulated"]
+__all__ = ["Plain", "assess", "family", "list_scenes", "parse_arguments", "plane", "rig", "simulated"]
 
 Plain = dict[str, Any]
 DEPTH_MM, FOCAL_PX, BASELINE_MM = 600.0, 2400.0, 5.0
@@ -130,14 +131,19 @@ def assess(scene: Plain, settings: Plain, cache: str | None) -> dict[str, dict[s
     return found
 
 
-def main() -> None:
-    """Print a table with a line for each scene and quantity."""
-    parser = arguments(__doc__)
+def parse_arguments(description: str | None) -> tuple[argparse.Namespace, Plain]:
+    """Return the arguments of a benchmark of stated standard deviations, and the settings of the method."""
+    parser = arguments(description)
     parser.add_argument("--aside", action="store_true", help="the scenes that stand aside instead of the others")
     parser.add_argument("--cache", help="folder of simulated scenes")
     parser.add_argument("--setting", action="append", default=[], metavar="NAME=VALUE", help="of the method, as JSON")
     given = parser.parse_args()
-    settings = {name: json.loads(value) for name, _, value in (each.partition("=") for each in given.setting)}
+    return given, {name: json.loads(value) for name, _, value in (each.partition("=") for each in given.setting)}
+
+
+def main() -> None:
+    """Print a table with a line for each scene and quantity."""
+    given, settings = parse_arguments(__doc__)
     jobs = {name: (scene, settings, given.cache) for name, scene in list_scenes(aside=given.aside)}
     print(heading(COLUMNS), flush=True)
     for name, found in ends(assess, jobs, given):

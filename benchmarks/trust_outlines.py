@@ -6,13 +6,12 @@ depth by more than 6 standard deviations and by more than a thousandth, and off 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from benchmarks.jobs import arguments, ends, heading, line, number
-from benchmarks.trust import DEPTH_MM, Plain, family, noise, plane, rig, simulated
+from benchmarks.jobs import ends, heading, line, number
+from benchmarks.trust import DEPTH_MM, Plain, family, noise, parse_arguments, plane, rig, simulated
 
 import scenetruth as st
 
@@ -96,12 +95,7 @@ def assess_bands(scene: Plain, settings: Plain, cache: str | None) -> dict[str, 
 
 def main() -> None:
     """Print a table with a line for each scene and distance."""
-    parser = arguments(__doc__)
-    parser.add_argument("--aside", action="store_true", help="the scenes that stand aside instead of the others")
-    parser.add_argument("--cache", help="folder of simulated scenes")
-    parser.add_argument("--setting", action="append", default=[], metavar="NAME=VALUE", help="of the method, as JSON")
-    given = parser.parse_args()
-    settings = {name: json.loads(value) for name, _, value in (each.partition("=") for each in given.setting)}
+    given, settings = parse_arguments(__doc__)
     scenes: dict[str, Plain] = {}
     for module in ("trust_outlines", "trust_shipped"):
         of_family: Mapping[str, Plain] = family(module)
