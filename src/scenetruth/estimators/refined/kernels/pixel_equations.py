@@ -18,7 +18,9 @@ __all__ = [
     "SIDE_OF",
     "SQUARE_OF",
     "add_products",
+    "add_row",
     "correct_brightness",
+    "dot",
     "is_pair",
 ]
 
@@ -266,13 +268,15 @@ def is_pair(product: int) -> bool:
 
 
 @_jit
-def _add_row(out: Any, weight: float, line: Any) -> None:
+def add_row(out: Any, weight: float, line: Any) -> None:
+    """Add a multiple of a row."""
     for x in range(out.size):
         out[x] += weight * line[x]
 
 
 @_jit
-def _dot(weights: Any, values: Any) -> float:
+def dot(weights: Any, values: Any) -> float:
+    """Return the weighted sum of values."""
     total = 0.0
     for u in range(weights.size):
         total += weights[u] * values[u]
@@ -314,11 +318,11 @@ def _estimate_brightness(sums: Any, window: Any, step: int, nodes: Any) -> None:
     for node in range(nodes.shape[1]):
         x = min(node * step, width - 1)
         n, g, h = (
-            _dot(window, sums[0, x : x + size]),
-            _dot(window, sums[1, x : x + size]),
-            _dot(window, sums[2, x : x + size]),
+            dot(window, sums[0, x : x + size]),
+            dot(window, sums[1, x : x + size]),
+            dot(window, sums[2, x : x + size]),
         )
-        gh, hh = _dot(window, sums[3, x : x + size]), _dot(window, sums[4, x : x + size])
+        gh, hh = dot(window, sums[3, x : x + size]), dot(window, sums[4, x : x + size])
         spread = hh * n - h * h
         gain = (gh * n - g * h) / spread if spread > 1e-6 * h * h + 1e-12 else 1.0
         nodes[0, node] = gain if gain > 0.1 else np.nan
@@ -386,7 +390,7 @@ def correct_brightness(
                 if abs(y - rows[node]) <= reach:
                     weight = window[y - rows[node] + reach]
                     for k in range(5):
-                        _add_row(sums[node % ring, k, reach : reach + width], weight, terms[k])
+                        add_row(sums[node % ring, k, reach : reach + width], weight, terms[k])
         while done < begun and (rows[done] + reach <= y or y == height - 1):
             _estimate_brightness(sums[done % ring], window, step, nodes[done])
             done += 1

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.pixel_equations import PAIR_OF, PRODUCTS, SIDE_OF, is_pair
+from scenetruth.estimators.refined.kernels.pixel_equations import PAIR_OF, PRODUCTS, SIDE_OF, add_row, dot, is_pair
 from scenetruth.estimators.refined.kernels.warp import ACCELERATED, STEADY, ImageView
 from scenetruth.estimators.refined.kernels.window_solver import (
     CURVED,
@@ -54,21 +54,6 @@ def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
 
 
 @_jit
-def _add_row(out: Any, weight: float, line: Any) -> None:
-    """Add a multiple of a row."""
-    for x in range(out.size):
-        out[x] += weight * line[x]
-
-
-@_jit
-def _dot(weights: Any, values: Any) -> float:
-    total = 0.0
-    for u in range(weights.size):
-        total += weights[u] * values[u]
-    return total
-
-
-@_jit
 def _sums_along_y(products: Any, pairs_only: bool, window: Any, y: int, ends: Any, asked: Any, lines: Any) -> None:
     """Sum products along the columns of the windows of a row, times powers of the distance: (numbered, x).
 
@@ -86,7 +71,7 @@ def _sums_along_y(products: Any, pairs_only: bool, window: Any, y: int, ends: An
             out = lines[n * POWERS + k, first + reach : last + reach]
             out[:] = 0.0
             for v in range(max(y - reach, 0), min(y + reach + 1, height)):
-                _add_row(out, window[k, v - y + reach], products[n, v, first:last])
+                add_row(out, window[k, v - y + reach], products[n, v, first:last])
 
 
 @_jit
@@ -101,7 +86,7 @@ def _sums_along_x(lines: Any, pairs_only: bool, window: Any, x: int, asked: Any,
         for k in range(degree + 1):
             line = lines[n * POWERS + k, x : x + width]
             for j in range(degree + 1 - k):
-                moments[(n * POWERS + j) * POWERS + k, 0] = _dot(window[j], line)
+                moments[(n * POWERS + j) * POWERS + k, 0] = dot(window[j], line)
 
 
 @_jit
