@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
@@ -24,6 +25,13 @@ from scenetruth.bound.image_gradients import (
     compute_signed_textures,
     compute_visibility,
 )
+from scenetruth.bound.motion_selection import (
+    GROWTH_BIAS,
+    MapNeighbourhood,
+    combine_motion_models,
+    compute_growth_bias,
+    is_biased,
+)
 from scenetruth.bound.surface_geometry import (
     compute_image_times,
     compute_interior_mask,
@@ -32,7 +40,7 @@ from scenetruth.bound.surface_geometry import (
 )
 from scenetruth.bound.unknowns import (
     Brightness,
-    Motion,
+    MotionChoice,
     Surface,
     WindowUnknowns,
     add_error_products,
@@ -52,7 +60,7 @@ def setting_problems(
     words: Mapping[str, str], noise_std: float | None, window_sigma_px: float, step_px: int
 ) -> list[Problem]:
     """Return the problems of the settings of `cramer_rao_bound`."""
-    choices = {"surface": Surface, "motion": Motion, "window": Window, "brightness": Brightness}
+    choices = {"surface": Surface, "motion": MotionChoice, "window": Window, "brightness": Brightness}
     problems = [
         Problem(name, f"must be one of {', '.join(get_args(choices[name]))}", word)
         for name, word in words.items()
@@ -127,7 +135,7 @@ def cramer_rao_bound(
     window_sigma_px: float = 6.0,
     window: Window = "gaussian",
     surface: Surface = "plane",
-    motion: Motion = "rigid",
+    motion: MotionChoice = "rigid",
     brightness: Brightness = "fixed",
     step_px: int = 1,
 ) -> xr.Dataset:
@@ -164,7 +172,9 @@ def cramer_rao_bound(
         ``"plane"``: unknown slopes; ``"constant"``: given slopes.
     motion
         Unknowns of the velocity gradient: none (``"translation"``), a rotation (``"rigid"``), a rotation and isotropic
-        growth (``"growing"``), or all components (``"affine"``).
+        growth (``"growing"``), or all components (``"affine"``). ``"auto"``, as in the refined method: ``"growing"``,
+        and ``"affine"`` where the bias of isotropic growth exceeds the noise that the affine model adds. Where it does
+        not, the bias is included in the growth rate.
     brightness
         ``"per_image"``: every image has an unknown gain and offset per window, as far as these correlate with depth
         and motion; grey images only.
@@ -231,8 +241,13 @@ def cramer_rao_bound(
         raise RecordingError(problems, source="the Cramér-Rao bound")
     scene = _Scene(truth, recording, noise)
     ways = 2 * len(compute_brightness_modes(scene.views)) if brightness == "per_image" else 0
-    model = WindowUnknowns(surface, motion, moving=recording.sizes["t"] > 1, brightness=ways)
-    maps = scene.bound(model, window_weights(window, window_sigma_px), step_px)
+    moving = recording.sizes["t"] > 1
+    model = WindowUnknowns(surface, "growing" if motion == "auto" else motion, moving=moving, brightness=ways)
+    weights = window_weights(window, window_sigma_px)
+    if motion == "auto":
+        maps = scene.bound_of_selected(model, weights, window_sigma_px, step_px)
+    else:
+        maps = scene.bound(model, weights, step_px)
     more = {"window_sigma_px": float(window_sigma_px), **settings, "noise_std": scene.noise_std()}
     return _labelled(maps, scene, model, step_px, more)
 
@@ -244,9 +259,17 @@ def bound_maps(
     model: WindowUnknowns,
     window_sigma_px: float,
     step_px: int = 1,
+    *,
+    selected: bool = False,
 ) -> dict[str, Map]:
-    """Return bound maps (y, x) for any model and noise, without checks; see `cramer_rao_bound`."""
-    return _Scene(truth, recording, noise).bound(model, window_weights("gaussian", window_sigma_px), step_px)
+    """Return bound maps (y, x) for any model and noise, without checks; see `cramer_rao_bound`.
+
+    ``selected``: Whether the affine model replaces a model with isotropic growth, as with ``motion="auto"``.
+    """
+    scene, weights = _Scene(truth, recording, noise), window_weights("gaussian", window_sigma_px)
+    if selected:
+        return scene.bound_of_selected(model, weights, window_sigma_px, step_px)
+    return scene.bound(model, weights, step_px)
 
 
 class _Scene:
@@ -274,8 +297,20 @@ class _Scene:
         weights = np.concatenate([layer.weight[layer.weight > 0] for layer in self.layers])
         return float(1.0 / np.sqrt(weights.mean())) if weights.size else float("nan")
 
-    def bound(self, model: WindowUnknowns, weights: Map, step_px: int) -> dict[str, Map]:
-        """Return the maps of the lowest standard deviations, each of shape (..., y, x)."""
+    def bound_of_selected(self, model: WindowUnknowns, weights: Map, sigma_px: float, step_px: int) -> dict[str, Map]:
+        """Return the maps of a model with isotropic growth, or of the affine model where that is selected."""
+        isotropic = self.bound(model, weights, step_px, biased=True)
+        if not is_biased(isotropic):
+            return {name: values for name, values in isotropic.items() if name != GROWTH_BIAS}
+        affine = self.bound(replace(model, motion="affine"), weights, step_px)
+        around = MapNeighbourhood(self.pieces[::step_px, ::step_px], sigma_px / step_px)
+        return combine_motion_models(isotropic, affine, around)
+
+    def bound(self, model: WindowUnknowns, weights: Map, step_px: int, *, biased: bool = False) -> dict[str, Map]:
+        """Return the maps of the lowest standard deviations, each of shape (..., y, x).
+
+        ``biased``: Whether to add the bias of isotropic growth.
+        """
         products = compute_pixel_information(self.points, self.views, self.shown, self.layers, model)
         shape = self.pieces.shape
         found: dict[str, Map] = {}
@@ -291,8 +326,12 @@ class _Scene:
                 )
                 entries = compute_functionals(points, self.intrinsics, model)
                 std = np.sqrt(compute_variances(normal, scatter, columns, list(entries.values())))
-                for name, values in add_error_products(dict(zip(entries, std, strict=True))).items():
-                    found.setdefault(name, np.full(shape, np.nan))[at] = values
+                values = add_error_products(dict(zip(entries, std, strict=True)))
+                if biased and "growth_rate" in entries:
+                    sums = {key: part_of[some] for key, part_of in part.sums.items()}
+                    values[GROWTH_BIAS] = compute_growth_bias(sums, columns, model, points, entries["growth_rate"])
+                for name, one in values.items():
+                    found.setdefault(name, np.full(shape, np.nan))[at] = one
         if not found:
             nothing = self.points.at((np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)))
             names = add_error_products(

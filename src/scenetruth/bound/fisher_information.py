@@ -17,6 +17,7 @@ from scenetruth.bound.unknowns import Columns, Vector, WindowUnknowns
 __all__ = [
     "Window",
     "WindowSums",
+    "compute_bias",
     "compute_brightness_modes",
     "compute_pixel_information",
     "compute_sensitivity",
@@ -233,11 +234,7 @@ def compute_variances(normal: Map, scatter: Map, columns: Columns, functionals: 
         factor = _factorised(normal * scale[:, None] * scale)
         rights = np.zeros((len(functionals), count, windows))
         for k, functional in enumerate(functionals):
-            parts = dict(functional)
-            for i, column in enumerate(columns):
-                for p, share in column:
-                    if p in parts:
-                        rights[k, i] += share * parts[p]
+            rights[k] = _apply(functional, columns, windows)
         solved = _solved(factor, rights * scale) * scale
         total = np.zeros((len(functionals), windows))
         for i in range(count):
@@ -245,6 +242,32 @@ def compute_variances(normal: Map, scatter: Map, columns: Columns, functionals: 
                 total += solved[:, i] * scatter[i, j] * solved[:, j]
         # Where texture is weak, noise in the products of gradients may make the variance negative.
         return np.where(total > 0, total, np.nan)
+
+
+def compute_bias(normal: Map, columns: Columns, true: Vector, functional: Vector) -> Map:
+    """Return the bias of a linear function of the unknowns in a fit to noise-free images.
+
+    ``true``: True parameters, of which the unknowns describe a part. ``normal``: Information matrix of the unknowns
+    and, in the last row and column, of the true parameters.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = 1.0 / np.sqrt(np.einsum("iin->in", normal[:-1, :-1]))
+        factor = _factorised(normal[:-1, :-1] * scale[:, None] * scale)
+        fitted = _solved(factor, normal[None, :-1, -1] * scale)[0] * scale
+    windows = normal.shape[-1]
+    shares = _apply(functional, [*columns, true], windows)
+    return np.asarray((fitted * shares[:-1]).sum(axis=0) - shares[-1])
+
+
+def _apply(functional: Vector, columns: Columns, windows: int) -> Map:
+    """Return a linear function of each column, shape (n, windows)."""
+    parts = dict(functional)
+    found = np.zeros((len(columns), windows))
+    for i, column in enumerate(columns):
+        for p, share in column:
+            if p in parts:
+                found[i] += share * parts[p]
+    return found
 
 
 def _factorised(matrix: Map) -> Map:

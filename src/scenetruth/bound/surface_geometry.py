@@ -123,17 +123,18 @@ def compute_reference_points(truth: xr.Dataset, intrinsics: Intrinsics, pieces: 
 
 
 def _slope(values: Map, pieces: NDArray[np.int64], axis: int) -> Map:
-    """Return half the difference of the two neighbours along an axis; 0 where they belong to another segment."""
-    slope = np.zeros_like(values)
-    middle, before, after = (
-        (..., part) if axis == -1 else (..., part, slice(None))
-        for part in (slice(1, -1), slice(None, -2), slice(2, None))
+    """Return the mean difference from the neighbours along an axis that belong to the same segment; 0 without any."""
+    before, after = (
+        (..., part) if axis == -1 else (..., part, slice(None)) for part in (slice(None, -1), slice(1, None))
     )
-    own = pieces[middle]
-    same = (own >= 0) & (pieces[before] == own) & (pieces[after] == own)
+    same = (pieces[before] >= 0) & (pieces[before] == pieces[after])
     with np.errstate(invalid="ignore"):
-        slope[middle] = np.where(same, 0.5 * (values[after] - values[before]), 0.0)
-    return slope
+        step = np.where(same, values[after] - values[before], 0.0)
+    total, count = np.zeros_like(values), np.zeros(pieces.shape)
+    for side in (before, after):
+        total[side] += step
+        count[side] += same
+    return np.asarray(total / np.maximum(count, 1.0))
 
 
 _REACH_PX = 2  # the spline derivative reaches further: a step at a distance of 3 px contributes a tenth of its height

@@ -13,9 +13,11 @@ from scenetruth.schema import Intrinsics
 
 __all__ = [
     "FIELDS",
+    "MOTION",
     "Brightness",
     "Columns",
     "Motion",
+    "MotionChoice",
     "Surface",
     "Vector",
     "WindowUnknowns",
@@ -29,6 +31,7 @@ __all__ = [
 Map = NDArray[np.float64]
 Surface = Literal["constant", "plane"]
 Motion = Literal["translation", "rigid", "growing", "affine"]
+MotionChoice = Literal["translation", "rigid", "growing", "affine", "auto"]
 Brightness = Literal["fixed", "per_image"]
 
 Vector = list[tuple[int, "Map | float"]]

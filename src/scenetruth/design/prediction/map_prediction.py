@@ -47,7 +47,7 @@ def predict_maps(
     # With a rolling shutter, rows would have to be rendered separately.
     shutter = setup.scene.shutter.model_copy(update={"readout_time_s": 0.0})
     setup = replace(setup, scene=setup.scene.model_copy(update={"frames": frames, "shutter": shutter}))
-    made = render_reference(setup.scene, complete=setup.motion == "affine" or setup.automatic)
+    made = render_reference(setup.scene, complete=setup.motion == "affine")
     with np.errstate(all="ignore"):
         std = all_method_models()[method].from_images(setup, made)
     std = _without_rounding(std)

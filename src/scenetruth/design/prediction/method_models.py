@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.bound.cramer_rao import bound_maps
+from scenetruth.bound.motion_selection import GROWTH_BIAS, combine_motion_models, is_biased
 from scenetruth.bound.surface_geometry import ImageTimes
 from scenetruth.bound.unknowns import Motion, Surface, WindowUnknowns
 from scenetruth.design.prediction.surface_samples import SurfaceSamples
@@ -181,47 +182,34 @@ class RefinedModel(MethodModel):
             np.abs(place.y + c_y - (camera.height - 1) / 2) <= camera.height / 2
         )
 
-        def predicted(one: MethodSetup) -> dict[str, Array]:
+        unknowns = window_unknowns(setup)
+
+        def predicted(model: WindowUnknowns, *, biased: bool = False) -> dict[str, Array]:
             return compute_deviations(
-                look, one.views, shown, seen, one.window_sigma_px, window_unknowns(one), one.intrinsics
+                look, setup.views, shown, seen, setup.window_sigma_px, model, setup.intrinsics, biased=biased
             )
 
-        return _with_anisotropy(setup, look.principal_growth_rates, predicted)
+        found = predicted(unknowns, biased=setup.automatic)
+        if not is_biased(found):
+            found.pop(GROWTH_BIAS, None)
+            return found
+        return combine_motion_models(
+            found, predicted(replace(unknowns, motion="affine")), look.neighbourhood(setup.window_sigma_px)
+        )
 
     def from_images(self, setup: MethodSetup, scene: ReferenceRender) -> dict[str, Array]:
         """Return maps from a noise-free image; see `MethodModel`."""
         if not (setup.sees_depth or setup.sees_motion):
             return {}
 
-        def predicted(one: MethodSetup) -> dict[str, Array]:
-            return bound_maps(scene.truth, scene.recording, scene.noise, window_unknowns(one), one.window_sigma_px)
-
-        rates = scene.truth.get("principal_growth_rates")
-        return _with_anisotropy(setup, None if rates is None else rates.sel(t=0).values, predicted)
-
-
-_UNSEEN = 0.01  # anisotropy below this multiple of the standard deviation of isotropic growth has no effect
-
-
-def _with_anisotropy(
-    setup: MethodSetup, principal_growth_rates: Array | None, predicted: Callable[[MethodSetup], dict[str, Array]]
-) -> dict[str, Array]:
-    """Return standard deviations of the motion model that is chosen at each point.
-
-    Isotropic growth is biased by up to the difference of the principal growth rates. The affine model is chosen where
-    this bias exceeds the noise that it adds; elsewhere, the bias remains as an error of the growth rate.
-    """
-    plain = predicted(setup)
-    if not setup.automatic or principal_growth_rates is None or "growth_rate" not in plain:
-        return plain
-    bias = np.nan_to_num(np.abs(principal_growth_rates[0] - principal_growth_rates[1]))
-    if not (bias > _UNSEEN * plain["growth_rate"]).any():
-        return plain
-    affine = predicted(replace(setup, motion="affine"))
-    chosen = bias**2 > affine["growth_rate"] ** 2 - plain["growth_rate"] ** 2
-    found = {name: np.where(chosen, affine[name], values) for name, values in plain.items()}
-    found["growth_rate"] = np.where(chosen, affine["growth_rate"], np.hypot(plain["growth_rate"], bias))
-    return found
+        return bound_maps(
+            scene.truth,
+            scene.recording,
+            scene.noise,
+            window_unknowns(setup),
+            setup.window_sigma_px,
+            selected=setup.automatic,
+        )
 
 
 def window_unknowns(setup: MethodSetup) -> WindowUnknowns:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bound.motion_selection import PointNeighbourhood
 from scenetruth.bound.surface_geometry import ReferencePoints
 from scenetruth.design.prediction.camera_response import compute_irradiance
 from scenetruth.resources import ObjectWorkload
@@ -174,6 +175,11 @@ class SurfaceSamples:
         x, y = (each[:, None] + offsets_px[:, k] for k, each in enumerate((self.points.x, self.points.y)))
         own = self.piece_at(self.points.x, self.points.y)[:, None]
         return np.asarray(_at(self._inside, *self._places(x, y)) == own)
+
+    def neighbourhood(self, sigma_px: float) -> PointNeighbourhood:
+        """Return the surroundings of the points for averages over the surface."""
+        x, y = self.points.x, self.points.y
+        return PointNeighbourhood(x, y, self.piece_at(x, y), self.share, sigma_px)
 
     @cached_property
     def _inside(self) -> Numbers:

@@ -17,6 +17,7 @@ from scenetruth.bound.fisher_information import (
     normal_matrix,
     window_weights,
 )
+from scenetruth.bound.motion_selection import GROWTH_BIAS, compute_growth_bias
 from scenetruth.bound.surface_geometry import ImageTimes
 from scenetruth.bound.unknowns import WindowUnknowns, add_error_products, compute_columns, compute_functionals
 from scenetruth.design.prediction.camera_response import (
@@ -169,8 +170,12 @@ def compute_deviations(
     sigma_px: float,
     model: WindowUnknowns,
     intrinsics: Intrinsics,
+    *,
+    biased: bool = False,
 ) -> dict[str, Array]:
     """Return the lowest standard deviations of a fit in windows, averaged over textures; see `cramer_rao_bound`.
+
+    ``biased``: Whether to add the bias of isotropic growth.
 
     Returns: As in `compute_functionals`, each of shape (n,); not finite where undetermined.
     """
@@ -206,7 +211,10 @@ def compute_deviations(
     values = compute_functionals(points, intrinsics, model)
     information, spread = (normal_matrix(each, columns, model) for each in (normal, squared))
     variances = compute_variances(information, spread, columns, list(values.values()))
-    return add_error_products(dict(zip(values, np.sqrt(variances), strict=True)))
+    found = add_error_products(dict(zip(values, np.sqrt(variances), strict=True)))
+    if biased and "growth_rate" in values:
+        found[GROWTH_BIAS] = compute_growth_bias(normal, columns, model, points, values["growth_rate"])
+    return found
 
 
 def _pattern_products(
