@@ -49,7 +49,12 @@ def test_the_bias_is_that_of_a_fit_without_noise(
     the squared bias.
     """
     recording, truth = growing(axis, share)
-    settings = {"window_sigma_px": SIGMA_PX, "motion": "growing", "acceleration": False, "surface": "plane"}
+    settings: dict[str, Any] = {
+        "window_sigma_px": SIGMA_PX,
+        "motion": "growing",
+        "acceleration": False,
+        "surface": "plane",
+    }
     estimate = st.estimate(recording, "refined", **settings).sel(t=0)
     error = (estimate["growth_rate"].values - truth["growth_rate"].sel(t=0).values)[INSIDE]
     auto, plain = (std(axis, share, 0.1, motion)[INSIDE] for motion in ("auto", "growing"))
