@@ -11,12 +11,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.bound.fisher_information import (
+    GROWTH_BIAS,
     Window,
     compute_brightness_modes,
     compute_pixel_information,
-    compute_variances,
+    compute_window_deviations,
     compute_window_sums,
-    normal_matrix,
     window_weights,
 )
 from scenetruth.bound.image_gradients import (
@@ -25,13 +25,7 @@ from scenetruth.bound.image_gradients import (
     compute_signed_textures,
     compute_visibility,
 )
-from scenetruth.bound.motion_selection import (
-    GROWTH_BIAS,
-    MapNeighbourhood,
-    combine_motion_models,
-    compute_growth_bias,
-    is_biased,
-)
+from scenetruth.bound.motion_selection import MapNeighbourhood, combine_motion_models, is_biased
 from scenetruth.bound.surface_geometry import (
     compute_image_times,
     compute_interior_mask,
@@ -44,7 +38,6 @@ from scenetruth.bound.unknowns import (
     Surface,
     WindowUnknowns,
     add_error_products,
-    compute_columns,
     compute_functionals,
 )
 from scenetruth.errors import Problem, RecordingError
@@ -299,7 +292,7 @@ class _Scene:
 
     def bound_of_selected(self, model: WindowUnknowns, weights: Map, sigma_px: float, step_px: int) -> dict[str, Map]:
         """Return the maps of a model with isotropic growth, or of the affine model where that is selected."""
-        isotropic = self.bound(model, weights, step_px, biased=True)
+        isotropic = self.bound(model, weights, step_px, biased=model.surface == "plane")
         if not is_biased(isotropic):
             return {name: values for name, values in isotropic.items() if name != GROWTH_BIAS}
         affine = self.bound(replace(model, motion="affine"), weights, step_px)
@@ -319,19 +312,12 @@ class _Scene:
                 some = slice(first, first + _WINDOWS_PER_BATCH)
                 at = part.rows[some], part.columns[some]
                 points = self.points.at(at)
-                columns = compute_columns(model, points)
-                normal, scatter = (
-                    normal_matrix({key: values[some] for key, values in each.items()}, columns, model)
-                    for each in (part.sums, part.squares)
+                sums, squares = (
+                    {key: values[some] for key, values in each.items()} for each in (part.sums, part.squares)
                 )
-                entries = compute_functionals(points, self.intrinsics, model)
-                std = np.sqrt(compute_variances(normal, scatter, columns, list(entries.values())))
-                values = add_error_products(dict(zip(entries, std, strict=True)))
-                if biased and "growth_rate" in entries:
-                    sums = {key: part_of[some] for key, part_of in part.sums.items()}
-                    values[GROWTH_BIAS] = compute_growth_bias(sums, columns, model, points, entries["growth_rate"])
-                for name, one in values.items():
-                    found.setdefault(name, np.full(shape, np.nan))[at] = one
+                std = compute_window_deviations(sums, squares, points, self.intrinsics, model, biased=biased)
+                for name, values in std.items():
+                    found.setdefault(name, np.full(shape, np.nan))[at] = values
         if not found:
             nothing = self.points.at((np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)))
             names = add_error_products(

@@ -12,9 +12,19 @@ from numpy.typing import NDArray
 
 from scenetruth.bound.image_gradients import SignedTexture
 from scenetruth.bound.surface_geometry import ImageTimes, ReferencePoints
-from scenetruth.bound.unknowns import Columns, Vector, WindowUnknowns
+from scenetruth.bound.unknowns import (
+    MOTION,
+    Columns,
+    Vector,
+    WindowUnknowns,
+    add_error_products,
+    compute_columns,
+    compute_functionals,
+)
+from scenetruth.schema import Intrinsics
 
 __all__ = [
+    "GROWTH_BIAS",
     "Window",
     "WindowSums",
     "compute_bias",
@@ -22,6 +32,7 @@ __all__ = [
     "compute_pixel_information",
     "compute_sensitivity",
     "compute_variances",
+    "compute_window_deviations",
     "compute_window_sums",
     "index_pairs",
     "normal_matrix",
@@ -140,6 +151,9 @@ def window_weights(window: Window, sigma_px: float) -> Map:
     return np.asarray(weights * at ** np.arange(_POWERS)[:, None])
 
 
+Sums = dict[tuple[int, int, int], Map]
+
+
 @dataclass(frozen=True, eq=False)
 class WindowSums:
     """Sums (n,) of products over n windows, by pair of fields and powers of x and y; ``squares``: squared weights."""
@@ -242,6 +256,31 @@ def compute_variances(normal: Map, scatter: Map, columns: Columns, functionals: 
                 total += solved[:, i] * scatter[i, j] * solved[:, j]
         # Where texture is weak, noise in the products of gradients may make the variance negative.
         return np.where(total > 0, total, np.nan)
+
+
+GROWTH_BIAS = "growth_bias"
+"""Name of the bias of the growth rate among the standard deviations of windows."""
+
+
+def compute_window_deviations(
+    sums: Sums, squares: Sums, points: ReferencePoints, intrinsics: Intrinsics, model: WindowUnknowns, *, biased: bool
+) -> dict[str, Map]:
+    """Return the standard deviations of all quantities of windows.
+
+    ``sums``, ``squares``: As in `WindowSums`. ``biased``: Whether to add the bias of the growth rate, `GROWTH_BIAS`.
+    """
+    columns = compute_columns(model, points)
+    normal, scatter = (normal_matrix(each, columns, model) for each in (sums, squares))
+    entries = compute_functionals(points, intrinsics, model)
+    std = np.sqrt(compute_variances(normal, scatter, columns, list(entries.values())))
+    found = add_error_products(dict(zip(entries, std, strict=True)))
+    if biased and "growth_rate" in entries:
+        # The true velocity gradient, of which a model with isotropic growth describes a part.
+        slopes = (points.q_x, points.q_y)
+        true: Vector = [(MOTION + 3 * k + 1 + side, slopes[side][k]) for side in range(2) for k in range(3)]
+        whole = normal_matrix(sums, [*columns, true], model)
+        found[GROWTH_BIAS] = compute_bias(whole, columns, true, entries["growth_rate"])
+    return found
 
 
 def compute_bias(normal: Map, columns: Columns, true: Vector, functional: Vector) -> Map:

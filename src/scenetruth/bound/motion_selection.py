@@ -14,17 +14,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.bound.fisher_information import compute_bias, normal_matrix
-from scenetruth.bound.surface_geometry import ReferencePoints
-from scenetruth.bound.unknowns import MOTION, Columns, Vector, WindowUnknowns
+from scenetruth.bound.fisher_information import GROWTH_BIAS
 
 __all__ = [
-    "GROWTH_BIAS",
     "MapNeighbourhood",
     "Neighbourhood",
     "PointNeighbourhood",
     "combine_motion_models",
-    "compute_growth_bias",
     "is_biased",
     "select_affine",
 ]
@@ -33,32 +29,12 @@ __all__ = [
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-GROWTH_BIAS = "growth_bias"
-"""Name of the bias of isotropic growth among the standard deviations of a window."""
-
 # As in the refined method: scales of averaging in window widths, the least noise of the difference of both models
 # relative to the variance of the affine one, and the normal deviate of a probability of one in a thousand.
 _SCALES = (2.0, 4.0, 8.0)
 _LEAST_NOISE = 0.5
 _SIGNIFICANT = 3.09
 _UNSEEN = 0.01  # a bias below this multiple of the standard deviation of isotropic growth has no effect
-
-
-def compute_growth_bias(
-    sums: dict[tuple[int, int, int], Map],
-    columns: Columns,
-    model: WindowUnknowns,
-    points: ReferencePoints,
-    rate: Vector,
-) -> Map:
-    """Return the bias of the growth rate of a fit to noise-free images of the true velocity gradient.
-
-    ``sums``: Information of the windows; ``columns``: the unknowns of the fit; ``rate``: its growth rate as a linear
-    function of the parameters.
-    """
-    slopes = (points.q_x, points.q_y)
-    gradient: Vector = [(MOTION + 3 * k + 1 + side, slopes[side][k]) for side in range(2) for k in range(3)]
-    return compute_bias(normal_matrix(sums, [*columns, gradient], model), columns, gradient, rate)
 
 
 class Neighbourhood(ABC):

@@ -219,12 +219,14 @@ def test_a_method_that_gives_nothing_leaves_a_page_that_says_why(tmp_path: Path)
 
 def test_the_bound_is_that_of_each_methods_window() -> None:
     windows = [
-        bound_window_from_method(one) for one in parse_methods(["structure_tensor", "refined[motion: rigid]", nearest])
+        bound_window_from_method(one)
+        for one in parse_methods(["structure_tensor", "refined[motion: rigid]", "refined", nearest])
     ]
     told = [(one.sigma_px, one.surface, one.motion, one.brightness) for one in windows]
     assert told == [
         (6.0, "constant", "translation", "fixed"),
         (6.0, "plane", "rigid", "per_image"),
+        (6.0, "plane", "auto", "per_image"),
         (6.0, "constant", "translation", "fixed"),
     ]
 

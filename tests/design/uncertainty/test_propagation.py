@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -156,3 +158,23 @@ def test_slopes_are_what_ideal_images_leave(seen: tuple[ObservationModel, xr.Dat
     assert np.nanstd(own["curvature"]["depth"][inside]) < 0.1 * np.nanstd(predicted)
     assert np.corrcoef(left, predicted)[0, 1] > 0.9
     assert np.std(predicted) == pytest.approx(np.std(left), rel=0.3)
+
+
+@pytest.mark.parametrize(("rate_per_hour", "model"), [(0.6, "affine"), (0.0, "growing")])
+def test_noise_is_that_of_the_selected_motion_model(rate_per_hour: float, model: Any) -> None:
+    """Growth along X alone by 1 % per frame exceeds the noise of the affine model, where the slope hides it."""
+    growth = {"kind": "growth", "rate_per_hour": rate_per_hour, "along_share": 1.0}
+    frames = {"count": 5, "frame_interval_s": 60}
+    changes = {"objects.0.deformation": [growth], "frames": frames, "sensor": {"noise_std": NOISE_STD}}
+    scene = laboratory(changes, everything=False)
+    with ignore_scene_warnings():
+        recording, truth = st.simulate(scene, save_radiance=True)
+    sight = build_observation_model(scene, recording, truth, np.isfinite(truth["depth"].sel(t=0).values))
+    disturbance = [np.random.default_rng(3).normal(0, NOISE_STD, (len(sight.s), len(sight.t), *sight.texture.shape))]
+    errors = {}
+    for motion in ("auto", model):
+        found = select_propagation(sight, RefinedSettings(motion=motion))
+        assert found is not None
+        errors[motion] = found.respond(lambda s, t: ImageDisturbance(grey=disturbance[0][s, t]))
+    for name, expected in errors[model].items():
+        np.testing.assert_array_equal(errors["auto"][name][inner(sight)], expected[inner(sight)], err_msg=name)

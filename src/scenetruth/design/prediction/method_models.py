@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.bound.cramer_rao import bound_maps
-from scenetruth.bound.motion_selection import GROWTH_BIAS, combine_motion_models, is_biased
+from scenetruth.bound.fisher_information import GROWTH_BIAS
+from scenetruth.bound.motion_selection import combine_motion_models, is_biased
 from scenetruth.bound.surface_geometry import ImageTimes
 from scenetruth.bound.unknowns import Motion, Surface, WindowUnknowns
 from scenetruth.design.prediction.surface_samples import SurfaceSamples

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from scenetruth.bound.fisher_information import (
     compute_sensitivity,
-    compute_variances,
+    compute_window_deviations,
     index_pairs,
-    normal_matrix,
     window_weights,
 )
-from scenetruth.bound.motion_selection import GROWTH_BIAS, compute_growth_bias
 from scenetruth.bound.surface_geometry import ImageTimes
-from scenetruth.bound.unknowns import WindowUnknowns, add_error_products, compute_columns, compute_functionals
+from scenetruth.bound.unknowns import WindowUnknowns
 from scenetruth.design.prediction.camera_response import (
     compute_blur_px,
     compute_derivative_response,
@@ -207,14 +205,7 @@ def compute_deviations(
         }
         for part, moment in ((products, moments[0]), (scatter, moments[1]))
     )
-    columns = compute_columns(model, points)
-    values = compute_functionals(points, intrinsics, model)
-    information, spread = (normal_matrix(each, columns, model) for each in (normal, squared))
-    variances = compute_variances(information, spread, columns, list(values.values()))
-    found = add_error_products(dict(zip(values, np.sqrt(variances), strict=True)))
-    if biased and "growth_rate" in values:
-        found[GROWTH_BIAS] = compute_growth_bias(normal, columns, model, points, values["growth_rate"])
-    return found
+    return compute_window_deviations(normal, squared, points, intrinsics, model, biased=biased)
 
 
 def _pattern_products(

@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.benchmark.design_point import ignore_scene_warnings
-from scenetruth.bound.unknowns import Brightness, Motion, Surface
+from scenetruth.bound.unknowns import Brightness, MotionChoice, Surface
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.sweep_plan import SweepPlan
 from scenetruth.errors import EstimateError, RecordingError
@@ -118,14 +118,15 @@ class BoundWindow:
 
     sigma_px: float
     surface: Surface
-    motion: Motion
+    motion: MotionChoice
     brightness: Brightness
 
 
 def bound_window_from_method(contestant: MethodSpec) -> BoundWindow:
     """Return the window and the unknown parameters of a method from its settings.
 
-    For ``auto``, slopes, rotation and growth are unknown. For a method without such settings, slopes, the velocity
+    For a surface of ``auto``, slopes are unknown; for a motion of ``auto``, rotation and growth, and the affine
+    velocity gradient where growth is anisotropic beyond noise. For a method without such settings, slopes, the velocity
     gradient and brightness are given, so that no method is below its bound.
     """
     settings = validate_settings(find_method(contestant.method), contestant.settings)
@@ -133,7 +134,7 @@ def bound_window_from_method(contestant: MethodSpec) -> BoundWindow:
     return BoundWindow(
         float(sigma) if isinstance(sigma, int | float) else _SIGMA_PX,
         cast(Surface, _read_choice(settings, "surface", get_args(Surface), "constant", "plane")),
-        cast(Motion, _read_choice(settings, "motion", get_args(Motion), "translation", "growing")),
+        cast(MotionChoice, _read_choice(settings, "motion", get_args(MotionChoice), "translation", "auto")),
         "per_image" if getattr(settings, "photometric_model", None) == "per_image" else "fixed",
     )
 
@@ -371,7 +372,7 @@ def _errors(
     return {name: np.concatenate([part[name] for part in parts]) for name in common}
 
 
-_FORMAT = 3  # version of the results; increased when the statistics of the same simulation change
+_FORMAT = 4  # version of the results; increased when the statistics of the same simulation change
 
 
 @dataclass(frozen=True)

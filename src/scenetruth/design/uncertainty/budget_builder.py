@@ -179,7 +179,7 @@ def budget(
     chosen = own[0].choice(whole.estimate) if own else whole.estimate
     whole = whole.model_copy(update={"estimate": chosen})
     causes = active_sources(whole, known)
-    identity = {"format": 1, "scene": whole.to_dict(), "calibration": known.model_dump()}
+    identity = {"format": 2, "scene": whole.to_dict(), "calibration": known.model_dump()}
     other = "contains the budget of another scene, method or calibration; choose another"
     with (
         offered_methods(own),

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.bound.fisher_information import (
+    GROWTH_BIAS,
+    WindowSums,
     compute_pixel_information,
     compute_sensitivity,
+    compute_window_deviations,
     compute_window_sums,
     normal_matrix,
     window_weights,
 )
 from scenetruth.bound.image_gradients import GreyNoise, compute_signed_textures, gradient_along
+from scenetruth.bound.motion_selection import MapNeighbourhood, select_affine
 from scenetruth.bound.surface_geometry import compute_image_times, compute_interior_mask, label_surface_segments
 from scenetruth.bound.unknowns import (
     FIELDS,
@@ -27,6 +31,7 @@ from scenetruth.bound.unknowns import (
     compute_columns,
     compute_functionals,
 )
+from scenetruth.design.prediction.camera_response import compute_grey_levels
 from scenetruth.design.uncertainty.observation_model import Disturbance, ObservationModel
 from scenetruth.estimators.method_settings import RefinedSettings, StructureTensorSettings
 from scenetruth.estimators.structure_tensor.filters import PAPER, choose_acquisition_axes, gaussian_window
@@ -75,12 +80,22 @@ _NAMES = {
 }
 
 
+class _Solver(NamedTuple):
+    """Normal equations of windows with the same unknowns."""
+
+    at: tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns
+    inverse: Map  # inverse of their matrices, shape (n, unknowns, unknowns)
+    columns: Columns
+    model: WindowUnknowns
+
+
 class RefinedPropagation:
     """The refined method, linearised at the ground truth, with the model of `cramer_rao_bound`.
 
     With the derivatives a_i of image i by the fields of a pixel, and the disturbance p_i = ∇T · δ_i - e_i, the error of
     the parameters of a window is H⁻¹ Σ w Φᵀ Σ_i (a_i - ā) p_i. With a gain per image, the part of e that a gain and an
-    offset explain in a window has no effect. Errors are computed in every ``step_px``-th row and column.
+    offset explain in a window has no effect. Errors are computed in every ``step_px``-th row and column. With
+    ``motion: auto``, they are those of the model that is selected for the noise of the sensor.
     """
 
     name = "refined"
@@ -94,6 +109,8 @@ class RefinedPropagation:
         surface: Surface = "constant" if settings.surface == "constant" else "plane"
         motion: Motion = "growing" if settings.motion == "auto" else settings.motion
         self._model = WindowUnknowns(surface, motion, moving=len(self._frames) > 1, brightness=0)
+        self._selects = settings.motion == "auto" and surface == "plane" and self._model.moving
+        self._sigma_px = settings.window_sigma_px
         self._weights = window_weights("gaussian", settings.window_sigma_px)
         points = sight.points
         pieces = label_surface_segments(sight.truth)
@@ -130,22 +147,57 @@ class RefinedPropagation:
         self._mean /= self._count
         self._parts = list(self._solvers(products))
 
-    def _solvers(self, products: Map) -> list[tuple[tuple[NDArray[np.int64], NDArray[np.int64]], Map, Columns]]:
-        """Return pixels, the inverse of their normal equations, and their unknowns, by surface segment."""
-        found = []
-        for part in compute_window_sums(products, self._pieces, self._weights, self._model, self._every_px):
+    def _solvers(self, products: Map) -> Iterator[_Solver]:
+        """Yield the normal equations by surface segment and motion model."""
+        sums = list(compute_window_sums(products, self._pieces, self._weights, self._model, self._every_px))
+        affine = replace(self._model, motion="affine")
+        selected = self._select_affine(sums, affine) if self._selects else np.zeros(self._pieces.shape, dtype=np.bool_)
+        for part in sums:
+            own = selected[part.rows, part.columns]
+            for model, mask in ((self._model, ~own), (affine, own)):
+                if mask.any():
+                    yield self._solver(part, model, mask)
+
+    def _solver(self, part: WindowSums, model: WindowUnknowns, mask: NDArray[np.bool_]) -> _Solver:
+        """Return the normal equations of some windows."""
+        at = part.rows[mask], part.columns[mask]
+        columns = compute_columns(model, self._sight.points.at(at))
+        sums = {key: values[mask] for key, values in part.sums.items()}
+        normal = np.moveaxis(normal_matrix(sums, columns, model), -1, 0)
+        scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
+        unit = normal / (scale[:, :, None] * scale[:, None, :])
+        known = np.isfinite(unit).all(axis=(1, 2))
+        unit[~known] = np.eye(unit.shape[1])
+        known &= np.linalg.eigvalsh(unit)[:, 0] > _LEAST_EIGENVALUE
+        unit[~known] = np.eye(unit.shape[1])
+        inverse = np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None, :])
+        inverse[~known] = np.nan
+        return _Solver(at, inverse, columns, model)
+
+    def _select_affine(self, sums: Sequence[WindowSums], affine: WindowUnknowns) -> NDArray[np.bool_]:
+        """Return where growth is anisotropic beyond the noise of the sensor, at the computed rows and columns."""
+        sight = self._sight
+        texture = sight.texture[self._pieces >= 0]
+        noise_std = float(np.median(compute_grey_levels(sight.scene.sensor, texture).noise)) if texture.size else 0.0
+        noise_std = max(noise_std, _LEAST_NOISE)
+        maps = np.full((3, *self._pieces.shape), np.nan)
+        for part in sums:
             at = part.rows, part.columns
-            columns = compute_columns(self._model, self._sight.points.at(at))
-            normal = np.moveaxis(normal_matrix(part.sums, columns, self._model), -1, 0)
-            scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
-            unit = normal / (scale[:, :, None] * scale[:, None, :])
-            known = np.isfinite(unit).all(axis=(1, 2))
-            unit[~known] = np.eye(unit.shape[1])
-            known &= np.linalg.eigvalsh(unit)[:, 0] > _LEAST_EIGENVALUE
-            unit[~known] = np.eye(unit.shape[1])
-            inverse = np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None, :])
-            inverse[~known] = np.nan
-            found.append((at, inverse, columns))
+            normal, scatter = (
+                {key: values / noise_std**2 for key, values in each.items()} for each in (part.sums, part.squares)
+            )
+            isotropic, general = (
+                compute_window_deviations(
+                    normal, scatter, sight.points.at(at), sight.intrinsics, model, biased=model is self._model
+                )
+                for model in (self._model, affine)
+            )
+            maps[(slice(None), *at)] = isotropic[GROWTH_BIAS], isotropic["growth_rate"], general["growth_rate"]
+        step = self._every_px
+        around = MapNeighbourhood(self._pieces[::step, ::step], self._sigma_px / step)
+        found = np.zeros(self._pieces.shape, dtype=np.bool_)
+        bias, *std_maps = maps[:, ::step, ::step]
+        found[::step, ::step] = select_affine(bias, std_maps[0], std_maps[1], around)
         return found
 
     def respond(self, disturbance: Disturbance) -> Errors:
@@ -167,7 +219,7 @@ class RefinedPropagation:
         right -= self._mean * total
         shape = sight.texture.shape
         found: dict[str, Map] = {}
-        for at, inverse, columns in self._parts:
+        for at, inverse, columns, model in self._parts:
             points = sight.points.at(at)
             sums = self._moments(right, at)
             vector = np.zeros((len(at[0]), len(columns)))
@@ -175,7 +227,7 @@ class RefinedPropagation:
                 for parameter, share in column:
                     vector[:, j] += share * sums[parameter]
             solved = np.einsum("nij,nj->ni", inverse, vector)
-            for name, functional in compute_functionals(points, sight.intrinsics, self._model).items():
+            for name, functional in compute_functionals(points, sight.intrinsics, model).items():
                 if name not in _NAMES:
                     continue
                 shares, value = dict(functional), np.zeros(len(at[0]))
@@ -222,6 +274,7 @@ class RefinedPropagation:
         return np.asarray(grey - mean_g - gain * (texture - mean_t))
 
 
+_LEAST_NOISE = 1e-4  # noise relative to full scale below which interpolation errors exceed those of noise
 _LEAST_EIGENVALUE = 1e-7
 """Least eigenvalue of a matrix with unit diagonal: below, the images do not determine all unknowns."""
 
