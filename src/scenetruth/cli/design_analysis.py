@@ -165,7 +165,7 @@ def predict(
         print_wrote(output / name for name in write_prediction(found, output, overwrite=overwrite))
 
 
-_MOTIONS = ("translation", "rigid", "growing", "affine")
+_MOTIONS = ("translation", "rigid", "growing", "affine", "auto")
 
 
 def _prediction_settings(given: list[str] | None) -> dict[str, Any]:

@@ -147,4 +147,14 @@ def test_growth_is_predicted_for_the_model_that_is_chosen(model: Any) -> None:
     weak = 0.5 * affine
     assert std(1.0, 60.0 * weak) == pytest.approx(np.hypot(plain, weak), rel=0.05)
     # The tested settings are those of the method: a motion model that is given stays.
+    assert std(1.0, 60.0 * 1.5 * affine, motion="auto") == std(1.0, 60.0 * 1.5 * affine)
     assert std(1.0, 60.0 * 1.5 * affine, motion="growing") == pytest.approx(plain, rel=0.1)
+
+
+def test_a_given_selection_of_the_motion_model_replaces_that_of_the_settings() -> None:
+    plain = growing(1.0, 60.0) | {"estimate": {"method": "refined", "motion": "growing"}}
+    told = {motion: predict(plain, motion=motion).precision("growth_rate", "all").std for motion in ("auto", "affine")}
+    assert told["auto"] == pytest.approx(told["affine"], rel=0.1)
+    assert predict(plain).precision("growth_rate", "all").std < 0.5 * told["affine"]
+    with pytest.raises(st.SceneError, match="auto"):
+        predict(plain, motion="any")  # type: ignore[arg-type]

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.bound.unknowns import Motion, compute_eigenvalue_bias
+from scenetruth.bound.unknowns import MotionChoice, compute_eigenvalue_bias
 from scenetruth.design.prediction.method_models import MethodSetup, all_method_models, prepare_method
 from scenetruth.design.prediction.prediction_result import Prediction, PredictionInputs
 from scenetruth.design.prediction.region_statistics import (
@@ -45,7 +44,7 @@ def predict_analytic(
     scene: Scene,
     method: str,
     window_sigma_px: float | None,
-    motion: Motion | Literal["auto"] | None,
+    motion: MotionChoice | None,
     parts: Sequence[ObjectWorkload],
     folder: Path = Path(),
     *,

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.bound.unknowns import Motion
+from scenetruth.bound.unknowns import MotionChoice
 from scenetruth.design.prediction.method_models import MethodSetup, all_method_models, prepare_method
 from scenetruth.design.prediction.prediction_result import Prediction
 from scenetruth.design.prediction.reference_render import ReferenceRender, render_reference
@@ -39,7 +39,7 @@ _UNITS = {
 
 
 def predict_maps(
-    scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | None, envelope: Prediction
+    scene: Scene, method: str, window_sigma_px: float | None, motion: MotionChoice | None, envelope: Prediction
 ) -> Prediction:
     """Predict the precision of a scene from a noise-free image; see `predict`."""
     setup = prepare_method(scene, method, window_sigma_px, motion)

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from scenetruth.bound.cramer_rao import bound_maps
 from scenetruth.bound.fisher_information import GROWTH_BIAS
 from scenetruth.bound.motion_selection import combine_motion_models, is_biased
 from scenetruth.bound.surface_geometry import ImageTimes
-from scenetruth.bound.unknowns import Motion, Surface, WindowUnknowns
+from scenetruth.bound.unknowns import Motion, MotionChoice, Surface, WindowUnknowns
 from scenetruth.design.prediction.surface_samples import SurfaceSamples
 from scenetruth.design.prediction.texture_information import (
     ImagedTexture,
@@ -113,18 +113,17 @@ def all_method_models() -> Mapping[str, MethodModel]:
 
 
 def prepare_method(
-    scene: Scene, method: str, window_sigma_px: float | None, motion: Motion | Literal["auto"] | None
+    scene: Scene, method: str, window_sigma_px: float | None, motion: MotionChoice | None
 ) -> MethodSetup:
-    """Return the setup of a method for a scene; ``auto`` is the motion model of the method, as is None."""
-    motion = None if motion == "auto" else motion
+    """Return the setup of a method for a scene; without ``motion``, the motion model is that of its settings."""
     problems = []
     if method not in all_method_models():
         message = f"precision can be predicted for {', '.join(all_method_models())} only"
         problems.append(Problem("method", message, method))
     if window_sigma_px is not None and not 0.5 <= window_sigma_px <= 100:
         problems.append(Problem("window_sigma_px", "must be 0.5 to 100 px", window_sigma_px))
-    if motion not in (None, "translation", "rigid", "growing", "affine"):
-        problems.append(Problem("motion", "must be one of translation, rigid, growing, affine", motion))
+    if motion is not None and motion not in get_args(MotionChoice):
+        problems.append(Problem("motion", f"must be one of {', '.join(get_args(MotionChoice))}", motion))
     if problems:
         raise SceneError(problems)
     model = all_method_models()[method]
@@ -133,7 +132,9 @@ def prepare_method(
     sigma = float(settings.window_sigma_px if window_sigma_px is None else window_sigma_px)
     pinhole = scene.model_copy(update={"camera": scene.camera.without_distortion()})
     views = _views(scene, model.count_frames(settings, scene.frames.count))
-    if motion is not None:
+    if motion == "auto" and "motion" in type(settings).model_fields:
+        settings = settings.model_copy(update={"motion": "auto"})
+    elif motion is not None and motion != "auto":
         return MethodSetup(pinhole, settings, sigma, motion, views)
     automatic = model.chooses_motion_model(settings)
     return MethodSetup(pinhole, settings, sigma, model.get_motion_model(settings), views, automatic)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
-from scenetruth.bound.unknowns import Motion
+from scenetruth.bound.unknowns import MotionChoice
 from scenetruth.design.prediction.analytic_prediction import predict_analytic
 from scenetruth.design.prediction.prediction_result import Model, PredictedValue, Prediction, write_prediction
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
@@ -182,7 +182,7 @@ def predict(
     model: Model = "analytic",
     settings: Mapping[str, Any] | None = None,
     window_sigma_px: float | None = None,
-    motion: Motion | None = None,
+    motion: MotionChoice | None = None,
     overrides: Overrides = (),
     limits: Limits | None = None,
     output: str | Path | None = None,
@@ -206,9 +206,9 @@ def predict(
     window_sigma_px
         Standard deviation of the window in px; default: the setting of the method.
     motion
-        Motion model: ``"translation"``, ``"rigid"``, ``"growing"`` or ``"affine"`` velocity in a window; default: the
-        setting of the method. For its ``auto``, growth is affine where the difference of the principal growth rates
-        exceeds the noise that the affine model adds, else isotropic with that difference as a possible bias.
+        Motion model: ``"translation"``, ``"rigid"``, ``"growing"``, ``"affine"`` or ``"auto"``; default: the setting of
+        the method. ``"auto"`` is ``"affine"`` where the bias of isotropic growth exceeds the noise that the affine
+        model adds; elsewhere ``"growing"``, and the standard deviation of growth includes this bias.
     overrides
         Changes to the scene, as in `scenetruth.load_scene`.
     limits
@@ -329,7 +329,7 @@ def recommend(
     exact = painting or all(_is_exact(part.item.texture.kind) for part in known)
 
     def again(changed: Scene) -> Prediction:
-        motion = cast('Motion | Literal["auto"]', causes.motion)
+        motion = cast(MotionChoice, causes.motion)
         return predict_analytic(changed, prediction.method, causes.window_sigma_px, motion, known, painting=painting)
 
     return make_recommendations(
