@@ -1,4 +1,4 @@
-"""What both methods make of every scene of the library, region by region.
+"""What both methods make of every scene of the library: the table of all scenes in docs/results/least_squares.md.
 
 Run it from the top of the repository: ``python -m benchmarks.gallery_methods [SCENE ...]``; twelve scenes of 640 x 480
 pixels, 5 cameras, 9 frames, of which one is estimated. A try of a few seconds: ``... cube --set camera.width=160 --set
@@ -19,7 +19,8 @@ GROWTH = "growth_rate_windowed"
 QUANTITIES = ("depth", "velocity_z", GROWTH)
 # Rounding makes what does not grow grow by less than this, per frame.
 STILL = 1e-9
-COLUMNS = ("scene", "region", "method", "pixels", "known, %", "Z, mm", "U_Z, mm/frame", "growth, %/h")
+COLUMNS = ("scene", "region", "method", "pixels", "density, %", "Z, mm", "U_Z, mm/frame", "growth, %/h")
+SUMMARY = ("scene", "method", "valid, %", "Z, mm", "U_Z, mm per frame", "growth, % per hour", "beyond 6 std: Z, U, %")
 FAR = ("Z beyond 6 std, %", "U beyond 6 std, %")
 
 
@@ -50,8 +51,19 @@ def main() -> None:
     given = arguments(__doc__).parse_args()
     print(heading((*COLUMNS, *FAR)), flush=True)
     jobs = {file.stem: (file.stem, given.set) for file in sorted(SCENES.glob("*.yaml"))}
-    for _, cells in ends(rows, jobs, given):
+    summary = []
+    for name, cells in ends(rows, jobs, given):
         print("\n".join(map(line, cells)), flush=True)
+        for method in METHODS:
+            whole, interior = (
+                next((cell for cell in cells if cell[1:3] == [f"`{region}`", method]), None)
+                for region in ("all", "interior")
+            )
+            if whole is not None and interior is not None:
+                title = name if method == METHODS[0] else ""
+                summary.append([title, method.replace("_", " "), whole[4], *interior[5:8], ", ".join(whole[8:])])
+    print(f"\n{heading(SUMMARY)}")
+    print("\n".join(map(line, summary)), flush=True)
 
 
 if __name__ == "__main__":

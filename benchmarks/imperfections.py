@@ -39,7 +39,7 @@ EFFECTS: dict[str, list[str]] = {
     "brightness drifting 1 % per frame": ["lighting.drift_per_frame=0.01"],
 }
 QUANTITIES = ("depth", "disparity", "velocity_x", "velocity_y", "velocity_z", "flow_x", "flow_y")
-COLUMNS = ("depth mm", "disparity px/step", "U_X mm/frame", "U_Y", "U_Z", "flow x px/frame", "y", "seen")
+COLUMNS = ("depth mm", "disparity px/step", "U_X mm/frame", "U_Y", "U_Z", "flow x px/frame", "y", "density")
 
 
 def rows(name: str, changes: Sequence[str]) -> list[list[str]]:

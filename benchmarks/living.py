@@ -6,14 +6,14 @@ frames, of which one is estimated, in three cases each. Options of all benchmark
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from benchmarks.beside import METHODS, estimated, scene_of
 from benchmarks.jobs import arguments, ends, heading, line, number, pair
 
 import scenetruth as st
 
-Regions = dict[str, dict[str, dict[str, float | None]]]
+Regions = Mapping[str, Mapping[str, Mapping[str, float | int | None]]]
 # Frames a minute apart as the scenes have them; a quarter of an hour apart; and that in light without shadows.
 CASES = {
     "A": ("frames.frame_interval_s=60",),
@@ -21,7 +21,7 @@ CASES = {
     "C": ("frames.frame_interval_s=900", "lighting.lights=[]", "lighting.ambient=0.8"),
 }
 NAMES = ("leaf", "rosette")
-HEADINGS = ("region", "method", "pixels", "known, %", "A: Z", "U_Z", "growth", "B: U_Z", "growth", "C: U_Z", "growth")
+HEADINGS = ("region", "method", "pixels", "density, %", "A: Z", "U_Z", "growth", "B: U_Z", "growth", "C: U_Z", "growth")
 QUANTITIES = ("depth", "velocity_z", "growth_rate_windowed")
 
 
