@@ -117,16 +117,16 @@ def combine_motion_models(
 ) -> dict[str, Map]:
     """Return the standard deviations of the model that is selected at each point, and of growth with its bias.
 
-    ``isotropic``: Standard deviations with isotropic growth, and its `GROWTH_BIAS`. The affine model is selected where
+    ``isotropic``: Standard deviations with isotropic growth, and its `GROWTH_BIAS`, which is 0 in the result where the
+    affine model is selected. The affine model is selected where
     the bias exceeds the noise that it adds, in the means over any of the scales, and significantly so.
     """
     selected = select_affine(isotropic[GROWTH_BIAS], isotropic["growth_rate"], affine["growth_rate"], around)
     found = {
         name: np.where(selected, affine[name], values) for name, values in isotropic.items() if name != GROWTH_BIAS
     }
-    biased = np.hypot(isotropic["growth_rate"], isotropic[GROWTH_BIAS])
-    found["growth_rate"] = np.where(selected, affine["growth_rate"], biased)
-    return found
+    bias = np.where(selected, 0.0, np.abs(isotropic[GROWTH_BIAS]))
+    return found | {"growth_rate": np.hypot(found["growth_rate"], bias), GROWTH_BIAS: bias}
 
 
 def is_biased(isotropic: Mapping[str, Map]) -> bool:

@@ -86,6 +86,16 @@ def test_statistics_are_those_of_the_region(prepared: OptimisationProblem, stati
     assert parts["stage"] == pytest.approx(factor * typical["stage"], rel=1e-4)
 
 
+def test_the_bias_of_isotropic_growth_is_no_noise(prepared: OptimisationProblem) -> None:
+    plain = scene() | {"estimate": {"method": "refined"}}
+    prediction = replace(predict(plain), growth_bias_share={"interior": 0.36})
+    growth = replace(prepared.task.objectives[0], quantity="growth_rate")
+    known = Scene.from_dict(plain)
+    parts = compute_objective_contributions(growth, known, prediction)
+    whole = compute_objective_contributions(growth, known, replace(prediction, growth_bias_share={}))["noise"]
+    assert (parts["noise"], parts["anisotropy"]) == pytest.approx((0.8 * whole, 0.6 * whole))
+
+
 @pytest.mark.parametrize(
     ("changes", "kind"),
     [

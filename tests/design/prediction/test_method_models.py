@@ -158,3 +158,20 @@ def test_a_given_selection_of_the_motion_model_replaces_that_of_the_settings() -
     assert predict(plain).precision("growth_rate", "all").std < 0.5 * told["affine"]
     with pytest.raises(st.SceneError, match="auto"):
         predict(plain, motion="any")  # type: ignore[arg-type]
+
+
+def test_the_bias_of_isotropic_growth_has_its_share_of_the_variance() -> None:
+    """The optimiser attributes it to the motion model, not to noise."""
+
+    def told(rate_per_hour: float, motion: Any = "auto") -> Prediction:
+        return predict(growing(1.0, rate_per_hour), method="refined", motion=motion)
+
+    # An eighth of the noise of the affine model, which is not selected; in % per hour.
+    rate = 0.125 * told(0.1, "affine").precision("growth_rate", "all").value / 100
+    weak = told(rate)
+    plain, whole = (one.precision("growth_rate", "all").value for one in (told(rate, "growing"), weak))
+    assert weak.growth_bias_share["all"] == pytest.approx(1 - (plain / whole) ** 2, rel=0.1)
+    assert 0.3 < weak.growth_bias_share["all"] < 0.99
+    # The affine model, but at the border of the image, where its noise is larger.
+    assert told(40 * rate).growth_bias_share["all"] < 0.5 * weak.growth_bias_share["all"]
+    assert told(rate, "affine").growth_bias_share == {}

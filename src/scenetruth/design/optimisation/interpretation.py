@@ -46,6 +46,7 @@ _NEAR = 0.03  # margin below which a constraint counts as active
 _AT_END = 0.01  # distance of a parameter from an end of its range that counts as limiting, as a fraction of the range
 _CONTRIBUTION_TITLES = {
     "noise": "image noise",
+    "anisotropy": "the bias of isotropic growth",
     "stage": "stage errors",
     "scan": "motion during a scan",
 }

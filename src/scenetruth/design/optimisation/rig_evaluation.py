@@ -333,7 +333,11 @@ def compute_objective_contributions(objective: Objective, scene: Scene, predicti
     hour = 100.0 * _S_PER_H / scene.frames.frame_interval_s if QUANTITIES[quantity].units == "%/h" else 1.0
     more = compute_stage_uncertainty(scene, prediction.by_region[region], signals)
     factor = hour * STATISTICS[objective.statistic].of_normal
-    found = {"noise": compute_predicted_statistic(figure, objective.statistic)}
+    value = compute_predicted_statistic(figure, objective.statistic)
+    share = prediction.growth_bias_share.get(region, 0.0) if quantity == "growth_rate" else 0.0
+    found = {"noise": value * math.sqrt(1.0 - share)}
+    if share:
+        found["anisotropy"] = value * math.sqrt(share)
     return found | {what: factor * stated[quantity] for what, stated in more.items() if quantity in stated}
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bound.fisher_information import GROWTH_BIAS
 from scenetruth.bound.unknowns import MotionChoice, compute_eigenvalue_bias
 from scenetruth.design.prediction.method_models import MethodSetup, all_method_models, prepare_method
 from scenetruth.design.prediction.prediction_result import Prediction, PredictionInputs
@@ -94,7 +95,21 @@ def predict_analytic(
         *_too_fine(look, seen),
         *_describe_eigenvalue_bias(deviations, look, interval),
     )
-    return Prediction("analytic", method, tuple(regions), interval, figures, causes, None, notes, cost)
+    shares = _compute_bias_shares(deviations, regions, look.share)
+    return Prediction("analytic", method, tuple(regions), interval, figures, causes, None, notes, cost, shares)
+
+
+def _compute_bias_shares(std: Mapping[str, Array], regions: Mapping[str, Mask], share: Array) -> dict[str, float]:
+    """Return the share of the bias of isotropic growth in the variance of the growth rate, by region."""
+    found: dict[str, float] = {}
+    if GROWTH_BIAS not in std:
+        return found
+    for region, mask in regions.items():
+        known = mask & np.isfinite(std["growth_rate"]) & np.isfinite(std[GROWTH_BIAS])
+        whole = float(np.sum(share[known] * std["growth_rate"][known] ** 2))
+        if whole > 0:
+            found[region] = float(np.sum(share[known] * std[GROWTH_BIAS][known] ** 2)) / whole
+    return found
 
 
 def _median_ratio(one: Array, other: Array) -> float:

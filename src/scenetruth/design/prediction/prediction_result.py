@@ -229,6 +229,9 @@ class Prediction(Result):
     pattern_cost
         Factor by which fixed-pattern noise increases the standard deviation, by quantity; missing quantities are not
         affected. The predicted values include it.
+    growth_bias_share
+        Share of the bias of isotropic growth in the predicted variance of the growth rate, by region; none if growth is
+        isotropic or the affine motion model is used. The predicted values include it.
 
     See Also
     --------
@@ -264,6 +267,7 @@ class Prediction(Result):
     maps: xr.Dataset | None = None
     notes: tuple[str, ...] = field(default=())
     pattern_cost: Mapping[str, float] = field(default_factory=dict)
+    growth_bias_share: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def causes(self) -> PredictionInputs:
