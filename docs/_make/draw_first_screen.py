@@ -17,7 +17,7 @@ import scenetruth as st
 ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "first_screen.png"
 FEW = ("frames.count=5", "stage.positions=5", "render.backend=raycast")
-METHOD = {"motion": "growing", "surface": "plane", "noise": "estimated"}
+METHOD = {"noise": "estimated"}
 
 
 def main() -> None:
@@ -32,15 +32,15 @@ def main() -> None:
 
     figure, axes = plt.subplots(1, 5, figsize=(17, 3.72), layout="constrained")
     bright = image.values / recording.attrs["full_scale"]
-    panel(axes[0], bright, "image", "share of full scale", "gray", (0.0, float(np.percentile(bright, 99.9))))
+    panel(axes[0], bright, "image", "fraction of full scale", "gray", (0.0, float(np.percentile(bright, 99.9))))
     # The bench under the pot is deeper; the scale is chosen for the plant.
     depth = truth["depth"].values
     plant = depth[growth > 0]
     panel(axes[1], depth, "depth $Z$", "mm", "viridis_r", (float(plant.min()), float(plant.max()) + 10), "max")
     panel(axes[2], motion_um, "motion in depth $U_Z$", "µm/frame", "RdBu_r", around_zero(motion_um), "both")
-    panel(axes[3], growth, "growth of the area", "%/h", "magma", (0.0, float(np.percentile(growth, 99.8))), "max")
+    panel(axes[3], growth, "areal growth rate", "%/h", "magma", (0.0, float(np.percentile(growth, 99.8))), "max")
     off_um = 1000 * np.where(growth > 0, found["depth"].values - depth, np.nan)
-    panel(axes[4], off_um, "depth, estimated less true", "µm", "RdBu_r", around_zero(off_um, 90.0), "both")
+    panel(axes[4], off_um, "depth, estimate minus truth", "µm", "RdBu_r", around_zero(off_um, 90.0), "both")
     figure.savefig(PICTURE, dpi=104)
 
 
