@@ -39,7 +39,8 @@ def main() -> None:
     panel(axes[1], depth, "depth $Z$", "mm", "viridis_r", (float(plant.min()), float(plant.max()) + 10), "max")
     panel(axes[2], motion_um, "motion in depth $U_Z$", "µm/frame", "RdBu_r", around_zero(motion_um), "both")
     panel(axes[3], growth, "areal growth rate", "%/h", "magma", (0.0, float(np.percentile(growth, 99.8))), "max")
-    off_um = 1000 * np.where(growth > 0, found["depth"].values - depth, np.nan)
+    valid = (growth > 0) & (found["status"].values == 2)
+    off_um = 1000 * np.where(valid, found["depth"].values - depth, np.nan)
     panel(axes[4], off_um, "depth, estimate minus truth", "µm", "RdBu_r", around_zero(off_um, 90.0), "both")
     figure.savefig(PICTURE, dpi=104)
 
