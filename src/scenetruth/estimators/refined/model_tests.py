@@ -28,10 +28,8 @@ from scenetruth.threads import in_threads
 __all__ = ["Alternative", "Linearisation", "at_nodes", "enlarged", "is_linear", "of_nearest_node"]
 
 _LEAST_SHARE = 0.5  # smallest valid fraction of a window
-# Largest step of a linear fit, as a displacement in any image, in px, or in standard deviations of the fit: the error
-# of a step is of second order, and noise far above this limit remains noise.
-_LINEAR_PX, _LINEAR_STD = 0.1, 3.0
-_VARIANCES = (0, 3, 4, 5, 6, 7, 8)  # numbers of the variances of disparity, velocity and acceleration
+# Largest step of a linear fit, as a displacement in any image: the error of a step is of second order.
+_LINEAR_PX = 0.1
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -164,18 +162,11 @@ def of_nearest_node(values: NDArray[Any], step: int, where: Mask) -> NDArray[Any
 
 
 def is_linear(images: ImageStack, state: Map, fit: Fit) -> Mask:
-    """Return where the step from a state to a fit is small, or within its noise; False without a fit.
+    """Return where the step from a state to a fit is small; False without a fit.
 
     ``images``: Those of the fit.
     ``state``: Parameters at which the fit was linearised, at the same windows.
     """
-    full = accelerated if len(fit.theta) == ALL else _without_acceleration
-    before, after = extract_fields(full(state)), extract_fields(fit.theta)
+    before = accelerated(state) if len(fit.theta) == ALL else state[:FULL]
     with np.errstate(invalid="ignore"):
-        std = np.sqrt(np.stack([fit.variance[number] for number in _VARIANCES[: len(after)]]))
-        limit = np.fmax(_LINEAR_PX, _LINEAR_STD * images.moved_px(after, after + std))
-        return np.asarray(images.moved_px(before, after) <= limit)
-
-
-def _without_acceleration(theta: Map) -> Map:
-    return theta[:FULL]
+        return np.asarray(images.moved_px(extract_fields(before), extract_fields(fit.theta)) <= _LINEAR_PX)

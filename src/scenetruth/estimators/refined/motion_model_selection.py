@@ -61,6 +61,8 @@ _MOST = 9.0  # largest squared change of a pixel, in multiples of its noise, so 
 _OTHER_NOISE = 1.02  # ratio by which the residual of a subset of the images may exceed that of all images by chance
 _MUCH_LESS = 0.5  # ratio of mean square residuals, after to before
 _SETTLED_PX = 0.1  # largest displacement of points in the last iteration, over all images
+# Largest number of iterations of a plane before others are tried, and fraction of the pixels that may not converge.
+_ROUNDS, _MOST_FAR = 4, 0.02
 _ACCELERATIONS = 2  # number of frame spans tested for an acceleration
 _RAMP_PX = 1.0  # displacement by which a surface fails to continue over half a window, twice that of a discontinuity
 _AFFINE = 3  # velocity gradient of a `Model` with all six components
@@ -119,18 +121,23 @@ class MotionModelTrial(NamedTuple):
 
 
 def choose_motion_model(
-    plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float
+    plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float, step: int = 1
 ) -> tuple[Fit, NDArray[np.int8]]:
     """Return, at every pixel, the last fit that explains the images better and changes the selection, and its number.
 
     ``where``: Pixels (y, x) at which each fit may be selected. The plain fit has the number 0, the trials from 1 on.
+    ``step``: Distance of the pixels of which means are taken; more than 1 for full windows, which vary smoothly.
     """
     which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
     fit = plain
     for number, (trial, tried) in enumerate(zip(trials, where, strict=True), 1):
+        pair = at_nodes(fit, step), at_nodes(trial.fit, step)
+        among, sigma = tried[::step, ::step], _WIDER * sigma_px / step
         other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
-        other &= differ(fit, trial.fit, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
-        other &= _leaves_less(fit, trial, other, _WIDER * sigma_px, noise)
+        other &= np.isfinite(trial.fit.theta[0]) & np.isfinite(trial.fit.variance[0])
+        other &= enlarged(differ(*pair, sigma, motion=True, among=among, most=_MOST), step, tried.shape)
+        less = _leaves_less(pair[0], trial._replace(fit=pair[1]), other[::step, ::step], sigma, noise)
+        other &= enlarged(less, step, tried.shape)
         if trial.growth is not None:
             # Anisotropic growth hardly changes the residual.
             other |= trial.growth & tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
@@ -170,9 +177,10 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     tried = _list_tried([test.promising for test in tests], richer)
     if not any(where.any() for where in tried):
         return refined
-    far = np.logical_or.reduce([test.far for test in tests])
-    if far.any():
-        tried, state = _iterate(refined, at, richer, tried, whole, around(far, reach))
+    if any(test.far.any() for test in tests):
+        tried, state = _iterate(refined, at, richer, tests, whole)
+    left = [n for n, where in enumerate(tried) if where.any()]
+    richer, tried = [richer[n] for n in left], [tried[n] for n in left]
     seen, uneven, curved = refined.seen, refined.uneven, refined.curved
 
     def trials(theta: Map) -> Iterator[MotionModelTrial]:
@@ -200,7 +208,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
     noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
-    fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise)
+    fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise, at.step)
     return replace(
         refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)
     )
@@ -229,6 +237,9 @@ def _compares_growth(plain: Fit, motion: MotionModelCandidate) -> bool:
 class _MotionModelTest(NamedTuple):
     """Result of the linear fit of a motion model."""
 
+    motion: MotionModelCandidate
+    fit: Fit
+    """At the nodes of the lattice."""
     promising: Mask
     """Pixels where the model should be tried."""
     far: Mask
@@ -271,7 +282,7 @@ def _test_motion_models(
             refined = replace(refined, growth_bias=enlarged(growth.bias, at.step, suited.shape))
         if not motion.settings.accelerated:
             simpler = fit
-        tests.append(_MotionModelTest(found, found & enlarged(bent, at.step, suited.shape)))
+        tests.append(_MotionModelTest(motion, fit, found, found & enlarged(bent, at.step, suited.shape)))
     return refined, tests
 
 
@@ -296,25 +307,26 @@ def _iterate(
     refined: RefinedState,
     at: Linearisation,
     richer: list[MotionModelCandidate],
-    tried: list[Mask],
+    tests: list[_MotionModelTest],
     whole: Mask,
-    near: Mask,
 ) -> tuple[list[Mask], Map]:
-    """Return where each motion model should be tried after iterations in the mask ``near``, and the parameters."""
+    """Fit the models again where their linear fits are far away; return where to try each model, and parameters."""
     nodes = slice(None, None, at.step), slice(None, None, at.step)
-    sigma, theta, simpler = richer[0].settings.window_sigma_px / at.step, at.state, at_nodes(refined.fit, at.step)
-    promising: list[Mask] = []
-    accelerations = 0
-    for motion, where in zip(richer, tried, strict=True):
+    sigma = richer[0].settings.window_sigma_px
+    simpler, theta, promising = at_nodes(refined.fit, at.step), at.state, []
+    for motion, fit, found, far in tests:
         bent = motion.settings.accelerated
-        accelerations += bent
-        if accelerations > _ACCELERATIONS:
-            break
-        fit, theta = _iterated(refined, motion, theta, at.smooth, near)
-        suited = whole & near & ~refined.uneven if bent else whole & near
-        fit = at_nodes(fit, at.step)
-        found = suited & enlarged(_changed(simpler, fit, suited[nodes], sigma), at.step, suited.shape)
-        promising.append(found | (where & ~near if bent else where))
+        if far.any():
+            # All pixels of these windows, which are warped in the trials.
+            near = around(far, round(_MARGIN * (window_weights(sigma).shape[2] // 2)))
+            again, theta = _iterated(refined, motion, theta, at.smooth, near)
+            again = at_nodes(again, at.step)
+            suited = whole & near & ~refined.uneven if bent else whole & near
+            changed = enlarged(_changed(simpler, again, suited[nodes], sigma / at.step), at.step, suited.shape)
+            # Smaller changes of growth are known from the linear fit alone.
+            found = (found & ~near if bent else found) | (suited & changed)
+            fit = chosen_fit(near[nodes], again, fit)
+        promising.append(found)
         simpler = simpler if bent else fit
     return _list_tried(promising, richer), theta
 
@@ -329,8 +341,14 @@ def _iterated(
     near = around(where, round(_MARGIN * (window_weights(sigma).shape[2] // 2)))
     # A plane first: apparent curvature may be motion. The residual is pure noise only if both are fitted.
     chosen = np.where(where, 0, NO_MODEL).astype(np.int8)
-    plane = fitted(np.where(near, theta, np.nan), chosen=chosen)[0]
-    theta = np.where(is_valid_step(theta, plane.theta), plane.theta, theta)
+    for _ in range(_ROUNDS):
+        plane = fitted(np.where(near, theta, np.nan), chosen=chosen)[0]
+        sound = where & is_valid_step(theta, plane.theta)
+        with np.errstate(invalid="ignore"):
+            moved = motion.images.moved_px(extract_fields(theta), extract_fields(plane.theta)) > _SETTLED_PX
+        theta = np.where(sound, plane.theta, theta)
+        if (sound & moved).sum() <= _MOST_FAR * sound.sum():
+            break
     affine = smooth if models[0].gradient == _AFFINE else None
     chosen = np.where(where, refined.curved, NO_MODEL).astype(np.int8)
     fit = fitted(np.where(near, theta, np.nan), chosen=chosen, variances=_VARIANCES, smooth=affine)[0]
