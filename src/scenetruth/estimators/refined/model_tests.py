@@ -21,11 +21,12 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.pixel_equations import PRODUCTS
 from scenetruth.estimators.refined.kernels.window_solver import ALL, EVERY_VARIANCE, FULL, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL, solve_rows
+from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
 from scenetruth.estimators.refined.row_bands import FrameSubset, RowBand, around, bands, pieces, window_weights
 from scenetruth.estimators.refined.velocity_curvature import add_velocity, remove_slopes, remove_velocity
 from scenetruth.threads import in_threads
 
-__all__ = ["Alternative", "Linearisation", "at_nodes", "enlarged", "is_linear", "of_nearest_node"]
+__all__ = ["Alternative", "Linearisation", "at_nodes", "enlarged", "find_far", "large_areas", "of_nearest_node"]
 
 _LEAST_SHARE = 0.5  # smallest valid fraction of a window
 # Largest step of a linear fit, as a displacement in any image: the error of a step is of second order.
@@ -143,6 +144,14 @@ def at_nodes(fit: Fit, step: int) -> Fit:
     return Fit._make(each[..., ::step, ::step] for each in fit)
 
 
+def large_areas(found: Mask, sigma: float) -> Mask:
+    """Return the nodes in areas as large as a window, of a standard deviation in nodes."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    size = 2 * int(sigma) + 1
+    return np.asarray(maximum_filter(minimum_filter(found, size, mode="nearest"), size, mode="nearest"))
+
+
 def enlarged(values: NDArray[Any], step: int, shape: tuple[int, int]) -> NDArray[Any]:
     """Return maps of nodes at all pixels: those of the nearest node."""
     rows, columns = (
@@ -161,12 +170,15 @@ def of_nearest_node(values: NDArray[Any], step: int, where: Mask) -> NDArray[Any
     return np.asarray(values[(..., *places)])
 
 
-def is_linear(images: ImageStack, state: Map, fit: Fit) -> Mask:
-    """Return where the step from a state to a fit is small; False without a fit.
+def find_far(images: ImageStack, state: Map, fit: Fit) -> Mask:
+    """Return textured windows from which the step to a fit is too large to be linear.
 
     ``images``: Those of the fit.
     ``state``: Parameters at which the fit was linearised, at the same windows.
     """
     before = accelerated(state) if len(fit.theta) == ALL else state[:FULL]
+    noise = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
+    clear = textured(fit.residual[1], noise, images.count, images.spline)
     with np.errstate(invalid="ignore"):
-        return np.asarray(images.moved_px(extract_fields(before), extract_fields(fit.theta)) <= _LINEAR_PX)
+        far = ~(images.moved_px(extract_fields(before), extract_fields(fit.theta)) <= _LINEAR_PX)
+    return np.asarray(far & clear & np.isfinite(fit.theta[0]))

@@ -38,7 +38,14 @@ from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
 from scenetruth.estimators.refined.lattice import lattice_step
-from scenetruth.estimators.refined.model_tests import Alternative, Linearisation, at_nodes, enlarged, is_linear
+from scenetruth.estimators.refined.model_tests import (
+    Alternative,
+    Linearisation,
+    at_nodes,
+    enlarged,
+    find_far,
+    large_areas,
+)
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.estimators.refined.systematic_error import list_alternatives
@@ -273,7 +280,7 @@ def _test_motion_models(
     for motion, fit in zip(compared, fits, strict=False):
         # Smaller windows determine whether an acceleration applies.
         suited = among[0] & ~refined.uneven if motion.settings.accelerated else among[0]
-        bent = np.isfinite(fit.theta[0]) & ~is_linear(motion.images, state, fit)
+        bent = find_far(motion.images, state, fit)
         changed = _changed(simpler, fit, suited[nodes], sigma, contradicted & bent)
         found = suited & enlarged(changed, at.step, suited.shape)
         if _compares_growth(refined.fit, motion):
@@ -360,9 +367,5 @@ def _changed(plain: Fit, other: Fit, among: Mask, sigma: float, also: Mask | boo
 
     ``also``: Nodes that count as different.
     """
-    from scipy.ndimage import maximum_filter, minimum_filter
-
     found = differ(plain, other, _WIDER * sigma, motion=True, among=among, most=_MOST) | (among & also)
-    size = 2 * int(sigma) + 1
-    large = maximum_filter(minimum_filter(found, size, mode="nearest"), size, mode="nearest")
-    return np.asarray(among & large)
+    return among & large_areas(found, sigma)

@@ -35,7 +35,8 @@ from scenetruth.estimators.refined.model_tests import (
     Linearisation,
     at_nodes,
     enlarged,
-    is_linear,
+    find_far,
+    large_areas,
     of_nearest_node,
 )
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
@@ -470,12 +471,15 @@ def _fit_span(
     theta = theta if own.accelerated else theta[:FULL]
     fits = linear or _linearisation(refined, group, part, theta, where, sigma).fits([alternative])
     nodes = slice(None, None, step), slice(None, None, step)
-    fitted = where[nodes] & np.isfinite(fits[0].theta[0])
-    far = fitted & ~is_linear(part, theta[:, *nodes], fits[0])
-    if far.sum() <= _MOST_FAR * fitted.sum():
+    # Single windows are far away by noise alone.
+    far = large_areas(where[nodes] & find_far(part, theta[:, *nodes], fits[0]), sigma / step)
+    if not far.any():
         return theta, fits[0]
-    theta = _converged(refined, part, theta, where, own, sigma)
-    return theta, _linearisation(refined, group, part, theta, where, sigma).fits([alternative])[0]
+    reach = window_weights(sigma).shape[2] // 2
+    near = where & around(enlarged(far, step, where.shape), reach)
+    theta = _converged(refined, part, theta, near, own, sigma)
+    (again,) = _linearisation(refined, group, part, theta, near, sigma).fits([alternative])
+    return theta, chosen_fit(near[nodes], again, fits[0])
 
 
 def _converged(
