@@ -75,7 +75,6 @@ _RAMP_PX = 1.0  # displacement by which a surface fails to continue over half a 
 _AFFINE = 3  # velocity gradient of a `Model` with all six components
 _MARGIN = 2.5  # distance of warped pixels from the windows' centres in half-widths: gains have windows of their own
 _VARIANCES = 6  # disparity, slopes, q_X, q_Y and q_Z
-_EXPLAINED = 1.3  # windows with a residual above this multiple of the noise contradict the plain motion
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -184,8 +183,11 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     tried = _list_tried([test.promising for test in tests], richer)
     if not any(where.any() for where in tried):
         return refined
-    if any(test.far.any() for test in tests):
-        tried, state = _iterate(refined, at, richer, tests, whole)
+    # Small changes of growth follow from the linear fit; an acceleration is compared with a converged fit.
+    bent = [test.promising if test.motion.settings.accelerated else test.far for test in tests]
+    near = around(np.logical_or.reduce(bent), round(_MARGIN * reach))
+    if near.any():
+        tried, state = _iterate(refined, at, richer, tests, whole, near)
     left = [n for n, where in enumerate(tried) if where.any()]
     richer, tried = [richer[n] for n in left], [tried[n] for n in left]
     seen, uneven, curved = refined.seen, refined.uneven, refined.curved
@@ -273,15 +275,12 @@ def _test_motion_models(
     refined = replace(refined, linear_fits=tuple(fits[len(compared) :]))
     present = simpler = at_nodes(refined.fit, at.step)
     sigma, state = settings.window_sigma_px / at.step, at.state[:, *nodes]
-    noise = estimate_noise(np.sqrt(refined.fit.residual[0]))
-    with np.errstate(invalid="ignore"):
-        contradicted = present.residual[0] > (_EXPLAINED * noise) ** 2
     tests = []
     for motion, fit in zip(compared, fits, strict=False):
         # Smaller windows determine whether an acceleration applies.
         suited = among[0] & ~refined.uneven if motion.settings.accelerated else among[0]
         bent = find_far(motion.images, state, fit)
-        changed = _changed(simpler, fit, suited[nodes], sigma, contradicted & bent)
+        changed = _changed(simpler, fit, suited[nodes], sigma)
         found = suited & enlarged(changed, at.step, suited.shape)
         if _compares_growth(refined.fit, motion):
             growth = compare_growth(present, fit, sigma, among[1][nodes], spline_transfer(motion.images.spline))
@@ -316,25 +315,24 @@ def _iterate(
     richer: list[MotionModelCandidate],
     tests: list[_MotionModelTest],
     whole: Mask,
+    near: Mask,
 ) -> tuple[list[Mask], Map]:
-    """Fit the models again where their linear fits are far away; return where to try each model, and parameters."""
+    """Fit the models again in the mask ``near``; return where to try each model, and the parameters."""
     nodes = slice(None, None, at.step), slice(None, None, at.step)
-    sigma = richer[0].settings.window_sigma_px
+    sigma = richer[0].settings.window_sigma_px / at.step
     simpler, theta, promising = at_nodes(refined.fit, at.step), at.state, []
-    for motion, fit, found, far in tests:
+    accelerating = any(test.promising.any() for test in tests if test.motion.settings.accelerated)
+    for motion, fit, found, _ in tests:
         bent = motion.settings.accelerated
-        if far.any():
-            # All pixels of these windows, which are warped in the trials.
-            near = around(far, round(_MARGIN * (window_weights(sigma).shape[2] // 2)))
-            again, theta = _iterated(refined, motion, theta, at.smooth, near)
-            again = at_nodes(again, at.step)
-            suited = whole & near & ~refined.uneven if bent else whole & near
-            changed = enlarged(_changed(simpler, again, suited[nodes], sigma / at.step), at.step, suited.shape)
-            # Smaller changes of growth are known from the linear fit alone.
-            found = (found & ~near if bent else found) | (suited & changed)
-            fit = chosen_fit(near[nodes], again, fit)
-        promising.append(found)
-        simpler = simpler if bent else fit
+        if bent and not accelerating:
+            promising.append(found)
+            continue
+        again, theta = _iterated(refined, motion, theta, at.smooth, near)
+        again = at_nodes(again, at.step)
+        suited = whole & near & ~refined.uneven if bent else whole & near
+        changed = suited & enlarged(_changed(simpler, again, suited[nodes], sigma), at.step, suited.shape)
+        promising.append(changed if bent else found | changed)
+        simpler = simpler if bent else chosen_fit(near[nodes], again, fit)
     return _list_tried(promising, richer), theta
 
 
@@ -362,10 +360,7 @@ def _iterated(
     return fit, np.where(is_valid_step(theta, fit.theta), fit.theta, theta)
 
 
-def _changed(plain: Fit, other: Fit, among: Mask, sigma: float, also: Mask | bool = False) -> Mask:
-    """Return the nodes near which a fit differs from another over areas as large as a window of sigma nodes.
-
-    ``also``: Nodes that count as different.
-    """
-    found = differ(plain, other, _WIDER * sigma, motion=True, among=among, most=_MOST) | (among & also)
+def _changed(plain: Fit, other: Fit, among: Mask, sigma: float) -> Mask:
+    """Return the nodes near which a fit differs from another over areas as large as a window of sigma nodes."""
+    found = differ(plain, other, _WIDER * sigma, motion=True, among=among, most=_MOST)
     return among & large_areas(found, sigma)
