@@ -90,8 +90,9 @@ def test_linear_fits_are_those_of_iterations(images: ImageStack, alternative: An
             np.sqrt(np.mean(error**2)) < 0.1 * np.sqrt(np.mean(change**2)) or np.sqrt(np.mean((error / std) ** 2)) < 0.3
         )
         changes.append(np.sqrt(np.mean((change / std) ** 2)))
-        # The residual at the present parameters is that of the plain model.
-        assert np.median(found.variance[VARIANCES[number]][inner] / std**2) == pytest.approx(1.15, abs=0.2)
+        # The residual at the present parameters is that of the plain model, which has no acceleration.
+        if not model.accelerated:
+            assert np.median(found.variance[VARIANCES[number]][inner] / std**2) == pytest.approx(1.1, abs=0.2)
     assert max(changes) > 0.6
 
 
