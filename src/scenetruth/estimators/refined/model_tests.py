@@ -8,6 +8,7 @@ differs, or is so far away that the step is not linear, images are warped again.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -31,6 +32,7 @@ __all__ = ["Alternative", "Linearisation", "at_nodes", "enlarged", "find_far", "
 _LEAST_SHARE = 0.5  # smallest valid fraction of a window
 # Largest step of a linear fit, as a displacement in any image: the error of a step is of second order.
 _LINEAR_PX = 0.1
+_MOST_NEEDED = 0.02  # largest fraction of all nodes that an area must have, for small images
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -145,11 +147,17 @@ def at_nodes(fit: Fit, step: int) -> Fit:
 
 
 def large_areas(found: Mask, sigma: float) -> Mask:
-    """Return the nodes in areas as large as a window, of a standard deviation in nodes."""
-    from scipy.ndimage import maximum_filter, minimum_filter
+    """Return the nodes in areas as large as a window, of a standard deviation in nodes.
+
+    They contain a square of its width, and are as large as a Gaussian window with its mean square weight, 4 π σ².
+    """
+    from scipy.ndimage import label, maximum_filter, minimum_filter
 
     size = 2 * int(sigma) + 1
-    return np.asarray(maximum_filter(minimum_filter(found, size, mode="nearest"), size, mode="nearest"))
+    areas, _ = label(maximum_filter(minimum_filter(found, size, mode="nearest"), size, mode="nearest"))
+    large = np.bincount(areas.ravel()) >= min(4.0 * math.pi * sigma**2, _MOST_NEEDED * found.size)
+    large[0] = False
+    return np.asarray(large[areas])
 
 
 def enlarged(values: NDArray[Any], step: int, shape: tuple[int, int]) -> NDArray[Any]:
