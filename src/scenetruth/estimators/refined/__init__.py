@@ -24,9 +24,17 @@ if TYPE_CHECKING:
     from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack, Splines
     from scenetruth.estimators.refined.iterations import RefinedState, refine
     from scenetruth.estimators.refined.kernels.warp import ImageView, corrected, place_of, straightened
-    from scenetruth.estimators.refined.kernels.window_solver import Fit
+    from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
     from scenetruth.estimators.refined.lattice import lattice_step
     from scenetruth.estimators.refined.lens_distortion import Lens, compute_jacobian, distort, lens_problems, undistort
+    from scenetruth.estimators.refined.model_tests import (
+        Alternative,
+        Linearisation,
+        at_nodes,
+        enlarged,
+        find_far,
+        of_nearest_node,
+    )
     from scenetruth.estimators.refined.noise_estimation import (
         EVEN,
         GreyVariance,
@@ -61,16 +69,16 @@ if TYPE_CHECKING:
     from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 
 __all__ = [
-    "EVEN", "FIT_LIMITS", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Blocks", "CalibrationUncertainty",
-    "DefectFilteredFrames",
-    "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens", "RefinedState",
-    "ShiftObservations", "Sources", "Splines", "SystematicErrors", "add_contradiction", "between", "blank_fit",
-    "compare_growth", "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
-    "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "estimate_variance",
-    "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous", "find_aperture",
-    "find_dead_pixels", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters",
-    "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans",
-    "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of", "polynomial_bias",
+    "EVEN", "FIT_LIMITS", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Alternative", "Blocks", "CalibrationUncertainty",
+    "DefectFilteredFrames", "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens",
+    "Linearisation", "Model", "RefinedState", "ShiftObservations", "Sources", "Splines", "SystematicErrors",
+    "add_contradiction", "at_nodes", "between", "blank_fit", "compare_growth", "compute_common_variance",
+    "compute_jacobian", "compute_normal_flow", "compute_phase_error_px", "compute_point_derivatives", "corrected",
+    "derive_priors", "distort", "enlarge_variances", "enlarged", "estimate_variance", "every_other",
+    "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous", "find_aperture", "find_dead_pixels",
+    "find_far", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters", "interpolation_error",
+    "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans", "maximise_likelihood",
+    "near_bare_surfaces", "of_nearest_node", "photon_transfer_variance", "place_of", "polynomial_bias",
     "read_calibration_uncertainty", "read_schedule", "refine", "remove_delay_bias", "sees_second_camera",
     "select_blocks", "smooth_velocity", "spline_transfer", "spread_defects", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
@@ -91,9 +99,10 @@ __getattr__, __dir__ = export_lazily(
         "image_stack": "NO_DEFECTS ImageStack Splines",
         "iterations": "RefinedState refine",
         "kernels.warp": "ImageView corrected place_of straightened",
-        "kernels.window_solver": "Fit",
+        "kernels.window_solver": "Fit Model",
         "lattice": "lattice_step",
         "lens_distortion": "Lens compute_jacobian distort lens_problems undistort",
+        "model_tests": "Alternative Linearisation at_nodes enlarged find_far of_nearest_node",
         "noise_estimation": "EVEN GreyVariance estimate_variance photon_transfer_variance spline_transfer",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",

@@ -77,6 +77,8 @@ class RefinedState:
     cameras: PoseCorrections | None
     growth_bias: Map | None = None
     """Mean square bias of rotation and growth rates of the plain motion model, shape (4, y, x); None if not tested."""
+    linear_fits: tuple[Fit, ...] = ()
+    """Fits of fewer frames and smaller windows to pixels of the plain motion model; empty if there are none."""
 
 
 def refine(
@@ -242,7 +244,7 @@ def fit_round(
     behind = max(each.behind for each in lattices)
     for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts, behind=behind):
         if smooth is not None:
-            remove_velocity(band, smooth)
+            remove_velocity(band.products, band.first, smooth)
         for each in lattices:
             each.put(band)
         if seen is not None:

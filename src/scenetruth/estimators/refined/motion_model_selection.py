@@ -14,14 +14,11 @@ from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSett
 from scenetruth.estimators.refined.fit_maps import (
     CURVATURES,
     accelerated,
-    between,
     carried,
     chosen_fit,
     differ,
-    every_other,
     explained,
     extract_fields,
-    fill_between,
     find_discontinuities,
 )
 from scenetruth.estimators.refined.growth_comparison import compare_growth
@@ -40,8 +37,18 @@ from scenetruth.estimators.refined.iterations import (
 from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
+from scenetruth.estimators.refined.lattice import lattice_step
+from scenetruth.estimators.refined.model_tests import (
+    Alternative,
+    Linearisation,
+    at_nodes,
+    enlarged,
+    find_far,
+    large_areas,
+)
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.estimators.refined.systematic_error import list_alternatives
 from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 
@@ -61,9 +68,12 @@ _MOST = 9.0  # largest squared change of a pixel, in multiples of its noise, so 
 _OTHER_NOISE = 1.02  # ratio by which the residual of a subset of the images may exceed that of all images by chance
 _MUCH_LESS = 0.5  # ratio of mean square residuals, after to before
 _SETTLED_PX = 0.1  # largest displacement of points in the last iteration, over all images
+# Largest number of iterations of a plane before others are tried, and fraction of the pixels that may not converge.
+_ROUNDS, _MOST_FAR = 4, 0.02
 _ACCELERATIONS = 2  # number of frame spans tested for an acceleration
 _RAMP_PX = 1.0  # displacement by which a surface fails to continue over half a window, twice that of a discontinuity
 _AFFINE = 3  # velocity gradient of a `Model` with all six components
+_MARGIN = 2.5  # distance of warped pixels from the windows' centres in half-widths: gains have windows of their own
 _VARIANCES = 6  # disparity, slopes, q_X, q_Y and q_Z
 
 Map = NDArray[np.float64]
@@ -117,18 +127,23 @@ class MotionModelTrial(NamedTuple):
 
 
 def choose_motion_model(
-    plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float
+    plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float, step: int = 1
 ) -> tuple[Fit, NDArray[np.int8]]:
     """Return, at every pixel, the last fit that explains the images better and changes the selection, and its number.
 
     ``where``: Pixels (y, x) at which each fit may be selected. The plain fit has the number 0, the trials from 1 on.
+    ``step``: Distance of the pixels of which means are taken; more than 1 for full windows, which vary smoothly.
     """
     which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
     fit = plain
     for number, (trial, tried) in enumerate(zip(trials, where, strict=True), 1):
+        pair = at_nodes(fit, step), at_nodes(trial.fit, step)
+        among, sigma = tried[::step, ::step], _WIDER * sigma_px / step
         other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
-        other &= differ(fit, trial.fit, _WIDER * sigma_px, motion=True, among=tried, most=_MOST)
-        other &= _leaves_less(fit, trial, other, _WIDER * sigma_px, noise)
+        other &= np.isfinite(trial.fit.theta[0]) & np.isfinite(trial.fit.variance[0])
+        other &= enlarged(differ(*pair, sigma, motion=True, among=among, most=_MOST), step, tried.shape)
+        less = _leaves_less(pair[0], trial._replace(fit=pair[1]), other[::step, ::step], sigma, noise)
+        other &= enlarged(less, step, tried.shape)
         if trial.growth is not None:
             # Anisotropic growth hardly changes the residual.
             other |= trial.growth & tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
@@ -162,15 +177,25 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     smooth = smooth_velocity(refined.fit, single, sigma)
     # Apparent curvature may have been motion.
     state[CURVATURES] = 0.0
-    tried, state, refined = _find_promising_pixels(refined, richer, (whole, growing), state, smooth)
+    gains = settings.photometric_model == "per_image"
+    at = Linearisation(images, state, known, refined.curved, gains, lattice_step(sigma), smooth)
+    refined, tests = _test_motion_models(refined, at, richer, settings, (whole, growing))
+    tried = _list_tried([test.promising for test in tests], richer)
     if not any(where.any() for where in tried):
         return refined
+    # Small changes of growth follow from the linear fit; an acceleration is compared with a converged fit.
+    bent = [test.promising if test.motion.settings.accelerated else test.far for test in tests]
+    near = around(np.logical_or.reduce(bent), round(_MARGIN * reach))
+    if near.any():
+        tried, state = _iterate(refined, at, richer, tests, whole, near)
+    left = [n for n, where in enumerate(tried) if where.any()]
+    richer, tried = [richer[n] for n in left], [tried[n] for n in left]
     seen, uneven, curved = refined.seen, refined.uneven, refined.curved
 
     def trials(theta: Map) -> Iterator[MotionModelTrial]:
         for motion, where in zip(richer, tried, strict=True):
             models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
-            begun = np.where(around(where, 3 * reach), theta, np.nan)
+            begun = np.where(around(where, round(_MARGIN * reach)), theta, np.nan)
             affine = smooth if models[0].gradient == _AFFINE else None
             first, bent, chosen = fit_surface(motion.images, begun, models, settings, where, affine)
             begun = np.where(where & is_valid_step(theta, first), first, begun)
@@ -192,7 +217,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
     noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
-    fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise)
+    fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise, at.step)
     return replace(
         refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)
     )
@@ -218,66 +243,124 @@ def _compares_growth(plain: Fit, motion: MotionModelCandidate) -> bool:
     return motion.number == MOTION_AFFINE and plain.element.shape[1:] == plain.theta.shape[1:]
 
 
-def _find_promising_pixels(
-    refined: RefinedState, richer: list[MotionModelCandidate], among: tuple[Mask, Mask], theta: Map, smooth: Map
-) -> tuple[list[Mask], Map, RefinedState]:
-    """Return where each motion model should be tried, from every other row and column, and the initial parameters.
+class _MotionModelTest(NamedTuple):
+    """Result of the linear fit of a motion model."""
 
-    The state gets the bias of the plain growth that noise may hide. ``among``: Pixels whose windows show one surface,
-    without and with those at the edges of the images.
+    motion: MotionModelCandidate
+    fit: Fit
+    """At the nodes of the lattice."""
+    promising: Mask
+    """Pixels where the model should be tried."""
+    far: Mask
+    """Those of them where the step to it is not linear."""
+
+
+def _test_motion_models(
+    refined: RefinedState,
+    at: Linearisation,
+    richer: list[MotionModelCandidate],
+    settings: RefinedSettings,
+    among: tuple[Mask, Mask],
+) -> tuple[RefinedState, list[_MotionModelTest]]:
+    """Return the tests of all velocity gradients and of the first accelerations.
+
+    The state gets the bias of the plain growth that noise may hide, and the linear fits for the systematic errors of
+    plain pixels. ``among``: Pixels whose windows show one surface, without and with those at the edges of the images.
     """
-    whole, growing = among
-    plain, tried = refined.fit, []
-    accelerations = [motion for motion in richer if motion.settings.accelerated]
-    for motion in richer[: len(richer) - len(accelerations)]:
-        sigma = motion.settings.window_sigma_px
-        plain, theta = _coarse_fit(refined, motion, theta, smooth)
-        promising = _changed(refined.fit, plain, whole, sigma)
+    nodes = slice(None, None, at.step), slice(None, None, at.step)
+    compared = [motion for motion in richer if not motion.settings.accelerated]
+    compared += [motion for motion in richer if motion.settings.accelerated][:_ACCELERATIONS]
+    alternatives = [_alternative(refined, motion) for motion in compared]
+    fits = at.fits([*alternatives, *list_alternatives(refined.images, settings)])
+    refined = replace(refined, linear_fits=tuple(fits[len(compared) :]))
+    present = simpler = at_nodes(refined.fit, at.step)
+    sigma, state = settings.window_sigma_px / at.step, at.state[:, *nodes]
+    tests = []
+    for motion, fit in zip(compared, fits, strict=False):
+        # Smaller windows determine whether an acceleration applies.
+        suited = among[0] & ~refined.uneven if motion.settings.accelerated else among[0]
+        bent = find_far(motion.images, state, fit)
+        changed = _changed(simpler, fit, suited[nodes], sigma)
+        found = suited & enlarged(changed, at.step, suited.shape)
         if _compares_growth(refined.fit, motion):
-            pair = every_other(refined.fit), every_other(plain)
-            transfer = spline_transfer(motion.images.spline)
-            compared = compare_growth(*pair, 0.5 * sigma, growing[::2, ::2], transfer)
-            promising |= growing & between(compared.significant, whole.shape)
-            bias = np.stack([between(each, whole.shape) for each in compared.bias])
-            refined = replace(refined, growth_bias=bias)
-        tried.append(promising)
-    found = []
-    for motion in accelerations[:_ACCELERATIONS]:
-        fit, theta = _coarse_fit(refined, motion, theta, smooth)
-        # Smaller windows determine whether the model applies.
-        found.append(_changed(plain, fit, whole & ~refined.uneven, motion.settings.window_sigma_px))
-    # Over all frames, jerk is not acceleration, and over fewer frames a small acceleration is below the noise: these
-    # models are tried wherever either span indicates an acceleration.
-    tried += found[:1] + [np.logical_or.reduce(found)] * (len(accelerations) - 1)
-    return tried, theta, refined
+            growth = compare_growth(present, fit, sigma, among[1][nodes], spline_transfer(motion.images.spline))
+            found |= among[1] & enlarged(growth.significant, at.step, suited.shape)
+            refined = replace(refined, growth_bias=enlarged(growth.bias, at.step, suited.shape))
+        if not motion.settings.accelerated:
+            simpler = fit
+        tests.append(_MotionModelTest(motion, fit, found, found & enlarged(bent, at.step, suited.shape)))
+    return refined, tests
 
 
-def _coarse_fit(refined: RefinedState, motion: MotionModelCandidate, theta: Map, smooth: Map) -> tuple[Fit, Map]:
-    """Fit a motion model at every other row and column; return the fit and the parameters of all pixels."""
+def _alternative(refined: RefinedState, motion: MotionModelCandidate) -> Alternative:
+    models, settings = select_models(motion.images, motion.settings), motion.settings
+    variances = EVERY_VARIANCE if _compares_growth(refined.fit, motion) else _VARIANCES
+    return Alternative(motion.images, models, settings.window_sigma_px, variances, models[0].gradient == _AFFINE)
+
+
+def _list_tried(promising: list[Mask], richer: list[MotionModelCandidate]) -> list[Mask]:
+    """Return where each motion model should be tried, from tests of the velocity gradients and first accelerations.
+
+    Over all frames, jerk is not acceleration, and over fewer frames a small acceleration is below the noise: these
+    models are tried wherever either span indicates an acceleration.
+    """
+    accelerations = sum(motion.settings.accelerated for motion in richer)
+    gradients, found = promising[: len(richer) - accelerations], promising[len(richer) - accelerations :]
+    return [*gradients, *found[:1], *[np.logical_or.reduce(found)] * (accelerations - 1)]
+
+
+def _iterate(
+    refined: RefinedState,
+    at: Linearisation,
+    richer: list[MotionModelCandidate],
+    tests: list[_MotionModelTest],
+    whole: Mask,
+    near: Mask,
+) -> tuple[list[Mask], Map]:
+    """Fit the models again in the mask ``near``; return where to try each model, and the parameters."""
+    nodes = slice(None, None, at.step), slice(None, None, at.step)
+    sigma = richer[0].settings.window_sigma_px / at.step
+    simpler, theta, promising = at_nodes(refined.fit, at.step), at.state, []
+    accelerating = any(test.promising.any() for test in tests if test.motion.settings.accelerated)
+    for motion, fit, found, _ in tests:
+        bent = motion.settings.accelerated
+        if bent and not accelerating:
+            promising.append(found)
+            continue
+        again, theta = _iterated(refined, motion, theta, at.smooth, near)
+        again = at_nodes(again, at.step)
+        suited = whole & near & ~refined.uneven if bent else whole & near
+        changed = suited & enlarged(_changed(simpler, again, suited[nodes], sigma), at.step, suited.shape)
+        promising.append(changed if bent else found | changed)
+        simpler = simpler if bent else chosen_fit(near[nodes], again, fit)
+    return _list_tried(promising, richer), theta
+
+
+def _iterated(
+    refined: RefinedState, motion: MotionModelCandidate, theta: Map, smooth: Map | None, where: Mask
+) -> tuple[Fit, Map]:
+    """Fit a motion model in a mask, at every other row and column; return the fit and the parameters of all pixels."""
     models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
     sigma, gains = motion.settings.window_sigma_px, motion.settings.photometric_model == "per_image"
-    affine = smooth if models[0].gradient == _AFFINE else None
-    fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains)
-    curved = refined.curved.astype(np.int8)
+    fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains, coarse=True)
+    near = around(where, round(_MARGIN * (window_weights(sigma).shape[2] // 2)))
     # A plane first: apparent curvature may be motion. The residual is pure noise only if both are fitted.
-    plane = fitted(theta, chosen=np.zeros_like(curved), coarse=True)[0]
-    theta = np.where(is_valid_step(theta, plane.theta), plane.theta, theta)
-    if _compares_growth(refined.fit, motion):
-        # The noise of a difference follows from the variances of fits to the same pixels, those of all rows.
-        curved[1::2], curved[:, 1::2] = NO_MODEL, NO_MODEL
-        fit = fitted(theta, chosen=curved, variances=EVERY_VARIANCE, smooth=affine)[0]
-        fill_between(fit.theta)
-    else:
-        fit = fitted(theta, chosen=curved, variances=_VARIANCES, coarse=True, smooth=affine)[0]
+    chosen = np.where(where, 0, NO_MODEL).astype(np.int8)
+    for _ in range(_ROUNDS):
+        plane = fitted(np.where(near, theta, np.nan), chosen=chosen)[0]
+        sound = where & is_valid_step(theta, plane.theta)
+        with np.errstate(invalid="ignore"):
+            moved = motion.images.moved_px(extract_fields(theta), extract_fields(plane.theta)) > _SETTLED_PX
+        theta = np.where(sound, plane.theta, theta)
+        if (sound & moved).sum() <= _MOST_FAR * sound.sum():
+            break
+    affine = smooth if models[0].gradient == _AFFINE else None
+    chosen = np.where(where, refined.curved, NO_MODEL).astype(np.int8)
+    fit = fitted(np.where(near, theta, np.nan), chosen=chosen, variances=_VARIANCES, smooth=affine)[0]
     return fit, np.where(is_valid_step(theta, fit.theta), fit.theta, theta)
 
 
-def _changed(plain: Fit, rough: Fit, among: Mask, sigma_px: float) -> Mask:
-    """Return the pixels near which a coarse fit differs from another over areas as large as a window."""
-    from scipy.ndimage import maximum_filter, minimum_filter
-
-    pair = every_other(plain), every_other(rough), 0.5 * _WIDER * sigma_px
-    found = between(differ(*pair, motion=True, among=among[::2, ::2], most=_MOST), among.shape)
-    size = 2 * round(sigma_px) + 1
-    large = maximum_filter(minimum_filter(found, size, mode="nearest"), size, mode="nearest")
-    return np.asarray(among & large)
+def _changed(plain: Fit, other: Fit, among: Mask, sigma: float) -> Mask:
+    """Return the nodes near which a fit differs from another over areas as large as a window of sigma nodes."""
+    found = differ(plain, other, _WIDER * sigma, motion=True, among=among, most=_MOST)
+    return among & large_areas(found, sigma)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -27,6 +27,7 @@ __all__ = [
     "FIT_LIMITS",
     "NO_OCCLUSION",
     "FitLimits",
+    "FrameSubset",
     "PixelEvidence",
     "RowBand",
     "around",
@@ -75,6 +76,8 @@ class RowBand:
     """Last such row + 1."""
     last: bool
     """Whether it is the last band."""
+    of_subsets: Sequence[Map] = ()
+    """Products of each subset of the frames, as `products`."""
 
     @cached_property
     def by_pixel(self) -> Map:
@@ -92,6 +95,22 @@ class RowBand:
     def gradient(self) -> Map:
         """Mean square gradient of the texture over a pixel and its neighbours, as `local_gradient`."""
         return local_gradient(self.products)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSubset:
+    """Consecutive frames of a stack whose normal equations are required by themselves."""
+
+    images: ImageStack
+    fields: Map
+    """d and q of every pixel, with the acceleration if its products are required, shape (4 or 7, y, x)."""
+    frames: slice
+    """Places of these images in the stack."""
+
+    @property
+    def products(self) -> int:
+        """Number of products."""
+        return PRODUCTS if len(self.fields) == STEADY else ALL_PRODUCTS
 
 
 def window_weights(sigma_px: float) -> Map:
@@ -121,12 +140,14 @@ def bands(
     hidden: NDArray[np.uint8] = NO_OCCLUSION,
     shifts: ShiftObservations | None = None,
     behind: int = 0,
+    subsets: Sequence[FrameSubset] = (),
 ) -> Iterator[RowBand]:
     """Warp all images by the current parameters, and yield the normal equations of the pixels band by band.
 
     Rows far from all pixels with finite fields are left out.
 
     ``behind``: Number of rows above a band whose windows lie inside it, too.
+    ``subsets``: Further normal equations, of some frames alone.
     """
     height, width = images.shape
     view = images.view()
@@ -136,7 +157,8 @@ def bands(
     bad = images.bad_stack()
     stacks = [images.stack(channel) for channel in range(images.channels)]
     fields = np.ascontiguousarray(fields)
-    at_a_time = int(FIT_LIMITS.scratch_bytes / (4 * len(view.s) * width)) - 4 * reach - behind
+    of_pixel = 4 * len(view.s) + 8 * sum(each.products for each in subsets)
+    at_a_time = int(FIT_LIMITS.scratch_bytes / (of_pixel * width)) - 4 * reach - behind
     size = max(at_a_time, _LEAST_BAND)
     rows = np.flatnonzero(np.isfinite(fields[0]).any(axis=1))
     begin, stop = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
@@ -147,15 +169,20 @@ def bands(
         step = _brightness_step(window)
         first, end = max(top - behind - 2 * reach - step, 0), min(bottom + 2 * reach + step, height)
         products = np.zeros((PRODUCTS if len(fields) == STEADY else ALL_PRODUCTS, end - first, width))
+        parts = [np.zeros((each.products, *products.shape[1:])) for each in subsets]
         for stack in stacks:
             count = end - first
             brightness = window if gains else None
             even, gradient = _channel(stack, view, fields, hidden, bad, first, brightness, least, count)
             add = partial(add_products, view, fields, even, gradient, first, least, images.variance, products)
             in_threads(add, pieces(0, count))
+            for each, part in zip(subsets, parts, strict=True):
+                fewest = max(2, math.ceil(least_share * each.images.count))
+                own = each.images.view(), each.fields, even[each.frames], gradient, first, fewest
+                in_threads(partial(add_products, *own, images.variance, part), pieces(0, count))
             if shifts is not None:
                 shifts.add(even, gradient, least, first, (top, bottom))
-        yield RowBand(products, first, top, bottom, bottom == stop)
+        yield RowBand(products, first, top, bottom, bottom == stop, parts)
 
 
 def pieces(first: int, end: int, step: int = 1) -> list[tuple[int, int]]:

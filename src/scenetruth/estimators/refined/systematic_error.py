@@ -9,8 +9,9 @@ fewer frames are fitted.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,7 @@ from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSett
 from scenetruth.estimators.refined.fit_maps import (
     STEADY_PLACES,
     accelerated,
-    between,
     chosen_fit,
-    every_other,
     extract_fields,
     find_discontinuities,
 )
@@ -30,6 +29,16 @@ from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState, fit_final, fit_round, is_valid_step, select_models
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, TOLD, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
+from scenetruth.estimators.refined.lattice import lattice_step
+from scenetruth.estimators.refined.model_tests import (
+    Alternative,
+    Linearisation,
+    at_nodes,
+    enlarged,
+    find_far,
+    large_areas,
+    of_nearest_node,
+)
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
@@ -39,6 +48,7 @@ __all__ = [
     "add_contradiction",
     "estimate_systematic_errors",
     "extrapolation_share",
+    "list_alternatives",
     "list_spans",
     "polynomial_bias",
     "sees_second_camera",
@@ -54,6 +64,7 @@ _WIDER = 2.0
 _FINER = 0.5  # relative width of the smaller windows
 _MOST_SHARE = 4.0  # largest extrapolation: biases of nearly equal spans differ by noise alone
 _SETTLED_PX = 0.05  # displacement of points below which a fit to fewer frames has converged
+_MOST_FAR = 0.02  # fraction of the windows that may be farther away: at discontinuities, some never converge
 _ROUNDS = 4  # largest number of iterations of a fit to fewer frames
 # Sum of the variances of disparity and velocity, relative to noise, that fewer frames must reduce by this ratio: the
 # selection follows noise where both are alike.
@@ -128,9 +139,9 @@ _OF_VELOCITY = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], dtype=
 class SystematicErrors:
     """Squares of the systematic errors of the quantities of a fit, shape (16, y, x)."""
 
-    square: Map
+    square: NDArray[np.floating[Any]]
     """At every pixel, of the fit that was selected."""
-    of_span: Map
+    of_span: NDArray[np.floating[Any]]
     """Those due to the span of frames alone, before fewer frames were selected."""
     whole: Mask
     """Pixels whose windows contain a single surface; at all others the errors are 0."""
@@ -216,27 +227,26 @@ def estimate_systematic_errors(
         return refined, SystematicErrors(nothing, nothing, known, fit.theta[:FULL])
     sigma = settings.window_sigma_px
     reach = window_weights(sigma).shape[2] // 2
-    spans = list_spans(images)
+    spans, step = list_spans(images), lattice_step(sigma)
     # Windows with several surfaces are fitted again. Next to invalid pixels there is no other surface, and over all
     # frames motions of the same surface by different models are far apart.
     apart = find_discontinuities(spans[-1], fit.theta) & ~around(~known, 1)
     whole = known & ~around(apart, reach) & ~refined.uneven
-    state = fill_gaps(fit.theta[:FULL], known)
-    groups = _groups(refined, settings, spans, whole)
-    windows = _window_errors(refined, groups, state, sigma)
-    results = [_span_errors(refined, group, spans, state, settings) for group in groups]
-    square, of_span = (np.zeros((count, *images.shape)) for _ in range(2))
-    result = refined
-    for group, found in zip(groups, results, strict=True):
-        if found is None:
-            continue
+    state = fill_gaps(fit.theta, known)
+    square, of_span = (np.zeros((count, *images.shape), dtype=np.float32) for _ in range(2))
+    result, windows = refined, []
+    for group in _groups(refined, settings, spans, whole):
+        begun, linear = _linear_fits(refined, group, spans, state, sigma)
+        windows.append((group.where, _window_errors(refined, group, linear[0], sigma)))
+        found = _span_errors(refined, group, spans, begun, linear[1:], settings)
         result, which = _with_fewer_frames(result, group, found, spans, settings)
         for k, each in enumerate(found.squares):
             where = which == k
-            square[:, where] = _enlarged(each, images.shape)[:, where]
-        where = group.where
-        of_span[:, where] = _enlarged(found.of_fit, images.shape)[:, where]
-    return result, SystematicErrors(square + windows, of_span, whole, state)
+            square[:, where] = of_nearest_node(each, step, where)
+        of_span[:, group.where] = of_nearest_node(found.of_fit, step, group.where)
+    for where, each in windows:
+        square[:, where] += of_nearest_node(each, step, where)
+    return result, SystematicErrors(square, of_span, whole, state[:FULL])
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,6 +257,7 @@ class _Group:
     settings: RefinedSettings
     span: int
     """Index of the span of the present fit."""
+    plain: bool = False
 
     def suited(self, part: ImageStack) -> RefinedSettings:
         """Return the settings for a fit to fewer frames, which may determine no acceleration."""
@@ -267,30 +278,51 @@ def _groups(refined: RefinedState, settings: RefinedSettings, spans: list[ImageS
         )
         where = whole & (refined.motion == number)
         if number != MOTION_ACCELERATED_IN_PART:
-            found.append(_Group(where, own, 0))
+            found.append(_Group(where, own, 0, plain=number == MOTION_PLAIN))
             continue
         parts = {span: where & (nearest == span) for span in range(1, len(spans))}
         found += [_Group(part, own, span) for span, part in parts.items() if part.any()]
     return found
 
 
-def _coarse(
-    refined: RefinedState, images: ImageStack, state: Map, where: Mask, settings: RefinedSettings, sigma_px: float
-) -> Fit:
-    """Fit every other row and column, with all variances."""
-    models = select_models(images, settings)
-    chosen = np.where(where, refined.curved if len(models) > 1 else 0, NO_MODEL).astype(np.int8)
-    begun = np.where(around(where, window_weights(sigma_px).shape[2] // 2), state, np.nan)
-    gains = settings.photometric_model == "per_image"
-    (fit, *_) = fit_round(
-        images, begun, models, sigma_px, gains=gains, variances=EVERY_VARIANCE, chosen=chosen, coarse=True
-    )
-    return fit
+def list_alternatives(images: ImageStack, settings: RefinedSettings) -> list[Alternative]:
+    """Return smaller windows and the next shorter span of frames, for pixels of the plain motion model."""
+    where = np.zeros(images.shape, dtype=np.bool_)
+    return _alternatives(_Group(where, settings, 0), list_spans(images), settings.window_sigma_px)
 
 
-def _enlarged(values: Map, shape: tuple[int, int]) -> Map:
-    """Return maps of every other row and column at all pixels."""
-    return np.stack([between(each, shape) for each in values])
+def _alternatives(group: _Group, spans: list[ImageStack], sigma: float) -> list[Alternative]:
+    """Return smaller windows of the present frames, and shorter spans of frames down to the next one."""
+    part, small = spans[group.span], _small(sigma)
+    found = [Alternative(part, select_models(part, group.suited(part)), small, EVERY_VARIANCE)]
+    return found + [_of_span(group, each, sigma) for each in spans[1 : group.span + 2]]
+
+
+def _of_span(group: _Group, part: ImageStack, sigma: float) -> Alternative:
+    return Alternative(part, select_models(part, group.suited(part)), sigma, EVERY_VARIANCE)
+
+
+def _linearisation(
+    refined: RefinedState, group: _Group, images: ImageStack, state: Map, where: Mask, sigma: float
+) -> Linearisation:
+    gains = group.settings.photometric_model == "per_image"
+    return Linearisation(images, state, where, refined.curved, gains, lattice_step(sigma))
+
+
+def _linear_fits(
+    refined: RefinedState, group: _Group, spans: list[ImageStack], state: Map, sigma: float
+) -> tuple[Map, Sequence[Fit]]:
+    """Return the parameters of a group of pixels, and the fits of its alternatives."""
+    part = spans[group.span]
+    if group.suited(part).accelerated and len(state) == FULL:
+        # The selected fits have no acceleration.
+        state = _converged(refined, part, state, group.where, group.suited(part), sigma)
+    elif group.plain and refined.linear_fits:
+        return state, refined.linear_fits
+    # The longest span of the alternatives.
+    images = spans[min(group.span, 1)]
+    at = _linearisation(refined, group, images, state, group.where, sigma)
+    return state, at.fits(_alternatives(group, spans, sigma))
 
 
 def _mean_change(change: Map, noise: Map, among: Mask, sigma: float, correlated: float) -> tuple[Map, Map, Map]:
@@ -336,23 +368,24 @@ def _noise_of_change(coarse: _Quantities, fine: _Quantities) -> Map:
     return np.maximum(fine.variances - coarse.variances, 0.5 * fine.variances)
 
 
-def _window_errors(refined: RefinedState, groups: list[_Group], state: Map, sigma: float) -> Map:
-    """Return the squares of the errors of all quantities due to the width of the windows, shape (16, y, x)."""
-    small = max(1.0, _FINER * sigma)
+def _small(sigma: float) -> float:
+    """Return the width of the smaller windows."""
+    return max(1.0, _FINER * sigma)
+
+
+def _window_errors(refined: RefinedState, group: _Group, smaller: Fit, sigma: float) -> Map:
+    """Return the squares of the errors of all quantities due to the width of the windows, at the nodes."""
+    step, small = lattice_step(sigma), _small(sigma)
     share = sigma**2 / (sigma**2 - small**2) if small < sigma else 0.0
-    found = np.zeros((_STEADY + _STATED, *refined.images.shape))
-    spans = list_spans(refined.images)
-    for group in groups:
-        part = spans[group.span]
-        own = group.suited(part)
-        begun = accelerated(state) if own.accelerated else state
-        fine = _quantities(every_other(_coarse(refined, part, begun, group.where, own, small)))
-        full = _quantities(every_other(refined.fit))
-        square, *_ = _mean_change(
-            fine.values - full.values, _noise_of_change(full, fine), group.where[::2, ::2], sigma / 2, _OF_WINDOWS
-        )
-        found[:, group.where] = share**2 * _enlarged(square, refined.images.shape)[:, group.where]
-    return found
+    fine, full = _quantities(smaller), _quantities(at_nodes(refined.fit, step))
+    square, *_ = _mean_change(
+        fine.values - full.values,
+        _noise_of_change(full, fine),
+        group.where[::step, ::step],
+        sigma / step,
+        _OF_WINDOWS,
+    )
+    return share**2 * square
 
 
 # Variance of the mean change between windows of σ and σ / 2 over a Gaussian of 2 σ, relative to that of a pixel: both
@@ -363,60 +396,90 @@ _OF_SPANS = 1.0 / (1.0 + _WIDER**2)
 
 @dataclass(frozen=True, eq=False)
 class _SpanErrors:
-    """Fits of a group to each span of frames, at every other row and column."""
+    """Fits of a group to each span of frames, at the nodes of the lattice."""
 
     squares: list[Map]
-    """Squares of the systematic errors of each span, shape (16, y, x)."""
+    """Squares of the systematic errors of each span, shape (16, rows, columns)."""
     variances: list[Map]
     """Their noise."""
     thetas: list[Map]
-    """Parameters, at every pixel."""
+    """Parameters near each fit, at every pixel."""
     of_fit: Map
     """Squares of the systematic errors of the present fit."""
     worth: Mask
-    """Where they exceed noise by far, at every other row and column."""
+    """Where they exceed noise by far."""
 
 
 def _span_errors(
-    refined: RefinedState, group: _Group, spans: list[ImageStack], state: Map, settings: RefinedSettings
-) -> _SpanErrors | None:
+    refined: RefinedState,
+    group: _Group,
+    spans: list[ImageStack],
+    state: Map,
+    linear: Sequence[Fit],
+    settings: RefinedSettings,
+) -> _SpanErrors:
     """Fit shorter spans of frames as long as their results change by much more than noise."""
-    sigma = settings.window_sigma_px
-    fit = refined.fit
-    among = group.where[::2, ::2]
-    present = _quantities(every_other(fit))
+    sigma, step = settings.window_sigma_px, lattice_step(settings.window_sigma_px)
+    nodes = slice(None, None, step), slice(None, None, step)
+    among = group.where[nodes]
+    present = _quantities(at_nodes(refined.fit, step))
     quantities, thetas, where = [present], [state], group.where
     errors: list[Map] = [np.zeros_like(present.values)]
     times = [part.times for part in spans]
     theta, worth = state, np.zeros(among.shape, dtype=np.bool_)
-    for part in spans[1:]:
-        own = group.suited(part)
-        bent = own.accelerated
-        theta = _converged(refined, part, theta, where, own, sigma)
-        made = _coarse(refined, part, accelerated(theta) if bent else theta, where, own, sigma)
-        latest = _quantities(every_other(made))
+    for number, part in enumerate(spans[1:]):
+        theta, made = _fit_span(refined, group, part, theta, where, linear[number : number + 1], sigma)
+        latest = _quantities(made)
         before, n = quantities[-1], len(quantities)
         # The present fit may be that of this span.
         quantities.append(latest)
-        theta = np.where(where & is_valid_step(theta, made.theta), made.theta[:FULL], theta)
         thetas.append(theta)
         change, noise = latest.values - before.values, _noise_of_change(before, latest)
-        square, ratio, _ = _mean_change(change, noise, among & where[::2, ::2], sigma / 2, _OF_SPANS)
+        square, ratio, _ = _mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
+        bent = group.suited(part).accelerated
         share = extrapolation_share(times[n - 1], times[n], accelerated=bent)[_OF_VELOCITY][:, None, None]
         errors[-1] = share**2 * square
         errors.append(np.maximum(share - 1.0, 0.0) ** 2 * square)
         # The error of longer spans is the change to the shortest, and its own.
         for k in range(n - 1):
             change, noise = latest.values - quantities[k].values, _noise_of_change(quantities[k], latest)
-            square, *_ = _mean_change(change, noise, among & where[::2, ::2], sigma / 2, _OF_SPANS)
+            square, *_ = _mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
             errors[k] = np.maximum(errors[k], square + errors[-1])
         large = (ratio[[0, *range(_VELOCITY, _STEADY)]].max(axis=0) > _LARGE) | (n < group.span + 1)
         worth |= large & (n >= group.span + 1)
-        where = group.where & between(large & among, refined.images.shape)
+        where = group.where & enlarged(large & among, step, refined.images.shape)
         if not where.any():
             break
     of_fit = errors[min(group.span, len(errors) - 1)]
     return _SpanErrors(errors, [each.variances for each in quantities], thetas, of_fit, worth & among)
+
+
+def _fit_span(
+    refined: RefinedState,
+    group: _Group,
+    part: ImageStack,
+    theta: Map,
+    where: Mask,
+    linear: Sequence[Fit],
+    sigma: float,
+) -> tuple[Map, Fit]:
+    """Return parameters near the fit of a span at all pixels, and the fit at the nodes.
+
+    ``linear``: Fit at the present parameters, if known.
+    """
+    own, alternative, step = group.suited(part), _of_span(group, part, sigma), lattice_step(sigma)
+    theta = theta if own.accelerated else theta[:FULL]
+    fits = linear or _linearisation(refined, group, part, theta, where, sigma).fits([alternative])
+    nodes = slice(None, None, step), slice(None, None, step)
+    # Single windows are far away by noise alone.
+    far = large_areas(where[nodes] & find_far(part, theta[:, *nodes], fits[0]), sigma / step)
+    if not far.any():
+        return theta, fits[0]
+    reach = window_weights(sigma).shape[2] // 2
+    near = where & around(enlarged(far, step, where.shape), reach)
+    theta = _converged(refined, part, theta, near, own, sigma)
+    (again,) = _linearisation(refined, group, part, theta, near, sigma).fits([alternative])
+    return theta, chosen_fit(near[nodes], again, fits[0])
 
 
 def _converged(
@@ -424,16 +487,15 @@ def _converged(
 ) -> Map:
     """Return parameters from which one iteration over fewer frames converges."""
     gains, models = settings.photometric_model == "per_image", select_models(part, settings)[:1]
+    theta = accelerated(theta) if settings.accelerated else theta[:FULL]
     wide = around(where, window_weights(sigma).shape[2] // 2)
     for _ in range(_ROUNDS):
-        begun = accelerated(theta) if settings.accelerated else theta
-        begun = np.where(wide, begun, np.nan)
-        (fit,) = fit_round(part, begun, models, sigma, gains=gains, coarse=True)
+        (fit,) = fit_round(part, np.where(wide, theta, np.nan), models, sigma, gains=gains, coarse=True)
         sound = wide & is_valid_step(theta, fit.theta)
         with np.errstate(invalid="ignore"):
-            moved = part.moved_px(extract_fields(theta), extract_fields(fit.theta[:FULL]))
-        theta = np.where(sound, fit.theta[:FULL], theta)
-        if not (moved[sound & where] > _SETTLED_PX).mean() > 0.02:
+            moved = part.moved_px(extract_fields(theta), extract_fields(fit.theta)) > _SETTLED_PX
+        theta = np.where(sound, fit.theta, theta)
+        if (moved & sound & where).sum() <= _MOST_FAR * (sound & where).sum():
             break
     return theta
 
@@ -473,12 +535,13 @@ def _with_fewer_frames(
     for square, variance in zip(found.squares, found.variances, strict=True):
         total = ((variance + square)[places] / np.maximum(usual, 1e-300)).sum(axis=0)
         totals.append(np.where(np.isfinite(total), total, np.inf))
-    at = which[::2, ::2]
+    step = lattice_step(settings.window_sigma_px)
+    at = which[::step, ::step]
     present = np.take_along_axis(np.stack(totals), np.maximum(at, 0)[None], axis=0)[0]
     best = np.argmin(totals, axis=0)
     better = found.worth & (np.min(totals, axis=0) < _BETTER * present)
-    changed = group.where & between(better, shape)
-    best = np.asarray(between(best, shape), dtype=np.intp)
+    changed = group.where & enlarged(better, step, shape)
+    best = enlarged(best, step, shape)
     usual_residual = estimate_noise(np.sqrt(refined.fit.residual[0]))
     with np.errstate(invalid="ignore"):
         all_fit = refined.fit.residual[0] <= (_EXPLAINED * usual_residual) ** 2

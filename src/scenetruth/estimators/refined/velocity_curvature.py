@@ -23,7 +23,6 @@ from scenetruth.estimators.refined.kernels.window_solver import (
     Fit,
     describe_element,
 )
-from scenetruth.estimators.refined.row_bands import RowBand
 
 __all__ = ["add_velocity", "remove_slopes", "remove_velocity", "smooth_velocity"]
 
@@ -116,32 +115,40 @@ def remove_slopes(theta: Map, smooth: Map) -> Map:
     return out
 
 
-def remove_velocity(band: RowBand, smooth: Map) -> None:
+def remove_velocity(products: Map, first_row: int, smooth: Map) -> None:
     """Remove a velocity from the normal equations of pixels, in place: their sides are M (d, q) + b."""
-    q = np.nan_to_num(smooth[:, band.first : band.first + band.products.shape[1]])
-    for field in range(7 if len(band.products) > SIDE_OF[4] else 4):
-        band.products[SIDE_OF[field]] -= sum(band.products[PAIR_OF[field, 1 + c]] * q[c] for c in range(3))
+    q = np.nan_to_num(smooth[:, first_row : first_row + products.shape[1]])
+    for field in range(7 if len(products) > SIDE_OF[4] else 4):
+        products[SIDE_OF[field]] -= sum(products[PAIR_OF[field, 1 + c]] * q[c] for c in range(3))
 
 
-def add_velocity(fit: Fit, smooth: Map, images: ImageStack, where: Mask) -> None:
-    """Add a velocity and its slopes to the parameters of an affine fit, in place, and to its rates if it has any."""
-    slopes = np.gradient(smooth, axis=(2, 1))
-    valid = where & np.isfinite(smooth[0]) & np.isfinite(slopes[0][0]) & np.isfinite(slopes[1][0])
+def add_velocity(fit: Fit, smooth: Map, images: ImageStack, where: Mask, step: int = 1) -> None:
+    """Add a velocity and its slopes to the parameters of an affine fit, in place, and to its rates if it has any.
+
+    ``smooth``: The velocity at all pixels, shape (3, y, x).
+    ``where``: Windows with a fit, at every n-th pixel, as the fit.
+    ``step``: Distance of the windows.
+    """
+    nodes = slice(None), slice(None, None, step), slice(None, None, step)
+    parts = [each[nodes] for each in (smooth, *np.gradient(smooth, axis=(2, 1)))]
+    valid = where & np.isfinite([each[0] for each in parts]).all(axis=0)
     for c, place in enumerate(VELOCITY_PLACES):
-        for offset, part in enumerate((smooth[c], slopes[0][c], slopes[1][c])):
-            fit.theta[place + offset][valid] += part[valid]
+        for offset, part in enumerate(parts):
+            fit.theta[place + offset][valid] += part[c][valid]
     if fit.element.shape[1:] == fit.theta.shape[1:]:
-        _describe_rates(fit.theta, valid, *images.centre, images.focal, fit.element)
+        _describe_rates(fit.theta, valid, step, *images.centre, images.focal, fit.element)
 
 
 @numba.njit(cache=True, nogil=True)
-def _describe_rates(theta: Any, where: Any, centre_x: float, centre_y: float, focal: float, element: Any) -> None:
+def _describe_rates(
+    theta: Any, where: Any, step: int, centre_x: float, centre_y: float, focal: float, element: Any
+) -> None:
     """Write the rotation and growth rates of affine parameters."""
     values, gradients = np.empty(VALUES), np.empty((FUNCTIONALS, theta.shape[0]))
     for y in range(where.shape[0]):
         for x in range(where.shape[1]):
             if where[y, x] and not np.isnan(theta[0, y, x]):
                 own = theta[:, y, x].copy()
-                describe_element(3, 3, own, x - centre_x, y - centre_y, focal, values, gradients)
+                describe_element(3, 3, own, x * step - centre_x, y * step - centre_y, focal, values, gradients)
                 for k in range(4, VALUES):
                     element[k, y, x] = values[k]
