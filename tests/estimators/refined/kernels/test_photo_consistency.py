@@ -6,7 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined import pose_corrections
-from scenetruth.estimators.refined.discontinuity_refit import BLOCK_PX, estimate_gain_offset, uniform_gain_offset
+from scenetruth.estimators.refined.discontinuity_refit import (
+    BLOCK_PX,
+    GainOffset,
+    estimate_gain_offset,
+    uniform_gain_offset,
+)
 from scenetruth.estimators.refined.image_stack import NO_DEFECTS
 from scenetruth.estimators.refined.kernels import photo_consistency, warp
 from scenetruth.estimators.refined.row_bands import NO_OCCLUSION
@@ -15,10 +20,7 @@ from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, Warpe
 
 def test_images_are_judged_by_their_variance(images: Array, fields: Array, warped: Warped) -> None:
     coefficients = _coefficients(images)
-    out = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    photo_consistency.judge_rows(
-        coefficients, VIEW, fields, NO_DEFECTS, *uniform_gain_offset(COUNT), BLOCK_PX, out, (0, HEIGHT)
-    )
+    out = _judged(coefficients, fields, uniform_gain_offset(COUNT))
     sides = [np.ones(COUNT, bool)]
     sides += [side for where in (VIEW.s, VIEW.t, VIEW.s_y) for side in (where <= 0, where >= 0)]
     for found, side in zip(out, sides, strict=True):
@@ -41,13 +43,8 @@ def test_gains_and_offsets_are_taken_away(images: Array, fields: Array) -> None:
     good = np.ones((HEIGHT, WIDTH), dtype=bool)
     found = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
     np.testing.assert_allclose(found.gain[:, 0, 0], gain / gain.mean(), rtol=1e-4)
-    out = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    photo_consistency.judge_rows(coefficients, VIEW, still, NO_DEFECTS, *found, BLOCK_PX, out, (0, HEIGHT))
-    assert np.nanmax(out) < 1e-6
-    photo_consistency.judge_rows(
-        coefficients, VIEW, still, NO_DEFECTS, *uniform_gain_offset(COUNT), BLOCK_PX, out, (0, HEIGHT)
-    )
-    assert np.nanmedian(out) > 1.0
+    assert np.nanmax(_judged(coefficients, still, found)) < 1e-6
+    assert np.nanmedian(_judged(coefficients, still, uniform_gain_offset(COUNT))) > 1.0
     # Blocks without good pixels have the brightness of others; without any, it is even.
     good[:, : WIDTH // 2] = False
     filled = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
@@ -119,6 +116,18 @@ def test_sums_over_blocks_are_those_of_plain_loops() -> None:
         ]  # fmt: skip
     # Grey values are of single precision: sums of 64 products of the order of 1.
     np.testing.assert_allclose(shifts.sums, expected, atol=1e-4)
+
+
+def _judged(coefficients: NDArray[np.float32], fields: Array, brightness: GainOffset) -> NDArray[np.float32]:
+    """Return the variances of the images of all sides, shape (7, y, x)."""
+    pixels = np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
+    out = np.empty((len(pixels), photo_consistency.SIDES), dtype=np.float32)
+    # Parts that end within rows.
+    for part in ((0, 100), (100, len(pixels))):
+        photo_consistency.judge_pixels(
+            coefficients, VIEW, fields, NO_DEFECTS, (brightness.gain, brightness.offset), BLOCK_PX, pixels, out, part
+        )
+    return np.ascontiguousarray(out.T.reshape(-1, HEIGHT, WIDTH))
 
 
 def _coefficients(images: Array) -> NDArray[np.float32]:
