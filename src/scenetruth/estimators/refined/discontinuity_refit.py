@@ -451,7 +451,7 @@ def _small_windows(images: ImageStack, start: Map, where: Mask, settings: Refine
     steady = model._replace(accelerated=False)
     stages = [(images.within(reach), steady) for reach in STAGES if reach < images.longest]
     fit = None
-    for part, each in [*stages, (images, model)]:
+    for part, each in [*stages, (images.few(), model)]:
         (fit,) = fit_round(part, np.where(where, state, np.nan), [each], sigma, gains=gains, coarse=True)
         state = fill_invalid_parameters(state, fit.theta)
     assert fit is not None
@@ -649,7 +649,7 @@ def _hidden(images: ImageStack, fields: Map, near: Mask) -> NDArray[np.uint8]:
     # Pixels as far away as points of different disparity and velocity are displaced relative to each other.
     inside = fields[:, near]
     displaced = np.concatenate([inside[:1], inside[0] * inside[1:]])
-    apart = np.nan_to_num(np.nanmax(displaced, axis=1) - np.nanmin(displaced, axis=1))
+    apart = np.nan_to_num(np.nanquantile(displaced, 0.99, axis=1) - np.nanquantile(displaced, 0.01, axis=1))
     rows, columns = _Pixels.of(near, math.ceil(float(apart @ _arms(images, len(fields)))) + 2).box
     box = rows.start, rows.stop, columns.start, columns.stop
     in_threads(partial(hide, view, fields, _SAME_PX / images.farthest, hidden, box=box), range(len(hidden)))

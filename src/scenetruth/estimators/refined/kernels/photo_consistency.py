@@ -251,7 +251,7 @@ def carry_models(
 
 
 # Means over a pixel and its neighbours, in a Gaussian window of a standard deviation of 1 px.
-_REACH = 3
+_REACH = 2
 _WEIGHTS = np.exp(-0.5 * np.arange(-_REACH, _REACH + 1) ** 2)
 _WEIGHTS = (_WEIGHTS / _WEIGHTS.sum()).astype(np.float32)
 
