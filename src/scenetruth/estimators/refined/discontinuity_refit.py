@@ -343,6 +343,7 @@ def refit_discontinuities(
     for distance in sorted({round(share * sigma) for share in _DISTANCES} - {0}, reverse=True):
         selection.spread(distance)
     theta = fill_invalid_parameters(fill_gaps(whole, np.asarray(np.isfinite(whole).all(axis=0))), selection.theta)
+    del selection
     found = _refit(images, theta, where, noise, settings)
     found, motion = _refit_motion_models(images, found, refined.motion, noise, settings)
     fit, seen, shares = found.pixels.spread(found.fit), found.seen, found.shares
