@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.fit_maps import carried
 from scenetruth.estimators.refined.kernels import member_lattice, window_solver
@@ -27,18 +28,22 @@ def fitted(theta: Array) -> window_solver.Fit:
     """Return the fit of all pixels in a single row, of values that vary linearly, known at nodes only."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     along = (2.0 + 0.1 * x + 0.2 * y).reshape(1, -1)
-    of = [np.stack([n + along for n in range(count)]) for count in (9, window_solver.VALUES, 11)]
+    variance, element, of_element = (
+        np.stack([n + along for n in range(count)]) for count in (9, window_solver.VALUES, window_solver.FUNCTIONALS)
+    )
     # Directions of either sign.
     sign = np.where((x // 2 + y // 2) % 2 == 0, 1.0, -1.0).reshape(1, -1)
-    of[1][window_solver.DIRECTION :] *= sign
-    fit = window_solver.Fit(theta.reshape(15, 1, -1).copy(), *of, along.copy(), np.stack([along, 3.0 * along]))
+    element[window_solver.DIRECTION :] *= sign
+    fit = window_solver.Fit(
+        theta.reshape(15, 1, -1).copy(), variance, element, of_element, along.copy(), np.stack([along, 3.0 * along])
+    )
     between = ((y % 2 == 1) | (x % 2 == 1)).ravel()
     for values in fit:
         values[..., between] = np.nan
     return fit
 
 
-def interpolated(begun: Array, theta: Array) -> tuple[window_solver.Fit, Array, np.ndarray]:
+def interpolated(begun: Array, theta: Array) -> tuple[window_solver.Fit, Array, NDArray[np.bool_]]:
     fit, pixels = fitted(theta), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
     index = np.arange(HEIGHT * WIDTH, dtype=np.int32).reshape(HEIGHT, WIDTH)
     nodes = member_lattice.is_node(pixels)
