@@ -579,7 +579,8 @@ def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: 
         of_windows = np.full((len(pixels.at), 2), np.nan)
         windows = [_Windows(sigma, fit, of_windows)]
         windows += [_Windows(finer, fine, np.empty_like(of_windows))] if last else []
-        hidden, wanted = _hidden(taken, fields, near), np.where(near, fields, np.nan)
+        hidden = _hidden(taken, fields, near)
+        wanted = np.where(near, fields, np.nan)
         for band in bands(taken, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
             for each in windows:
                 _solve(taken, band, fields, noise, model, pixels, begun, each)
