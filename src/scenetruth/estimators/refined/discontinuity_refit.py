@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,8 +14,10 @@ from numpy.typing import NDArray
 from scenetruth.estimators.method_settings import RefinedSettings
 from scenetruth.estimators.refined.fit_maps import (
     DISCONTINUITY_PX,
+    STEADY_PLACES,
+    VARIANCES,
     blank_fit,
-    carried,
+    carried_to,
     chosen_fit,
     differ,
     explained,
@@ -34,7 +37,14 @@ from scenetruth.estimators.refined.iterations import (
     is_valid_step,
     select_models,
 )
-from scenetruth.estimators.refined.kernels.photo_consistency import SIDES, hide, judge_rows
+from scenetruth.estimators.refined.kernels.member_lattice import interpolate_members, is_node
+from scenetruth.estimators.refined.kernels.photo_consistency import (
+    LANES,
+    carry_models,
+    compute_costs,
+    hide,
+    judge_pixels,
+)
 from scenetruth.estimators.refined.kernels.warp import ImageView, image_parts, warp_rows
 from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import solve_members
@@ -51,11 +61,8 @@ from scenetruth.estimators.refined.row_bands import (
     RowBand,
     around,
     bands,
-    local_means,
-    pieces,
     window_weights,
 )
-from scenetruth.schema.variables import MOTION_PLAIN
 from scenetruth.threads import in_threads
 
 __all__ = [
@@ -163,8 +170,9 @@ Map = NDArray[np.float64]
 
 _SIDE_COST = 1.05  # ratio by which the images of one side must agree better than all images
 _LEAST_JUDGED_SHARE = 0.3  # smallest fraction of the neighbourhood of a pixel with a valid cost
-_SAME_MODEL_PX = 1e-3  # models that displace a point by less than this in all images have the same residual
-_DIFFERENT_PX = 0.5  # models that displace a point by more than this in any image belong to different surfaces
+_SAME_MODEL_PX = 0.03  # models that displace a point by less than this in all images lead to the same fit
+_BETTER = 0.03  # decrease of the residual, in squares of the noise, below which the earlier of two models remains
+_JUDGED_PIXELS = 4000  # number of pixels per thread task
 
 
 class HypothesisSelection:
@@ -183,78 +191,82 @@ class HypothesisSelection:
         noise: float,
         steady: NDArray[np.bool_] | None = None,
     ) -> None:
-        self._images, self._where, self._square = images, where, noise**2
+        self._images, self._pixels, self._square = images, np.argwhere(where), noise**2
         self._stacks = [images.stack(channel) for channel in range(images.channels)]
         self._bad = images.bad_stack()
-        view, fields = images.view(), np.ascontiguousarray(extract_fields(theta))
+        self._view, self._fields = images.view(), np.ascontiguousarray(extract_fields(theta))
         self._brightness = [
-            uniform_gain_offset(len(view.s))
+            uniform_gain_offset(len(self._view.s))
             if steady is None
-            else estimate_gain_offset(stack, view, fields, self._bad, steady)
+            else estimate_gain_offset(stack, self._view, self._fields, self._bad, steady)
             for stack in self._stacks
         ]
+        self._arms = _arms(images, len(self._fields))
         self.theta = theta.copy()
-        self._sides = self._variances(np.where(where, fields, np.nan))
-        self.cost = self._cost(self._sides)
-        """Residual of the selected model, in squares of the noise."""
-        self.rival = np.full(images.shape, np.inf, dtype=np.float32)
-        """Smallest residual of any other model that belongs to another surface."""
+        """Parameters of the selected models."""
+        self._sides = np.full((*images.shape, LANES), np.nan, dtype=np.float32)
+        rows, columns = self._pixels.T
+        self._sides[rows, columns] = self._judge(self._pixels)
+        self._cost = self._residual(self._pixels)
 
     def offer(self, theta: Map) -> None:
         """Select models where they explain the images better; parameters are (15 or 18, y, x), NaN where invalid."""
-        fields = extract_fields(theta)
-        with np.errstate(invalid="ignore"):
-            moved = self._images.moved_px(extract_fields(self.theta), fields)
-            other = ~(moved <= _DIFFERENT_PX)
-            # Models that agree with those selected have the same residual.
-            new = self._where & ~(moved <= _SAME_MODEL_PX)
-            if not new.any():
-                return
-            sides = np.where(new, self._variances(np.where(new, fields, np.nan)), self._sides)
-            cost = self._cost(sides)
-            # The margin covers the effect of noise: of equivalent models, the earlier one remains.
-            better = cost < self.cost - 0.03
-        worse = np.where(better, self.cost, cost)
-        self.rival[other] = np.minimum(self.rival, worse)[other]
-        self.theta[:, better] = theta[:, better]
-        self.cost[better] = cost[better]
-        self._sides[:, better] = sides[:, better]
+        self._try(theta, 0, 0)
 
     def spread(self, distance: int) -> None:
         """Try the models of the eight pixels at a distance, at every pixel."""
         for down in (-distance, 0, distance):
             for right in (-distance, 0, distance):
                 if right or down:
-                    self.offer(carried(self.theta, right, down))
+                    self._try(self.theta, right, down)
 
-    def _variances(self, fields: Map) -> NDArray[np.float32]:
-        """Return the variances of the images of `SIDES` for fields, NaN where not wanted."""
-        sides = np.empty((SIDES, *self._images.shape), dtype=np.float32)
-        fields = np.ascontiguousarray(fields)
-        if len(self._stacks) == 1:
-            self._judge(0, fields, sides)
-            return sides
-        total = np.zeros_like(sides)
-        for channel in range(len(self._stacks)):
-            self._judge(channel, fields, sides)
+    def _try(self, source: Map, right: int, down: int) -> None:
+        """Select the models of the pixels at an offset where they explain the images better."""
+        moved = np.empty(len(self._pixels))
+        fixed = source, self.theta, self._pixels, (right, down), self._arms, self._fields, moved
+        in_threads(partial(carry_models, *fixed), _parts(len(self._pixels)))
+        with np.errstate(invalid="ignore"):
+            numbers = np.flatnonzero(moved > _SAME_MODEL_PX)
+        pixels = self._pixels[numbers]
+        rows, columns = pixels.T
+        before = self._sides[rows, columns]
+        self._sides[rows, columns] = self._judge(pixels)
+        cost = self._residual(pixels)
+        # The margin covers the effect of noise: of equivalent models, the earlier one remains.
+        better = cost < self._cost[numbers] - _BETTER
+        self._sides[rows[~better], columns[~better]] = before[~better]
+        self._cost[numbers[better]] = cost[better]
+        chosen = rows[better], columns[better]
+        self.theta[:, *chosen] = carried_to(source, *chosen, right, down)
+
+    def _judge(self, pixels: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the variances of the images of `SIDES` at pixels, NaN where not valid, shape (n, 8)."""
+        total = np.zeros((len(pixels), LANES), dtype=np.float32)
+        for stack, brightness in zip(self._stacks, self._brightness, strict=True):
+            sides = np.full_like(total, np.nan)
+            pair = brightness.gain, brightness.offset
+            judge = partial(judge_pixels, stack, self._view, self._fields, self._bad, pair, BLOCK_PX, pixels, sides)
+            in_threads(judge, _parts(len(pixels)))
             total += sides / len(self._stacks)
         return total
 
-    def _judge(self, channel: int, fields: Map, out: NDArray[np.float32]) -> None:
-        stack, brightness = self._stacks[channel], self._brightness[channel]
-        judge = partial(judge_rows, stack, self._images.view(), fields, self._bad, *brightness, BLOCK_PX, out)
-        in_threads(judge, pieces(0, self._images.shape[0]))
+    def _residual(self, pixels: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the residual over pixels and their neighbours, in squares of the noise."""
+        out = np.empty(len(pixels), dtype=np.float32)
+        fixed = self._sides, pixels, _LEAST_JUDGED_SHARE, _SIDE_COST, out
+        in_threads(partial(compute_costs, *fixed), _parts(len(pixels)))
+        return out / np.float32(self._square)
 
-    def _cost(self, sides: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the residual over every pixel and its neighbours, in squares of the noise."""
-        best = np.full(self._images.shape, np.inf, dtype=np.float32)
-        for side in range(SIDES):
-            known = np.isfinite(sides[side])
-            share = local_means(known.astype(np.float32))
-            mean = local_means(np.where(known, sides[side], np.float32(0.0))) / np.maximum(share, _LEAST_JUDGED_SHARE)
-            cost = np.where(share > _LEAST_JUDGED_SHARE, mean, np.inf) * (1.0 if side == 0 else _SIDE_COST)
-            best = np.minimum(best, cost / self._square)
-        return best
+
+def _parts(count: int) -> list[tuple[int, int]]:
+    """Return the ranges of pixels of the thread tasks."""
+    return [(n, min(n + _JUDGED_PIXELS, count)) for n in range(0, count, _JUDGED_PIXELS)]
+
+
+def _arms(images: ImageStack, fields: int) -> Map:
+    """Return the displacements in px by a unit of disparity, and by one of velocity, as `ImageStack.moved_px`."""
+    each = images.longest * np.array([1.0, 1.0, images.aside])
+    return np.array([images.farthest, *each, *(0.5 * images.longest * each)])[:fields]
 
 
 Mask = NDArray[np.bool_]
@@ -266,10 +278,18 @@ _SMALL, _FINAL = 0.4, 2 / 3
 _LEAST_SIGMA_PX = 1.5
 # Points whose disparities differ by less than this at the farthest camera do not occlude each other.
 _SAME_PX = 0.75
+# Distances over which models are tried at other pixels, in standard deviations of the full window.
+_DISTANCES = (1.6, 1.0, 0.5, 1 / 6)
 _ROUNDS = 2
+# Largest displacement between the models of adjacent pixels that belong to one surface, and between fits to its pixels
+# that vary smoothly, in px.
+_ONE_SURFACE_PX, _SMOOTH_PX = 0.25, 0.05
 # Distance, in half-widths of the full window, over which richer motion models are tried.
 _REACH_HALF_WINDOWS = 2
-_PIXELS = 2000
+_PIXELS = 1000
+# Distance from the pixels up to which images are warped, in half-widths of the window; smallest standard deviation of
+# windows that are interpolated.
+_MARGIN, _LEAST_LATTICE_SIGMA_PX = 2.0, 2.0
 # Smallest fraction of the images in which a pixel is visible; smallest valid fraction of a window; and largest distance
 # of the texture centroid from the window centre in standard deviations: at a straight outline it is 0.8.
 _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
@@ -320,12 +340,13 @@ def refit_discontinuities(
     steady = ~where if settings.photometric_model == "per_image" else None
     selection = HypothesisSelection(images.few(), whole, where, noise, steady)
     selection.offer(_small_windows(images, start, where, settings))
-    for distance in sorted({round(1.6 * sigma), round(sigma), round(sigma / 2), 2, 1} - {0}, reverse=True):
+    for distance in sorted({round(share * sigma) for share in _DISTANCES} - {0}, reverse=True):
         selection.spread(distance)
     theta = fill_invalid_parameters(fill_gaps(whole, np.asarray(np.isfinite(whole).all(axis=0))), selection.theta)
+    del selection
     found = _refit(images, theta, where, noise, settings)
-    found, motion = _refit_motion_models(images, found, where, refined.motion, noise, settings)
-    fit, seen, shares = found.fit, found.seen, found.shares
+    found, motion = _refit_motion_models(images, found, refined.motion, noise, settings)
+    fit, seen, shares = found.pixels.spread(found.fit), found.seen, found.shares
     # Full windows are kept where their result is the same, because their noise is the smallest.
     fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.max_residual_ratio * noise)
     surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma))
@@ -423,7 +444,7 @@ def _plain(images: ImageStack, settings: RefinedSettings) -> Model:
 
 
 def _small_windows(images: ImageStack, start: Map, where: Mask, settings: RefinedSettings) -> Map:
-    """Fit small windows with a single velocity each, with frames added in stages."""
+    """Fit small windows at every other row and column with a single velocity each, with frames added in stages."""
     model = _plain(images, settings)
     model = model._replace(gradient=0) if model.surface > 0 else model
     sigma, gains = max(_LEAST_SIGMA_PX, _SMALL * settings.window_sigma_px), settings.photometric_model == "per_image"
@@ -431,18 +452,70 @@ def _small_windows(images: ImageStack, start: Map, where: Mask, settings: Refine
     steady = model._replace(accelerated=False)
     stages = [(images.within(reach), steady) for reach in STAGES if reach < images.longest]
     fit = None
-    for part, each in [*stages, (images, model), (images, model)]:
-        (fit,) = fit_round(part, np.where(where, state, np.nan), [each], sigma, gains=gains)
+    for part, each in [*stages, (images.few(), model)]:
+        (fit,) = fit_round(part, np.where(where, state, np.nan), [each], sigma, gains=gains, coarse=True)
         state = fill_invalid_parameters(state, fit.theta)
     assert fit is not None
     return fit.theta
 
 
 @dataclass(frozen=True, eq=False)
+class _Pixels:
+    """Pixels of a mask, whose fits are maps of a single row."""
+
+    where: Mask
+    at: NDArray[np.int64]
+    """Rows and columns, shape (n, 2)."""
+    box: tuple[slice, slice]
+    """Rows and columns around the pixels, with a margin for means over windows."""
+
+    @classmethod
+    def of(cls, where: Mask, margin: int) -> _Pixels:
+        """Return the pixels of a mask."""
+        at = np.argwhere(where)
+        box = []
+        for axis, size in enumerate(where.shape):
+            first, last = (int(at[:, axis].min()), int(at[:, axis].max())) if len(at) else (0, 0)
+            box.append(slice(max(first - margin, 0), min(last + margin + 1, size)))
+        return cls(where, at, (box[0], box[1]))
+
+    def taken(self, maps: NDArray[Any]) -> NDArray[Any]:
+        """Return the values of maps (n, y, x) or (y, x) at the pixels."""
+        return np.asarray(maps[..., self.where][..., None, :])
+
+    def spread(self, fit: Fit, box: tuple[slice, slice] | None = None) -> Fit:
+        """Return a fit as maps of the image, or of its rows and columns in a box, NaN at all other pixels."""
+        return Fit._make(self._maps(values, box) for values in fit)
+
+    def compared(self, fit: Fit) -> Fit:
+        """Return disparity and velocity of a fit, with their variances, as maps of the box; others have no meaning."""
+        shape = self.where[self.box].shape
+        theta, variance = np.empty((len(fit.theta), *shape)), np.empty((len(fit.variance), *shape))
+        for place, number in zip(STEADY_PLACES, VARIANCES, strict=True):
+            theta[place] = self._maps(fit.theta[place], self.box)
+            variance[number] = self._maps(fit.variance[number], self.box)
+        return fit._replace(theta=theta, variance=variance)
+
+    def _maps(self, values: NDArray[Any], box: tuple[slice, slice] | None) -> NDArray[Any]:
+        where = self.where if box is None else self.where[box]
+        out = np.full((*values.shape[:-2], *where.shape), np.nan, dtype=values.dtype)
+        inside: Any = slice(None)
+        if box is not None:
+            (rows, columns), (down, right) = self.at.T, box
+            inside = (rows >= down.start) & (rows < down.stop) & (columns >= right.start) & (columns < right.stop)
+        out[..., where] = values[..., 0, inside]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
 class _Refit:
     """Fits to the pixels of the central surface of each window."""
 
+    pixels: _Pixels
     fit: Fit
+    """Fits of the pixels, as maps of a single row."""
+    theta: Map
+    """Parameters without gaps, at all pixels of the image."""
     seen: PixelEvidence
     """Residual and gradient of every pixel by itself."""
     shares: Map
@@ -450,83 +523,136 @@ class _Refit:
 
 
 def _refit_motion_models(
-    images: ImageStack, found: _Refit, where: Mask, beside: NDArray[np.int8], noise: float, settings: RefinedSettings
+    images: ImageStack, found: _Refit, beside: NDArray[np.int8], noise: float, settings: RefinedSettings
 ) -> tuple[_Refit, NDArray[np.int8]]:
     """Fit the motion models of nearby full windows where they are not the plain one; return the fit and the models."""
-    known = np.asarray(np.isfinite(found.fit.theta).all(axis=0))
+    known = np.zeros(images.shape, dtype=np.bool_)
+    known[found.pixels.where] = np.isfinite(found.fit.theta).all(axis=(0, 1))
     reach = _REACH_HALF_WINDOWS * (window_weights(settings.window_sigma_px).shape[2] // 2)
-    near = {
-        motion: where & known & around(beside == motion.number, reach)
-        for motion in list_motion_models(images, settings)
-    }
+    near = {motion: known & around(beside == motion.number, reach) for motion in list_motion_models(images, settings)}
     richer = [motion for motion, tried in near.items() if tried.any()]
+    which = np.zeros(images.shape, dtype=np.int8)
     if not richer:
-        return found, np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
-    seen, shares = found.seen, found.shares
+        return found, encode_motion_models(which, richer)
+    sigma = _final_sigma(settings.window_sigma_px)
+    # Differences are averaged over twice the window.
+    tried = _Pixels.of(np.logical_or.reduce([near[motion] for motion in richer]), math.ceil(8 * sigma))
+    box, seen, shares = tried.box, found.seen, found.shares
 
     def trials() -> Iterator[MotionModelTrial]:
-        theta = fill_gaps(found.fit.theta, known)
+        theta = found.theta
         for motion in richer:
-            theta = motion.begun(theta)
-            made = _refit(motion.images, theta, near[motion], noise, motion.settings)
-            theta = np.where(near[motion] & is_valid_step(theta, made.fit.theta), made.fit.theta, theta)
+            made = _refit(motion.images, motion.begun(theta), near[motion], noise, motion.settings)
+            theta = made.theta
 
             def take(other: Mask, made: _Refit = made) -> None:
                 nonlocal seen, shares
-                seen, shares = seen.chosen(other, made.seen), np.where(other, made.shares, shares)
+                taken = np.zeros(images.shape, dtype=np.bool_)
+                taken[box] = other
+                seen, shares = seen.chosen(taken, made.seen), np.where(taken, made.shares, shares)
 
-            yield MotionModelTrial(made.fit, motion.images is images, take)
+            yield MotionModelTrial(made.pixels.spread(made.fit, box), motion.images is images, take)
 
-    sigma = _final_sigma(settings.window_sigma_px)
-    tried = [near[motion] for motion in richer]
-    fit, which = choose_motion_model(found.fit, trials(), tried, sigma, settings.max_residual_ratio * noise)
-    return _Refit(fit, seen, shares), encode_motion_models(which, richer)
+    plain, among = found.pixels.spread(found.fit, box), [near[motion][box] for motion in richer]
+    fit, which[box] = choose_motion_model(plain, trials(), among, sigma, settings.max_residual_ratio * noise)
+    changed = tried.where[found.pixels.where]
+    for values, chosen in zip(found.fit, fit, strict=True):
+        np.asarray(values)[..., 0, changed] = np.asarray(chosen)[..., tried.where[box]]
+    return replace(found, seen=seen, shares=shares), encode_motion_models(which, richer)
 
 
 def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: RefinedSettings) -> _Refit:
+    """Fit the pixels of a mask from parameters (15 or 18, y, x), which are updated in place."""
     sigma, finer = (max(_LEAST_SIGMA_PX, share * settings.window_sigma_px) for share in (_FINAL, _SMALL))
-    gains = settings.photometric_model == "per_image"
-    shares = np.full((2, *images.shape), np.nan)
-    seen, model = PixelEvidence.blank(images.shape), _plain(images, settings)
-    reach = 3 * (window_weights(sigma).shape[2] // 2)
-    fit = fine = blank_fit(theta, variances=True)
-    for number in range(_ROUNDS):
-        fields = np.ascontiguousarray(extract_fields(theta))
-        hidden = _hidden(images, fields)
+    gains, model = settings.photometric_model == "per_image", _plain(images, settings)
+    pixels = _Pixels.of(where, math.ceil(4 * sigma))
+    shares, seen = np.full((2, *images.shape), np.nan), PixelEvidence.blank(images.shape)
+    # Windows of the gains extend beyond the windows of the fit.
+    near = around(where, math.ceil(_MARGIN * (window_weights(sigma).shape[2] // 2)))
+    # Fewer images suffice for the first step.
+    first = images if model.accelerated else images.few()
+    fit = fine = blank_fit(np.zeros((len(theta), 1, 0)), variances=True)
+    for number, taken in enumerate((first, images)):
         last = number == _ROUNDS - 1
-        fit, fine = (blank_fit(theta, variances=last) for _ in range(2))
-        wanted = np.where(around(where, reach), fields, np.nan)
-        for band in bands(images, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
-            seen.put(band)
-            inner = np.zeros(images.shape, dtype=np.bool_)
-            inner[band.top : band.bottom] = where[band.top : band.bottom]
-            shares[:, inner] = _solve(images, band, fields, noise, sigma, model, fit, inner)
+        begun, fields = pixels.taken(theta), np.ascontiguousarray(extract_fields(theta))
+        fit, fine = (blank_fit(begun, variances=last, element=last) for _ in range(2))
+        of_windows = np.full((len(pixels.at), 2), np.nan)
+        windows = [_Windows(sigma, fit, of_windows)]
+        windows += [_Windows(finer, fine, np.empty_like(of_windows))] if last else []
+        hidden = _hidden(taken, fields, near)
+        wanted = np.where(near, fields, np.nan)
+        for band in bands(taken, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
+            for each in windows:
+                _solve(taken, band, fields, noise, model, pixels, begun, each)
             if last:
-                _solve(images, band, fields, noise, finer, model, fine, inner)
-        theta = np.where(where & is_valid_step(theta, fit.theta), fit.theta, theta)
-    uneven = differ(fit, fine, finer, motion=True)
-    return _Refit(chosen_fit(uneven, with_bias(fine, fit, finer, sigma), fit), seen, shares)
+                seen.put(band)
+        shares[:, where] = of_windows.T
+        theta[:, where] = np.where(is_valid_step(begun, fit.theta), fit.theta, begun)[:, 0]
+    pair = pixels.compared(fine), pixels.compared(fit)
+    inner = where[pixels.box]
+    uneven = differ(pair[1], pair[0], finer, motion=True)[inner][None]
+    biased = with_bias(*pair, finer, sigma).variance
+    for number in VARIANCES:
+        fine.variance[number] = biased[number, inner]
+    return _Refit(pixels, chosen_fit(uneven, fine, fit), theta, seen, shares)
+
+
+class _Windows(NamedTuple):
+    """Windows of one size."""
+
+    sigma: float
+    fit: Fit
+    shares: Map
 
 
 def _solve(
-    images: ImageStack, band: RowBand, fields: Map, noise: float, sigma: float, model: Model, fit: Fit, where: Mask
-) -> Map:
-    """Fit the windows around the pixels of a band, and return the output of `solve_members`."""
-    pixels = np.argwhere(where)
-    found = np.empty((len(pixels), 2))
+    images: ImageStack,
+    band: RowBand,
+    fields: Map,
+    noise: float,
+    model: Model,
+    pixels: _Pixels,
+    begun: Map,
+    windows: _Windows,
+) -> None:
+    """Fit the windows around the pixels of a band, every other one of them where the fits vary smoothly."""
     limit = _compute_residual_limit(band.gradient, noise)
     reach = np.array([images.farthest, images.longest, images.aside, DISCONTINUITY_PX])
-    fixed = band.by_pixel, limit, fields, reach, window_weights(sigma), model, images.view(), band.first, fit
-    solve = partial(solve_members, *fixed, pixels, found)
-    in_threads(solve, [(n, min(n + _PIXELS, len(pixels))) for n in range(0, len(pixels), _PIXELS)])
-    return found.T
+    fixed = band.by_pixel, limit, fields, reach, window_weights(windows.sigma), model, images.view(), band.first
+
+    def solve(numbers: NDArray[np.int64]) -> None:
+        solve_members(*fixed, windows.fit, pixels.at, windows.shares, numbers)
+
+    def solve_all(numbers: NDArray[np.int64]) -> None:
+        in_threads(solve, [numbers[n : n + _PIXELS] for n in range(0, len(numbers), _PIXELS)])
+
+    inside = (pixels.at[:, 0] >= band.top) & (pixels.at[:, 0] < band.bottom)
+    if windows.sigma < _LEAST_LATTICE_SIGMA_PX:
+        solve_all(np.flatnonzero(inside))
+        return
+    nodes = inside & is_node(pixels.at)
+    solve_all(np.flatnonzero(nodes))
+    left = inside & ~nodes
+    index = np.full(images.shape, -1, dtype=np.int32)
+    index[pixels.where] = np.arange(len(pixels.at))
+    nodes &= np.isfinite(windows.fit.theta[0, 0])
+    arms, limits = _arms(images, len(fields)), (_ONE_SURFACE_PX, _SMOOTH_PX)
+    each = pixels.at, index, nodes, begun, windows.fit, windows.shares, arms, limits, left
+    in_threads(partial(interpolate_members, *each), _parts(len(pixels.at)))
+    solve_all(np.flatnonzero(left))
 
 
-def _hidden(images: ImageStack, fields: Map) -> NDArray[np.uint8]:
-    """Return the images in which each pixel is occluded, as bits; empty for one camera."""
-    if images.farthest == 0.0:
+def _hidden(images: ImageStack, fields: Map, near: Mask) -> NDArray[np.uint8]:
+    """Return the images in which each pixel is occluded, as bits; empty for one camera; zero far from a mask."""
+    if images.farthest == 0.0 or not near.any():
         return NO_OCCLUSION
     view = images.view()
-    hidden = np.empty((-(-len(view.s) // 8), *images.shape), dtype=np.uint8)
-    in_threads(partial(hide, view, fields, _SAME_PX / images.farthest, hidden), range(len(hidden)))
+    hidden = np.zeros((-(-len(view.s) // 8), *images.shape), dtype=np.uint8)
+    # Pixels as far away as points of different disparity and velocity are displaced relative to each other.
+    inside = fields[:, near]
+    displaced = np.concatenate([inside[:1], inside[0] * inside[1:]])
+    apart = np.nan_to_num(np.nanquantile(displaced, 0.99, axis=1) - np.nanquantile(displaced, 0.01, axis=1))
+    rows, columns = _Pixels.of(near, math.ceil(float(apart @ _arms(images, len(fields)))) + 2).box
+    box = rows.start, rows.stop, columns.start, columns.stop
+    in_threads(partial(hide, view, fields, _SAME_PX / images.farthest, hidden, box=box), range(len(hidden)))
     return hidden

@@ -17,10 +17,12 @@ __all__ = [
     "DISCONTINUITY_PX",
     "LEAST_PX",
     "STEADY_PLACES",
+    "VARIANCES",
     "accelerated",
     "between",
     "blank_fit",
     "carried",
+    "carried_to",
     "chosen_fit",
     "differ",
     "every_other",
@@ -36,6 +38,8 @@ __all__ = [
 
 STEADY_PLACES = [0, 6, 9, 12]
 """Indices of d, q_X, q_Y and q_Z among the parameters."""
+VARIANCES = (0, 3, 4, 5)
+"""Their indices among the variances."""
 CURVATURES = [3, 4, 5]
 """Indices of d_xx, d_xy and d_yy."""
 _ACCELERATION = [15, 16, 17]
@@ -80,6 +84,13 @@ def carried(theta: Map, right: int, down: int) -> Map:
     from_rows = slice(max(-down, 0), height + min(-down, 0))
     out[:, rows, columns] = _moved(theta[:, from_rows, max(-right, 0) : width + min(-right, 0)], right, down)
     return out
+
+
+def carried_to(
+    theta: Map, rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]], right: int, down: int
+) -> Map:
+    """Return the parameters (15 or 18, n) at some pixels that follow from the models of the pixels at an offset."""
+    return _moved(theta[:, rows - down, columns - right], right, down)
 
 
 def _moved(p: Map, right: int, down: int) -> Map:
@@ -185,7 +196,7 @@ def _changes(
 ) -> Iterator[tuple[int, int, Map, Map]]:
     """Yield index and variance index of disparity and velocity, their squared change, and that due to noise."""
     before, share = np.zeros(0, dtype=np.bool_), np.zeros(0)
-    for place, number, per_px in list(zip(STEADY_PLACES, (0, 3, 4, 5), _PER_PX, strict=True))[:fields]:
+    for place, number, per_px in list(zip(STEADY_PLACES, VARIANCES, _PER_PX, strict=True))[:fields]:
         with np.errstate(invalid="ignore"):
             # A curved surface in full windows may be less certain than a plane in small windows.
             floor = LEAST_PX * per_px / (1.0 if place == 0 else np.maximum(np.abs(coarse.theta[0]), 1e-3))

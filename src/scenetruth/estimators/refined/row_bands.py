@@ -80,10 +80,10 @@ class RowBand:
     """Products of each subset of the frames, as `products`."""
 
     @cached_property
-    def by_pixel(self) -> Map:
+    def by_pixel(self) -> NDArray[np.float32]:
         """Products of each pixel together, shape (rows, width, 24 or 48): those of `products` and zeros."""
         count, rows, width = self.products.shape
-        out = np.zeros((rows, width, -(-count // _LANES) * _LANES))
+        out = np.zeros((rows, width, -(-count // _LANES) * _LANES), dtype=np.float32)
 
         def copy(part: tuple[int, int]) -> None:
             out[part[0] : part[1], :, :count] = self.products[:, part[0] : part[1]].transpose(1, 2, 0)

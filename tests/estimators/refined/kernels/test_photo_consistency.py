@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined import pose_corrections
-from scenetruth.estimators.refined.discontinuity_refit import BLOCK_PX, estimate_gain_offset, uniform_gain_offset
-from scenetruth.estimators.refined.image_stack import NO_DEFECTS
+from scenetruth.estimators.refined import fit_maps, pose_corrections
+from scenetruth.estimators.refined.discontinuity_refit import (
+    BLOCK_PX,
+    GainOffset,
+    estimate_gain_offset,
+    uniform_gain_offset,
+)
+from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack
 from scenetruth.estimators.refined.kernels import photo_consistency, warp
 from scenetruth.estimators.refined.row_bands import NO_OCCLUSION
 from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, Warped
@@ -15,10 +20,7 @@ from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, Warpe
 
 def test_images_are_judged_by_their_variance(images: Array, fields: Array, warped: Warped) -> None:
     coefficients = _coefficients(images)
-    out = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    photo_consistency.judge_rows(
-        coefficients, VIEW, fields, NO_DEFECTS, *uniform_gain_offset(COUNT), BLOCK_PX, out, (0, HEIGHT)
-    )
+    out = _judged(coefficients, fields, uniform_gain_offset(COUNT))
     sides = [np.ones(COUNT, bool)]
     sides += [side for where in (VIEW.s, VIEW.t, VIEW.s_y) for side in (where <= 0, where >= 0)]
     for found, side in zip(out, sides, strict=True):
@@ -41,13 +43,8 @@ def test_gains_and_offsets_are_taken_away(images: Array, fields: Array) -> None:
     good = np.ones((HEIGHT, WIDTH), dtype=bool)
     found = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
     np.testing.assert_allclose(found.gain[:, 0, 0], gain / gain.mean(), rtol=1e-4)
-    out = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
-    photo_consistency.judge_rows(coefficients, VIEW, still, NO_DEFECTS, *found, BLOCK_PX, out, (0, HEIGHT))
-    assert np.nanmax(out) < 1e-6
-    photo_consistency.judge_rows(
-        coefficients, VIEW, still, NO_DEFECTS, *uniform_gain_offset(COUNT), BLOCK_PX, out, (0, HEIGHT)
-    )
-    assert np.nanmedian(out) > 1.0
+    assert np.nanmax(_judged(coefficients, still, found)) < 1e-6
+    assert np.nanmedian(_judged(coefficients, still, uniform_gain_offset(COUNT))) > 1.0
     # Blocks without good pixels have the brightness of others; without any, it is even.
     good[:, : WIDTH // 2] = False
     filled = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
@@ -119,6 +116,72 @@ def test_sums_over_blocks_are_those_of_plain_loops() -> None:
         ]  # fmt: skip
     # Grey values are of single precision: sums of 64 products of the order of 1.
     np.testing.assert_allclose(shifts.sums, expected, atol=1e-4)
+
+
+def test_models_of_other_pixels_are_those_of_their_shifted_maps() -> None:
+    generator = np.random.default_rng(4)
+    source, own = (generator.normal(3.0, 0.1, (18, HEIGHT, WIDTH)) for _ in range(2))
+    source[:, 5, 7], own[:, 9, 11] = np.nan, np.nan
+    images = ImageStack(
+        [np.zeros((1, 5, HEIGHT, WIDTH), dtype=np.float32)] * 3,
+        np.stack([np.arange(-2.0, 3.0), np.zeros(5)], axis=-1),
+        np.array([-1.5, 0.0, 1.0]),
+        300.0,
+        (30.0, 20.0),
+        np.zeros((15, 4)),
+    )
+    pixels = np.argwhere(generator.random((HEIGHT, WIDTH)) < 0.5)
+    arms = np.array([2.0, 1.5, 1.5, 0.15, 1.125, 1.125, 0.1125])
+    for right, down in ((0, 0), (3, -2), (-1, 4)):
+        fields, moved = np.full((7, HEIGHT, WIDTH), np.nan), np.empty(len(pixels))
+        photo_consistency.carry_models(source, own, pixels, (right, down), arms, fields, moved, (0, len(pixels)))
+        expected = fit_maps.extract_fields(fit_maps.carried(source, right, down))
+        apart = images.moved_px(fit_maps.extract_fields(own), expected)
+        apart[np.isnan(own[0]) & np.isfinite(expected[0])] = np.inf
+        rows, columns = pixels.T
+        known = np.isfinite(expected[0, rows, columns])
+        np.testing.assert_array_equal(np.isnan(moved), ~known)
+        np.testing.assert_allclose(moved, apart[rows, columns], rtol=1e-12)
+        found, wanted = fields[:, rows[known], columns[known]], expected[:, rows[known], columns[known]]
+        np.testing.assert_allclose(found, wanted, rtol=1e-12)
+
+
+def test_costs_are_means_of_the_variances_of_the_best_side() -> None:
+    from scipy import ndimage
+
+    generator = np.random.default_rng(6)
+    sides = generator.uniform(0.5, 2.0, (HEIGHT, WIDTH, photo_consistency.LANES)).astype(np.float32)
+    sides[generator.random(sides.shape) < 0.5] = np.nan
+    sides[:10, :10] = np.nan
+    pixels, out = np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool)), np.empty(HEIGHT * WIDTH, dtype=np.float32)
+    photo_consistency.compute_costs(sides, pixels, 0.3, 1.1, out, (0, len(pixels)))
+    best = np.full((HEIGHT, WIDTH), np.inf)
+    for side in range(photo_consistency.SIDES):
+        known = np.isfinite(sides[..., side])
+        share, total = (
+            ndimage.gaussian_filter(values.astype(float), 1.0, truncate=2.0)
+            for values in (known, np.where(known, sides[..., side], 0.0))
+        )
+        mean = np.where(share > 0.3, total / np.maximum(share, 0.3), np.inf)
+        best = np.minimum(best, mean if side == 0 else 1.1 * mean)
+    assert np.isinf(best).any()
+    # Shares at the limit are left to rounding.
+    close = np.isfinite(best) == np.isfinite(out.reshape(best.shape))
+    assert close.mean() > 0.999
+    both = close & np.isfinite(best)
+    np.testing.assert_allclose(out.reshape(best.shape)[both], best[both], rtol=2e-6)
+
+
+def _judged(coefficients: NDArray[np.float32], fields: Array, brightness: GainOffset) -> NDArray[np.float32]:
+    """Return the variances of the images of all sides, shape (7, y, x)."""
+    pixels = np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
+    out = np.empty((len(pixels), photo_consistency.SIDES), dtype=np.float32)
+    # Parts that end within rows.
+    for part in ((0, 100), (100, len(pixels))):
+        photo_consistency.judge_pixels(
+            coefficients, VIEW, fields, NO_DEFECTS, (brightness.gain, brightness.offset), BLOCK_PX, pixels, out, part
+        )
+    return np.ascontiguousarray(out.T.reshape(-1, HEIGHT, WIDTH))
 
 
 def _coefficients(images: Array) -> NDArray[np.float32]:

@@ -30,8 +30,10 @@ def fitted_to_members(products: Array, fields: Array, limit: float, reach: float
     shares = np.empty((len(pixels), 2))
     limits, bounds = np.full((HEIGHT, WIDTH), limit), np.array([1.0, 1.0, 0.1, reach])
     rows, model = np.ascontiguousarray(products.transpose(1, 2, 0)), model_of(products)
+    in_one_row = window_solver.Fit._make(each.reshape(*each.shape[:-2], 1, -1) for each in fit)
+    numbers = np.arange(len(pixels))
     window_sums.solve_members(
-        rows, limits, fields, bounds, window_weights(3.0), model, VIEW, 0, fit, pixels, shares, (0, len(pixels))
+        rows, limits, fields, bounds, window_weights(3.0), model, VIEW, 0, in_one_row, pixels, shares, numbers
     )
     return fit, shares.T.reshape(2, HEIGHT, WIDTH)
 

@@ -207,7 +207,39 @@ def _belongs(
     return bool(total <= limit * products[v, u, 15])
 
 
+@_jit
+def _displacements(several: int, theta: Any, x: int, y: int, fields: Any, v: int, u: int, reach: Any, out: Any) -> None:
+    """Write by how many px the parameters of a window displace the points of a row of pixels, NaN where unknown.
+
+    ``x``, ``y``: The first pixel relative to the centre of the window; ``u``, ``v``: its column and row in the image.
+    """
+    d = fields[0, v, u : u + out.size]
+    for n in range(out.size):
+        right = float(x + n)
+        step = theta[0] + theta[1] * right + theta[2] * y + right * (theta[3] * right + theta[4] * y) + theta[5] * y * y
+        out[n] = abs(step - d[n]) * reach[0]
+    for k in range(1, several):
+        own = fields[k, v, u : u + out.size]
+        arm = reach[1] * (reach[2] if k == 3 or k == 6 else 1.0)
+        if k < STEADY:
+            begun, along = theta[3 + 3 * k] + theta[5 + 3 * k] * y, theta[4 + 3 * k]
+        else:
+            begun, along = theta[FULL + k - STEADY], 0.0
+            arm *= 0.5 * reach[1]
+        for n in range(out.size):
+            moved = abs(begun + along * float(x + n) - own[n]) * abs(d[n]) * arm
+            out[n] = moved if moved > out[n] else out[n]
+
+
+# Points that the parameters of a window displace by less than this share of the largest displacement have no other
+# residual.
+_CLOSE = 0.1
+
+
 def _compiled(several: int) -> Any:
+    # Products that are elements of M, in whole vectors.
+    pairs = 16 if several == STEADY else 40
+
     @_jit
     def compiled(
         products: Any,
@@ -221,61 +253,82 @@ def _compiled(several: int) -> Any:
         fit: Any,
         pixels: Any,
         shares: Any,
-        part: Any,
+        numbers: Any,
     ) -> None:
         rows, width = limit.shape
         around = weights.shape[2] // 2
-        window, squared = weights[0], weights[1]
+        window, squared = weights[0].astype(products.dtype), weights[1].astype(products.dtype)
         count = products.shape[2]
-        moments, seconds = np.empty((count * POWERS**2, 1)), np.empty((count * POWERS**2, 1))
+        moments, seconds = np.zeros((count * POWERS**2, 1)), np.zeros((count * POWERS**2, 1))
         # One power of the distance after another, so that the products of a pixel are read together.
-        sums, second_sums = np.empty((POWERS, count)), np.empty((POWERS, count))
+        sums, second_sums = np.empty((POWERS, count), products.dtype), np.empty((POWERS, count), products.dtype)
+        # By powers of the distance along y and along x.
+        total, second_total = (
+            np.empty((POWERS, POWERS, count), products.dtype),
+            np.empty((POWERS, POWERS, count), products.dtype),
+        )
         work, step = work_space(), np.empty(several)
-        theta, own = np.empty(len(fit.theta)), np.empty(several)
+        theta, own, every = np.empty(len(fit.theta)), np.empty(several), np.empty(2 * around + 1)
         powers = 4 if model.gradient > 0 and model.surface > 1 else 3
         fewer = 3
         if model.surface == CURVED:
             powers = fewer = POWERS
-        told = EVERY_VARIANCE if fit.variance.shape[1] > 1 else 0
+        told = EVERY_VARIANCE if fit.variance.shape[2] == len(pixels) else 0
         fewer = fewer if told > 0 else 0
-        whole = window[0].sum() ** 2
-        for number in range(part[0], part[1]):
+        whole = weights[0, 0].sum() ** 2
+        for place in range(numbers.size):
+            number = numbers[place]
             y, x = pixels[number]
             for k in range(len(theta)):
-                theta[k] = fit.theta[k, y, x]
-            moments[:], seconds[:] = 0.0, 0.0
+                theta[k] = fit.theta[k, 0, number]
+            total[:], second_total[:] = 0.0, 0.0
             row = y - first_row
+            first, last = max(x - around, 0), min(x + around + 1, width)
+            moved = every[: last - first]
             for v in range(max(row - around, 0), min(row + around + 1, rows)):
+                _displacements(several, theta, first - x, v - row, fields, v + first_row, first, reach, moved)
                 sums[:], second_sums[:] = 0.0, 0.0
                 met = False
-                for u in range(max(x - around, 0), min(x + around + 1, width)):
-                    if products[v, u, _IN_USE] == 0.0:
+                for u in range(first, last):
+                    if not moved[u - first] < reach[3] or products[v, u, _IN_USE] == 0.0:
                         continue
-                    for k in range(several):
-                        own[k] = fields[k, v + first_row, u]
-                    if not _belongs(several, theta, u - x, v - row, own, products, v, u, limit[v, u], reach, step):
+                    if not products[v, u, 14] <= limit[v, u] * products[v, u, 15]:
                         continue
+                    if moved[u - first] > _CLOSE * reach[3]:
+                        for k in range(several):
+                            own[k] = fields[k, v + first_row, u]
+                        if not _belongs(several, theta, u - x, v - row, own, products, v, u, limit[v, u], reach, step):
+                            continue
                     met = True
+                    of_pixel = products[v, u]
                     for j in range(powers):
-                        w = window[j, u - x + around]
+                        w, line = window[j, u - x + around], sums[j]
                         for n in range(count):
-                            sums[j, n] += w * products[v, u, n]
+                            line[n] += w * of_pixel[n]
                     for j in range(fewer):
-                        w = squared[j, u - x + around]
-                        for n in range(count):
-                            second_sums[j, n] += w * products[v, u, n]
+                        w, line = squared[j, u - x + around], second_sums[j]
+                        for n in range(pairs):
+                            line[n] += w * of_pixel[n]
                 if not met:
                     continue
                 at = v - row + around
                 for k in range(powers):
-                    for n in range(count):
-                        for j in range(powers - k):
-                            moments[(n * POWERS + j) * POWERS + k, 0] += window[k, at] * sums[j, n]
-                    for n in range(count):
-                        if not is_pair(n):
-                            continue
-                        for j in range(max(fewer - k, 0)):
-                            seconds[(n * POWERS + j) * POWERS + k, 0] += squared[k, at] * second_sums[j, n]
+                    for j in range(powers - k):
+                        w, line, out = window[k, at], sums[j], total[k, j]
+                        for n in range(count):
+                            out[n] += w * line[n]
+                for k in range(fewer):
+                    for j in range(fewer - k):
+                        w, line, out = squared[k, at], second_sums[j], second_total[k, j]
+                        for n in range(pairs):
+                            out[n] += w * line[n]
+            for n in range(count):
+                for k in range(powers):
+                    for j in range(powers - k):
+                        moments[(n * POWERS + j) * POWERS + k, 0] = total[k, j, n]
+                for k in range(fewer):
+                    for j in range(fewer - k):
+                        seconds[(n * POWERS + j) * POWERS + k, 0] = second_total[k, j, n]
             gradient = moments[GRADIENTS, 0]
             known = moments[KNOWN, 0]
             shares[number, 0] = known / whole
@@ -283,7 +336,7 @@ def _compiled(several: int) -> Any:
                 shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
             else:
                 shares[number, 1] = np.inf
-            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, (x, y), (x, y), told, work)
+            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, (x, y), (number, 0), told, work)
 
     return compiled
 
@@ -292,8 +345,8 @@ _SOLVES = {several: _compiled(several) for several in (STEADY, ACCELERATED)}
 
 
 def solve_members(
-    products: NDArray[np.float64],
-    limit: NDArray[np.float64],
+    products: NDArray[np.floating[Any]],
+    limit: NDArray[np.floating[Any]],
     fields: NDArray[np.float64],
     reach: NDArray[np.float64],
     weights: NDArray[np.float64],
@@ -303,18 +356,20 @@ def solve_members(
     fit: Fit,
     pixels: NDArray[np.int64],
     shares: NDArray[np.float64],
-    part: tuple[int, int],
+    numbers: NDArray[np.int64],
 ) -> None:
     """Fit surface and motion around pixels to those pixels of their windows that belong to the same surface.
 
     ``products``: Normal equations of the pixels from `pixel_equations.add_products`, with the products last: shape
-      (rows, width, 22 or 46).
+      (rows, width, 24 or 48), the last two without meaning; sums have their precision.
     ``limit``: Largest mean square residual of a pixel that is explained, shape (rows, width).
     ``fields``: d and q of the pixels of the image, with the acceleration if fitted, shape (4 or 7, height, width).
     ``reach``: Farthest camera in steps, longest time in frames, half the image width over the focal length, and largest
       displacement in px relative to a pixel's own parameters.
+    ``fit``: Maps of a single row, with an entry for each pixel; variances are computed if it has maps of them.
     ``pixels``: Rows and columns in the image, shape (n, 2).
     ``shares``: Output: fraction of the window that belongs to the surface, and distance of its texture centroid
       (weighted by the squared gradient) from the window centre, in px, shape (n, 2).
+    ``numbers``: Pixels to be fitted.
     """
-    _SOLVES[len(fields)](products, limit, fields, reach, weights, model, view, first_row, fit, pixels, shares, part)
+    _SOLVES[len(fields)](products, limit, fields, reach, weights, model, view, first_row, fit, pixels, shares, numbers)
