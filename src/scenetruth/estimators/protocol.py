@@ -376,8 +376,8 @@ class FrameReader:
     def frames(self, first: int, last: int) -> NDArray[Any]:
         """Return the images of successive frames."""
         held = self._first, self._first + self._held.shape[2]
-        if held == (first, last):
-            return self._held
+        if held[0] <= first < last <= held[1]:
+            return self._held[:, :, first - held[0] : last - held[0]]
         if first >= held[0] and first < held[1] < last:
             # The overlap is copied first, which limits the memory needed for the new images.
             window = np.empty((*self.shape[:2], last - first, *self.shape[3:]), dtype=self.dtype)

@@ -44,7 +44,7 @@ from scenetruth.estimators.refined.motion_model_selection import (
     encode_motion_models,
     list_motion_models,
 )
-from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
+from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
 from scenetruth.estimators.refined.row_bands import (
     NO_OCCLUSION,
     PixelEvidence,
@@ -100,10 +100,7 @@ def estimate_gain_offset(
     good: NDArray[np.bool_],
 ) -> GainOffset:
     """Estimate gains and offsets of the images relative to their mean by regression in blocks over ``good`` pixels."""
-    count, (_, height, width) = (
-        len(view.s),
-        coefficients[0].shape if isinstance(coefficients, list) else coefficients.shape,
-    )
+    count, (height, width) = len(view.s), fields.shape[1:]
     down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
     gain = np.full((count, down, across), np.nan, dtype=np.float32)
     offset = np.full_like(gain, np.nan)
@@ -307,7 +304,7 @@ def refit_discontinuities(
     report: Callable[[int], None] | None = None,
 ) -> tuple[RefinedState, DiscontinuityContext]:
     """Fit pixels again whose windows contain several surfaces, from disparity and velocity of shape (4, y, x)."""
-    noise = estimate_noise(np.sqrt(refined.fit.residual[0]))
+    noise = images.residual_noise(refined.fit.residual[0])
     sigma = settings.window_sigma_px
     whole = refined.fit.theta
     reach = window_weights(sigma).shape[2] // 2

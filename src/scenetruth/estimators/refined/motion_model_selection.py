@@ -40,7 +40,7 @@ from scenetruth.estimators.refined.iterations import (
 from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
-from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
+from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
@@ -191,7 +191,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
                 growth = compare_growth(refined.fit, fit, sigma, where, spline_transfer(images.spline)).significant
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
-    noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
+    noise = settings.max_residual_ratio * images.residual_noise(refined.fit.residual[0])
     fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise)
     return replace(
         refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)

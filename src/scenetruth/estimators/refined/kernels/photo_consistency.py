@@ -234,18 +234,19 @@ def _largest_around(values: Any, scratch: Any) -> None:
 def _compile_visibility(*, accelerated: bool) -> Any:
     @_jit_exact
     def compiled(view: Any, fields: Any, tolerance_px: Any, hidden: Any, group: Any) -> None:
-        _, height, width = fields.shape
+        _, rows, columns = fields.shape
+        height, width = view.size if view.size[0] > 0 else (rows, columns)
         largest = np.empty((height, width), dtype=np.float32)
         scratch = np.empty((height, width), dtype=np.float32)
-        at_x, at_y, disparity = np.empty(width), np.empty(width), np.empty(width)
+        at_x, at_y, disparity = np.empty(columns), np.empty(columns), np.empty(columns)
         hidden[group] = 0
         for i in range(8 * group, min(8 * group + 8, len(view.s))):
             if view.s[i] == 0.0 and view.s_y[i] == 0.0 and view.t[i] == 0.0:
                 continue
             largest[:] = 0.0
-            for y in range(height):
+            for y in range(rows):
                 _place_row(accelerated, view, i, fields, y, at_x, at_y, disparity)
-                for x in range(width):
+                for x in range(columns):
                     if at_x[x] >= 0 and at_x[x] < width - 1 and at_y[x] >= 0 and at_y[x] < height - 1:
                         left, top, d = int(at_x[x]), int(at_y[x]), np.float32(disparity[x])
                         # The four surrounding pixels, which avoids gaps.
@@ -254,9 +255,9 @@ def _compile_visibility(*, accelerated: bool) -> Any:
                         largest[top + 1, left] = max(largest[top + 1, left], d)
                         largest[top + 1, left + 1] = max(largest[top + 1, left + 1], d)
             _largest_around(largest, scratch)
-            for y in range(height):
+            for y in range(rows):
                 _place_row(accelerated, view, i, fields, y, at_x, at_y, disparity)
-                for x in range(width):
+                for x in range(columns):
                     if not (at_x[x] >= 0 and at_x[x] < width - 1 and at_y[x] >= 0 and at_y[x] < height - 1):
                         continue
                     if largest[int(at_y[x] + 0.5), int(at_x[x] + 0.5)] > disparity[x] + tolerance_px:
