@@ -44,7 +44,7 @@ from scenetruth.estimators.refined.output_maps import (
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.estimators.refined.pose_consistency import PoseErrors, estimate_pose_errors
 from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
-from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles
+from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles, release_memory
 from scenetruth.schema import REASONS, compute_pixel_grid, read_intrinsics
 from scenetruth.schema.validity import compute_validity, excluded_pixels
 
@@ -161,6 +161,7 @@ class FrameTask:
         start = self._initialise(frames, images, agreement)
         source.outline = replace(images, priors=self._priors(start))
         start = InitialEstimate(start.fields.astype(np.float32), start.known)
+        release_memory()
         sample = sample_images(source, start.fields, settings, report)
         common = self._calibration is not None
         types = list_map_types(self.reader.shape[1], len(images.times), settings, common=common)
@@ -168,6 +169,7 @@ class FrameTask:
         whole = FrameEstimate(maps, left_out=sample.images.left_out, errors=sample.errors)
         curved = 0
         for number, tile in enumerate(self.tiles, 1):
+            release_memory()
             region = tile.region
             fields = start.fields[:, region.rows, region.columns].astype(np.float64)
             own = InitialEstimate(fields, start.known[region.rows, region.columns])
@@ -236,7 +238,10 @@ class FrameTask:
         """Return the maps of the pose corrections."""
         if found.cameras is None:
             return {}
-        maps, counts = compute_correction_maps(found.cameras, found.images, self.grid.step_px), list_camera_counts(self._recording)
+        maps, counts = (
+            compute_correction_maps(found.cameras, found.images, self.grid.step_px),
+            list_camera_counts(self._recording),
+        )
         return {name: values.reshape(*values.shape[:-1], *counts) for name, values in maps.items()}
 
     def _state_defects(self, maps: dict[str, Any], frames: FramesNeeded, images: ImageStack) -> None:

@@ -131,7 +131,9 @@ def find_inconsistent_images(
     return find_inconsistent_of_regions([(part, fields)], sigma_px)
 
 
-def find_inconsistent_of_regions(regions: Sequence[tuple[ImageStack, Map]], sigma_px: float) -> frozenset[tuple[int, int]]:
+def find_inconsistent_of_regions(
+    regions: Sequence[tuple[ImageStack, Map]], sigma_px: float
+) -> frozenset[tuple[int, int]]:
     """Return the images that contradict the others in regions with fields, as `find_inconsistent_images`."""
     part, _ = regions[0]
     cameras = len(part.positions)

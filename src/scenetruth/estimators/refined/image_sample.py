@@ -32,7 +32,7 @@ from scenetruth.estimators.refined.tiles import RegionImages, spread_regions
 
 __all__ = ["ImageSample", "measure_agreement", "sample_images"]
 
-_POSE_ROUNDS = 5  # largest number of fits for pose corrections; depth and motion of the blocks are eliminated in each
+_POSE_ROUNDS = 8  # largest number of fits for pose corrections; depth and motion of the blocks are eliminated in each
 
 Map = NDArray[np.float64]
 
@@ -80,9 +80,7 @@ def sample_images(
             states = _fit(source, regions, start, plain, settings)
     else:
         states = [estimate_systematic_errors(refit_motion_models(each, settings), settings)[0] for each in states]
-    left_out = find_inconsistent_of_regions(
-        [(each.images.without(()), _finite(each)) for each in states], sigma
-    )
+    left_out = find_inconsistent_of_regions([(each.images.without(()), _finite(each)) for each in states], sigma)
     states = [replace(each, images=each.images.without(left_out)) for each in states]
     variance, noise = _noise(states, settings, outline.variance)
     errors = None
@@ -109,7 +107,9 @@ def _finite(state: RefinedState) -> Map:
     return fill_gaps(fields, known) if known.any() else np.nan_to_num(fields)
 
 
-def _noise(states: Sequence[RefinedState], settings: RefinedSettings, variance: GreyVariance) -> tuple[GreyVariance, float]:
+def _noise(
+    states: Sequence[RefinedState], settings: RefinedSettings, variance: GreyVariance
+) -> tuple[GreyVariance, float]:
     """Return the noise variance as a function of the grey value, and the residual of windows that fit well."""
     squares = [each.fit.residual[0] for each in states]
     if settings.noise != "estimated":

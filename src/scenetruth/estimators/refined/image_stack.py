@@ -289,7 +289,7 @@ class ImageStack:
         if all(0 <= start <= size - count for start, count, size in sizes):
             return array[tuple(slice(start, start + count) for start, count, _ in sizes)]
         rows, columns = (np.clip(np.arange(start, start + count), 0, size - 1) for start, count, size in sizes)
-        return array[np.ix_(rows, columns)]
+        return np.asarray(array[np.ix_(rows, columns)])
 
     def usable(self, frame: int, camera: int) -> NDArray[np.bool_]:
         """Return the pixels of an image without defects, shape (y, x)."""
@@ -312,9 +312,7 @@ class ImageStack:
 
     def reference_grey(self) -> Map:
         """Return the grey values of the reference, averaged over channels, shape (y, x)."""
-        return np.asarray(
-            np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)], axis=0)
-        )
+        return np.asarray(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)], axis=0))
 
     def mean_grey(self) -> float:
         """Return the mean grey value of the reference."""

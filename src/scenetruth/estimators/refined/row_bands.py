@@ -58,7 +58,7 @@ class FitLimits:
     times exp(-4 π² σ² f²), of which 4e-9 is left at half the sampling frequency."""
     whole_pixels: float = 4e5
     """Largest number of pixels of an image that is estimated as a whole."""
-    tile_pixels: float = 2.2e5
+    tile_pixels: float = 1.8e5
     """Largest number of pixels of a tile of larger images, with its margin."""
 
 

@@ -6,10 +6,12 @@ the other images are where the initial estimate displaces the tile, so that memo
 
 from __future__ import annotations
 
+import ctypes
 import math
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -22,15 +24,14 @@ from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.estimators.refined.row_bands import FIT_LIMITS
 from scenetruth.threads import in_threads
 
-__all__ = ["RegionImages", "Tile", "choose_tiles", "margin_px", "spread_regions"]
+__all__ = ["RegionImages", "Tile", "choose_tiles", "margin_px", "release_memory", "spread_regions"]
 
 # Margin in standard deviations of a window. Windows end at 2; averages over twice their width, which test for changes
-# and biases, have 0.8 % of their weight beyond it.
-_MARGIN = 5.0
-# Largest common multiple of the steps of lattices and blocks to which tiles are aligned: windows of a tile are then
-# those of the whole image.
-_ALIGNED = 24
-_BLOCKS = 2.0  # blocks per standard deviation, of the tests for ambiguity and aliasing
+# and biases, have 1.2 % of their weight beyond it.
+_MARGIN = 4.5
+# Largest common multiple of the distances of windows and gains to which tiles are aligned, so that these are at the
+# same pixels as in the whole image.
+_ALIGNED = 16
 # Pixels of a part of an image beyond the initial positions; and pixels beyond these, from which spline coefficients
 # take 2e-9 of a grey value.
 _REACH_PX, _FILTER_PX = 16, 24
@@ -77,27 +78,23 @@ def choose_tiles(shape: tuple[int, int], sigma_px: float) -> list[Tile]:
         return [Tile(whole, whole)]
     unit, margin = _alignment(sigma_px), margin_px(sigma_px)
 
-    def cuts(size: int, count: int) -> list[int]:
-        return [*(round(size * n / count / unit) * unit for n in range(count)), size]
+    def cut(size: int) -> list[tuple[list[int], int, int]]:
+        """Return edges, the largest part with margins, and the sum of all parts, for every number of parts."""
+        found = []
+        for count in range(1, max(1, size // (2 * margin)) + 1):
+            edges = [*(round(size * n / count / unit) * unit for n in range(count)), size]
+            parts = [min(last + margin, size) - max(first - margin, 0) for first, last in pairwise(edges)]
+            found.append((edges, max(parts), sum(parts)))
+        return found
 
-    best, least = [[0, size] for size in shape], math.inf
-    most = [max(1, size // (2 * margin)) for size in shape]
-    for counts in product(*(range(1, count + 1) for count in most)):
-        edges = [cuts(size, count) for size, count in zip(shape, counts, strict=True)]
-        sizes = [
-            [min(last + margin, size) - max(first - margin, 0) for first, last in zip(each, each[1:], strict=False)]
-            for size, each in zip(shape, edges, strict=True)
-        ]
-        total = sum(sizes[0]) * sum(sizes[1])
-        if max(sizes[0]) * max(sizes[1]) <= FIT_LIMITS.tile_pixels and total < least:
-            best, least = edges, total
-    if not math.isfinite(least):
-        best = [cuts(size, count) for size, count in zip(shape, most, strict=True)]
-    return list(_tiles(best, margin, shape))
+    down, across = (cut(size) for size in shape)
+    fitting = [(r[2] * c[2], r[0], c[0]) for r, c in product(down, across) if r[1] * c[1] <= FIT_LIMITS.tile_pixels]
+    edges = min(fitting)[1:] if fitting else (down[-1][0], across[-1][0])
+    return list(_tiles(edges, margin, shape))
 
 
-def _tiles(edges: list[list[int]], margin: int, shape: tuple[int, int]) -> Iterator[Tile]:
-    spans = [list(zip(each, each[1:], strict=False)) for each in edges]
+def _tiles(edges: Sequence[list[int]], margin: int, shape: tuple[int, int]) -> Iterator[Tile]:
+    spans = [list(pairwise(each)) for each in edges]
     for (top, bottom), (left, right) in product(*spans):
         first, begin = max(top - margin, 0), max(left - margin, 0)
         height, width = min(bottom + margin, shape[0]) - first, min(right + margin, shape[1]) - begin
@@ -105,11 +102,9 @@ def _tiles(edges: list[list[int]], margin: int, shape: tuple[int, int]) -> Itera
 
 
 def _alignment(sigma_px: float) -> int:
-    """Return the common multiple of the steps of windows, gains, blocks and tests, or of rows and columns."""
+    """Return the common multiple of the distances of windows, and of gains, and of rows; or of rows alone."""
     reach = math.ceil(2.0 * sigma_px)
-    steps = [2, lattice_step(sigma_px), max(1, (2 * reach + 1) // 6)]
-    steps += [max(1, round(sigma_px / _BLOCKS)), max(2, round(sigma_px))]
-    found = math.lcm(*steps)
+    found = math.lcm(2, lattice_step(sigma_px), max(1, (2 * reach + 1) // 6))
     return found if found <= _ALIGNED else 2
 
 
@@ -121,6 +116,14 @@ def spread_regions(shape: tuple[int, int]) -> list[Region]:
         count = int(np.clip(round(whole / _SAMPLE_STEP_PX) + 1, _LEAST_SAMPLE, _MOST_SAMPLE))
         starts.append(np.unique(np.linspace(0, whole - size, count).round().astype(int)).tolist())
     return [Region(top, left, sizes[0], sizes[1], shape) for top, left in product(*starts)]
+
+
+def release_memory() -> None:
+    """Return freed memory to the system: the C library retains that of small arrays, as many as a tile has."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
+    # Specific to glibc.
+    if trim is not None:
+        trim(0)
 
 
 class RegionImages:
@@ -166,8 +169,7 @@ class RegionImages:
                 for each, most in zip(box, region.whole, strict=True)
             )
             inner = tuple(
-                slice(each.start - outer.start, each.stop - outer.start)
-                for each, outer in zip(box, wide, strict=True)
+                slice(each.start - outer.start, each.stop - outer.start) for each, outer in zip(box, wide, strict=True)
             )
             images = self._frames.crop(int(frames[place]), camera, *wide)
             for channel, image in enumerate(images):
@@ -177,11 +179,10 @@ class RegionImages:
         in_threads(read, range(len(frames) * cameras))
         flags: list[NDArray[np.uint8]] = []
         if any(each is not None for each in bad):
-            flags = [
-                np.stack([np.zeros(size, np.uint8) if bad[n] is None else bad[n] for n in range(first, first + cameras)])
-                for first in range(0, len(bad), cameras)
-            ]
-        origin = starts[:, ::-1] - np.array([region.left, region.top], dtype=np.float64)
+            nothing = np.zeros(size, dtype=np.uint8)
+            every = [nothing if each is None else each for each in bad]
+            flags = [np.stack(every[first : first + cameras]) for first in range(0, len(every), cameras)]
+        origin = starts[:, ::-1].astype(np.float64) - [region.left, region.top]
         return replace(part, coefficients=coefficients, bad=flags, origin=origin)
 
 
