@@ -19,6 +19,7 @@ from scenetruth.estimators.refined import (
     RegionImages,
     Splines,
     choose_tiles,
+    find_hidden,
     margin_px,
     spread_regions,
 )
@@ -86,7 +87,7 @@ def test_parts_of_images_are_those_of_whole_images() -> None:
     source = RegionImages(reader, FramesNeeded(1, 0, 3), outline)
     region = Region(40, 60, 64, 80, (160, 200))
     fields = PLANE.start()[:, region.rows, region.columns]
-    part = source.stack(region, fields)
+    part = source.stack(region, PLANE.start())
     every = Splines(reader, 5).frames(0, 3)
     assert part.shape == (64, 80)
     assert part.origin is not None
@@ -112,6 +113,26 @@ def test_parts_of_images_are_those_of_whole_images() -> None:
         np.testing.assert_allclose(own, every[frame][0, camera, rows, columns], rtol=0, atol=2e-6)
     as_whole = ImageStack(every, placed, outline.times, 1000.0, centre, outline.moved)
     np.testing.assert_allclose(part.reference_grey()[8:-8, 8:-8], as_whole.reference_grey()[48:96, 68:132], atol=2e-6)
+
+
+def test_points_beyond_a_tile_occlude_those_within() -> None:
+    """A strip in front of a plane, 40 px wide, hides the same points of a tile beside it as of the whole image."""
+    recording = PLANE.recording(cameras=3, frames=3)
+    placed = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    centre, times = (99.5, 79.5), np.arange(-1.0, 2.0)
+    start = np.zeros((4, 160, 200))
+    start[0], start[1] = 8.0, 0.25
+    start[0, :, 20:60] = 40.0
+    whole = Region(0, 0, 160, 200, (160, 200))
+    outline = ImageStack([], placed, times, 1000.0, centre, np.zeros((9, 4)), region=whole)
+    reader = DefectFilteredFrames(recording)
+    part = RegionImages(reader, FramesNeeded(1, 0, 3), outline).stack(Region(30, 64, 90, 100, (160, 200)), start)
+    every = ImageStack(Splines(reader, 5).frames(0, 3), placed, times, 1000.0, centre, outline.moved)
+    found = find_hidden(part, np.ascontiguousarray(start[:, 30:120, 64:164]))
+    np.testing.assert_array_equal(found, find_hidden(every, start)[:, 30:120, 64:164])
+    # From the camera at -1 at time 0, the strip is displaced by 32 px relative to the plane: over columns 52 to 91.
+    hidden = (found[0, 45] >> 3) & 1
+    assert 28 <= np.count_nonzero(hidden) <= 30
 
 
 def _in_both(recording: xr.Dataset, **settings: Any) -> tuple[xr.Dataset, xr.Dataset]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
         compute_common_variance,
         read_calibration_uncertainty,
     )
-    from scenetruth.estimators.refined.discontinuity_refit import is_supported, is_surrounded
+    from scenetruth.estimators.refined.discontinuity_refit import find_hidden, is_supported, is_surrounded
     from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces
     from scenetruth.estimators.refined.fit_maps import between, blank_fit, every_other, initial_parameters, with_bias
     from scenetruth.estimators.refined.growth_comparison import RATES, GrowthComparison, compare_growth
@@ -69,7 +69,7 @@ __all__ = [
     "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
     "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "estimate_variance",
     "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous", "find_aperture",
-    "find_dead_pixels", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters",
+    "find_dead_pixels", "find_hidden", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters",
     "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans", "margin_px",
     "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of", "polynomial_bias",
     "read_calibration_uncertainty", "read_schedule", "refine", "remove_delay_bias", "sees_second_camera",
@@ -85,7 +85,7 @@ __getattr__, __dir__ = export_lazily(
         "ambiguity": "find_ambiguous image_motion",
         "aperture": "compute_normal_flow find_aperture",
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
-        "discontinuity_refit": "is_supported is_surrounded",
+        "discontinuity_refit": "find_hidden is_supported is_surrounded",
         "fallback": "Sources fill_holes near_bare_surfaces",
         "fit_maps": "between blank_fit every_other initial_parameters with_bias",
         "growth_comparison": "RATES GrowthComparison compare_growth",

@@ -66,6 +66,7 @@ __all__ = [
     "HypothesisSelection",
     "empty_discontinuity_context",
     "estimate_gain_offset",
+    "find_hidden",
     "is_supported",
     "is_surrounded",
     "refit_discontinuities",
@@ -489,7 +490,7 @@ def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: 
     fit = fine = blank_fit(theta, variances=True)
     for number in range(_ROUNDS):
         fields = np.ascontiguousarray(extract_fields(theta))
-        hidden = _hidden(images, fields)
+        hidden = find_hidden(images, fields)
         last = number == _ROUNDS - 1
         fit, fine = (blank_fit(theta, variances=last) for _ in range(2))
         wanted = np.where(around(where, reach), fields, np.nan)
@@ -519,11 +520,23 @@ def _solve(
     return found.T
 
 
-def _hidden(images: ImageStack, fields: Map) -> NDArray[np.uint8]:
+def find_hidden(images: ImageStack, fields: Map) -> NDArray[np.uint8]:
     """Return the images in which each pixel is occluded, as bits; empty for one camera."""
     if images.farthest == 0.0:
         return NO_OCCLUSION
-    view = images.view()
-    hidden = np.empty((-(-len(view.s) // 8), *images.shape), dtype=np.uint8)
+    view, inner = images.view(), (slice(None), slice(None))
+    if images.beside is not None:
+        # Points beyond the region occlude those within.
+        wide, around_it = images.beside
+        left, top = images.corner[0] - wide.left, images.corner[1] - wide.top
+        inner = slice(top, top + images.shape[0]), slice(left, left + images.shape[1])
+        view = view._replace(
+            centre_x=view.centre_x + left, centre_y=view.centre_y + top, origin=view.origin + [left, top]
+        )
+        whole = np.zeros((len(fields), wide.height, wide.width))
+        whole[: len(around_it)] = around_it
+        whole[(slice(None), *inner)] = fields
+        fields = whole
+    hidden = np.empty((-(-len(view.s) // 8), *fields.shape[1:]), dtype=np.uint8)
     in_threads(partial(hide, view, fields, _SAME_PX / images.farthest, hidden), range(len(hidden)))
-    return hidden
+    return np.ascontiguousarray(hidden[(slice(None), *inner)])

@@ -174,7 +174,7 @@ class FrameTask:
             fields = start.fields[:, region.rows, region.columns].astype(np.float64)
             own = InitialEstimate(fields, start.known[region.rows, region.columns])
             later = None if report is None else _after(report, number * settings.max_iterations)
-            found, beside = _fit(source.stack(region, fields, sample.images), own, settings, later)
+            found, beside = _fit(source.stack(region, start.fields, sample.images), own, settings, later)
             found = replace(found, cameras=sample.cameras)
             made = self._maps(found, beside, own, sample.errors)
             for name, values in made.items():
@@ -271,5 +271,5 @@ def _fit(
 
 
 def _after(report: Report, earlier: int) -> Report:
-    """Return a function that reports the iterations of a tile after earlier ones."""
+    """Return a function that reports the iterations of a tile after those of earlier tiles."""
     return lambda done: report(earlier + done)

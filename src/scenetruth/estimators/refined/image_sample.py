@@ -54,7 +54,7 @@ def measure_agreement(source: RegionImages, fields: Map, sigma_px: float) -> flo
     blocks = []
     for region in spread_regions(source.outline.shape):
         own = fields[:, region.rows, region.columns].astype(np.float64)
-        blocks.append(correlate_blocks(source.stack(region, own, near), own, sigma_px, even=True))
+        blocks.append(correlate_blocks(source.stack(region, fields, near), own, sigma_px, even=True))
     return judge_blocks(blocks).blocks
 
 
@@ -97,7 +97,7 @@ def _fit(
     states = []
     for region in regions:
         fields = start[:, region.rows, region.columns].astype(np.float64)
-        states.append(refine(source.stack(region, fields, outline), fields, settings))
+        states.append(refine(source.stack(region, start, outline), fields, settings))
     return states
 
 

@@ -132,9 +132,10 @@ class ImageStack:
     ``region``: Pixels of the reference that are estimated; None for all of them.
     ``origin``: Column and row of the region at which the array of each image begins, in the order of `stack`, shape
       (n, 2); None if all begin at the first pixel.
-    ``noise``: Residual of windows that fit well; None if it is estimated from those of this stack. If it is given, the
-      excluded images and ``variance`` are known, too: they are properties of whole images, and a region has them from a
-      sample of the image.
+    ``beside``: A larger region and its initial fields, whose points may occlude those of the region; None if there are
+      none.
+    ``noise``: Residual of windows that fit well; None if it is estimated from those of this stack. If it is given, so
+      are the excluded images and ``variance``: all are properties of whole images, from a sample of them.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -154,6 +155,7 @@ class ImageStack:
     region: Region | None = None
     origin: Map | None = None
     noise: float | None = None
+    beside: tuple[Region, Map] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

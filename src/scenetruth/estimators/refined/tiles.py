@@ -38,6 +38,7 @@ _REACH_PX, _FILTER_PX = 16, 24
 # Fraction of initial positions on either side that are not trusted if they are far beyond the others, and pixels of the
 # part for them, relative to its size.
 _STRAY, _ROOM = 2e-3, 0.25
+_OCCLUDING_PX = 200  # largest distance of points beyond a region that may occlude its points
 _STEP_PX = 4  # distance of the pixels whose positions are computed
 # Regions of a sample: their size, their distance, and their smallest and largest number along an axis.
 _SAMPLE_PX, _SAMPLE_STEP_PX, _LEAST_SAMPLE, _MOST_SAMPLE = 96, 500, 2, 5
@@ -145,11 +146,12 @@ class RegionImages:
         frame, camera = self.outline.reference()
         return self._frames.recorded(self._first + frame)[:, camera]
 
-    def stack(self, region: Region, fields: Map, outline: ImageStack | None = None) -> ImageStack:
-        """Return the images of a region with its initial fields, shape (4, y, x).
+    def stack(self, region: Region, start: NDArray[Any], outline: ImageStack | None = None) -> ImageStack:
+        """Return the images of a region, with the initial fields of the whole image, shape (4, y, x).
 
         ``outline``: Other frames and poses than those of all images.
         """
+        fields = start[:, region.rows, region.columns].astype(np.float64)
         whole = self.outline if outline is None else outline
         centre = (whole.centre[0] - region.left, whole.centre[1] - region.top)
         lens = None if whole.lens is None else whole.lens.part(region.left, region.top, (region.height, region.width))
@@ -183,7 +185,38 @@ class RegionImages:
             every = [nothing if each is None else each for each in bad]
             flags = [np.stack(every[first : first + cameras]) for first in range(0, len(every), cameras)]
         origin = starts[:, ::-1].astype(np.float64) - [region.left, region.top]
-        return replace(part, coefficients=coefficients, bad=flags, origin=origin)
+        wide = _enlarged(region, _OCCLUDING_PX)
+        wide = _enlarged(region, _spread_px(part, start[:, wide.rows, wide.columns]))
+        beside = wide, start[:, wide.rows, wide.columns].astype(np.float64)
+        return replace(part, coefficients=coefficients, bad=flags, origin=origin, beside=beside)
+
+
+def _spread_px(images: ImageStack, fields: NDArray[Any]) -> int:
+    """Return the largest difference of the displacements of two points in an image, of which one may occlude another.
+
+    ``fields``: Of the region and its surroundings.
+    """
+    view = images.view()
+    d, q_x, q_y, _ = fields[:, ::_STEP_PX, ::_STEP_PX].astype(np.float64)
+    moved = [
+        np.ptp(np.quantile(d * (t * q - s), (_STRAY, 1.0 - _STRAY)))
+        for s, s_y, t in zip(view.s, view.s_y, view.t, strict=True)
+        for q, s in ((q_x, s), (q_y, s_y))
+    ]
+    return min(math.ceil(float(max(moved))) + 2, _OCCLUDING_PX)
+
+
+def _enlarged(region: Region, by: int) -> Region:
+    """Return a region with more pixels on all sides, within the image."""
+    top, left = max(region.top - by, 0), max(region.left - by, 0)
+    bottom, right = (
+        min(first + size + by, most)
+        for first, size, most in (
+            (region.top, region.height, region.whole[0]),
+            (region.left, region.width, region.whole[1]),
+        )
+    )
+    return Region(top, left, bottom - top, right - left, region.whole)
 
 
 def _extents(images: ImageStack, fields: Map) -> tuple[NDArray[np.int64], tuple[int, int]]:
