@@ -383,8 +383,8 @@ class FrameReader:
     def frames(self, first: int, last: int) -> NDArray[Any]:
         """Return the images of successive frames."""
         held = self._first, self._first + self._held.shape[2]
-        if held[0] <= first < last <= held[1]:
-            return self._held[:, :, first - held[0] : last - held[0]]
+        if held == (first, last):
+            return self._held
         if first >= held[0] and first < held[1] < last:
             # The overlap is copied first, which limits the memory needed for the new images.
             window = np.empty((*self.shape[:2], last - first, *self.shape[3:]), dtype=self.dtype)
@@ -394,6 +394,12 @@ class FrameReader:
             window = np.ascontiguousarray(self._read(first, last))
         self._first, self._held = first, window
         return window
+
+    def part(self, first: int, last: int) -> NDArray[Any]:
+        """Return the images of successive frames, as a view if they are within the latest window."""
+        if self._first <= first < last <= self._first + self._held.shape[2]:
+            return self._held[:, :, first - self._first : last - self._first]
+        return self.frames(first, last)
 
     def missing(self) -> int:
         """Return the number of values that are not finite in the type of the images returned."""

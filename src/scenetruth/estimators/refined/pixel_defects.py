@@ -57,7 +57,7 @@ class DefectFilteredFrames:
 
     def frames(self, first: int, last: int) -> NDArray[Any]:
         """Return the filled images of consecutive frames: float32, or of the recorded type if without defects."""
-        images = self._reader.frames(first, last)
+        images = self._reader.part(first, last)
         causes = [self._causes(frame, images[:, :, frame - first]) for frame in range(first, last)]
         for frame, found in zip(range(first, last), causes, strict=True):
             self._note(frame, found)
@@ -88,11 +88,11 @@ class DefectFilteredFrames:
 
     def recorded(self, frame: int) -> NDArray[Any]:
         """Return the images of a frame in memory, as they are recorded, shape (channel, s, y, x)."""
-        return self._reader.frames(frame, frame + 1)[:, :, 0]
+        return self._reader.part(frame, frame + 1)[:, :, 0]
 
     def crop(self, frame: int, camera: int, rows: slice, columns: slice) -> NDArray[Any]:
         """Return a part of an image of the frames in memory, filled, shape (channel, y, x)."""
-        images = self._reader.frames(frame, frame + 1)[:, camera, 0, rows, columns]
+        images = self._reader.part(frame, frame + 1)[:, camera, 0, rows, columns]
         if self._bad[frame] is None:
             return images
         wrong = ~np.isfinite(images).all(axis=0)
