@@ -41,6 +41,8 @@ def test_windows_are_the_recordings(asked: list[tuple[int, int]], dtype: Any, ch
         assert found.dtype == reader.dtype
         assert found.dtype in (np.uint8, np.uint16, np.float32)
         assert found.flags.c_contiguous
+        np.testing.assert_array_equal(reader.part(last - 1, last), expected[:, :, last - 1 : last])
+        assert reader.frames(first, last) is found
 
 
 def test_stored_frames_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -163,6 +163,20 @@ def test_the_refined_method_tells_what_it_takes() -> None:
     assert long.seconds > 50 * short.seconds
 
 
+def test_the_refined_method_takes_large_images_in_tiles() -> None:
+    """Memory is that of a tile, and of the maps and images in addition."""
+    from scenetruth.estimators import MethodChoice
+    from scenetruth.estimators.refined import FIT_LIMITS
+    from scenetruth.pipeline import compute_method_workload
+
+    effort = compute_method_workload([MethodChoice.model_validate({"method": "refined"})])
+    assert (effort.whole_pixels, effort.tile_pixels) == (FIT_LIMITS.whole_pixels, FIT_LIMITS.tile_pixels)
+    found = estimate_cost(RecordingWorkload(2464 * 2056, 5, 9, 2, effort), ["estimate"], 1.0)
+    assert found.memory_bytes < 2.5e9
+    twice = estimate_cost(RecordingWorkload(2 * 2464 * 2056, 5, 9, 2, effort), ["estimate"], 1.0)
+    assert 1.2 < twice.memory_bytes / found.memory_bytes < 2.0
+
+
 def test_stages_follow_each_other() -> None:
     stages = {"one": StageForecast(5, 10, 3, 20), "two": StageForecast(9, 1, 4, 2)}
     both = Forecast(stages)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -320,6 +321,12 @@ class StreamingMethod(Method):
     """Memory per pixel of the frames that are estimated together, as measured for the structure tensor."""
     pixels_at_once: float = 2.3e6
     """Number of pixels of all frames that are estimated together, unless a single frame has more."""
+    whole_pixels: float = math.inf
+    """Largest number of pixels of an image that is not processed in tiles."""
+    tile_pixels: float = math.inf
+    """Largest number of pixels of a tile."""
+    bytes_per_tiled_pixel: float = 0.0
+    """Memory per pixel of an image that is processed in tiles, in addition to that of a tile."""
     seconds_per_sample: float = 1.6e-6
     """Time per pixel of an image of an estimated frame, on two processors, as measured."""
 
@@ -387,6 +394,12 @@ class FrameReader:
             window = np.ascontiguousarray(self._read(first, last))
         self._first, self._held = first, window
         return window
+
+    def part(self, first: int, last: int) -> NDArray[Any]:
+        """Return the images of successive frames, as a view if they are within the latest window."""
+        if self._first <= first < last <= self._first + self._held.shape[2]:
+            return self._held[:, :, first - self._first : last - self._first]
+        return self.frames(first, last)
 
     def missing(self) -> int:
         """Return the number of values that are not finite in the type of the images returned."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import xarray as xr
 
@@ -43,9 +43,8 @@ def compute_method_workload(choices: Sequence[MethodChoice]) -> MethodWorkload:
     for choice in choices:
         method = find_method(choice.method)
         if isinstance(method, StreamingMethod):
-            efforts.append(
-                MethodWorkload(False, method.bytes_per_pixel, method.pixels_at_once, method.seconds_per_sample)
-            )
+            names = [field.name for field in fields(MethodWorkload) if field.name != "in_memory"]
+            efforts.append(MethodWorkload(**{name: getattr(method, name) for name in names}))
         else:
             efforts.append(MethodWorkload(in_memory=True))
     if not efforts:

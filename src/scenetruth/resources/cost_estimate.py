@@ -197,7 +197,11 @@ def _estimate(recorded: RecordingWorkload) -> StageForecast:
     estimated, pixels, effort = _estimated(recorded), recorded.pixels, recorded.effort
     at_once = min(estimated, max(pixels, effort.pixels_at_once))
     window = min(at_once / pixels + _LOST_FRAMES, recorded.frames) * recorded.positions * recorded.sample_bytes * pixels
-    memory = _ESTIMATE_START_BYTES + effort.bytes_per_pixel * at_once + window
+    memory = _ESTIMATE_START_BYTES + window
+    if pixels > effort.whole_pixels:
+        memory += effort.bytes_per_pixel * effort.tile_pixels + effort.bytes_per_tiled_pixel * pixels
+    else:
+        memory += effort.bytes_per_pixel * at_once
     if effort.in_memory:
         memory += _WHOLE_BYTES * recorded.frames * recorded.positions * pixels
     seconds = _ESTIMATE_START_S + effort.seconds_per_sample * recorded.positions * estimated

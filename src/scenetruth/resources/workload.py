@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,12 +61,17 @@ class MethodWorkload:
 
     ``pixels_at_once``: Pixels of all frames that are estimated together, unless one frame has more.
     ``seconds_per_sample``: Time per pixel and image of an estimated frame, on two processors.
+    ``whole_pixels``, ``tile_pixels``: Images with more pixels than the first are processed in tiles of the second.
+    ``bytes_per_tiled_pixel``: Memory per pixel of an image that is processed in tiles, in addition to that of a tile.
     """
 
     in_memory: bool = False
     bytes_per_pixel: float = 195.0
     pixels_at_once: float = 2.3e6
     seconds_per_sample: float = 1.6e-6
+    whole_pixels: float = math.inf
+    tile_pixels: float = math.inf
+    bytes_per_tiled_pixel: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,10 @@ class _Refined(StreamingMethod):
     # Of the finite elements, 5 x 9 images of 640 x 480, which fit most motion models; time scaled by that of the cube.
     bytes_per_pixel = 4700.0
     pixels_at_once = 1.0
+    # As in `FIT_LIMITS`; maps, initial fields, and what the C library retains.
+    whole_pixels = 4e5
+    tile_pixels = 1.8e5
+    bytes_per_tiled_pixel = 170.0
     seconds_per_sample = 3.3e-5
 
     def requirements(self, recording: xr.Dataset, settings: RefinedSettings) -> list[Problem]:

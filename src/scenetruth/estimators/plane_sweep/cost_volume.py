@@ -163,6 +163,7 @@ _MOST_BITS = 15.0
 _SQUARE_PX = 5
 
 _STRIPS_BYTES = 700e6  # memory of the strips that are processed together
+_LEAST_ROWS = 40  # smallest number of rows of a strip, less than half of which are its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +227,8 @@ def choose_hypotheses(
             agreeing(own, np.ascontiguousarray(shift), place[rows], tolerance, agreed[rows])
 
     per_row = width * (3 * count + 8 * (1 + PHASES * len(row.others)) + 12 * count / strip_rows)
+    # Strips of wide images, or of many hypotheses, have fewer rows.
+    strip_rows = min(strip_rows, max(int(memory_bytes / per_row) - 2 * MARGIN, _LEAST_ROWS))
     strips = split_into_strips(height, strip_rows)
     at_once = max(1, int(memory_bytes / (per_row * (strip_rows + 2 * MARGIN))))
     for n in range(0, len(strips), at_once):

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
         compute_common_variance,
         read_calibration_uncertainty,
     )
-    from scenetruth.estimators.refined.discontinuity_refit import is_supported, is_surrounded
+    from scenetruth.estimators.refined.discontinuity_refit import find_hidden, is_supported, is_surrounded
     from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces
     from scenetruth.estimators.refined.fit_maps import between, blank_fit, every_other, initial_parameters, with_bias
     from scenetruth.estimators.refined.growth_comparison import RATES, GrowthComparison, compare_growth
     from scenetruth.estimators.refined.image_consistency import fine_contrast
-    from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack, Splines
+    from scenetruth.estimators.refined.image_stack import NO_DEFECTS, FramesNeeded, ImageStack, Region, Splines
     from scenetruth.estimators.refined.iterations import RefinedState, refine
     from scenetruth.estimators.refined.kernels.warp import ImageView, corrected, place_of, straightened
     from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
@@ -66,21 +66,23 @@ if TYPE_CHECKING:
         polynomial_bias,
         sees_second_camera,
     )
+    from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles, margin_px, spread_regions
     from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 
 __all__ = [
     "EVEN", "FIT_LIMITS", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Alternative", "Blocks", "CalibrationUncertainty",
-    "DefectFilteredFrames", "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens",
-    "Linearisation", "Model", "RefinedState", "ShiftObservations", "Sources", "Splines", "SystematicErrors",
-    "add_contradiction", "at_nodes", "between", "blank_fit", "compare_growth", "compute_common_variance",
-    "compute_jacobian", "compute_normal_flow", "compute_phase_error_px", "compute_point_derivatives", "corrected",
-    "derive_priors", "distort", "enlarge_variances", "enlarged", "estimate_variance", "every_other",
-    "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous", "find_aperture", "find_dead_pixels",
-    "find_far", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters", "interpolation_error",
-    "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans", "maximise_likelihood",
-    "near_bare_surfaces", "of_nearest_node", "photon_transfer_variance", "place_of", "polynomial_bias",
-    "read_calibration_uncertainty", "read_schedule", "refine", "remove_delay_bias", "sees_second_camera",
-    "select_blocks", "smooth_velocity", "spline_transfer", "spread_defects", "straightened", "undistort", "with_bias",
+    "DefectFilteredFrames", "Elimination", "Fit", "FramesNeeded", "GreyVariance", "GrowthComparison", "ImageStack",
+    "ImageView", "Lens", "Linearisation", "Model", "RefinedState", "Region", "RegionImages", "ShiftObservations",
+    "Sources", "Splines", "SystematicErrors", "add_contradiction", "at_nodes", "between", "blank_fit", "choose_tiles",
+    "compare_growth", "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
+    "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "enlarged",
+    "estimate_variance", "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous",
+    "find_aperture", "find_dead_pixels", "find_far", "find_hidden", "find_saturated_runs", "fine_contrast",
+    "image_motion", "initial_parameters", "interpolation_error", "is_supported", "is_surrounded", "lattice_step",
+    "lens_problems", "list_spans", "margin_px", "maximise_likelihood", "near_bare_surfaces", "of_nearest_node",
+    "photon_transfer_variance", "place_of", "polynomial_bias", "read_calibration_uncertainty", "read_schedule",
+    "refine", "remove_delay_bias", "sees_second_camera", "select_blocks", "smooth_velocity", "spline_transfer",
+    "spread_defects", "spread_regions", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -91,12 +93,12 @@ __getattr__, __dir__ = export_lazily(
         "ambiguity": "find_ambiguous image_motion",
         "aperture": "compute_normal_flow find_aperture",
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
-        "discontinuity_refit": "is_supported is_surrounded",
+        "discontinuity_refit": "find_hidden is_supported is_surrounded",
         "fallback": "Sources fill_holes near_bare_surfaces",
         "fit_maps": "between blank_fit every_other initial_parameters with_bias",
         "growth_comparison": "RATES GrowthComparison compare_growth",
         "image_consistency": "fine_contrast",
-        "image_stack": "NO_DEFECTS ImageStack Splines",
+        "image_stack": "NO_DEFECTS FramesNeeded ImageStack Region Splines",
         "iterations": "RefinedState refine",
         "kernels.warp": "ImageView corrected place_of straightened",
         "kernels.window_solver": "Fit Model",
@@ -111,6 +113,7 @@ __getattr__, __dir__ = export_lazily(
         "systematic_error": (
             "SystematicErrors add_contradiction extrapolation_share list_spans polynomial_bias sees_second_camera"
         ),
+        "tiles": "RegionImages choose_tiles margin_px spread_regions",
         "velocity_curvature": "smooth_velocity",
     },
 )

@@ -188,7 +188,7 @@ def _rivalled(
 ) -> Mask:
     """Return the windows with a rival, of a grid of rows and columns."""
     frame, camera = images.reference()
-    grey = np.mean([images.grey(frame, camera, channel) for channel in range(images.channels)], axis=0)
+    grey = images.reference_grey()
     square = noise**2 * images.variance.at(grey) / images.channels
     flags = np.zeros(wanted[0].where.shape, dtype=np.bool_)
     every = _candidates(grey, square, axis, wanted, at, aperture)
@@ -196,11 +196,9 @@ def _rivalled(
     if not any(len(each) for each in every):
         return flags
     reference = grey.copy()
-    if images.bad:
-        reference[images.bad[frame][camera] != 0] = np.nan
+    reference[~images.usable(frame, camera)] = np.nan
     places = [n * len(images.positions) + camera for n, camera in axis.images]
-    whole = images.view()
-    view = whole._replace(s=whole.s[places], s_y=whole.s_y[places], t=whole.t[places], moved=whole.moved[places])
+    view = images.view_of(places)
     stack = np.stack([_mean_of_channels(images, *image) for image in axis.images])
     bad = np.stack([images.bad[n][camera] for n, camera in axis.images]) if images.bad else NO_DEFECTS
     fields = np.ascontiguousarray(extract_fields(theta))

@@ -96,7 +96,7 @@ def _gradient_products(images: ImageStack, noise: float) -> tuple[Map, Map, Map]
     from scipy.ndimage import convolve1d
 
     frame, camera = images.reference()
-    usable = images.bad[frame][camera] == 0 if images.bad else np.ones(images.shape, dtype=np.bool_)
+    usable = images.usable(frame, camera)
     inner = np.zeros(images.shape, dtype=np.bool_)
     inner[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = True
     usable = usable & inner if inner.any() else usable
@@ -104,7 +104,7 @@ def _gradient_products(images: ImageStack, noise: float) -> tuple[Map, Map, Map]
     energy, correlated = _noise_of_slope(images.spline)
     values, slopes = _VALUES[images.spline], _SLOPES[images.spline]
     for channel in range(images.channels):
-        coefficients = images.coefficients[frame][channel, camera].astype(np.float64)
+        coefficients = images.cut(images.coefficients[frame][channel, camera], frame, camera).astype(np.float64)
         rows, columns = (convolve1d(coefficients, values, axis=axis, mode="mirror") for axis in (0, 1))
         along = convolve1d(rows, slopes, axis=1, mode="mirror")
         down = convolve1d(columns, slopes, axis=0, mode="mirror")

@@ -54,7 +54,7 @@ from scenetruth.estimators.refined.motion_model_selection import (
     encode_motion_models,
     list_motion_models,
 )
-from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
+from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
 from scenetruth.estimators.refined.row_bands import (
     NO_OCCLUSION,
     PixelEvidence,
@@ -73,6 +73,7 @@ __all__ = [
     "HypothesisSelection",
     "empty_discontinuity_context",
     "estimate_gain_offset",
+    "find_hidden",
     "is_supported",
     "is_surrounded",
     "refit_discontinuities",
@@ -107,10 +108,7 @@ def estimate_gain_offset(
     good: NDArray[np.bool_],
 ) -> GainOffset:
     """Estimate gains and offsets of the images relative to their mean by regression in blocks over ``good`` pixels."""
-    count, (_, height, width) = (
-        len(view.s),
-        coefficients[0].shape if isinstance(coefficients, list) else coefficients.shape,
-    )
+    count, (height, width) = len(view.s), fields.shape[1:]
     down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
     gain = np.full((count, down, across), np.nan, dtype=np.float32)
     offset = np.full_like(gain, np.nan)
@@ -327,7 +325,7 @@ def refit_discontinuities(
     report: Callable[[int], None] | None = None,
 ) -> tuple[RefinedState, DiscontinuityContext]:
     """Fit pixels again whose windows contain several surfaces, from disparity and velocity of shape (4, y, x)."""
-    noise = estimate_noise(np.sqrt(refined.fit.residual[0]))
+    noise = images.residual_noise(refined.fit.residual[0])
     sigma = settings.window_sigma_px
     whole = refined.fit.theta
     reach = window_weights(sigma).shape[2] // 2
@@ -579,7 +577,7 @@ def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: 
         of_windows = np.full((len(pixels.at), 2), np.nan)
         windows = [_Windows(sigma, fit, of_windows)]
         windows += [_Windows(finer, fine, np.empty_like(of_windows))] if last else []
-        hidden = _hidden(taken, fields, near)
+        hidden = find_hidden(taken, fields, near)
         wanted = np.where(near, fields, np.nan)
         for band in bands(taken, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
             for each in windows:
@@ -642,17 +640,31 @@ def _solve(
     solve_all(np.flatnonzero(left))
 
 
-def _hidden(images: ImageStack, fields: Map, near: Mask) -> NDArray[np.uint8]:
+def find_hidden(images: ImageStack, fields: Map, near: Mask | None = None) -> NDArray[np.uint8]:
     """Return the images in which each pixel is occluded, as bits; empty for one camera; zero far from a mask."""
+    near = np.ones(fields.shape[1:], dtype=np.bool_) if near is None else near
     if images.farthest == 0.0 or not near.any():
         return NO_OCCLUSION
-    view = images.view()
-    hidden = np.zeros((-(-len(view.s) // 8), *images.shape), dtype=np.uint8)
-    # Pixels as far away as points of different disparity and velocity are displaced relative to each other.
-    inside = fields[:, near]
-    displaced = np.concatenate([inside[:1], inside[0] * inside[1:]])
-    apart = np.nan_to_num(np.nanquantile(displaced, 0.99, axis=1) - np.nanquantile(displaced, 0.01, axis=1))
-    rows, columns = _Pixels.of(near, math.ceil(float(apart @ _arms(images, len(fields)))) + 2).box
-    box = rows.start, rows.stop, columns.start, columns.stop
+    view, inner = images.view(), (slice(None), slice(None))
+    if images.beside is None:
+        # Pixels as far away as points of different disparity and velocity are displaced relative to each other.
+        inside = fields[:, near]
+        displaced = np.concatenate([inside[:1], inside[0] * inside[1:]])
+        apart = np.nan_to_num(np.nanquantile(displaced, 0.99, axis=1) - np.nanquantile(displaced, 0.01, axis=1))
+        rows, columns = _Pixels.of(near, math.ceil(float(apart @ _arms(images, len(fields)))) + 2).box
+        box = rows.start, rows.stop, columns.start, columns.stop
+    else:
+        # Points beyond the region occlude those within.
+        wide, around_it = images.beside
+        left, top = images.corner[0] - wide.left, images.corner[1] - wide.top
+        inner = slice(top, top + images.shape[0]), slice(left, left + images.shape[1])
+        view = view._replace(
+            centre_x=view.centre_x + left, centre_y=view.centre_y + top, origin=view.origin + [left, top]
+        )
+        whole = np.zeros((len(fields), wide.height, wide.width))
+        whole[: len(around_it)] = around_it
+        whole[(slice(None), *inner)] = fields
+        fields, box = whole, (0, wide.height, 0, wide.width)
+    hidden = np.zeros((-(-len(view.s) // 8), *fields.shape[1:]), dtype=np.uint8)
     in_threads(partial(hide, view, fields, _SAME_PX / images.farthest, hidden, box=box), range(len(hidden)))
-    return hidden
+    return np.ascontiguousarray(hidden[(slice(None), *inner)])

@@ -108,7 +108,7 @@ def compute_fallback(
     if kind == "none" or len(images.positions) == 1:
         return FallbackValues(swept, disparity, disparity)
     frame, camera = images.reference()
-    usable = images.bad[frame][camera] == 0 if images.bad else np.ones_like(valid)
+    usable = images.usable(frame, camera)
     textured = _own_texture(images, noise, _OWN_PX)
     # Points at infinity have no depth.
     swept = start.known & ~valid & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX) & usable & textured

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -23,6 +24,7 @@ __all__ = [
     "compute_agreement",
     "describe_missing_contrast",
     "find_inconsistent_images",
+    "find_inconsistent_of_regions",
     "fine_contrast",
     "replace_reference",
 ]
@@ -57,6 +59,11 @@ class ImageAgreement:
 
 def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even: bool = False) -> ImageAgreement:
     """Correlate every image with the mean of all others, block by block, for fields of shape (4, y, x)."""
+    return judge_blocks([correlate_blocks(images, fields, sigma_px, even=even)])
+
+
+def correlate_blocks(images: ImageStack, fields: Map, sigma_px: float, *, even: bool) -> tuple[Map, Map]:
+    """Return the correlations of the images in blocks with the mean of all others, shape (blocks, n), and contrasts."""
     height, width = images.shape
     edge = min(2 * math.ceil(_CUT * sigma_px) + 1, height, width)
     rows = np.unique(np.linspace(0, height - edge, min(_ROWS, height // edge)).round().astype(np.intp))
@@ -81,8 +88,13 @@ def compute_agreement(images: ImageStack, fields: Map, sigma_px: float, *, even:
         parts[number] = np.array(found), np.array(contrast)
 
     in_threads(work, range(len(jobs)))
-    each = np.concatenate([parts[n][0] for n in range(len(jobs))])
-    contrast = np.concatenate([parts[n][1] for n in range(len(jobs))])
+    found, contrasts = zip(*(parts[n] for n in range(len(jobs))), strict=True)
+    return np.concatenate(found), np.concatenate(contrasts)
+
+
+def judge_blocks(blocks: Sequence[tuple[Map, Map]]) -> ImageAgreement:
+    """Return the agreement of images from the blocks of one region or several."""
+    each, contrast = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     enough = np.isfinite(each).sum(axis=1) >= _LEAST_IMAGES
     middle = np.full(len(each), -np.inf)
     middle[enough] = np.nanmedian(each[enough], axis=1)
@@ -108,19 +120,31 @@ def find_inconsistent_images(
     another depth and a motion in depth. Therefore four must remain, of several cameras and frames seven, and more than
     three quarters; images without contrast are not counted.
     """
+    if images.noise is not None:
+        return part.left_out
     cameras = len(images.positions)
     least = _REMAIN if min(cameras, len(images.times)) == 1 else _REMAIN_OF_BOTH
     if len(part.times) * cameras <= least and len(part.times) < len(images.times):
         places = {int(frame): n for n, frame in enumerate(np.flatnonzero(np.isin(images.times, part.times)))}
         every = find_inconsistent_images(images, fields, sigma_px, images)
         return frozenset((places[frame], camera) for frame, camera in every if frame in places)
+    return find_inconsistent_of_regions([(part, fields)], sigma_px)
+
+
+def find_inconsistent_of_regions(
+    regions: Sequence[tuple[ImageStack, Map]], sigma_px: float
+) -> frozenset[tuple[int, int]]:
+    """Return the images that contradict the others in regions with fields, as `find_inconsistent_images`."""
+    part, _ = regions[0]
+    cameras = len(part.positions)
+    least = _REMAIN if min(cameras, len(part.times)) == 1 else _REMAIN_OF_BOTH
     found = {
         (frame, camera)
-        for frame, flags in enumerate(part.bad)
+        for frame in range(len(part.bad))
         for camera in range(cameras)
-        if flags[camera].mean() > 1.0 - _LEAST_USABLE
+        if np.mean([each.bad[frame][camera].mean() for each, _ in regions if each.bad]) > 1.0 - _LEAST_USABLE
     }
-    scores = compute_agreement(part, fields, sigma_px).images
+    scores = judge_blocks([correlate_blocks(each, fields, sigma_px, even=False) for each, fields in regions]).images
     off = scores == 0
     shown = np.isfinite(scores) & ~off
     if shown.any():
@@ -170,7 +194,7 @@ def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
     from scipy.ndimage import convolve1d, gaussian_filter
 
     frame, camera = _nearest_included(images)
-    usable = 1.0 - (images.bad[frame][camera] > 0) if images.bad else np.ones(images.shape)
+    usable = images.usable(frame, camera).astype(np.float64)
     squares = np.zeros(images.shape)
     second = np.array([1.0, -2.0, 1.0]) / np.sqrt(6.0)
     for channel in range(images.channels):
@@ -197,8 +221,7 @@ def replace_reference(images: ImageStack, fields: Map) -> ImageStack:
     from scipy.ndimage import spline_filter
 
     place = nearest[0] * len(images.positions) + nearest[1]
-    whole = images.view()
-    view = whole._replace(s=whole.s[[place]], s_y=whole.s_y[[place]], t=whole.t[[place]], moved=whole.moved[[place]])
+    view = images.view_of([place])
     bad = images.bad[nearest[0]][[nearest[1]]] if images.bad else np.zeros((0, 0, 0), dtype=np.uint8)
     coefficients = [frame.copy() for frame in images.coefficients]
     missing = np.zeros(images.shape, dtype=np.bool_)
@@ -212,10 +235,10 @@ def replace_reference(images: ImageStack, fields: Map) -> ImageStack:
         )
         missing |= np.isnan(warped[0])
         grey = np.where(missing, np.nanmean(warped[0]) if not missing.all() else 0.0, warped[0]).astype(np.float64)
-        out = coefficients[reference[0]][channel, reference[1]]
+        out = images.cut(coefficients[reference[0]][channel, reference[1]], *reference)
         out[:] = spline_filter(grey, images.spline, mode="mirror")
     flags = [each.copy() for each in images.bad] or [np.zeros(each.shape[1:], np.uint8) for each in coefficients]
-    flags[reference[0]][reference[1]] = missing
+    images.cut(flags[reference[0]][reference[1]], *reference)[:] = missing
     return replace(images, coefficients=coefficients, bad=flags, left_out=images.left_out - {reference})
 
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.acquisition import PosePriors
 from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, ImageView
 from scenetruth.estimators.refined.lens_distortion import Lens
-from scenetruth.estimators.refined.noise_estimation import EVEN, GreyVariance
+from scenetruth.estimators.refined.noise_estimation import EVEN, GreyVariance, estimate_noise
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.threads import in_threads
 
-__all__ = ["NO_DEFECTS", "FramesNeeded", "ImageStack", "Splines", "frames_needed"]
+__all__ = ["NO_DEFECTS", "FramesNeeded", "ImageStack", "Region", "Splines", "filter_image", "frames_needed"]
 
 
 @dataclass(frozen=True)
@@ -66,15 +66,20 @@ class Splines:
 
 
 def _coefficients(images: NDArray[Any], order: int) -> NDArray[np.float32]:
-    from scipy.ndimage import spline_filter
-
     out = np.empty(images.shape, dtype=np.float32)
 
     def transform(index: tuple[int, int]) -> None:
-        out[index] = spline_filter(images[index].astype(np.float64), order, mode="mirror")
+        out[index] = filter_image(images[index], order)
 
     in_threads(transform, list(np.ndindex(images.shape[:2])))
     return out
+
+
+def filter_image(image: NDArray[Any], order: int) -> Map:
+    """Return the spline coefficients of an image, mirrored at its border."""
+    from scipy.ndimage import spline_filter
+
+    return np.asarray(spline_filter(image.astype(np.float64), order, mode="mirror"))
 
 
 # Values of B-splines at integer positions, by order.
@@ -86,6 +91,28 @@ NO_LENS = np.zeros(0)
 Map = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class Region:
+    """Rectangle of the reference image, whose pixels are estimated together."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+    whole: tuple[int, int]
+    """Numbers of rows and columns of the image."""
+
+    @property
+    def rows(self) -> slice:
+        """Rows of the image."""
+        return slice(self.top, self.top + self.height)
+
+    @property
+    def columns(self) -> slice:
+        """Columns of the image."""
+        return slice(self.left, self.left + self.width)
+
+
 @dataclass(frozen=True, eq=False)
 class ImageStack:
     """Images that are fitted together.
@@ -93,7 +120,7 @@ class ImageStack:
     ``coefficients``: Spline coefficients by frame, shape (channel, s, y, x) each.
     ``positions``: Positions (s, s_y) of the cameras in steps, shape (cameras, 2).
     ``times``: Times of the reference camera's images relative to the estimated frame.
-    ``focal``, ``centre``: Focal length, and principal point (x, y), in columns and rows.
+    ``focal``, ``centre``: Focal length, and principal point (x, y), in columns and rows of the region.
     ``moved``: Pose correction of every image in the order of `stack`, as in `warp.corrected`, shape (n, 4).
     ``bad``: Nonzero at pixels whose surroundings must not be sampled, by frame, shape (s, y, x) each; empty if none.
     ``left_out``: Excluded images, as indices of frame and camera.
@@ -102,6 +129,13 @@ class ImageStack:
     ``shutter``: Rolling shutter: frames and stage steps from one row to the next.
     ``lens``: Distortion of the images; None for a pinhole camera. Maps of a fit are those of a pinhole camera.
     ``priors``: Prior standard deviations of the pose errors; None if poses are taken as exact.
+    ``region``: Pixels of the reference that are estimated; None for all of them.
+    ``origin``: Column and row of the region at which the array of each image begins, in the order of `stack`, shape
+      (n, 2); None if all begin at the first pixel.
+    ``beside``: A larger region and its initial fields, whose points may occlude those of the region; None if there are
+      none.
+    ``noise``: Residual of windows that fit well; None if it is estimated from those of this stack. If it is given, so
+      are the excluded images and ``variance``: all are properties of whole images, from a sample of them.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -118,12 +152,36 @@ class ImageStack:
     shutter: tuple[float, float] = (0.0, 0.0)
     lens: Lens | None = None
     priors: PosePriors | None = None
+    region: Region | None = None
+    origin: Map | None = None
+    noise: float | None = None
+    beside: tuple[Region, Map] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns."""
+        """Numbers of rows and columns that are estimated."""
+        return self._array_shape if self.region is None else (self.region.height, self.region.width)
+
+    @property
+    def whole_shape(self) -> tuple[int, int]:
+        """Numbers of rows and columns of the images."""
+        return self._array_shape if self.region is None else self.region.whole
+
+    @property
+    def _array_shape(self) -> tuple[int, int]:
         height, width = self.coefficients[0].shape[-2:]
         return height, width
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Column and row of the image at which the region begins."""
+        return (0, 0) if self.region is None else (self.region.left, self.region.top)
+
+    @property
+    def bounds(self) -> tuple[int, int, int, int]:
+        """First column and row, and last column and row, of the images, counted from the first pixel of the region."""
+        (left, top), (height, width) = self.corner, self.whole_shape
+        return -left, -top, width - 1 - left, height - 1 - top
 
     @property
     def channels(self) -> int:
@@ -143,7 +201,7 @@ class ImageStack:
     @property
     def aside(self) -> float:
         """Largest ratio of the image displacement due to U_Z = Z to that due to U_X = Z."""
-        return max(self.centre) / self.focal
+        return max(at + first for at, first in zip(self.centre, self.corner, strict=True)) / self.focal
 
     @property
     def frames(self) -> int:
@@ -162,9 +220,10 @@ class ImageStack:
     def _of(self, frames: NDArray[np.intp]) -> ImageStack:
         return replace(
             self,
-            coefficients=[self.coefficients[n] for n in frames],
+            coefficients=[self.coefficients[n] for n in frames] if self.coefficients else [],
             times=self.times[frames],
             moved=self.moved.reshape(len(self.times), -1, 4)[frames].reshape(-1, 4),
+            origin=None if self.origin is None else self.origin.reshape(len(self.times), -1, 2)[frames].reshape(-1, 2),
             bad=[self.bad[n] for n in frames] if self.bad else [],
             delays=None if self.delays is None else self.delays[frames],
             left_out=frozenset((place, s) for place, n in enumerate(frames) for t, s in self.left_out if t == n),
@@ -185,7 +244,7 @@ class ImageStack:
 
     def bad_stack(self) -> list[NDArray[np.uint8]]:
         """Return where images must not be sampled, in the order of `stack`, by frame; shape (0, 0, 0) if nowhere."""
-        shape = (len(self.positions), *self.shape)
+        shape = (len(self.positions), *self._array_shape)
         found = []
         for frame in range(len(self.times)):
             excluded = [camera for left_out, camera in self.left_out if left_out == frame]
@@ -204,11 +263,41 @@ class ImageStack:
         t = np.repeat(self.times, len(self.positions))
         t = t if self.delays is None else t + self.delays.ravel()
         lens = NO_LENS if self.lens is None else self.lens.kernel
-        return ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline, *self.shutter, lens)
+        view = ImageView(s, s_y, t, self.moved, self.focal, *self.centre, self.spline, *self.shutter, lens)
+        return view if self.origin is None else view._replace(origin=self.origin, size=self._array_shape)
+
+    def view_of(self, places: list[int]) -> ImageView:
+        """Return positions, times and corrections of some images, by their indices in `stack`."""
+        whole = self.view()
+        origin = whole.origin if self.origin is None else self.origin[places]
+        parts = {name: getattr(whole, name)[places] for name in ("s", "s_y", "t", "moved")}
+        return whole._replace(**parts, origin=origin)
+
+    def whole_view(self) -> ImageView:
+        """Return positions, times and corrections of all images, with the principal point in whole images."""
+        view = self.view()
+        return view._replace(centre_x=view.centre_x + self.corner[0], centre_y=view.centre_y + self.corner[1])
 
     def reference(self) -> tuple[int, int]:
         """Return the indices of frame and camera of the reference image."""
         return int(np.argmin(np.abs(self.times))), int(np.argmin(np.abs(self.positions).sum(axis=1)))
+
+    def cut(self, array: NDArray[Any], frame: int, camera: int) -> NDArray[Any]:
+        """Return the region of the array of an image, a view if the array contains the region, as for the reference."""
+        if self.origin is None:
+            return array
+        starts = (-self.origin[frame * len(self.positions) + camera][::-1]).astype(int).tolist()
+        sizes = list(zip(starts, self.shape, array.shape, strict=True))
+        if all(0 <= start <= size - count for start, count, size in sizes):
+            return array[tuple(slice(start, start + count) for start, count, _ in sizes)]
+        rows, columns = (np.clip(np.arange(start, start + count), 0, size - 1) for start, count, size in sizes)
+        return np.asarray(array[np.ix_(rows, columns)])
+
+    def usable(self, frame: int, camera: int) -> NDArray[np.bool_]:
+        """Return the pixels of an image without defects, shape (y, x)."""
+        if not self.bad:
+            return np.ones(self.shape, dtype=np.bool_)
+        return np.asarray(self.cut(self.bad[frame][camera], frame, camera) == 0)
 
     def grey(self, frame: int, camera: int, channel: int) -> Map:
         """Return the grey values of an image, shape (y, x), without distortion."""
@@ -216,14 +305,24 @@ class ImageStack:
 
         image: Map = self.coefficients[frame][channel, camera].astype(np.float64)
         if self.lens is not None:
-            return self.lens.sample(image, self.spline)
+            at = None if self.origin is None else self.origin[frame * len(self.positions) + camera]
+            return self.lens.sample(image, self.spline, at)
+        image = self.cut(image, frame, camera)
         for axis in (0, 1):
             image = np.asarray(convolve1d(image, _VALUES[self.spline], axis=axis, mode="mirror"))
         return image
 
+    def reference_grey(self) -> Map:
+        """Return the grey values of the reference, averaged over channels, shape (y, x)."""
+        return np.asarray(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)], axis=0))
+
     def mean_grey(self) -> float:
         """Return the mean grey value of the reference."""
         return float(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)]))
+
+    def residual_noise(self, square: NDArray[Any]) -> float:
+        """Return the residual of windows that fit well, from the mean square residuals of windows."""
+        return estimate_noise(np.sqrt(square)) if self.noise is None else self.noise
 
     def moved_px(self, before: Map, after: Map) -> Map:
         """Return the largest displacement over all images, in px, due to a change of fields, shape (4 or 7, ...)."""

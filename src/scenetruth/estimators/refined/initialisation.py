@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,7 +71,7 @@ def initialise_by_plane_sweep(
     known = np.zeros(images.shape[3:], dtype=np.bool_)
     # Camera rows above and below are used in the fit only.
     row = rig.positions[:, 1] == 0.0
-    positions, images = rig.positions[row, 0], images[:, row]
+    positions, images = rig.positions[row, 0], images if row.all() else images[:, row]
     several = len(positions) > 1
     if several:
         found = sweep_disparity(images[:, :, estimated], positions, rig.baseline_mm)
@@ -149,9 +150,14 @@ def initialise_robustly(
     rig: CameraLayout,
     sigma_px: float,
     max_motion: float | None = None,
+    agreement: Callable[[Map], float] | None = None,
 ) -> InitialEstimate:
-    """Estimate disparity and velocity of every pixel of the reference, as `initialise_by_plane_sweep`."""
+    """Estimate disparity and velocity of every pixel of the reference, as `initialise_by_plane_sweep`.
+
+    ``agreement``: Fraction of the textured blocks that agree for fields of shape (4, y, x); default: of all blocks.
+    """
     near = images.within(1.0)
+    agreeing = agreement or (lambda fields: compute_agreement(near, fields, sigma_px, even=True).blocks)
     reference, middle = int(np.argmin(np.hypot(*rig.positions.T))), needed.output - needed.first
     row = np.flatnonzero(rig.positions[:, 1] == rig.positions[reference, 1]).tolist()
     others = sorted(row, key=lambda n: abs(rig.positions[n, 0]))[1:3]
@@ -180,7 +186,7 @@ def initialise_robustly(
         if (frame, camera) != (middle, reference):
             fields = map_to_reference(found.fields, float(rig.positions[camera, 0]), float(images.times[frame]), rig)
             found = InitialEstimate(fields, np.zeros_like(found.known))
-        share = compute_agreement(near, found.fields, sigma_px, even=True).blocks
+        share = agreeing(found.fields)
         if best is None or share > _BETTER * most:
             best, most = found, share
         if most >= _ENOUGH or len(near.times) * len(rig.positions) < 3:

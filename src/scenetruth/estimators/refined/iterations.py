@@ -25,7 +25,6 @@ from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MO
 from scenetruth.estimators.refined.lattice import WindowLattice
 from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
-    estimate_noise,
     estimate_variance,
     spline_transfer,
     textured,
@@ -110,7 +109,8 @@ def refine(
             left_out = find_inconsistent_images(images, extract_fields(state), sigma, part)
         part = part.without(left_out)
         shifts = None if cameras is None or settled else ShiftObservations.blank(images.shape, len(part.view().s))
-        evidence = PixelEvidence.blank(images.shape) if settings.noise == "estimated" and model is models[0] else None
+        varying = settings.noise == "estimated" and images.noise is None and model is models[0]
+        evidence = PixelEvidence.blank(images.shape) if varying else None
         (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts, seen=evidence, coarse=True)
         if evidence is not None:
             images = replace(images, variance=_estimated_variance(images, evidence))
@@ -270,9 +270,7 @@ def fill_invalid_parameters(state: Map, theta: Map) -> Map:
 
 def _estimated_variance(images: ImageStack, seen: PixelEvidence) -> GreyVariance:
     """Return the noise variance as a function of the grey value, from the residuals of single pixels."""
-    grey = local_means(
-        np.mean([images.grey(*images.reference(), channel) for channel in range(images.channels)], axis=0)
-    )
+    grey = local_means(images.reference_grey())
     return estimate_variance(grey, seen.square * images.variance.at(grey))
 
 
@@ -280,8 +278,7 @@ def _still(before: Map, after: Map, fit: Fit, images: ImageStack, tolerance_px: 
     """Return whether 90 % of the well-fitted pixels moved by less than a tolerance in all images."""
     moved = images.moved_px(extract_fields(before), extract_fields(after))
     left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
+    noise = images.residual_noise(fit.residual[0]) / spline_transfer(images.spline)
     with np.errstate(invalid="ignore"):
-        fitted = textured(fit.residual[1], estimate_noise(left), images.count, images.spline) & (
-            left < _FITTED * estimate_noise(left)
-        )
+        fitted = textured(fit.residual[1], noise, images.count, images.spline) & (left < _FITTED * noise)
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)

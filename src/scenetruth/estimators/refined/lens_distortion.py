@@ -5,8 +5,8 @@ The fit works on the pixels of a pinhole camera of the same intrinsics, where it
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -94,11 +94,17 @@ class Lens:
     centre: tuple[float, float]
     shape: tuple[int, int]
 
-    @property
+    @cached_property
     def kernel(self) -> Array:
         """Coefficients for `warp.corrected`, followed by the largest squared radius."""
         largest = np.square(self._undistorted()).sum(axis=0).max()
         return np.append(self.coefficients, _MARGIN * largest)
+
+    def part(self, left: int, top: int, shape: tuple[int, int]) -> Lens:
+        """Return the lens for a part of the image that begins at a column and row."""
+        part = replace(self, centre=(self.centre[0] - left, self.centre[1] - top), shape=shape)
+        part.__dict__["kernel"] = self.kernel
+        return part
 
     def straighten(self, images: NDArray[Any]) -> NDArray[np.float32]:
         """Return images, shape (..., y, x), as of a pinhole camera; beyond their border, the nearest values."""
@@ -113,11 +119,16 @@ class Lens:
         in_threads(partial(resample), list(np.ndindex(images.shape[:-2])))
         return out
 
-    def sample(self, coefficients: Array, order: int) -> Array:
-        """Return an image as of a pinhole camera, from its spline coefficients, shape (y, x)."""
+    def sample(self, coefficients: Array, order: int, origin: Array | None = None) -> Array:
+        """Return an image as of a pinhole camera, from its spline coefficients, shape (y, x).
+
+        ``origin``: Column and row at which the coefficients begin; None for 0.
+        """
         from scipy.ndimage import map_coordinates
 
         at = self._distorted()[::-1]
+        if origin is not None:
+            at = at - origin[::-1, None, None]
         return np.asarray(map_coordinates(coefficients, at, order=order, mode="nearest", prefilter=False))
 
     def put_back(self, maps: dict[str, Any], spread_px: float) -> dict[str, Any]:

@@ -46,7 +46,7 @@ from scenetruth.estimators.refined.model_tests import (
     find_far,
     large_areas,
 )
-from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
+from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.estimators.refined.systematic_error import list_alternatives
 from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
@@ -216,7 +216,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
                 growth = compare_growth(refined.fit, fit, sigma, where, spline_transfer(images.spline)).significant
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
-    noise = settings.max_residual_ratio * estimate_noise(np.sqrt(refined.fit.residual[0]))
+    noise = settings.max_residual_ratio * images.residual_noise(refined.fit.residual[0])
     fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise, at.step)
     return replace(
         refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import DTypeLike, NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
@@ -21,7 +22,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import Fit
-from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
+from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
 from scenetruth.estimators.refined.systematic_error import sees_second_camera
@@ -35,7 +36,14 @@ from scenetruth.schema.variables import (
     STATUS_VALID,
 )
 
-__all__ = ["CORRECTIONS", "compute_correction_maps", "compute_maps", "list_map_types", "make_invalid_maps"]
+__all__ = [
+    "CORRECTIONS",
+    "compute_correction_maps",
+    "compute_maps",
+    "list_camera_counts",
+    "list_map_types",
+    "make_invalid_maps",
+]
 
 Map = NDArray[np.float64]
 
@@ -64,6 +72,11 @@ _SMALL_WINDOW, _SMALLEST_PX = 2 / 3, 1.5
 # quantities of the motion that are then given, as in the structure tensor.
 _OF_SURFACE = ("disparity", "depth", "slope", "normal", "mean_curvature", "gaussian_curvature")
 _OF_NORMAL_MOTION = ("flow", "divergence", "velocity")
+
+
+def list_camera_counts(recording: xr.Dataset) -> list[int]:
+    """Return the numbers of rows, for a grid, and columns of cameras."""
+    return [recording.sizes[dim] for dim in ("s_y", "s") if dim in recording["image"].dims]
 
 
 def list_map_types(
@@ -161,13 +174,14 @@ def compute_maps(
     d, q = theta[0], theta[[6, 9, 12]]
     with np.errstate(invalid="ignore", divide="ignore"):
         left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
-        usual = estimate_noise(left)
+        usual = images.residual_noise(fit.residual[0]) / spline_transfer(images.spline)
         variance = fit.variance / spline_transfer(images.spline) ** 2
         common = None
         if calibration is not None or poses is not None:
             errors, effect = refined.cameras or poses, None
-            if errors is not None:
-                finite = fill_gaps(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
+            fitted = np.asarray(np.isfinite(theta).all(axis=0))
+            if errors is not None and fitted.any():
+                finite = fill_gaps(theta[STEADY_PLACES], fitted)
                 effect = errors.effect(images, finite).variance
             common = compute_common_variance(calibration or CalibrationUncertainty(), effect, d, q)
             variance[0] += common.disparity

@@ -57,7 +57,7 @@ class DefectFilteredFrames:
 
     def frames(self, first: int, last: int) -> NDArray[Any]:
         """Return the filled images of consecutive frames: float32, or of the recorded type if without defects."""
-        images = self._reader.frames(first, last)
+        images = self._reader.part(first, last)
         causes = [self._causes(frame, images[:, :, frame - first]) for frame in range(first, last)]
         for frame, found in zip(range(first, last), causes, strict=True):
             self._note(frame, found)
@@ -78,6 +78,37 @@ class DefectFilteredFrames:
 
         in_threads(fill, jobs)
         return images
+
+    def hold(self, first: int, last: int) -> None:
+        """Read consecutive frames, which `crop` and `frames` take from memory until others are read."""
+        images = self._reader.frames(first, last)
+        for frame in range(first, last):
+            if frame not in self._bad:
+                self._note(frame, self._causes(frame, images[:, :, frame - first]))
+
+    def recorded(self, frame: int) -> NDArray[Any]:
+        """Return the images of a frame in memory, as they are recorded, shape (channel, s, y, x)."""
+        return self._reader.part(frame, frame + 1)[:, :, 0]
+
+    def crop(self, frame: int, camera: int, rows: slice, columns: slice) -> NDArray[Any]:
+        """Return a part of an image of the frames in memory, filled, shape (channel, y, x)."""
+        images = self._reader.part(frame, frame + 1)[:, camera, 0, rows, columns]
+        if self._bad[frame] is None:
+            return images
+        wrong = ~np.isfinite(images).all(axis=0)
+        user = self._masked(frame)
+        if user is not None:
+            wrong |= user[camera, rows, columns]
+        if self._dead is not None:
+            wrong |= self._dead[rows, columns]
+        if not wrong.any():
+            return images
+        return np.stack([fill_defects(image.astype(np.float32), wrong) for image in images])
+
+    def bad_crop(self, frame: int, camera: int, rows: slice, columns: slice) -> NDArray[np.uint8] | None:
+        """Return where a part of an image must not be sampled; None if its frame has no defects."""
+        flags = self._bad[frame]
+        return None if flags is None else flags[camera, rows, columns]
 
     def bad(self, first: int, last: int) -> list[NDArray[np.uint8]]:
         """Return where consecutive frames must not be sampled, shape (s, y, x) each, or an empty list if nowhere."""

@@ -18,17 +18,19 @@ from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.pose_corrections import (
+    Blocks,
     CorrectionUncertainty,
     Elimination,
     PoseCorrections,
     ShiftObservations,
     compute_correction_uncertainty,
+    join_blocks,
     select_blocks,
 )
 from scenetruth.estimators.refined.row_bands import bands
 from scenetruth.schema.variables import MOTION_ACCELERATED_IN_PART
 
-__all__ = ["PoseErrors", "estimate_pose_errors", "warn_of_pose_errors"]
+__all__ = ["PoseErrors", "estimate_pose_errors", "observe_blocks", "warn_of_pose_errors"]
 
 Map = NDArray[np.float64]
 
@@ -62,22 +64,15 @@ class PoseErrors:
         return compute_correction_uncertainty(images.view(), fields, self.rooted)
 
 
-def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> PoseErrors | None:
-    """Return the errors of the images around a fit with exact poses, None if they are not significant.
-
-    The variances of shifts, rolls and scales of positions and of the shifts of visits maximise the likelihood of the
-    shifts of blocks (EM algorithm). Shifts along x and y have one variance: those along x that are proportional to s
-    look like disparity, those along y do not.
-    """
+def observe_blocks(fitted: RefinedState, settings: RefinedSettings) -> Blocks | None:
+    """Return the shifts of blocks of the images around a fit, None if there are none."""
     images, theta = fitted.images, fitted.fit.theta
     # Where the fit takes fewer frames, it does not predict the others.
     valid = np.isfinite(theta).all(axis=0) & (fitted.motion != MOTION_ACCELERATED_IN_PART)
     if not valid.any():
         return None
     fields = extract_fields(theta)
-    if len(images.positions) < 2 or images.count < len(images.positions) * len(images.times):
-        return None
-    shifts = ShiftObservations.blank(images.shape, images.count)
+    shifts = ShiftObservations.blank(images.shape, len(images.times) * len(images.positions))
     gains = settings.photometric_model == "per_image"
     seen_at = np.where(valid, fields, np.nan)
     # Every other row is enough for shifts of whole blocks.
@@ -85,10 +80,28 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     for _ in bands(images, seen_at, settings.window_sigma_px, gains=gains, shifts=shifts):
         pass
     blocks = select_blocks(shifts, fill_gaps(fields[:4], valid))
-    if not len(blocks.shift) or not blocks.noise > 0:
+    return blocks if len(blocks.shift) and blocks.noise > 0 else None
+
+
+def estimate_pose_errors(regions: Sequence[RefinedState], settings: RefinedSettings) -> PoseErrors | None:
+    """Return the errors of the images around fits with exact poses, None if they are not significant.
+
+    The fits are of a whole image, or of several regions of it.
+
+    The variances of shifts, rolls and scales of positions and of the shifts of visits maximise the likelihood of the
+    shifts of blocks (EM algorithm). Shifts along x and y have one variance: those along x that are proportional to s
+    look like disparity, those along y do not.
+    """
+    images = regions[0].images
+    if len(images.positions) < 2 or images.count < len(images.positions) * len(images.times):
         return None
+    observed = [(observe_blocks(fitted, settings), fitted) for fitted in regions]
+    found = [(blocks, fitted) for blocks, fitted in observed if blocks is not None]
+    if not found:
+        return None
+    blocks = join_blocks([(each, fitted.images) for each, fitted in found])
     parts, group = _parts_of(images)
-    elimination = Elimination(blocks, images.view())
+    elimination = Elimination(blocks, images.whole_view())
     kept, excess = np.ones(len(blocks.shift)), 1.0
     variance: Map = np.full(group.max() + 1, _START_PX**2)
     gain, seen = 0.0, np.zeros(len(variance))
@@ -107,16 +120,24 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     freedom = np.maximum(seen, 3.0)
     variance = variance * freedom / (freedom - 2.0)
     rooted = parts * np.sqrt(variance[group])
-    added = compute_correction_uncertainty(images.view(), fill_gaps(fields[:4], valid), rooted).variance[:, valid]
-    own = fitted.fit.variance[[0, 3, 4, 5]][:, valid] / spline_transfer(images.spline) ** 2
+    variances = [_variances(fitted, rooted) for _, fitted in found]
+    added, own = (np.concatenate(each, axis=1) for each in zip(*variances, strict=True))
     shift, visit = float(np.sqrt(variance[0])), float(np.sqrt(variance[3:].max(initial=0.0)))
     relevant = bool((np.median(added, axis=1) > _RELEVANT * np.median(own, axis=1)).any())
     return PoseErrors(shift, visit, rooted, relevant and max(shift, visit) > _LEAST_PX)
 
 
+def _variances(fitted: RefinedState, rooted: Map) -> tuple[Map, Map]:
+    """Return the variances of d and q due to errors of the images, and those of the fit, at its pixels, (4, n) each."""
+    images, fields = fitted.images, extract_fields(fitted.fit.theta)[:4]
+    valid = np.isfinite(fitted.fit.theta).all(axis=0) & (fitted.motion != MOTION_ACCELERATED_IN_PART)
+    added = compute_correction_uncertainty(images.view(), fill_gaps(fields, valid), rooted).variance[:, valid]
+    return added, fitted.fit.variance[[0, 3, 4, 5]][:, valid] / spline_transfer(images.spline) ** 2
+
+
 def _parts_of(images: ImageStack) -> tuple[Map, NDArray[np.intp]]:
     """Return the errors of images by unknowns, shape (4 n, u), and the group of unknowns with one variance of each."""
-    arm = max(images.shape) / 2
+    arm = max(images.whole_shape) / 2
     groups: list[PosePriors] = [
         PosePriors((1.0, 1.0, 0.0, 0.0), (0.0, 0.0)),
         PosePriors((0.0, 0.0, 1.0 / arm, 0.0), (0.0, 0.0)),

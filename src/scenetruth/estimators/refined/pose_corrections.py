@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -27,6 +27,7 @@ __all__ = [
     "PoseCorrections",
     "ShiftObservations",
     "compute_point_derivatives",
+    "join_blocks",
     "select_blocks",
 ]
 
@@ -205,6 +206,16 @@ def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
     )
 
 
+def join_blocks(regions: Sequence[tuple[Blocks, ImageStack]]) -> Blocks:
+    """Return the blocks of several regions, at the places of the whole image."""
+    parts = [blocks for blocks, _ in regions]
+    counts = [len(blocks.shift) for blocks in parts]
+    noise = math.sqrt(float(np.average([blocks.noise**2 for blocks in parts], weights=counts)))
+    at = [blocks.at + np.array(images.corner, dtype=np.float64)[:, None] for blocks, images in regions]
+    weight, shift = (np.concatenate([getattr(each, name) for each in parts]) for name in ("weight", "shift"))
+    return Blocks(weight, shift, np.concatenate([each.fields for each in parts], axis=1), np.concatenate(at, 1), noise)
+
+
 class Elimination:
     """Reduced normal equations of the corrections, with the depth and motion of every block eliminated."""
 
@@ -371,9 +382,14 @@ class PoseCorrections:
 
         Changes within a tenth of the standard deviation are ignored. ``fields``: d and q for warping, shape (4, y, x).
         """
-        blocks, view = select_blocks(shifts, fields), images.view()
+        blocks = select_blocks(shifts, fields)
         if not len(blocks.shift) or not blocks.noise > 0:
             return 0.0
+        return self.update_by_blocks(join_blocks([(blocks, images)]), images)
+
+    def update_by_blocks(self, blocks: Blocks, images: ImageStack) -> float:
+        """Update the corrections as `update` from blocks at their places in the whole image."""
+        view = images.whole_view()
         taken = np.repeat(np.isin(self._times, images.times), CORRECTIONS)
         parts, before = self._parts[taken], self.values
         elimination = Elimination(blocks, view)
@@ -396,7 +412,7 @@ class PoseCorrections:
             self._covariance = covariance
         self._unknown = unknown
         change = np.abs(self.values - before)
-        arm = max(images.shape) / 2
+        arm = max(images.whole_shape) / 2
         moved = np.where(change > _STILL * self.std, change, 0.0) * np.array([1.0, 1.0, arm, arm])
         return float(moved.max())
 

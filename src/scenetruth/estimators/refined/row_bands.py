@@ -57,6 +57,10 @@ class FitLimits:
     lattice_step: float = 0.7
     """Largest distance of windows in their standard deviations. The result of a Gaussian window has a power spectrum
     times exp(-4 π² σ² f²), of which 4e-9 is left at half the sampling frequency."""
+    whole_pixels: float = 4e5
+    """Largest number of pixels of an image that is estimated as a whole."""
+    tile_pixels: float = 1.8e5
+    """Largest number of pixels of a tile of larger images, with its margin."""
 
 
 FIT_LIMITS = FitLimits()
@@ -203,7 +207,7 @@ def _channel(
     rows: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the images of one channel for the rows of a band, normalised to their mean, and its gradient."""
-    count, width = len(view.s), coefficients[0].shape[2]
+    count, width = len(view.s), fields.shape[2]
     warped = np.empty((count, rows, width), dtype=np.float32)
     gradient = np.empty((2, rows, width), dtype=np.float32)
     parts = pieces(0, rows)

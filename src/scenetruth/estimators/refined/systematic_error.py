@@ -39,7 +39,7 @@ from scenetruth.estimators.refined.model_tests import (
     large_areas,
     of_nearest_node,
 )
-from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer
+from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
 
@@ -198,13 +198,14 @@ def sees_second_camera(images: ImageStack, theta: Map, sigma_px: float) -> Mask:
     from scipy.ndimage import gaussian_filter
 
     height, width = images.shape
+    left, top, right_end, bottom = images.bounds
     if len(images.positions) != 2:
         return np.ones(images.shape, dtype=np.bool_)
     y, x = np.mgrid[:height, :width].astype(np.float64)
     right, down = images.positions[np.argmax(np.abs(images.positions).sum(axis=1))]
     with np.errstate(invalid="ignore"):
         at_x, at_y = x - theta[0] * right, y - theta[0] * down
-        inside = (at_x >= 0) & (at_x <= width - 1) & (at_y >= 0) & (at_y <= height - 1)
+        inside = (at_x >= left) & (at_x <= right_end) & (at_y >= top) & (at_y <= bottom)
     known = np.isfinite(theta[0])
     share = [gaussian_filter(each.astype(np.float64), sigma_px) for each in (inside & known, known)]
     return np.asarray(share[0] >= _LEAST_OF_SECOND * share[1])
@@ -542,7 +543,7 @@ def _with_fewer_frames(
     better = found.worth & (np.min(totals, axis=0) < _BETTER * present)
     changed = group.where & enlarged(better, step, shape)
     best = enlarged(best, step, shape)
-    usual_residual = estimate_noise(np.sqrt(refined.fit.residual[0]))
+    usual_residual = refined.images.residual_noise(refined.fit.residual[0])
     with np.errstate(invalid="ignore"):
         all_fit = refined.fit.residual[0] <= (_EXPLAINED * usual_residual) ** 2
     result = refined

@@ -331,7 +331,7 @@ def _largest_around(values: Any, scratch: Any) -> None:
 def _compile_visibility(*, accelerated: bool) -> Any:
     @_jit_exact
     def compiled(view: Any, fields: Any, tolerance_px: Any, hidden: Any, group: Any, box: Any) -> None:
-        _, height, width = fields.shape
+        height, width = view.size if view.size[0] > 0 else fields.shape[1:]
         top, bottom, first, last = box
         size = (bottom - top) * (last - first)
         # Row and column of the points in an image, -1 outside, and their disparities there.

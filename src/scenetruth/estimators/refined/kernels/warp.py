@@ -69,11 +69,15 @@ class ImageView(NamedTuple):
     """Movement of the camera along the stage from one row to the next, in steps."""
     lens: NDArray[np.float64] = np.zeros(0)
     """Distortion (k1, k2, p1, p2, k3, k4, k5, k6) and the largest squared radius in the image; empty for a pinhole."""
+    origin: NDArray[np.float64] = np.zeros((0, 2))
+    """Column and row at which the array of each image begins, shape (n, 2); empty if at the first pixel."""
+    size: tuple[int, int] = (0, 0)
+    """Numbers of rows and columns of the arrays of the images; 0 if those of the fields."""
 
 
 @numba.njit(inline="always")
 def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
-    """Return column and row in an image of the nominal position (x, y) relative to the principal point.
+    """Return column and row in the array of an image of the nominal position (x, y) relative to the principal point.
 
     This is where the lens shows it. The corrections in ``view.moved`` are, in this order, shifts along x and y in px, a
     roll from x towards y in rad, and a relative scale: to first order.
@@ -82,6 +86,8 @@ def corrected(view: Any, i: Any, x: Any, y: Any) -> Any:
     x, y = x + right - roll * y + larger * x, y + down + roll * x + larger * y
     if view.lens.shape[0] > 0:
         x, y = distorted(view, x, y)
+    if view.origin.shape[0] > 0:
+        return x + view.centre_x - view.origin[i, 0], y + view.centre_y - view.origin[i, 1]
     return x + view.centre_x, y + view.centre_y
 
 

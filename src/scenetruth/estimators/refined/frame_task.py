@@ -1,0 +1,275 @@
+"""Estimate of one frame: initial fields, fit, and output maps, of the whole image or tile by tile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.method_settings import PhotonTransferNoise, RefinedSettings
+from scenetruth.estimators.refined.acquisition import corrects_poses, read_priors, read_schedule, remove_delay_bias
+from scenetruth.estimators.refined.common_uncertainty import has_common_part, read_calibration_uncertainty
+from scenetruth.estimators.refined.discontinuity_refit import (
+    DiscontinuityContext,
+    empty_discontinuity_context,
+    refit_discontinuities,
+)
+from scenetruth.estimators.refined.growth_comparison import add_growth_bias
+from scenetruth.estimators.refined.image_consistency import describe_missing_contrast
+from scenetruth.estimators.refined.image_sample import measure_agreement, sample_images
+from scenetruth.estimators.refined.image_stack import FramesNeeded, ImageStack, Region, Splines
+from scenetruth.estimators.refined.initialisation import (
+    CameraLayout,
+    InitialEstimate,
+    initialise_by_structure_tensor,
+    initialise_robustly,
+)
+from scenetruth.estimators.refined.iterations import RefinedState, refine
+from scenetruth.estimators.refined.lens_distortion import as_pinhole, read_lens
+from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
+from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
+from scenetruth.estimators.refined.output_maps import (
+    CORRECTIONS,
+    compute_correction_maps,
+    compute_maps,
+    list_camera_counts,
+    list_map_types,
+    make_invalid_maps,
+)
+from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
+from scenetruth.estimators.refined.pose_consistency import PoseErrors, estimate_pose_errors
+from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
+from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles, release_memory
+from scenetruth.schema import REASONS, compute_pixel_grid, read_intrinsics
+from scenetruth.schema.validity import compute_validity, excluded_pixels
+
+__all__ = ["FrameEstimate", "FrameTask"]
+
+Report = Callable[[int], None]
+
+
+@dataclass
+class FrameEstimate:
+    """Maps of a frame, and properties of its fit."""
+
+    maps: dict[str, Any]
+    corrections: dict[str, Any] = field(default_factory=dict)
+    """Maps of the pose corrections of the images."""
+    left_out: frozenset[tuple[int, int]] = frozenset()
+    """Excluded images, as indices of frame and camera."""
+    errors: PoseErrors | None = None
+    """Pose errors that are not stated."""
+    rounds: int = 0
+    curved: float = 0.0
+    """Fraction of the pixels with a surface of second order."""
+
+
+class FrameTask:
+    """Estimation of the frames of a recording."""
+
+    def __init__(self, recording: xr.Dataset, settings: RefinedSettings) -> None:
+        self._recording, self._settings = recording, settings
+        self.grid = compute_pixel_grid(recording)
+        self._intrinsics = intrinsics = self.grid.in_columns(read_intrinsics(recording))
+        self.reader = DefectFilteredFrames(recording)
+        self._baseline_mm = read_intrinsics(recording).baseline_mm if self._several else 1.0
+        across_mm = recording["stage_x_mm"].values
+        below_mm = recording["stage_y_mm"].values if "s_y" in recording["image"].dims else np.zeros(1)
+        placed = np.stack([np.tile(across_mm, len(below_mm)), np.repeat(below_mm, len(across_mm))], axis=-1)
+        self._positions = placed / self._baseline_mm if self._several else np.zeros((1, 2))
+        focal, centre = intrinsics.focal_length_px, intrinsics.principal_point_px
+        self._rig = CameraLayout(self._positions, self._baseline_mm, focal, centre)
+        common = has_common_part(recording, settings)
+        self._calibration = read_calibration_uncertainty(recording) if common else None
+        self._splines = Splines(self.reader, settings.spline_order)
+        self._schedule, self._lens = read_schedule(recording, self._positions), read_lens(recording)
+        height, width = self.reader.shape[3:]
+        self.tiles = choose_tiles((height, width), settings.window_sigma_px)
+        """Tiles of an image; a single one is the whole image."""
+
+    @property
+    def _several(self) -> bool:
+        return self.reader.shape[1] > 1
+
+    def estimate(self, frames: FramesNeeded, report: Report | None = None) -> FrameEstimate:
+        """Return the estimate of a frame; raise `EstimateError` if there is none."""
+        images = self._outline(frames)
+        found = self._estimate_tiles(frames, images, report) if len(self.tiles) > 1 else None
+        found = found or self._estimate_whole(frames, images, report)
+        if self._lens is not None:
+            found.maps = self._lens.put_back(found.maps, self.grid.step_px)
+        self._state_defects(found.maps, frames, images)
+        return found
+
+    def estimate_nothing(self, frames: FramesNeeded) -> FrameEstimate:
+        """Return the maps of a frame without an estimate."""
+        images, settings = self._outline(frames), self._settings
+        common = self._calibration is not None
+        maps = make_invalid_maps(self.reader.shape[1], len(images.times), settings, images.shape, common=common)
+        self._state_defects(maps, frames, images)
+        if corrects_poses(self._recording, settings):
+            counts = list_camera_counts(self._recording)
+            nothing = {name: np.full((*components, *counts), np.nan) for name, components in CORRECTIONS.items()}
+            return FrameEstimate(maps, nothing)
+        return FrameEstimate(maps)
+
+    def _outline(self, frames: FramesNeeded) -> ImageStack:
+        """Return the images of a frame without coefficients."""
+        taken = self._schedule.times[frames.first : frames.last] - self._schedule.times[frames.output]
+        height, width = self.reader.shape[3:]
+        return ImageStack(
+            [],
+            self._positions,
+            taken,
+            self._rig.focal,
+            self._rig.centre,
+            np.zeros((len(self._positions) * len(taken), 4)),
+            spline=self._settings.spline_order,
+            delays=self._schedule.delays_of(frames.first, frames.last),
+            shutter=self._schedule.shutter,
+            lens=self._lens,
+            region=Region(0, 0, height, width, (height, width)),
+        )
+
+    def _estimate_whole(self, frames: FramesNeeded, images: ImageStack, report: Report | None) -> FrameEstimate:
+        settings = self._settings
+        coefficients, bad = self._splines.frames(frames.first, frames.last), self.reader.bad(frames.first, frames.last)
+        images = self._with_noise(replace(images, coefficients=coefficients, bad=bad), images.mean_grey)
+        self._require_contrast(images)
+        start = self._initialise(frames, images)
+        images = replace(images, priors=self._priors(start))
+        found, beside = _fit(images, start, settings, report)
+        errors = None
+        if settings.pose_corrections == "auto" and images.priors is None:
+            errors = estimate_pose_errors([found], settings)
+        maps = self._maps(found, beside, start, errors)
+        curved = round(float(found.curved.mean()), 4)
+        return FrameEstimate(maps, self._corrections(found), found.images.left_out, errors, found.rounds, curved)
+
+    def _estimate_tiles(self, frames: FramesNeeded, images: ImageStack, report: Report | None) -> FrameEstimate:
+        settings = self._settings
+        source = RegionImages(self.reader, frames, images)
+        self._require_contrast(replace(images, coefficients=source.frames()))
+        images = self._with_noise(images, lambda: float(np.mean(source.reference(), dtype=np.float64)))
+        source.outline = images
+        agreement = lambda fields: measure_agreement(source, fields, settings.window_sigma_px)  # noqa: E731
+        start = self._initialise(frames, images, agreement)
+        source.outline = replace(images, priors=self._priors(start))
+        start = InitialEstimate(start.fields.astype(np.float32), start.known)
+        release_memory()
+        sample = sample_images(source, start.fields, settings, report)
+        common = self._calibration is not None
+        types = list_map_types(self.reader.shape[1], len(images.times), settings, common=common)
+        maps = {name: np.empty((*size, *images.shape), dtype=dtype) for name, (size, dtype) in types.items()}
+        whole = FrameEstimate(maps, left_out=sample.images.left_out, errors=sample.errors)
+        curved = 0
+        for number, tile in enumerate(self.tiles, 1):
+            release_memory()
+            region = tile.region
+            fields = start.fields[:, region.rows, region.columns].astype(np.float64)
+            own = InitialEstimate(fields, start.known[region.rows, region.columns])
+            later = None if report is None else _after(report, number * settings.max_iterations)
+            found, beside = _fit(source.stack(region, start.fields, sample.images), own, settings, later)
+            found = replace(found, cameras=sample.cameras)
+            made = self._maps(found, beside, own, sample.errors)
+            for name, values in made.items():
+                maps[name][..., tile.inner.rows, tile.inner.columns] = values[(..., *tile.kept)]
+            whole.rounds = max(whole.rounds, found.rounds)
+            curved += int(found.curved[tile.kept].sum())
+            whole.corrections = self._corrections(found)
+            del found, beside, made
+        whole.curved = round(curved / (images.shape[0] * images.shape[1]), 4)
+        return whole
+
+    def _with_noise(self, images: ImageStack, mean_grey: Callable[[], float]) -> ImageStack:
+        """Return the images with the noise of the settings."""
+        noise = self._settings.noise
+        if not isinstance(noise, PhotonTransferNoise):
+            return images
+        return replace(images, variance=photon_transfer_variance(**noise.model_dump(), grey=mean_grey()))
+
+    def _require_contrast(self, images: ImageStack) -> None:
+        reason = describe_missing_contrast(images)
+        if reason:
+            raise EstimateError([Problem("image", reason)])
+
+    def _initialise(
+        self, frames: FramesNeeded, images: ImageStack, agreement: Callable[[NDArray[np.float64]], float] | None = None
+    ) -> InitialEstimate:
+        """Return the initial estimate of all pixels."""
+        settings, step_px = self._settings, self.grid.step_px
+        if settings.initialisation == "plane_sweep":
+            farthest = None if settings.max_motion_px is None else settings.max_motion_px / step_px
+            sigma = settings.window_sigma_px
+            start = initialise_robustly(self.reader, frames, images, self._rig, sigma, farthest, agreement)
+        else:
+            part = self.reader.part(frames.first, frames.last)
+            part = as_pinhole(part.sel(s_y=0) if "s_y" in part.dims else part, self._lens)
+            start = initialise_by_structure_tensor(part, frames.output - frames.first, self._baseline_mm)
+            # From camera pixels to columns.
+            start.fields[slice(1) if self._several else slice(1, None)] /= step_px
+        if images.delays is not None:
+            frame, _ = images.reference()
+            remove_delay_bias(start.fields, self._positions, images.delays[frame], self._rig.focal, self._rig.centre[0])
+        return start
+
+    def _priors(self, start: InitialEstimate) -> Any:
+        px_per_mm = abs(float(np.median(start.fields[0])) / self._baseline_mm)
+        return read_priors(self._recording, self._settings, self._rig.focal, px_per_mm, self.grid.step_px)
+
+    def _maps(
+        self, found: RefinedState, beside: DiscontinuityContext, start: InitialEstimate, errors: PoseErrors | None
+    ) -> dict[str, Any]:
+        """Return the maps of a region."""
+        calibration, region = self._calibration, found.images.region
+        if calibration is not None and calibration.lens is not None and region is not None:
+            calibration = replace(calibration, lens=calibration.lens[:, region.rows, region.columns])
+        step_px, baseline_mm = self.grid.step_px, self._baseline_mm
+        return compute_maps(
+            found.images, found, beside, start, self._settings, step_px, baseline_mm, calibration, errors
+        )
+
+    def _corrections(self, found: RefinedState) -> dict[str, Any]:
+        """Return the maps of the pose corrections."""
+        if found.cameras is None:
+            return {}
+        maps, counts = (
+            compute_correction_maps(found.cameras, found.images, self.grid.step_px),
+            list_camera_counts(self._recording),
+        )
+        return {name: values.reshape(*values.shape[:-1], *counts) for name, values in maps.items()}
+
+    def _state_defects(self, maps: dict[str, Any], frames: FramesNeeded, images: ImageStack) -> None:
+        """State defects of the reference image as reasons for invalidity."""
+        excluded = excluded_pixels(self._recording, self._recording["t"].values[frames.output])
+        saturated = self.reader.saturated(frames.output, images.reference()[1])
+        stated = maps["invalid_reason"]
+        stated = stated if saturated is None else np.where(saturated, REASONS.index("saturated"), stated)
+        given = {"status": maps["status"], "invalid_reason": stated}
+        maps |= compute_validity(given, None if excluded is None else excluded[0])
+
+
+def _fit(
+    images: ImageStack, start: InitialEstimate, settings: RefinedSettings, report: Report | None
+) -> tuple[RefinedState, DiscontinuityContext]:
+    """Fit surface and motion around every pixel."""
+    found = refine(images, start.fields, settings, report)
+    beside = empty_discontinuity_context(images.shape)
+    if not np.isfinite(found.fit.theta).all(axis=0).any():
+        return found, beside
+    found = refit_motion_models(found, settings)
+    found, systematic = estimate_systematic_errors(found, settings)
+    if settings.discontinuity_refit:
+        found, beside = refit_discontinuities(found.images, start.fields, found, settings, report)
+    found = add_growth_bias(found)
+    return replace(found, fit=systematic.added(found.fit, beside.where)), beside
+
+
+def _after(report: Report, earlier: int) -> Report:
+    """Return a function that reports the iterations of a tile after those of earlier tiles."""
+    return lambda done: report(earlier + done)
