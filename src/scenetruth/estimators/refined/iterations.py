@@ -14,15 +14,17 @@ from scenetruth.estimators.refined.fit_maps import (
     STEADY_PLACES,
     blank_fit,
     differ,
+    every_nth,
     extract_fields,
     initial_parameters,
+    nearest_node,
 )
 from scenetruth.estimators.refined.image_consistency import find_inconsistent_images
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL
-from scenetruth.estimators.refined.lattice import WindowLattice
+from scenetruth.estimators.refined.lattice import WindowLattice, WindowNodes
 from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
     estimate_noise,
@@ -145,11 +147,15 @@ def fit_surface(
     where: NDArray[np.bool_] | None = None,
     smooth: Map | None = None,
 ) -> tuple[Map, NDArray[np.bool_], NDArray[np.int8]]:
-    """Fit the models and select one for every pixel; return parameters, where the surface is curved, and index."""
+    """Fit the models and select one for every pixel; return parameters, where the surface is curved, and index.
+
+    Windows are fitted at every other pixel at most, from all pixels: the last iteration follows.
+    """
     sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
     every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
-    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every, smooth=smooth)
+    fitted = partial(fit_round, images, state, models, sigma, gains=gains, chosen=every, smooth=smooth)
+    fits = fitted(variances=len(models) - 1, sparse=True)
     if len(models) == 1:
         curved, theta = np.full(images.shape, models[0].surface == _CURVED), fits[0].theta
         return theta, curved, np.where(wanted, 0, NO_MODEL).astype(np.int8)
@@ -179,12 +185,16 @@ def fit_final(
     smooth: Map | None = None,
 ) -> FinalIteration:
     """Warp all images and fit the selected models, with all output quantities."""
-    seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True, element=False)
     small = _FINER * settings.window_sigma_px
+    step = max(1, int(small))
+    begun = np.ascontiguousarray(state[:, ::step, ::step])
+    seen, finer = PixelEvidence.blank(images.shape), blank_fit(begun, variances=True, element=False)
     gains = settings.photometric_model == "per_image"
     final = partial(fit_round, images, state, models, settings.window_sigma_px, gains=gains, chosen=chosen)
-    fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, finer), seen=seen, smooth=smooth)
-    return FinalIteration(fit, seen, differ(fit, finer, small, motion=True))
+    fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, step, finer), seen=seen, smooth=smooth)
+    # The test averages over a window: smaller windows at a distance of their standard deviation suffice.
+    uneven = differ(every_nth(fit, step), finer, small / step, motion=True)
+    return FinalIteration(fit, seen, nearest_node(uneven, step, images.shape))
 
 
 _CONSTANT, _PLANE, _CURVED = 1, 3, 6
@@ -214,14 +224,18 @@ def fit_round(
     gains: bool,
     variances: int = 0,
     chosen: NDArray[np.int8] | None = None,
-    finer: tuple[float, Fit] | None = None,
+    finer: tuple[float, int, Fit] | None = None,
     seen: PixelEvidence | None = None,
     shifts: ShiftObservations | None = None,
     coarse: bool = False,
+    sparse: bool = False,
     smooth: Map | None = None,
 ) -> list[Fit]:
     """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model.
 
+    ``finer``: Standard deviation of smaller windows, their distance, and the fit in them.
+    ``sparse``: Whether windows are fitted at every other pixel at most.
+    ``coarse``: In addition, whether only every other row is warped.
     ``smooth``: Velocity that is removed before affine models are fitted, as in `smooth_velocity`.
     """
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen
@@ -235,21 +249,29 @@ def fit_round(
     if coarse:
         fields[:, 1::2] = np.nan
         least_share /= 2
-    lattice = partial(WindowLattice, images, models, chosen=chosen, least_share=least_share)
-    lattices = [lattice(sigma_px, fits, variances=variances, coarse=coarse)]
+    windows: list[WindowLattice | WindowNodes] = [
+        WindowLattice(
+            images, models, sigma_px, fits, chosen, least_share=least_share, variances=variances, coarse=coarse or sparse
+        )
+    ]
     if finer is not None:
-        lattices.append(lattice(finer[0], [finer[1]] * len(models), variances=_STEADY_VARIANCES))
-    behind = max(each.behind for each in lattices)
+        small, step, nodes = finer
+        of_nodes = np.ascontiguousarray(chosen[::step, ::step])
+        several = {"step": step, "least_share": least_share, "variances": _STEADY_VARIANCES}
+        windows.append(WindowNodes(images, models, small, nodes, of_nodes, **several))
+    behind = max(each.behind for each in windows)
     for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts, behind=behind):
         if smooth is not None:
             remove_velocity(band, smooth)
-        for each in lattices:
+        for each in windows:
             each.put(band)
         if seen is not None:
             seen.put(band)
     if smooth is not None:
-        for fit in {id(fit): fit for fit in (*fits, *([] if finer is None else finer[1:]))}.values():
+        for fit in {id(fit): fit for fit in fits}.values():
             add_velocity(fit, smooth, images, chosen > NO_MODEL)
+        if finer is not None:
+            nodes.theta[STEADY_PLACES[1:]] += np.nan_to_num(smooth[:, ::step, ::step])
     return fits
 
 
