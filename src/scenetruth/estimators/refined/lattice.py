@@ -23,7 +23,7 @@ __all__ = ["WindowLattice", "WindowNodes", "lattice_step"]
 # Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
 _ERROR_PX = 5e-4
 # In coarse iterations, which others follow: a smaller displacement than these correct in one step.
-_COARSE_ERROR_PX = 5e-3
+_COARSE_ERROR_PX = 2e-3
 # Or smaller than this fraction of the standard deviation of the fit, whose square it increases by 1 % at most.
 _ERROR_SHARE = 0.1
 _VARIANCES = (0, 3, 4, 5, 6, 7, 8)  # numbers of the variances of disparity, velocity and acceleration
