@@ -152,7 +152,7 @@ def nearest_node(found: NDArray[np.bool_], step: int, shape: tuple[int, int]) ->
         np.minimum((np.arange(size) + step // 2) // step, count - 1)
         for size, count in zip(shape, found.shape, strict=True)
     )
-    return found[rows][:, columns]
+    return np.asarray(found[rows][:, columns])
 
 
 def between(found: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:

@@ -147,15 +147,11 @@ def fit_surface(
     where: NDArray[np.bool_] | None = None,
     smooth: Map | None = None,
 ) -> tuple[Map, NDArray[np.bool_], NDArray[np.int8]]:
-    """Fit the models and select one for every pixel; return parameters, where the surface is curved, and index.
-
-    Windows are fitted at every other pixel at most, from all pixels: the last iteration follows.
-    """
+    """Fit the models and select one for every pixel; return parameters, where the surface is curved, and index."""
     sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
     every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
-    fitted = partial(fit_round, images, state, models, sigma, gains=gains, chosen=every, smooth=smooth)
-    fits = fitted(variances=len(models) - 1, sparse=True)
+    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every, smooth=smooth)
     if len(models) == 1:
         curved, theta = np.full(images.shape, models[0].surface == _CURVED), fits[0].theta
         return theta, curved, np.where(wanted, 0, NO_MODEL).astype(np.int8)
@@ -228,14 +224,12 @@ def fit_round(
     seen: PixelEvidence | None = None,
     shifts: ShiftObservations | None = None,
     coarse: bool = False,
-    sparse: bool = False,
     smooth: Map | None = None,
 ) -> list[Fit]:
     """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model.
 
     ``finer``: Standard deviation of smaller windows, their distance, and the fit in them.
-    ``sparse``: Whether windows are fitted at every other pixel at most.
-    ``coarse``: In addition, whether only every other row is warped.
+    ``coarse``: Whether only every other row is warped, and windows are fitted at every other pixel of these at most.
     ``smooth``: Velocity that is removed before affine models are fitted, as in `smooth_velocity`.
     """
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen
@@ -249,16 +243,12 @@ def fit_round(
     if coarse:
         fields[:, 1::2] = np.nan
         least_share /= 2
-    windows: list[WindowLattice | WindowNodes] = [
-        WindowLattice(
-            images, models, sigma_px, fits, chosen, least_share=least_share, variances=variances, coarse=coarse or sparse
-        )
-    ]
+    lattice = partial(WindowLattice, images, models, sigma_px, fits, chosen)
+    windows: list[WindowLattice | WindowNodes] = [lattice(least_share=least_share, variances=variances, coarse=coarse)]
     if finer is not None:
         small, step, nodes = finer
-        of_nodes = np.ascontiguousarray(chosen[::step, ::step])
-        several = {"step": step, "least_share": least_share, "variances": _STEADY_VARIANCES}
-        windows.append(WindowNodes(images, models, small, nodes, of_nodes, **several))
+        of_nodes = partial(WindowNodes, images, models, small, nodes, np.ascontiguousarray(chosen[::step, ::step]))
+        windows.append(of_nodes(step=step, least_share=least_share, variances=_STEADY_VARIANCES))
     behind = max(each.behind for each in windows)
     for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts, behind=behind):
         if smooth is not None:

@@ -22,7 +22,7 @@ __all__ = ["WindowLattice", "WindowNodes", "lattice_step"]
 
 # Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
 _ERROR_PX = 5e-4
-# In coarse iterations, which others follow: a smaller displacement than these correct in one step.
+# In coarse iterations, which others follow: they correct larger displacements in one step.
 _COARSE_ERROR_PX = 2e-3
 # Or smaller than this fraction of the standard deviation of the fit, whose square it increases by 1 % at most.
 _ERROR_SHARE = 0.1
@@ -49,7 +49,7 @@ def lattice_step(sigma_px: float) -> int:
 def _lattice_steps(sigma_px: float, *, coarse: bool) -> list[int]:
     """Return the distances of the windows of all lattices, the widest first."""
     step, each = lattice_step(sigma_px), _COARSE_STEP if coarse else 1
-    finer = []
+    finer: list[int] = []
     while 2 * each <= step:
         finer.insert(0, each)
         each *= 2
@@ -167,7 +167,9 @@ class _Level:
     def __init__(self, windows: _Windows, fits: Sequence[Fit], left: Chosen, step: int, *, last: bool) -> None:
         self._windows, self._fits, self.left, self._step, self._last = windows, fits, left, step, last
         self._ready = self._done = 0
-        self._nodes: list[Fit] = []
+        # From the initial parameters, which the fits of a wider lattice replace later.
+        self._nodes = [] if step == 1 else [windows.blank(_every_nth(fit, step)) for fit in fits]
+        self._of_nodes = np.zeros((len(fits), *left[::step, ::step].shape), dtype=np.bool_)
 
     @property
     def ahead(self) -> int:
@@ -196,11 +198,6 @@ class _Level:
     def _solve_nodes(self, band: RowBand, rows: tuple[int, int]) -> None:
         """Fit the windows of the nodes on which pixels depend."""
         step, models = self._step, range(len(self._windows.models))
-        if not self._nodes:
-            self._nodes = [
-                self._windows.blank(np.ascontiguousarray(fit.theta[:, ::step, ::step])) for fit in self._fits
-            ]
-            self._of_nodes = np.zeros((len(self._nodes), *self._nodes[0].theta.shape[1:]), dtype=np.bool_)
         first, last = max((rows[0] - _REQUIRED) * step, 0), (rows[1] + _REQUIRED) * step
         near = [_near_nodes(self._wanted(model)[first:last], step)[rows[0] - first // step :] for model in models]
         for model in models:
@@ -215,7 +212,7 @@ class _Level:
 
     def _fill(self, rows: tuple[int, int]) -> None:
         """Write the fits of the pixels of a range of rows where they are smooth, and remove these from those left."""
-        step, (height, width) = self._step, self.left.shape
+        step, width = self._step, self.left.shape[1]
         smooth = [self._smooth(model, rows) for model in range(len(self._nodes))]
         empty = [_empty(nodes) for nodes in self._nodes]
         for model in range(len(self._nodes)):
@@ -297,6 +294,10 @@ class _Level:
             interpolate = partial(interpolate_rows, values, self._step, smooth, wanted, positive, signed, out)
             in_threads(interpolate, pieces(*rows))
             in_threads(partial(carry_rows, values, self._step, carried, wanted, parameters, out), pieces(*rows))
+
+
+def _every_nth(fit: Fit, step: int) -> Map:
+    return np.ascontiguousarray(fit.theta[:, ::step, ::step])
 
 
 def _near_nodes(wanted: Mask, step: int) -> Mask:

@@ -52,9 +52,9 @@ SQUARE_OF = np.array([18, 19, 20, 21, 43, 44, 45])
 """Index of the square of b of each field."""
 
 
-# With the positions x' in an image, x in the reference, and their scale c: the derivatives a_i of the fields are multiples,
-# constant over the images, of r = c d ∇T·(x' - x), p = c d t, v = p ∇T·x', and for the acceleration of t p / 2 and
-# t v / 2. Basis and multiple of each field: 1 / d², the gradient along x and y, and -1 / f.
+# With the positions x' in an image, x in the reference, and their scale c, the derivatives a_i of the fields are
+# multiples, constant over the images, of r = c d ∇T·(x' - x), p = c d t, v = p ∇T·x', and for the acceleration of
+# t p / 2 and t v / 2. Basis and multiple of each field: 1 / d², the gradient along x and y, and -1 / f.
 _BASIS_OF = np.array([0, 1, 1, 2, 3, 3, 4])
 _FACTOR_OF = np.array([0, 1, 2, 3, 1, 2, 3])
 _CHUNK = 128  # pixels evaluated together, whose sums stay in the cache
@@ -153,9 +153,7 @@ def _accumulate(r: Any, p: Any, v: Any, left: Any, sums: Any, sides: Any, pairs:
 
 
 @_jit
-def _accumulate_acceleration(
-    half: float, r: Any, p: Any, v: Any, left: Any, sums: Any, sides: Any, pairs: Any
-) -> None:
+def _accumulate_acceleration(half: float, r: Any, p: Any, v: Any, left: Any, sums: Any, sides: Any, pairs: Any) -> None:
     """Add the same for half the time times p and v, which belong to the acceleration."""
     size = p.size
     _add_powers(half, p, sums[3, :size], pairs[3, 3, :size])
