@@ -229,7 +229,7 @@ def fit_round(
     """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model.
 
     ``finer``: Standard deviation of smaller windows, their distance, and the fit in them.
-    ``coarse``: Whether only every other row is warped, and windows are fitted at every other pixel of these at most.
+    ``coarse``: Whether only every other row is warped, and windows are fitted at every other pixel of these.
     ``smooth``: Velocity that is removed before affine models are fitted, as in `smooth_velocity`.
     """
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen

@@ -22,8 +22,6 @@ __all__ = ["WindowLattice", "WindowNodes", "lattice_step"]
 
 # Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
 _ERROR_PX = 5e-4
-# In coarse iterations, which others follow: they correct larger displacements in one step.
-_COARSE_ERROR_PX = 2e-3
 # Or smaller than this fraction of the standard deviation of the fit, whose square it increases by 1 % at most.
 _ERROR_SHARE = 0.1
 _VARIANCES = (0, 3, 4, 5, 6, 7, 8)  # numbers of the variances of disparity, velocity and acceleration
@@ -33,7 +31,7 @@ _LEAST_NODES = 5  # smallest number of nodes along an axis with a fourth differe
 # Number of rows of nodes that a cell depends on, below its own, + 1; and distance in nodes at which nodes are required.
 _ROWS_BELOW, _REQUIRED = 4, 3
 _NO_FIT = -128
-# Smallest distance of windows of coarse fits: as of their rows, and smaller than narrow objects.
+# Distance of the windows of coarse fits: as of their rows, and smaller than narrow objects.
 _COARSE_STEP = 2
 
 Map = NDArray[np.float64]
@@ -48,12 +46,14 @@ def lattice_step(sigma_px: float) -> int:
 
 def _lattice_steps(sigma_px: float, *, coarse: bool) -> list[int]:
     """Return the distances of the windows of all lattices, the widest first."""
-    step, each = lattice_step(sigma_px), _COARSE_STEP if coarse else 1
+    if coarse:
+        return [_COARSE_STEP]
+    step, each = lattice_step(sigma_px), 1
     finer: list[int] = []
     while 2 * each <= step:
         finer.insert(0, each)
         each *= 2
-    return [each if coarse else step, *finer]
+    return [step, *finer]
 
 
 class _Windows:
@@ -63,7 +63,6 @@ class _Windows:
         self, images: ImageStack, models: Sequence[Model], sigma_px: float, least_share: float, variances: int
     ) -> None:
         self.images, self.models, self.sigma, self.variances = images, models, sigma_px, variances
-        self.error_px = _ERROR_PX
         self._weights, self._least = window_weights(sigma_px), least_share * images.channels
 
     def blank(self, theta: Map) -> Fit:
@@ -119,7 +118,7 @@ class WindowLattice:
     ``chosen``: Model of every pixel, `EVERY_MODEL` or `NO_MODEL`.
     ``least_share``: Smallest valid fraction of a window.
     ``variances``: Number of variances.
-    ``coarse``: Whether windows are fitted at every other pixel at most.
+    ``coarse``: Whether windows are fitted at every other pixel only.
     """
 
     def __init__(
@@ -135,8 +134,6 @@ class WindowLattice:
         coarse: bool = False,
     ) -> None:
         windows = _Windows(images, models, sigma_px, least_share, variances)
-        if coarse and variances <= 1:
-            windows.error_px = _COARSE_ERROR_PX
         steps = _lattice_steps(sigma_px, coarse=coarse)
         left = [chosen.copy(), *(np.full_like(chosen, NO_MODEL) for _ in steps[1:])]
         levels = enumerate(zip(steps, left, strict=True))
@@ -252,7 +249,7 @@ class _Level:
             for place, number in enumerate(_VARIANCES[: len(fields)]):
                 if number < self._windows.variances:
                     std[place] = np.sqrt(nodes.variance[number, near])
-            limit = np.fmax(self._windows.error_px, _ERROR_SHARE * images.moved_px(fields, fields + std))
+            limit = np.fmax(_ERROR_PX, _ERROR_SHARE * images.moved_px(fields, fields + std))
             # Without texture, fits are of noise alone, and no values are wanted.
             noise = np.sqrt(residual[0]) / spline_transfer(images.spline)
             clear = textured(residual[1], noise, images.count, images.spline)
