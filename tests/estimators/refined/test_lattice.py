@@ -9,22 +9,28 @@ from scenetruth.estimators.method_settings import RefinedSettings
 from scenetruth.estimators.refined import (
     FIT_LIMITS,
     DefectFilteredFrames,
+    Fit,
     ImageStack,
     RefinedState,
     Splines,
+    fit_round,
+    initial_parameters,
     lattice_step,
+    nearest_node,
     refine,
+    select_models,
 )
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 PLANE = MovingPlane(gradient=turning(2e-3, -1e-3, 3e-3))
 
 
-def refined() -> RefinedState:
+def plane_images() -> ImageStack:
+    """Return the images of a turning plane with noise."""
     recording = PLANE.recording(3, 5)
     noise = np.random.default_rng(0).normal(0.0, 0.01, recording["image"].shape)
     recording = recording.assign(image=(recording["image"].dims, recording["image"].values + noise))
-    images = ImageStack(
+    return ImageStack(
         Splines(DefectFilteredFrames(recording), 5).frames(0, 5),
         np.stack([recording["s"].values, np.zeros(3)], axis=-1),
         recording["t"].values.astype(float),
@@ -32,6 +38,11 @@ def refined() -> RefinedState:
         ((PLANE.size[1] - 1) / 2, (PLANE.size[0] - 1) / 2),
         np.zeros((15, 4)),
     )
+
+
+def refined() -> RefinedState:
+    """Return the fit to the plane."""
+    images = plane_images()
     return refine(images, PLANE.start(), RefinedSettings(window_sigma_px=4.5, surface="plane", max_iterations=6))
 
 
@@ -56,3 +67,51 @@ def test_fits_of_the_lattice_are_those_of_every_pixel(monkeypatch: pytest.Monkey
         ratio = some.variance[number] / every.variance[number]
         # Standard deviations within 5 %.
         assert np.nanquantile(np.abs(ratio - 1), 0.99) < 0.1
+
+
+def test_each_surface_model_is_interpolated_between_its_own_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plane on the left, curved on the right: the fits next to the boundary are those of windows at every pixel."""
+    images = plane_images()
+    start = initial_parameters(PLANE.start(), accelerated=False)
+    models = select_models(images, RefinedSettings())
+    chosen = np.zeros(images.shape, dtype=np.int8)
+    chosen[:, images.shape[1] // 2 :] = 1
+
+    def fitted() -> Fit:
+        return fit_round(images, start, models, 6.0, gains=True, variances=6, chosen=chosen)[0]
+
+    some = fitted()
+    monkeypatch.setattr(FIT_LIMITS, "lattice_step", 0.0)
+    every = fitted()
+    assert (np.isfinite(some.theta).all(axis=0) == np.isfinite(every.theta).all(axis=0)).all()
+    # Only the model on the right has a curvature.
+    curvature = np.nan_to_num(some.theta[3])
+    assert (curvature[chosen == 0] == 0).all()
+    assert (curvature[chosen == 1] != 0).mean() > 0.5
+    scaled = (some.theta[0] - every.theta[0]) / np.sqrt(every.variance[0])
+    assert np.sqrt(np.nanmean(scaled**2)) < 0.1
+
+
+def test_bands_do_not_change_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows wait for the lattices below them; rounding depends on the first row of a band."""
+    images = plane_images()
+    start = initial_parameters(PLANE.start(), accelerated=False)
+    models = select_models(images, RefinedSettings(surface="plane"))
+
+    def fitted() -> Fit:
+        return fit_round(images, start, models, 6.0, gains=False, variances=6)[0]
+
+    whole = fitted()
+    monkeypatch.setattr(FIT_LIMITS, "scratch_bytes", 1.0)
+    parts = fitted()
+    np.testing.assert_allclose(parts.theta[[0, 6, 9, 12]], whole.theta[[0, 6, 9, 12]], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(parts.variance[:6], whole.variance[:6], rtol=1e-8)
+
+
+def test_a_mask_of_nodes_is_that_of_the_nearest_node() -> None:
+    """Rows 0 and 1 belong to the node of row 0, the others to that of row 3."""
+    found = np.array([[True, False], [False, True]])
+    out = nearest_node(found, 3, (5, 6))
+    assert out[:2, :2].all()
+    assert out[2:, 2:].all()
+    assert out.sum() == 4 + 12

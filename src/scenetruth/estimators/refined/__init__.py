@@ -18,11 +18,18 @@ if TYPE_CHECKING:
     )
     from scenetruth.estimators.refined.discontinuity_refit import find_hidden, is_supported, is_surrounded
     from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces
-    from scenetruth.estimators.refined.fit_maps import between, blank_fit, every_other, initial_parameters, with_bias
+    from scenetruth.estimators.refined.fit_maps import (
+        between,
+        blank_fit,
+        every_other,
+        initial_parameters,
+        nearest_node,
+        with_bias,
+    )
     from scenetruth.estimators.refined.growth_comparison import RATES, GrowthComparison, compare_growth
     from scenetruth.estimators.refined.image_consistency import fine_contrast
     from scenetruth.estimators.refined.image_stack import NO_DEFECTS, FramesNeeded, ImageStack, Region, Splines
-    from scenetruth.estimators.refined.iterations import RefinedState, refine
+    from scenetruth.estimators.refined.iterations import RefinedState, fit_round, refine, select_models
     from scenetruth.estimators.refined.kernels.warp import ImageView, corrected, place_of, straightened
     from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
     from scenetruth.estimators.refined.lattice import lattice_step
@@ -77,12 +84,12 @@ __all__ = [
     "compare_growth", "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
     "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "enlarged",
     "estimate_variance", "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous",
-    "find_aperture", "find_dead_pixels", "find_far", "find_hidden", "find_saturated_runs", "fine_contrast",
+    "find_aperture", "find_dead_pixels", "find_far", "find_hidden", "find_saturated_runs", "fine_contrast", "fit_round",
     "image_motion", "initial_parameters", "interpolation_error", "is_supported", "is_surrounded", "lattice_step",
-    "lens_problems", "list_spans", "margin_px", "maximise_likelihood", "near_bare_surfaces", "of_nearest_node",
-    "photon_transfer_variance", "place_of", "polynomial_bias", "read_calibration_uncertainty", "read_schedule",
-    "refine", "remove_delay_bias", "sees_second_camera", "select_blocks", "smooth_velocity", "spline_transfer",
-    "spread_defects", "spread_regions", "straightened", "undistort", "with_bias",
+    "lens_problems", "list_spans", "margin_px", "maximise_likelihood", "near_bare_surfaces", "nearest_node",
+    "of_nearest_node", "photon_transfer_variance", "place_of", "polynomial_bias", "read_calibration_uncertainty",
+    "read_schedule", "refine", "remove_delay_bias", "sees_second_camera", "select_blocks", "select_models",
+    "smooth_velocity", "spline_transfer", "spread_defects", "spread_regions", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -95,11 +102,11 @@ __getattr__, __dir__ = export_lazily(
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
         "discontinuity_refit": "find_hidden is_supported is_surrounded",
         "fallback": "Sources fill_holes near_bare_surfaces",
-        "fit_maps": "between blank_fit every_other initial_parameters with_bias",
+        "fit_maps": "between blank_fit every_other initial_parameters nearest_node with_bias",
         "growth_comparison": "RATES GrowthComparison compare_growth",
         "image_consistency": "fine_contrast",
         "image_stack": "NO_DEFECTS FramesNeeded ImageStack Region Splines",
-        "iterations": "RefinedState refine",
+        "iterations": "RefinedState fit_round refine select_models",
         "kernels.warp": "ImageView corrected place_of straightened",
         "kernels.window_solver": "Fit Model",
         "lattice": "lattice_step",

@@ -25,6 +25,7 @@ __all__ = [
     "carried_to",
     "chosen_fit",
     "differ",
+    "every_nth",
     "every_other",
     "explained",
     "extract_fields",
@@ -32,6 +33,7 @@ __all__ = [
     "find_discontinuities",
     "find_mixed_pixels",
     "initial_parameters",
+    "nearest_node",
     "with_bias",
 ]
 
@@ -147,7 +149,21 @@ def explained(
 
 def every_other(fit: Fit) -> Fit:
     """Return a fit at every other row and column."""
-    return Fit._make(each[..., ::2, ::2] for each in fit)
+    return every_nth(fit, 2)
+
+
+def every_nth(fit: Fit, step: int) -> Fit:
+    """Return a fit at every n-th row and column."""
+    return Fit._make(each[..., ::step, ::step] for each in fit)
+
+
+def nearest_node(found: NDArray[np.bool_], step: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return a mask of every n-th row and column at all pixels: that of the nearest."""
+    rows, columns = (
+        np.minimum((np.arange(size) + step // 2) // step, count - 1)
+        for size, count in zip(shape, found.shape, strict=True)
+    )
+    return np.asarray(found[rows][:, columns])
 
 
 def between(found: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:

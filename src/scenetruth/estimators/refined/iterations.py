@@ -14,15 +14,17 @@ from scenetruth.estimators.refined.fit_maps import (
     STEADY_PLACES,
     blank_fit,
     differ,
+    every_nth,
     extract_fields,
     initial_parameters,
+    nearest_node,
 )
 from scenetruth.estimators.refined.image_consistency import find_inconsistent_images
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL
-from scenetruth.estimators.refined.lattice import WindowLattice
+from scenetruth.estimators.refined.lattice import WindowLattice, WindowNodes
 from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
     estimate_variance,
@@ -181,12 +183,16 @@ def fit_final(
     smooth: Map | None = None,
 ) -> FinalIteration:
     """Warp all images and fit the selected models, with all output quantities."""
-    seen, finer = PixelEvidence.blank(images.shape), blank_fit(state, variances=True, element=False)
     small = _FINER * settings.window_sigma_px
+    step = max(1, int(small))
+    begun = np.ascontiguousarray(state[:, ::step, ::step])
+    seen, finer = PixelEvidence.blank(images.shape), blank_fit(begun, variances=True, element=False)
     gains = settings.photometric_model == "per_image"
     final = partial(fit_round, images, state, models, settings.window_sigma_px, gains=gains, chosen=chosen)
-    fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, finer), seen=seen, smooth=smooth)
-    return FinalIteration(fit, seen, differ(fit, finer, small, motion=True))
+    fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, step, finer), seen=seen, smooth=smooth)
+    # The test averages over a window: smaller windows at a distance of their standard deviation suffice.
+    uneven = differ(every_nth(fit, step), finer, small / step, motion=True)
+    return FinalIteration(fit, seen, nearest_node(uneven, step, images.shape))
 
 
 _CONSTANT, _PLANE, _CURVED = 1, 3, 6
@@ -216,7 +222,7 @@ def fit_round(
     gains: bool,
     variances: int = 0,
     chosen: NDArray[np.int8] | None = None,
-    finer: tuple[float, Fit] | None = None,
+    finer: tuple[float, int, Fit] | None = None,
     seen: PixelEvidence | None = None,
     shifts: ShiftObservations | None = None,
     coarse: bool = False,
@@ -224,6 +230,8 @@ def fit_round(
 ) -> list[Fit]:
     """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model.
 
+    ``finer``: Standard deviation of smaller windows, their distance, and the fit in them.
+    ``coarse``: Whether only every other row is warped, and windows are fitted at every other pixel of these.
     ``smooth``: Velocity that is removed before affine models are fitted, as in `smooth_velocity`.
     """
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen
@@ -237,21 +245,25 @@ def fit_round(
     if coarse:
         fields[:, 1::2] = np.nan
         least_share /= 2
-    lattice = partial(WindowLattice, images, models, chosen=chosen, least_share=least_share)
-    lattices = [lattice(sigma_px, fits, variances=variances, coarse=coarse)]
+    lattice = partial(WindowLattice, images, models, sigma_px, fits, chosen)
+    windows: list[WindowLattice | WindowNodes] = [lattice(least_share=least_share, variances=variances, coarse=coarse)]
     if finer is not None:
-        lattices.append(lattice(finer[0], [finer[1]] * len(models), variances=_STEADY_VARIANCES))
-    behind = max(each.behind for each in lattices)
+        small, step, nodes = finer
+        of_nodes = partial(WindowNodes, images, models, small, nodes, np.ascontiguousarray(chosen[::step, ::step]))
+        windows.append(of_nodes(step=step, least_share=least_share, variances=_STEADY_VARIANCES))
+    behind = max(each.behind for each in windows)
     for band in bands(images, fields, sigma_px, gains=gains, shifts=shifts, behind=behind):
         if smooth is not None:
             remove_velocity(band.products, band.first, smooth)
-        for each in lattices:
+        for each in windows:
             each.put(band)
         if seen is not None:
             seen.put(band)
     if smooth is not None:
-        for fit in {id(fit): fit for fit in (*fits, *([] if finer is None else finer[1:]))}.values():
+        for fit in {id(fit): fit for fit in fits}.values():
             add_velocity(fit, smooth, images, chosen > NO_MODEL)
+        if finer is not None:
+            nodes.theta[STEADY_PLACES[1:]] += np.nan_to_num(smooth[:, ::step, ::step])
     return fits
 
 

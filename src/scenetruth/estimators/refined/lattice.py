@@ -1,4 +1,4 @@
-"""Windows on a lattice: fits at every n-th pixel where they vary smoothly, interpolated between, and at all others."""
+"""Windows on lattices: fits at every n-th pixel where they vary smoothly, interpolated between, elsewhere denser."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from scenetruth.estimators.refined.noise_estimation import spline_transfer, text
 from scenetruth.estimators.refined.row_bands import FIT_LIMITS, RowBand, pieces, window_weights
 from scenetruth.threads import in_threads
 
-__all__ = ["WindowLattice", "lattice_step"]
+__all__ = ["WindowLattice", "WindowNodes", "lattice_step"]
 
 # Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
 _ERROR_PX = 5e-4
@@ -31,10 +31,12 @@ _LEAST_NODES = 5  # smallest number of nodes along an axis with a fourth differe
 # Number of rows of nodes that a cell depends on, below its own, + 1; and distance in nodes at which nodes are required.
 _ROWS_BELOW, _REQUIRED = 4, 3
 _NO_FIT = -128
-_COARSE_STEP = 2  # distance where all windows are on the lattice: as of the rows, and smaller than narrow objects
+# Distance of the windows of coarse fits: as of their rows, and smaller than narrow objects.
+_COARSE_STEP = 2
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Chosen = NDArray[np.int8]
 
 
 def lattice_step(sigma_px: float) -> int:
@@ -42,14 +44,81 @@ def lattice_step(sigma_px: float) -> int:
     return max(1, int(FIT_LIMITS.lattice_step * sigma_px))
 
 
+def _lattice_steps(sigma_px: float, *, coarse: bool) -> list[int]:
+    """Return the distances of the windows of all lattices, the widest first."""
+    if coarse:
+        return [_COARSE_STEP]
+    step, each = lattice_step(sigma_px), 1
+    finer: list[int] = []
+    while 2 * each <= step:
+        finer.insert(0, each)
+        each *= 2
+    return [step, *finer]
+
+
+class _Windows:
+    """Windows of one size that are fitted by the same models."""
+
+    def __init__(
+        self, images: ImageStack, models: Sequence[Model], sigma_px: float, least_share: float, variances: int
+    ) -> None:
+        self.images, self.models, self.sigma, self.variances = images, models, sigma_px, variances
+        self._weights, self._least = window_weights(sigma_px), least_share * images.channels
+
+    def blank(self, theta: Map) -> Fit:
+        """Return a fit with initial parameters."""
+        return blank_fit(theta, variances=self.variances > 0, element=self.variances == EVERY_VARIANCE)
+
+    def solve(self, band: RowBand, fits: Sequence[Fit], chosen: Chosen, step: int, rows: tuple[int, int]) -> None:
+        """Fit the windows around the pixels of a lattice, for a range of its rows."""
+        # Always two models, so that the kernel is compiled once.
+        models, pair = (self.models[0], self.models[-1]), (fits[0], fits[-1])
+        common = len(self.models), self.images.view(), band.first, self._least
+        solve = partial(solve_rows, band.products, self._weights, models, *common, pair, chosen, self.variances, step)
+        in_threads(solve, pieces(*rows, step))
+
+
+class WindowNodes:
+    """Windows at every n-th pixel of every n-th row, fitted band by band.
+
+    ``fit``: Fit at these pixels, with the initial parameters.
+    ``chosen``: Model of these pixels, `EVERY_MODEL` or `NO_MODEL`.
+    """
+
+    behind = 0
+
+    def __init__(
+        self,
+        images: ImageStack,
+        models: Sequence[Model],
+        sigma_px: float,
+        fit: Fit,
+        chosen: Chosen,
+        *,
+        step: int,
+        least_share: float,
+        variances: int,
+    ) -> None:
+        self._windows = _Windows(images, models, sigma_px, least_share, variances)
+        self._fits, self._chosen, self._step = [fit] * len(models), chosen, step
+
+    def put(self, band: RowBand) -> None:
+        """Fit the windows of a band."""
+        rows = -(-band.top // self._step), -(-band.bottom // self._step)
+        self._windows.solve(band, self._fits, self._chosen, self._step, rows)
+
+
 class WindowLattice:
     """Windows of one size, fitted band by band.
+
+    Where the fits of a lattice do not vary smoothly, windows are fitted on a lattice of half the distance, and so on to
+    every pixel.
 
     ``fits``: Fit of each model, or of the selected model at every pixel, at all pixels; with the initial parameters.
     ``chosen``: Model of every pixel, `EVERY_MODEL` or `NO_MODEL`.
     ``least_share``: Smallest valid fraction of a window.
     ``variances``: Number of variances.
-    ``coarse``: Whether all windows are on the lattice, also where their fits do not vary smoothly.
+    ``coarse``: Whether windows are fitted at every other pixel only.
     """
 
     def __init__(
@@ -58,93 +127,137 @@ class WindowLattice:
         models: Sequence[Model],
         sigma_px: float,
         fits: Sequence[Fit],
-        chosen: NDArray[np.int8],
+        chosen: Chosen,
         *,
         least_share: float,
         variances: int,
         coarse: bool = False,
     ) -> None:
-        self._images, self._models, self._fits, self._chosen = images, models, fits, chosen
-        self._weights, self._least, self._variances, self._coarse = (
-            window_weights(sigma_px),
-            least_share,
-            variances,
-            coarse,
-        )
-        self._step = _COARSE_STEP if coarse else lattice_step(sigma_px)
-        self._done, self._sigma = 0, sigma_px
-        if self._step == 1:
-            return
-        self._of_nodes = _models_of_nodes(chosen, self._step)
-        begun = [np.ascontiguousarray(fit.theta[:, :: self._step, :: self._step]) for fit in fits]
-        blank = partial(blank_fit, variances=variances > 0, element=variances == EVERY_VARIANCE)
-        self._nodes = [blank(begun[0])]
-        self._nodes += [
-            self._nodes[0] if fit is fits[0] else blank(each) for fit, each in zip(fits[1:], begun[1:], strict=True)
-        ]
+        windows = _Windows(images, models, sigma_px, least_share, variances)
+        steps = _lattice_steps(sigma_px, coarse=coarse)
+        left = [chosen.copy(), *(np.full_like(chosen, NO_MODEL) for _ in steps[1:])]
+        levels = enumerate(zip(steps, left, strict=True))
+        self._levels = [_Level(windows, fits, each, step, last=n == len(steps) - 1) for n, (step, each) in levels]
 
     @property
     def behind(self) -> int:
         """Number of rows above a band that are fitted with it."""
-        return 0 if self._step == 1 or self._coarse else _ROWS_BELOW * self._step
+        return self._levels[0].behind + sum(level.ahead + level.behind for level in self._levels[1:])
 
     def put(self, band: RowBand) -> None:
         """Fit the windows of a band."""
-        if self._step == 1:
-            self._solve(band, self._fits, self._chosen, 1, (band.top, band.bottom))
-            return
-        step, height = self._step, self._images.shape[0]
-        self._solve(band, self._nodes, self._of_nodes, step, (-(-band.top // step), -(-band.bottom // step)))
-        if self._coarse and not band.last:
-            return
-        # Cells depend on nodes below them.
-        first, self._done = self._done, height if band.last else max(band.bottom - self.behind, self._done)
-        smooth = [self._smooth(nodes) for nodes in self._nodes]
-        for model, (fit, nodes) in enumerate(zip(self._fits, self._nodes, strict=True)):
-            if model == 0 or fit is not self._fits[0]:
-                # Of several models, the first determines where windows are fitted at every pixel.
-                carried = ~smooth[model] if self._coarse else _empty(nodes) | (smooth[0] & ~smooth[model])
-                self._between(nodes, smooth[model], carried, fit, model, (first, self._done))
-        if not self._coarse:
-            done = smooth[0] | np.logical_and.reduce([_empty(nodes) for nodes in self._nodes])
-            models = np.where(done, self._of_nodes, NO_MODEL)
-            cells = np.repeat(np.repeat(models, step, axis=0), step, axis=1)[:height, : self._images.shape[1]]
-            single = np.where(cells == self._chosen, NO_MODEL, self._chosen).astype(np.int8)
-            self._solve(band, self._fits, single, 1, (first, self._done))
+        height, ready = self._levels[0].left.shape[0], band.bottom
+        for level, finer in zip(self._levels, [*self._levels[1:], None], strict=True):
+            first, done = level.put(band, height if band.last else ready)
+            if finer is not None:
+                finer.left[first:done] = level.left[first:done]
+                ready = max(done - finer.ahead, 0)
 
-    def _solve(
-        self, band: RowBand, fits: Sequence[Fit], chosen: NDArray[np.int8], step: int, rows: tuple[int, int]
-    ) -> None:
-        # Always two models, so that the kernel is compiled once.
-        models, pair = (self._models[0], self._models[-1]), (fits[0], fits[-1])
-        common = len(self._models), self._images.view(), band.first, self._least * self._images.channels
-        solve = partial(solve_rows, band.products, self._weights, models, *common, pair, chosen, self._variances, step)
-        in_threads(solve, pieces(*rows, step))
 
-    def _smooth(self, nodes: Fit) -> Mask:
+class _Level:
+    """Windows on one lattice, and the values between them.
+
+    ``left``: Model of every pixel that the lattice has to provide; then of those which it could not provide.
+    ``last``: Whether it provides all of them.
+    """
+
+    def __init__(self, windows: _Windows, fits: Sequence[Fit], left: Chosen, step: int, *, last: bool) -> None:
+        self._windows, self._fits, self.left, self._step, self._last = windows, fits, left, step, last
+        self._ready = self._done = 0
+        # From the initial parameters, which the fits of a wider lattice replace later.
+        self._nodes = [] if step == 1 else [windows.blank(_every_nth(fit, step)) for fit in fits]
+        self._of_nodes = np.zeros((len(fits), *left[::step, ::step].shape), dtype=np.bool_)
+
+    @property
+    def ahead(self) -> int:
+        """Number of rows below a node whose pixels may depend on it."""
+        return 0 if self._step == 1 else _REQUIRED * self._step
+
+    @property
+    def behind(self) -> int:
+        """Number of rows of pixels above a node that depend on it."""
+        return 0 if self._step == 1 else _ROWS_BELOW * self._step
+
+    def put(self, band: RowBand, ready: int) -> tuple[int, int]:
+        """Fit windows up to a row, and return the range of rows that are complete."""
+        height, step = self.left.shape[0], self._step
+        first, before = self._done, self._ready
+        self._ready = max(ready, before)
+        self._done = height if band.last else max(self._ready - self.behind, first)
+        if step == 1:
+            self._windows.solve(band, self._fits, self.left, 1, (before, self._ready))
+            return first, self._done
+        self._solve_nodes(band, (-(-before // step), -(-self._ready // step)))
+        if (self.left[first : self._done] != NO_MODEL).any():
+            self._fill((first, self._done))
+        return first, self._done
+
+    def _solve_nodes(self, band: RowBand, rows: tuple[int, int]) -> None:
+        """Fit the windows of the nodes on which pixels depend."""
+        step, models = self._step, range(len(self._windows.models))
+        first, last = max((rows[0] - _REQUIRED) * step, 0), (rows[1] + _REQUIRED) * step
+        near = [_near_nodes(self._wanted(model)[first:last], step)[rows[0] - first // step :] for model in models]
+        for model in models:
+            self._of_nodes[model, rows[0] : rows[1]] = near[model][: rows[1] - rows[0]]
+        every = self._of_nodes.all(axis=0) if len(models) > 1 else np.zeros_like(self._of_nodes[0])
+        which = np.argmax(self._of_nodes, axis=0)
+        chosen = np.where(every, EVERY_MODEL, np.where(self._of_nodes.any(axis=0), which, NO_MODEL)).astype(np.int8)
+        self._windows.solve(band, self._nodes, chosen, step, rows)
+
+    def _wanted(self, model: int) -> Mask:
+        return np.asarray((self.left == EVERY_MODEL) | (self.left == model))
+
+    def _fill(self, rows: tuple[int, int]) -> None:
+        """Write the fits of the pixels of a range of rows where they are smooth, and remove these from those left."""
+        step, width = self._step, self.left.shape[1]
+        smooth = [self._smooth(model, rows) for model in range(len(self._nodes))]
+        empty = [_empty(nodes) for nodes in self._nodes]
+        for model in range(len(self._nodes)):
+            # Of several models at one pixel, the first determines whether windows are fitted on the next lattice.
+            carried = ~smooth[model] if self._last else empty[model] | (smooth[0] & ~smooth[model])
+            self._between(model, smooth[model], carried, rows)
+        cells = slice(rows[0] // step, -(-rows[1] // step))
+        columns = np.arange(width) // step
+        of_rows = np.arange(*rows) // step - cells.start
+        left = self.left[rows[0] : rows[1]]
+        every = smooth[0] | np.logical_and.reduce(empty)
+        for model, done in [(EVERY_MODEL, every), *((n, smooth[n] | empty[n]) for n in range(len(smooth)))]:
+            if self._last:
+                done = np.ones_like(done)
+            left[(left == model) & done[cells][of_rows][:, columns]] = NO_MODEL
+
+    def _smooth(self, model: int, rows: tuple[int, int]) -> Mask:
         """Return the cells in which the fits of the nodes are interpolated."""
-        out = np.zeros(self._of_nodes.shape, dtype=np.bool_)
+        nodes, images = self._nodes[model], self._windows.images
+        out = np.zeros(self._of_nodes.shape[1:], dtype=np.bool_)
         if min(out.shape) < _LEAST_NODES:
             return out
-        fields = extract_fields(nodes.theta)
-        error = np.zeros(out.shape)
+        # Only the nodes on which the rows depend, as far as there are enough.
+        end = min(-(-rows[1] // self._step) + _ROWS_BELOW, len(out))
+        begin = max(min(rows[0] // self._step - _REQUIRED, end - _LEAST_NODES), 0)
+        near = slice(begin, max(end, _LEAST_NODES))
+        theta, residual = nodes.theta[:, near], nodes.residual[:, near]
+        fields = extract_fields(theta)
+        error = np.zeros(fields.shape[1:])
         with np.errstate(invalid="ignore"):
             for axis in (1, 2):
-                fourth = _CUBIC_ERROR * self._within_window(np.diff(nodes.theta, 4, axis=axis))
+                fourth = _CUBIC_ERROR * self._within_window(np.diff(theta, 4, axis=axis))
                 ends = [(0, 0), (0, 0), (0, 0)]
                 ends[axis] = (2, 2)
-                error += self._images.moved_px(fields, fields + np.pad(fourth, ends, mode="edge"))
+                error += images.moved_px(fields, fields + np.pad(fourth, ends, mode="edge"))
             std = np.zeros_like(fields)
             for place, number in enumerate(_VARIANCES[: len(fields)]):
-                if number < self._variances:
-                    std[place] = np.sqrt(nodes.variance[number])
-            limit = np.fmax(_ERROR_PX, _ERROR_SHARE * self._images.moved_px(fields, fields + std))
+                if number < self._windows.variances:
+                    std[place] = np.sqrt(nodes.variance[number, near])
+            limit = np.fmax(_ERROR_PX, _ERROR_SHARE * images.moved_px(fields, fields + std))
             # Without texture, fits are of noise alone, and no values are wanted.
-            noise = np.sqrt(nodes.residual[0]) / spline_transfer(self._images.spline)
-            clear = textured(nodes.residual[1], noise, self._images.count, self._images.spline)
+            noise = np.sqrt(residual[0]) / spline_transfer(images.spline)
+            clear = textured(residual[1], noise, images.count, images.spline)
             rough = ~(error <= limit) & (clear | np.isnan(noise))
-            known = np.isfinite(nodes.theta).all(axis=0)
-        find_smooth_cells(rough, np.where(known, self._of_nodes, _NO_FIT).astype(np.int8), out)
+            known = np.isfinite(theta).all(axis=0) & self._of_nodes[model, near]
+        found = np.zeros(known.shape, dtype=np.bool_)
+        find_smooth_cells(rough, np.where(known, model, _NO_FIT).astype(np.int8), found)
+        out[near] = found
         return out
 
     def _within_window(self, theta: Map) -> Map:
@@ -152,28 +265,26 @@ class WindowLattice:
 
         ``theta``: Changes of the parameters, shape (15 or 18, y, x).
         """
-        steps, sigma = np.abs(theta), self._sigma
+        steps, sigma = np.abs(theta), self._windows.sigma
         out = extract_fields(steps)
         out[0] += sigma * (steps[1] + steps[2]) + sigma**2 * (steps[3] + steps[4] + steps[5])
         for n, place in enumerate(STEADY_PLACES[1:], 1):
             out[n] += sigma * (steps[place + 1] + steps[place + 2])
         return out
 
-    def _between(self, nodes: Fit, smooth: Mask, carried: Mask, fit: Fit, model: int, rows: tuple[int, int]) -> None:
+    def _between(self, model: int, smooth: Mask, carried: Mask, rows: tuple[int, int]) -> None:
         """Write the fits of pixels in a range of rows: interpolated, or carried from the nearest node."""
-        several = len(self._models) > 1 and self._fits[0] is not self._fits[-1]
-        wanted = self._chosen != NO_MODEL
-        if several:
-            wanted = (self._chosen == EVERY_MODEL) | (self._chosen == model)
+        nodes, fit, wanted = self._nodes[model], self._fits[model], self._wanted(model)
+        variances = self._windows.variances
         # Values at nodes and pixels; whether they are parameters; whether they are positive; first map of a direction.
         maps: list[tuple[Any, Any, bool, bool, int]] = [
             (nodes.theta, fit.theta, True, False, -1),
             (nodes.residual, fit.residual, False, True, -1),
         ]
-        if self._variances > 0:
+        if variances > 0:
             maps += [(nodes.variance, fit.variance, False, True, -1)]
             maps += [(nodes.images[None], fit.images[None], False, True, -1)]
-        if self._variances == EVERY_VARIANCE:
+        if variances == EVERY_VARIANCE:
             maps += [(nodes.element, fit.element, False, False, DIRECTION)]
             maps += [(nodes.element_variance, fit.element_variance, False, True, -1)]
         for values, out, parameters, positive, signed in maps:
@@ -182,13 +293,20 @@ class WindowLattice:
             in_threads(partial(carry_rows, values, self._step, carried, wanted, parameters, out), pieces(*rows))
 
 
-def _models_of_nodes(chosen: NDArray[np.int8], step: int) -> NDArray[np.int8]:
-    """Return the models of the nodes: where none is selected, that of a pixel which depends on the node."""
+def _every_nth(fit: Fit, step: int) -> Map:
+    return np.ascontiguousarray(fit.theta[:, ::step, ::step])
+
+
+def _near_nodes(wanted: Mask, step: int) -> Mask:
+    """Return the nodes on which the pixels of a mask depend."""
     from scipy.ndimage import maximum_filter
 
-    near = maximum_filter(chosen, 2 * _REQUIRED * step + 1)[::step, ::step]
-    own = chosen[::step, ::step]
-    return np.ascontiguousarray(np.where(own == NO_MODEL, near, own))
+    height, width = wanted.shape
+    rows, columns = -(-height // step), -(-width // step)
+    whole = np.zeros((rows * step, columns * step), dtype=np.bool_)
+    whole[:height, :width] = wanted
+    cells = whole.reshape(rows, step, columns, step).any(axis=(1, 3))
+    return np.asarray(maximum_filter(cells, 2 * _REQUIRED + 1, mode="constant"))
 
 
 def _empty(nodes: Fit) -> Mask:

@@ -52,6 +52,11 @@ SQUARE_OF = np.array([18, 19, 20, 21, 43, 44, 45])
 """Index of the square of b of each field."""
 
 
+# With the positions x' in an image, x in the reference, and their scale c, the derivatives a_i of the fields are
+# multiples, constant over the images, of r = c d ∇T·(x' - x), p = c d t, v = p ∇T·x', and for the acceleration of
+# t p / 2 and t v / 2. Basis and multiple of each field: 1 / d², the gradient along x and y, and -1 / f.
+_BASIS_OF = np.array([0, 1, 1, 2, 3, 3, 4])
+_FACTOR_OF = np.array([0, 1, 2, 3, 1, 2, 3])
 _CHUNK = 128  # pixels evaluated together, whose sums stay in the cache
 
 
@@ -98,15 +103,67 @@ def _select_product(one: Any, other: Any, known: Any, out: Any) -> None:
 
 
 @_jit
-def _difference(factor: Any, inverse: Any, after: Any, before: Any, out: Any) -> None:
+def _difference(factor: Any, after: Any, before: Any, out: Any) -> None:
     for x in range(out.size):
-        out[x] = factor[x] * inverse[x] * (after[x] - before[x])
+        out[x] = factor[x] * (after[x] - before[x])
 
 
 @_jit
-def _scaled(factor: Any, values: Any, weight: float, out: Any) -> None:
+def _scaled(factor: Any, seen: Any, weight: float, out: Any, product: Any) -> None:
+    """Write multiples of factors, and their products with other values."""
     for x in range(out.size):
-        out[x] = weight * factor[x] * values[x]
+        out[x] = weight * factor[x]
+        product[x] = weight * factor[x] * seen[x]
+
+
+@_jit
+def _add_powers(weight: float, values: Any, sums: Any, squares: Any) -> None:
+    """Add multiples of values, and the squares of these multiples."""
+    for x in range(values.size):
+        own = weight * values[x]
+        sums[x] += own
+        squares[x] += own * own
+
+
+@_jit
+def _add_pair(weight: float, common: Any, one: Any, other: Any, first: Any, second: Any) -> None:
+    """Add multiples of the products of a common factor with two others."""
+    for x in range(common.size):
+        own = weight * common[x]
+        first[x] += own * one[x]
+        second[x] += own * other[x]
+
+
+@_jit
+def _add_multiple_product(weight: float, one: Any, other: Any, out: Any) -> None:
+    for x in range(out.size):
+        out[x] += weight * one[x] * other[x]
+
+
+@_jit
+def _accumulate(r: Any, p: Any, v: Any, left: Any, sums: Any, sides: Any, pairs: Any) -> None:
+    """Add an image to the sums of r, p and v, of their products with each other, and with the residual."""
+    size = p.size
+    _add_powers(1.0, r, sums[0, :size], pairs[0, 0, :size])
+    _add_powers(1.0, p, sums[1, :size], pairs[1, 1, :size])
+    _add_powers(1.0, v, sums[2, :size], pairs[2, 2, :size])
+    _add_pair(1.0, p, r, v, pairs[0, 1, :size], pairs[1, 2, :size])
+    _add_pair(1.0, r, v, left, pairs[0, 2, :size], sides[0, :size])
+    _add_pair(1.0, left, p, v, sides[1, :size], sides[2, :size])
+
+
+@_jit
+def _accumulate_acceleration(half: float, r: Any, p: Any, v: Any, left: Any, sums: Any, sides: Any, pairs: Any) -> None:
+    """Add the same for half the time times p and v, which belong to the acceleration."""
+    size = p.size
+    _add_powers(half, p, sums[3, :size], pairs[3, 3, :size])
+    _add_powers(half, v, sums[4, :size], pairs[4, 4, :size])
+    _add_pair(half, p, p, v, pairs[1, 3, :size], pairs[1, 4, :size])
+    _add_pair(half, r, p, v, pairs[0, 3, :size], pairs[0, 4, :size])
+    _add_pair(half, left, p, v, sides[3, :size], sides[4, :size])
+    # The product of v with half the time times p is that of p with half the time times v.
+    _add_multiple_product(half, v, v, pairs[2, 4, :size])
+    _add_multiple_product(half * half, p, v, pairs[3, 4, :size])
 
 
 @_jit
@@ -144,8 +201,9 @@ def _compiled_products(several: int) -> Any:
         rows: Any,
     ) -> None:
         count, _, width = warped.shape
-        a, sums, sides = np.empty((several, _CHUNK)), np.empty((several, _CHUNK)), np.empty((several, _CHUNK))
-        pairs, singles = np.empty((several * several, _CHUNK)), np.empty((15, _CHUNK))
+        bases, acceleration = (5 if several > STEADY else 3), several > STEADY
+        sums, sides, pairs = np.empty((bases, _CHUNK)), np.empty((bases, _CHUNK)), np.empty((bases, bases, _CHUNK))
+        singles, shares, factors = np.empty((17, _CHUNK)), np.empty((bases, _CHUNK)), np.empty((STEADY, _CHUNK))
         for row, first in [(row, first) for row in range(rows[0], rows[1]) for first in range(0, width, _CHUNK)]:
             y, size = row + first_row, min(_CHUNK, width - first)
             if np.isnan(fields[0, y, first : first + size]).all():
@@ -165,6 +223,7 @@ def _compiled_products(several: int) -> Any:
                 singles[13, :size],
                 singles[14, :size],
             )
+            p, v, r = singles[15, :size], singles[16, :size], at_x
             _mean_of_images(warped, row, first, used, texture)
             if used.max() < least:
                 continue
@@ -172,8 +231,10 @@ def _compiled_products(several: int) -> Any:
                 along[x], down[x] = gradient[0, row, first + x], gradient[1, row, first + x]
                 # Where fields are not given, all values are 0.
                 d[x] = fields[0, y, first + x] if used[x] > 0.0 else 1.0
-                inverse[x] = 1.0 / (d[x] * d[x])
                 begun[x] = along[x] * (first + x - view.centre_x) + down[x] * (y - view.centre_y)
+                factors[0, x], factors[1, x], factors[2, x] = 1.0 / (d[x] * d[x]), along[x], down[x]
+                # With q_Z, images shrink towards the principal point.
+                factors[3, x] = -1.0 / view.focal
             sums[:], sides[:], pairs[:], squares[:] = 0.0, 0.0, 0.0, 0.0
             for i in range(count):
                 s, s_y, t = view.s[i], view.s_y[i], view.t[i]
@@ -182,23 +243,14 @@ def _compiled_products(several: int) -> Any:
                     at_x[x], at_y[x], scale[x] = place_of(several > STEADY, view, s, s_y, t, fields, y, first + x)
                 _project(along, at_x, down, at_y, known, seen)
                 _select_product(scale, d, known, factor)
-                _difference(factor, inverse, seen, begun, a[0, :size])
-                _scaled(factor, along, t, a[1, :size])
-                _scaled(factor, down, t, a[2, :size])
-                # With q_Z, images shrink towards the principal point.
-                _scaled(factor, seen, -t / view.focal, a[3, :size])
-                for k in range(STEADY, several):
-                    own = a[k, :size]
-                    before = a[k - 3, :size]
-                    for x in range(size):
-                        own[x] = 0.5 * t * before[x]
+                _difference(factor, seen, begun, r)
+                _scaled(factor, seen, t, p, v)
                 _add_product(squares, left, left)
-                for k in range(several):
-                    own = a[k, :size]
-                    _add(sums[k, :size], own)
-                    _add_product(sides[k, :size], own, left)
-                    for m in range(k + 1):
-                        _add_product(pairs[k * several + m, :size], own, a[m, :size])
+                _accumulate(r, p, v, left, sums, sides, pairs)
+                if acceleration:
+                    _accumulate_acceleration(0.5 * t, r, p, v, left, sums, sides, pairs)
+            if acceleration:
+                pairs[2, 3] = pairs[1, 4]
             # From here on, 0 where too few images are valid.
             weight, phi = known, d
             for x in range(size):
@@ -208,19 +260,31 @@ def _compiled_products(several: int) -> Any:
             for x in range(size):
                 inverse[x] = 1.0 / used[x] if used[x] >= least else 0.0
             last = first + size
+            for one in range(bases):
+                _multiply(sides[one, :size], weight, sides[one, :size])
+                for other in range(one, bases):
+                    pair = pairs[one, other, :size]
+                    _center(pair, sums[one, :size], sums[other, :size], inverse, weight, pair)
+            # The sums over M of the fields are those over their bases.
+            shares[:] = 0.0
             for k in range(several):
                 for x in range(size):
                     phi[x] = fields[k, y, first + x] if used[x] >= least else 0.0
-                side = sides[k, :size]
-                _multiply(side, weight, side)
-                _add_product(products[SQUARE_OF[k], row, first:last], side, side)
-                _add(products[SIDE_OF[k], row, first:last], side)
-                for m in range(several):
-                    one, other = max(k, m), min(k, m)
-                    _center(pairs[one * several + other, :size], sums[k, :size], sums[m, :size], inverse, weight, left)
-                    _add_product(products[SIDE_OF[m], row, first:last], left, phi)
-                    if m <= k:
-                        _add(products[PAIR_OF[k, m], row, first:last], left)
+                _multiply(phi, factors[_FACTOR_OF[k], :size], phi)
+                _add(shares[_BASIS_OF[k], :size], phi)
+            for k in range(several):
+                basis, own = _BASIS_OF[k], factors[_FACTOR_OF[k], :size]
+                _multiply(sides[basis, :size], own, left)
+                _add_product(products[SQUARE_OF[k], row, first:last], left, left)
+                for other in range(bases):
+                    one, two = min(basis, other), max(basis, other)
+                    _multiply(pairs[one, two, :size], own, phi)
+                    _add_product(left, phi, shares[other, :size])
+                _add(products[SIDE_OF[k], row, first:last], left)
+                for m in range(k + 1):
+                    one, two = min(basis, _BASIS_OF[m]), max(basis, _BASIS_OF[m])
+                    _multiply(pairs[one, two, :size], own, left)
+                    _add_product(products[PAIR_OF[k, m], row, first:last], left, factors[_FACTOR_OF[m], :size])
             _add_product(products[14, row, first:last], squares, weight)
             square = products[17, row, first:last]
             for x in range(size):

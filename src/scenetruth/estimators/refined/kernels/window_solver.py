@@ -280,6 +280,7 @@ TOLD = np.array([0, 1, 2, 6, 9, 12, 15, 16, 17])
 """Parameters whose variances are output."""
 EVERY_VARIANCE = len(TOLD) + 1
 """Number that selects all variances, including those of the surface element."""
+_GRADIENTS = len(TOLD) + FUNCTIONALS  # number of functions of the parameters with a variance
 
 
 class Model(NamedTuple):
@@ -419,6 +420,40 @@ def _solve(factor: Any, n: int, x: Any) -> None:
 
 
 @_jit
+def _solve_columns(factor: Any, n: int, x: Any) -> None:
+    """Solve L Lᵀ X = X in place, for all columns together: their constant number fills vector instructions."""
+    for i in range(n):
+        for k in range(i):
+            for m in range(_GRADIENTS):
+                x[i, m] -= factor[i, k] * x[k, m]
+        inverse = 1.0 / factor[i, i]
+        for m in range(_GRADIENTS):
+            x[i, m] *= inverse
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            for m in range(_GRADIENTS):
+                x[i, m] -= factor[k, i] * x[k, m]
+        inverse = 1.0 / factor[i, i]
+        for m in range(_GRADIENTS):
+            x[i, m] *= inverse
+
+
+@_jit
+def _quadratic_forms(matrix: Any, n: int, x: Any, share: Any, out: Any) -> None:
+    """Write xᵀ S x of every column of x, with a symmetric matrix S."""
+    for m in range(_GRADIENTS):
+        out[m] = 0.0
+    for i in range(n):
+        for m in range(_GRADIENTS):
+            share[m] = 0.0
+        for j in range(n):
+            for m in range(_GRADIENTS):
+                share[m] += matrix[i, j] * x[j, m]
+        for m in range(_GRADIENTS):
+            out[m] += x[i, m] * share[m]
+
+
+@_jit
 def _full_matrix(moments: Any, place: int, surface: int, count: int, out: Any, weights: Any) -> None:
     """Write W H W with the normal matrix H at a pixel and weights W of the fields, for parameters of the model only."""
     for p in range(count):
@@ -467,14 +502,13 @@ class WorkSpace(NamedTuple):
     gradients: NDArray[np.float64]
     noise: NDArray[np.float64]
     ones: NDArray[np.float64]
+    columns: NDArray[np.float64]
+    variances: NDArray[np.float64]
 
 
 @_jit
 def work_space() -> Any:
     """Return arrays for `fit_window`."""
-    gradients = np.zeros((len(TOLD) + FUNCTIONALS, ALL))
-    for k in range(len(TOLD)):
-        gradients[k, TOLD[k]] = 1.0
     return WorkSpace(
         np.empty((ALL, 6), dtype=np.int64),
         np.empty((ALL, 6)),
@@ -484,9 +518,11 @@ def work_space() -> Any:
         np.empty((3, ALL, ALL)),
         np.empty((4, ALL)),
         np.empty(VALUES),
-        gradients,
+        np.zeros((FUNCTIONALS, ALL)),
         np.empty(7),
         np.ones(7),
+        np.zeros((ALL, _GRADIENTS)),
+        np.empty((2, _GRADIENTS)),
     )
 
 
@@ -570,25 +606,35 @@ def fit_window(
         for j in range(n):
             other[i, j] *= scale[i] * scale[j]
     fit.images[row_of, column_of] = moments[_FREEDOM, place] / moments[KNOWN, place] + 1.0
-    several = len(TOLD)
-    if told > several:
-        own = work.gradients[several:]
-        describe_element(model.surface, model.gradient, theta, from_x, from_y, view.focal, element, own)
-        fit.element[:, row_of, column_of] = element
-    for k in range(several + FUNCTIONALS if told > several else told):
-        if (k >= several and np.isnan(element[k - several])) or (k < several and TOLD[k] >= count):
-            continue
-        _along(work.gradients[k], places, values, sizes, n, column)
+    if told == 1:
         for i in range(n):
-            column[i] *= scale[i]
+            column[i] = scale[i] if sizes[i] == 1 and places[i, 0] == TOLD[0] else 0.0
         _solve(small, n, column)
         total = 0.0
         for i in range(n):
-            share = 0.0
             for j in range(n):
-                share += other[i, j] * column[j]
-            total += column[i] * share
-        if k < several:
-            fit.variance[k, row_of, column_of] = total
-        else:
-            fit.element_variance[k - several, row_of, column_of] = total
+                total += column[i] * other[i, j] * column[j]
+        fit.variance[0, row_of, column_of] = total
+        return
+    several = len(TOLD)
+    if told > several:
+        describe_element(model.surface, model.gradient, theta, from_x, from_y, view.focal, element, work.gradients)
+        fit.element[:, row_of, column_of] = element
+    columns, variances = work.columns, work.variances[0]
+    for i in range(n):
+        for k in range(several):
+            columns[i, k] = scale[i] if sizes[i] == 1 and places[i, 0] == TOLD[k] else 0.0
+    if told > several:
+        for k in range(several, _GRADIENTS):
+            _along(work.gradients[k - several], places, values, sizes, n, column)
+            for i in range(n):
+                columns[i, k] = column[i] * scale[i]
+    _solve_columns(small, n, columns)
+    _quadratic_forms(other, n, columns, work.variances[1], variances)
+    for k in range(min(told, several)):
+        if TOLD[k] < count:
+            fit.variance[k, row_of, column_of] = variances[k]
+    if told > several:
+        for k in range(FUNCTIONALS):
+            if not np.isnan(element[k]):
+                fit.element_variance[k, row_of, column_of] = variances[several + k]
