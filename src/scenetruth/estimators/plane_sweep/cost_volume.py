@@ -22,10 +22,10 @@ from scenetruth.estimators.plane_sweep.matching_kernels import (
 from scenetruth.threads import in_threads
 
 __all__ = [
+    "ROWS",
     "BestHypothesis",
     "CameraRow",
     "Hypotheses",
-    "ROWS",
     "RowStrip",
     "channel_mean",
     "choose_hypotheses",
@@ -113,7 +113,7 @@ def make_camera_row(positions: ArrayLike, sign: float) -> CameraRow:
 
 def channel_mean(images: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the mean over channels, the first axis; a single channel is not copied."""
-    return images[0] if len(images) == 1 else images.mean(axis=0, dtype=np.float32)
+    return images[0] if len(images) == 1 else np.asarray(images.mean(axis=0, dtype=np.float32))
 
 
 def downsample(images: NDArray[np.float32], factor: int) -> NDArray[np.float32]:

@@ -126,7 +126,7 @@ def search(later: Any, q: Any, sweeps: int, changes: int, reach: float, smooth: 
     """Improve the motion of every pixel by those of its neighbours, and by random changes of decreasing size.
 
     ``q``: Velocity in baselines per frame, shape (3, y, x); improved in place.
-    ``changes``: Number of random changes in each sweep, of the three kinds in turn.
+    ``changes``: Number of random changes in each sweep: of flow, of motion in depth, and of both, in turn.
     ``reach``: Largest change of flow in the first sweep, in columns per frame.
     ``smooth``: Penalty in bits per px of difference from a neighbour; difference in px above which it is constant;
       disparity difference above which a neighbour belongs to another surface.

@@ -25,7 +25,7 @@ _COARSEST = 4
 # Number of parallel parts of the exhaustive search.
 _PARTS = 4
 _LEAST_SIZE = 32
-# Random search: sweeps, random changes in each of them, and initial change of flow in columns, at the lowest resolution,
+# Random search: sweeps, random changes in each, and initial change of flow in columns, at the lowest resolution,
 # at those between, at the full one, and after the median.
 _SEARCH, _MIDDLE_SEARCH, _FINE_SEARCH, _LAST_SEARCH = (6, 3, 1.0), (4, 3, 0.5), (4, 1, 0.5), (1, 3, 0.125)
 # Bits per px of difference from a neighbour; px above which the penalty is constant; and columns per step above which a

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from scenetruth.estimators.refined.aliasing import compute_phase_error_px, enlarge_variances, interpolation_error
     from scenetruth.estimators.refined.ambiguity import find_ambiguous, image_motion
     from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
+    from scenetruth.estimators.refined.bare_surfaces import find_bare_areas, fit_bare_surfaces
     from scenetruth.estimators.refined.common_uncertainty import (
         CalibrationUncertainty,
         compute_common_variance,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         photon_transfer_variance,
         spline_transfer,
     )
+    from scenetruth.estimators.refined.other_views import OtherViews, match_views
     from scenetruth.estimators.refined.pixel_defects import (
         DefectFilteredFrames,
         fill_defects,
@@ -63,14 +65,17 @@ if TYPE_CHECKING:
 __all__ = [
     "EVEN", "FIT_LIMITS", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Blocks", "CalibrationUncertainty",
     "DefectFilteredFrames",
-    "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens", "RefinedState",
+    "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens", "OtherViews",
+    "RefinedState",
     "ShiftObservations", "Sources", "Splines", "SystematicErrors", "add_contradiction", "between", "blank_fit",
     "compare_growth", "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
     "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "estimate_variance",
     "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous", "find_aperture",
-    "find_dead_pixels", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters",
+    "find_bare_areas",
+    "find_dead_pixels", "find_saturated_runs", "fine_contrast", "fit_bare_surfaces", "image_motion",
+    "initial_parameters",
     "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans",
-    "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of", "polynomial_bias",
+    "match_views", "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of", "polynomial_bias",
     "read_calibration_uncertainty", "read_schedule", "refine", "remove_delay_bias", "sees_second_camera",
     "select_blocks", "smooth_velocity", "spline_transfer", "spread_defects", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
@@ -82,6 +87,7 @@ __getattr__, __dir__ = export_lazily(
         "aliasing": "compute_phase_error_px enlarge_variances interpolation_error",
         "ambiguity": "find_ambiguous image_motion",
         "aperture": "compute_normal_flow find_aperture",
+        "bare_surfaces": "find_bare_areas fit_bare_surfaces",
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
         "discontinuity_refit": "is_supported is_surrounded",
         "fallback": "Sources fill_holes near_bare_surfaces",
@@ -95,6 +101,7 @@ __getattr__, __dir__ = export_lazily(
         "lattice": "lattice_step",
         "lens_distortion": "Lens compute_jacobian distort lens_problems undistort",
         "noise_estimation": "EVEN GreyVariance estimate_variance photon_transfer_variance spline_transfer",
+        "other_views": "OtherViews match_views",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
         "pose_corrections": "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks",
