@@ -75,7 +75,8 @@ __all__ = [
     "find_dead_pixels", "find_saturated_runs", "fine_contrast", "fit_bare_surfaces", "image_motion",
     "initial_parameters",
     "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans",
-    "match_views", "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of", "polynomial_bias",
+    "match_views", "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of",
+    "polynomial_bias",
     "read_calibration_uncertainty", "read_schedule", "refine", "remove_delay_bias", "sees_second_camera",
     "select_blocks", "smooth_velocity", "spline_transfer", "spread_defects", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
