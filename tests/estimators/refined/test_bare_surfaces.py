@@ -2,54 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from scenetruth.estimators.refined import OtherViews, find_bare_areas, fit_bare_surfaces
+from tests.helpers.bare_patches import GREY_NOISE, Patch, draw_patches
 
 Map = NDArray[np.float64]
 
-SIZE = (90, 140)
 POSITIONS = np.array([-2.0, -1.0, 1.0, 2.0])
-NOISE = 1.0
-FINE = 8  # samples of a pixel along x
 WALL = 5.0
-
-
-@dataclass(frozen=True)
-class Patch:
-    """A board that faces the cameras: disparity, columns and rows in the reference, and grey value; NaN is textured."""
-
-    disparity: float
-    columns: tuple[float, float]
-    rows: tuple[int, int]
-    grey: float
-
-
-def draw(patches: list[Patch], s: float, seed: int) -> tuple[Map, Map]:
-    """Return the image of a camera with noise, and the disparity of what it shows; patches from far to near."""
-    height, width = SIZE
-    generator = np.random.default_rng(3)
-    texture = ndimage.gaussian_filter(generator.normal(size=(height, 6 * width)), (1.5, 3.0))
-    texture *= 25.0 / texture.std()
-    x = (np.arange(width * FINE) + 0.5) / FINE - 0.5
-    y = np.arange(height)
-    image, shown = np.zeros((height, len(x))), np.zeros((height, len(x)))
-    for n, patch in enumerate(patches):
-        place = x + patch.disparity * s
-        inside = (place >= patch.columns[0]) & (place < patch.columns[1])
-        where = inside[None] & ((y >= patch.rows[0]) & (y < patch.rows[1]))[:, None]
-        columns = 2.0 * place + 2 * width + 17 * n
-        sampled = np.stack([np.interp(columns, np.arange(6 * width), row) for row in texture])
-        value = 120.0 + sampled if np.isnan(patch.grey) else np.full_like(image, patch.grey)
-        image, shown = np.where(where, value, image), np.where(where, patch.disparity, shown)
-    image = image.reshape(height, width, FINE).mean(axis=2)
-    noise = np.random.default_rng(seed).normal(0, NOISE, SIZE)
-    return image + noise, shown[:, FINE // 2 :: FINE]
 
 
 EVERYWHERE = ((-1000.0, 1000.0), (-1000, 1000))
@@ -58,14 +22,14 @@ TEXTURED = Patch(WALL, *EVERYWHERE, np.nan)
 
 def planes_of(patches: list[Patch]) -> list[tuple[Map, float, float, Map]]:
     """Return disparity, error, enclosed fraction and truth of every bare surface that was found."""
-    grey, shown = draw(patches, 0.0, 0)
-    views = np.stack([draw(patches, s, n + 1)[0] for n, s in enumerate(POSITIONS)]).astype(np.float32)
+    grey, shown = draw_patches(patches, 0.0, 0)
+    views = np.stack([draw_patches(patches, s, n + 1)[0] for n, s in enumerate(POSITIONS)]).astype(np.float32)
     square = sum(np.square(each) for each in np.gradient(grey))
-    textured = ndimage.gaussian_filter(square, 1.0) > (2.0 * NOISE) ** 2
-    areas = find_bare_areas(grey, NOISE, textured)
+    textured = ndimage.gaussian_filter(square, 1.0) > (2.0 * GREY_NOISE) ** 2
+    areas = find_bare_areas(grey, GREY_NOISE, textured)
     surfaces = np.where((areas == 0) & (shown == WALL), 0, -1).astype(np.int32)
     other = OtherViews(views, POSITIONS, np.zeros(len(POSITIONS)))
-    found = fit_bare_surfaces(areas, grey, NOISE, other, (2.5, 12.0), surfaces, np.array([[WALL, 0.0, 0.0]]))
+    found = fit_bare_surfaces(areas, grey, GREY_NOISE, other, (2.5, 12.0), surfaces, np.array([[WALL, 0.0, 0.0]]))
     out = []
     for each in found:
         disparity = each.plane[0] + each.plane[1] * each.columns + each.plane[2] * each.rows

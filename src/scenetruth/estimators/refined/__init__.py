@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         read_calibration_uncertainty,
     )
     from scenetruth.estimators.refined.discontinuity_refit import is_supported, is_surrounded
-    from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces
+    from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces, recede
     from scenetruth.estimators.refined.fit_maps import between, blank_fit, every_other, initial_parameters, with_bias
     from scenetruth.estimators.refined.growth_comparison import RATES, GrowthComparison, compare_growth
     from scenetruth.estimators.refined.image_consistency import fine_contrast
@@ -77,7 +77,7 @@ __all__ = [
     "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans",
     "match_views", "maximise_likelihood", "near_bare_surfaces", "photon_transfer_variance", "place_of",
     "polynomial_bias",
-    "read_calibration_uncertainty", "read_schedule", "refine", "remove_delay_bias", "sees_second_camera",
+    "read_calibration_uncertainty", "read_schedule", "recede", "refine", "remove_delay_bias", "sees_second_camera",
     "select_blocks", "smooth_velocity", "spline_transfer", "spread_defects", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
@@ -91,7 +91,7 @@ __getattr__, __dir__ = export_lazily(
         "bare_surfaces": "find_bare_areas fit_bare_surfaces",
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
         "discontinuity_refit": "is_supported is_surrounded",
-        "fallback": "Sources fill_holes near_bare_surfaces",
+        "fallback": "Sources fill_holes near_bare_surfaces recede",
         "fit_maps": "between blank_fit every_other initial_parameters with_bias",
         "growth_comparison": "RATES GrowthComparison compare_growth",
         "image_consistency": "fine_contrast",

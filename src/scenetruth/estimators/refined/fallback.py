@@ -30,7 +30,7 @@ from scenetruth.estimators.refined.kernels.geodesic_fill import (
 from scenetruth.estimators.refined.other_views import OtherViews, match_views
 from scenetruth.threads import in_bands
 
-__all__ = ["FallbackValues", "Sources", "compute_fallback", "fill_holes", "mean_grey_image"]
+__all__ = ["FallbackValues", "Sources", "compute_fallback", "fill_holes", "mean_grey_image", "recede"]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -143,7 +143,7 @@ def compute_fallback(
     if not given.any():
         return FallbackValues(given, start.fields[0], np.zeros(images.shape))
     views = match_views(images, grey, sources.disparity, given)
-    sources, unlike = _recede(sources, grey, own_noise, views)
+    sources, unlike = recede(sources, grey, own_noise, views)
     found = fill_holes(grey, own_noise, sources, ~valid & usable, images.farthest)
     # Swept pixels that differ from the other views belong to another surface, thinner than the squares of the sweep.
     spread = _spread(sources, found.disparity)
@@ -155,7 +155,7 @@ def compute_fallback(
     return replace(found, where=found.where & ~contradicted & clear)
 
 
-def _recede(sources: Sources, grey: Map, noise: float, views: OtherViews) -> tuple[Sources, NDArray[np.uint8]]:
+def recede(sources: Sources, grey: Map, noise: float, views: OtherViews) -> tuple[Sources, NDArray[np.uint8]]:
     """Return sources whose swept pixels next to outlines may belong to the farther surface, and how unlike they are.
 
     The squares of the sweep extend the nearer surface beyond its outline. A pixel belongs to the farther one if it
