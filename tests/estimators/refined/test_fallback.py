@@ -136,7 +136,7 @@ def test_sweep_pixels_near_bare_surfaces_are_uncertain() -> None:
 
 
 def test_pixels_beside_an_outline_recede_to_the_farther_surface() -> None:
-    """A sweep that extends a board by 3 px beyond its outlines, before a wall; and a gap that the sweep does not resolve."""
+    """A sweep that extends boards by 3 px beyond their outlines before a wall, and across a gap between them."""
     everywhere = ((-1000.0, 1000.0), (-1000, 1000))
     boards = [Patch(9.0, (40, 70), (10, 80), np.nan), Patch(9.0, (73, 100), (10, 80), np.nan)]
     scene = [Patch(4.0, *everywhere, np.nan), *boards]
