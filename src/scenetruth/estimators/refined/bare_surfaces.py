@@ -55,7 +55,7 @@ class BarePlane:
     error: float
     """Deviation of the outlines from the plane, in px per step."""
     enclosed: float
-    """Fraction of the rows that end at both sides with an outline in this plane."""
+    """Fraction of the area whose rows end at both sides in this plane, times the fraction of outlines in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,7 @@ def fit_bare_surfaces(
         # Of the rows of the surface, those with both ends in its plane.
         both = fitting[ends[:, 4]] & (ends[:, 5] >= 0)
         both &= fitting[pieces.ends[np.maximum(ends[:, 5], 0), 4]]
-        enclosed = float(ends[both, 3].sum() / 2 / where.sum())
+        enclosed = float(ends[both, 3].sum() / 2 / where.sum() * outlines.rows[agree].sum() / outlines.rows.sum())
         error = float(np.sqrt(np.average(off[agree] ** 2, weights=outlines.rows[agree])))
         y, x = np.nonzero(where)
         yield BarePlane(y + part[0].start, x + part[1].start, plane, error, enclosed)

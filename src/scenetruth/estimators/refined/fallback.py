@@ -61,11 +61,14 @@ _OUTLINE = 0.5  # error of a sweep in units of the deviation of disparities with
 _UNSEEN = np.array([0.2, 0.1, 0.1, 0.1, 0.1])
 _UNSEEN_FAR = 0.4
 _DEPTHS = 0.3  # deviation of the disparity of an unknown background, between zero and the foreground, relative to that
+_ANY_DEPTH = 3**-0.5  # the same of a background with any disparity between zero and the foreground
 _LARGEST = 1.0  # largest standard deviation of a fallback disparity, relative to it
 # Disparities of bare surfaces relative to the smallest and largest of the others.
-_NEAREST_AND_FARTHEST = 0.5, 1.2
-# Smallest fraction of the rows of a bare surface that end in its plane at both sides, and probabilities of another one.
-_ENCLOSED, _UNSEEN_OF_PLANES = 0.25, (0.05, 0.3)
+_NEAREST_AND_FARTHEST = 0.5, 2.0
+# Smallest fraction of the rows of a bare surface that end in its plane at both sides; probability of another surface,
+# and root of its mean squared difference relative to the disparity, above this fraction and below: there the outlines
+# may be those of objects before the surface.
+_ENCLOSED, _UNSEEN_OF_PLANES = 0.25, ((0.05, _DEPTHS), (0.4, _ANY_DEPTH))
 _OUTLINE_PX = 0.3  # error of the disparity of an outline, in px of the farthest camera
 # Distance of the farther surface to which a swept pixel may belong, smallest squared difference from the other views of
 # such a pixel, and largest ratio of that with the farther surface.
@@ -176,10 +179,10 @@ def recede(sources: Sources, grey: Map, noise: float, views: OtherViews) -> tupl
     return replace(sources, disparity=disparity), np.maximum(unlike, near).astype(np.uint8)
 
 
-def _spread(sources: Sources, disparity: Map) -> Map:
-    """Return the mean squared difference of an unobserved surface."""
+def _spread(sources: Sources, disparity: Map, depths: float = _DEPTHS) -> Map:
+    """Return the mean squared difference of an unobserved surface; ``depths``: that of a background, relative to it."""
     given = sources.fitted | sources.swept
-    return np.asarray(float(np.var(sources.disparity[given])) + (_DEPTHS * disparity) ** 2)
+    return np.asarray(float(np.var(sources.disparity[given])) + (depths * disparity) ** 2)
 
 
 def _fill_bare_surfaces(
@@ -213,8 +216,8 @@ def _fill_bare_surfaces(
         rows, columns = each.rows, each.columns
         d = each.plane[0] + each.plane[1] * columns + each.plane[2] * rows
         value[rows, columns] = sign * d
-        unseen = _UNSEEN_OF_PLANES[0 if each.enclosed > _ENCLOSED else 1]
-        square = (_OUTLINE_PX / farthest) ** 2 + each.error**2 + unseen * _spread(sources, d)
+        unseen, depths = _UNSEEN_OF_PLANES[0 if each.enclosed > _ENCLOSED else 1]
+        square = (_OUTLINE_PX / farthest) ** 2 + each.error**2 + unseen * _spread(sources, d, depths)
         std[rows, columns] = np.sqrt(square)
         where[rows, columns] = wanted[rows, columns] & (square < (_LARGEST * d) ** 2)
     return FallbackValues(where, value, std)
@@ -322,7 +325,7 @@ def fill_holes(grey: Map, noise: float, sources: Sources, wanted: Mask, farthest
     apart, within = (part / (part + _SCALE_PX) for part in (costs[:, :, 0].astype(np.float64), _depths_of_holes(costs)))
     unseen = _UNSEEN[lines] * np.where(lines == 0, 1.0, within)
     unseen += np.where(lines == 0, (_UNSEEN_FAR - _UNSEEN[0]) * apart, 0.0)
-    spread = float(np.var(disparity[source])) + (_DEPTHS * value) ** 2
+    spread = float(np.var(disparity[source])) + (np.where(lines == 0, _ANY_DEPTH, _DEPTHS) * value) ** 2
     swept = least + _OUTLINE**2 * _local_variance(value) + np.where(sources.bare, _UNSEEN[0] * spread, 0.0)
     std = np.sqrt(np.where(source, swept, variance + least + unseen * spread))
     where = wanted & filled & (std < _LARGEST * np.abs(value))
