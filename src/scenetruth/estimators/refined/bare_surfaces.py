@@ -55,7 +55,8 @@ class BarePlane:
     error: float
     """Deviation of the outlines from the plane, in px per step."""
     enclosed: float
-    """Fraction of the area whose rows end at both sides in this plane, times the fraction of outlines in it."""
+    """Fraction of the area whose rows end at both sides in this plane, times the fraction of outlines in it; 0 at
+    the border of the image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +185,10 @@ def fit_bare_surfaces(
         # Of the rows of the surface, those with both ends in its plane.
         both = fitting[ends[:, 4]] & (ends[:, 5] >= 0)
         both &= fitting[pieces.ends[np.maximum(ends[:, 5], 0), 4]]
-        enclosed = float(ends[both, 3].sum() / 2 / where.sum() * outlines.rows[agree].sum() / outlines.rows.sum())
+        # What reaches the border of the image may be a background, seen between objects in the same plane.
+        inner = all(each.start > 0 and each.stop < n for each, n in zip(places[number - 1], areas.shape, strict=True))
+        share = outlines.rows[agree].sum() / outlines.rows.sum()
+        enclosed = float(share * ends[both, 3].sum() / 2 / where.sum()) if inner else 0.0
         error = float(np.sqrt(np.average(off[agree] ** 2, weights=outlines.rows[agree])))
         y, x = np.nonzero(where)
         yield BarePlane(y + part[0].start, x + part[1].start, plane, error, enclosed)
