@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scenetruth.schema import STATUS_FALLBACK, STATUS_VALID
 from scenetruth.scoring import score, write_report
 from scenetruth.scoring.report import RELATIVE_ROUNDING
 from tests.helpers.browser_pages import opened, reads_well
@@ -457,3 +458,29 @@ def test_without_truth_it_shows_what_there_is(page_without_truth: Any, case: Cas
     assert page.locator("#profile-charts svg").count() == 1
     assert not page.locator("#regions").is_visible()
     assert "is the median" in page.locator(".answer li").first.text_content()
+
+
+def test_fallback_values_are_shown_on_request(browser: Any, case: Case, tmp_path: Path) -> None:
+    status = case.estimate["status_disparity"].values.copy()
+    coarse = status == STATUS_VALID
+    coarse[..., 30:] = False
+    status[coarse] = STATUS_FALLBACK
+    estimate = case.estimate.assign(status_disparity=(("t", "y", "x"), status))
+    file = write_report(estimate, case.truth, case.recording, output=tmp_path, figures=("image",))
+    y, x = np.argwhere(coarse[list(estimate["t"].values).index(0)])[100].tolist()
+    expected = float(estimate["depth"].sel(t=0).values[y, x])
+    read = f"scenetruthReport.field('depth:estimate').then((one) => scenetruthReport.valueAt(one, {x}, {y}))"
+    for page in open_page(browser, file):
+        assert page.locator("#fallback").is_visible()
+        assert np.isnan(page.evaluate(read))
+        page.locator("#fallback").check()
+        settle(page)
+        assert page.evaluate(read) == pytest.approx(expected, rel=1e-3)
+        assert not np.isnan(page.evaluate(read.replace("estimate", "error")))
+        page.locator("#fallback").uncheck()
+        settle(page)
+        assert np.isnan(page.evaluate(read))
+
+
+def test_without_fallback_values_there_is_no_toggle(page: Any) -> None:
+    assert not page.locator("#fallback").is_visible()

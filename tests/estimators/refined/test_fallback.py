@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
-from scenetruth.estimators.refined import Sources, fill_holes, near_bare_surfaces
+from scenetruth.estimators.refined import OtherViews, Sources, fill_holes, near_bare_surfaces, recede
+from tests.helpers.bare_patches import BOARDS_SIZE, GREY_NOISE, Patch, draw_patches
 from tests.helpers.wavy_plane import MovingPlane
 
 SHAPE = (80, 100)
@@ -132,3 +133,28 @@ def test_sweep_pixels_near_bare_surfaces_are_uncertain() -> None:
     found = fill_holes(FLAT, 1.0, Sources(truth, NOWHERE, swept, near), ~NOWHERE, 2.0)
     assert found.std[:, :40].max() < 0.1
     assert found.std[:, 46:50].min() > 0.5
+
+
+def test_pixels_beside_an_outline_recede_to_the_farther_surface() -> None:
+    """A sweep that extends boards by 3 px beyond their outlines before a wall, and across a gap between them."""
+    everywhere = ((-1000.0, 1000.0), (-1000, 1000))
+    boards = [Patch(9.0, (40, 70), (10, 80), np.nan), Patch(9.0, (73, 100), (10, 80), np.nan)]
+    scene = [Patch(4.0, *everywhere, np.nan), *boards]
+    positions = np.array([-2.0, -1.0, 1.0, 2.0])
+    grey, truth = draw_patches(scene, 0.0, 0)
+    views = np.stack([draw_patches(scene, s, n + 1)[0] for n, s in enumerate(positions)]).astype(np.float32)
+    columns = np.mgrid[: BOARDS_SIZE[0], : BOARDS_SIZE[1]][1]
+    rows = slice(20, 70)
+    swept = np.where((columns >= 37) & (columns < 103), 9.0, 4.0)
+    nowhere = np.zeros(BOARDS_SIZE, dtype=bool)
+    given = Sources(swept, nowhere, ~nowhere, nowhere)
+    found, unlike = recede(given, grey, GREY_NOISE, OtherViews(views, positions, np.zeros(4)))
+    wrong = np.abs(found.disparity - truth) > 0.1
+    beside = (slice(20, 70), np.r_[37:40, 100:103])
+    assert wrong[beside].mean() < 0.4
+    assert wrong[rows, 44:66].mean() < 0.01
+    # No source nearby has the disparity of the gap, but its pixels are unlike the other views.
+    assert wrong[rows, 70:73].all()
+    assert (unlike[rows, 71] == 2).mean() > 0.5
+    assert (unlike[rows, 70:73] > 0).all()
+    assert (unlike[rows, 46:64] > 0).mean() < 0.2

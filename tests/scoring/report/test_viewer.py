@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.schema import STATUS_VALID, label, make_recording, read_intrinsics
+from scenetruth.schema import STATUS_FALLBACK, STATUS_VALID, label, make_recording, read_intrinsics
 from scenetruth.scoring import score, write_report
 from scenetruth.scoring.report import (
     RELATIVE_ROUNDING,
@@ -205,3 +205,39 @@ def test_estimates_that_know_nothing_have_a_page(tmp_path: Path) -> None:
     estimate = label("estimate", {"disparity": disparity}, read_intrinsics(recording), t=[0])
     page = write_report(estimate, recording=recording, output=tmp_path, figures=("image",))
     assert "viewer-data" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("include", [False, True])
+def test_fallback_values_are_maps_of_their_own(full_case: Case, include: bool) -> None:
+    """They can be shown on request; display ranges and the largest errors are those of valid pixels."""
+    status = full_case.estimate["status_disparity"].values.copy()
+    coarse = status == STATUS_VALID
+    coarse[..., 40:] = False
+    status[coarse] = STATUS_FALLBACK
+    depth = full_case.estimate["depth"].where(~coarse, full_case.estimate["depth"] + 50.0)
+    velocity = full_case.estimate["velocity"].where(xr.DataArray(~coarse, dims=("t", "y", "x")))
+    estimate = full_case.estimate.assign(status_disparity=(("t", "y", "x"), status), depth=depth, velocity=velocity)
+    chosen = score(estimate, full_case.truth, settings={"include_fallback": include})
+    viewer = build_viewer(full_case.recording, estimate, full_case.truth, chosen)
+    maps = group(viewer, "depth")["maps"]["0"]
+    assert ("fallback_estimate" in maps) == (not include)
+    assert not any(name.startswith("fallback") for name in group(viewer, "velocity_z")["maps"]["0"])
+    where = coarse[0]
+    if include:
+        assert np.isfinite(shown(viewer, "depth", "estimate")[where]).all()
+        assert viewer.worst["depth"].rmse > 40
+        return
+    assert np.isnan(shown(viewer, "depth", "estimate")[where]).all()
+    assert viewer.worst["depth"].rmse < 10
+    limits = group(viewer, "depth")["limits"]
+    assert limits["error"][1] < 10
+    exact = full_case.truth["depth"].values[0]
+    for what, values in (
+        ("estimate", depth.values[0]),
+        ("error", depth.values[0] - exact),
+        ("std", estimate["depth_std"].values[0]),
+    ):
+        found = unpacked(viewer, maps[f"fallback_{what}"])
+        assert (np.isfinite(found) == where).all()
+        low, high = limits[what if what in limits else "value"]
+        assert np.abs(found - values)[where].max() <= RELATIVE_ROUNDING * (high - low) + 1e-9

@@ -22,10 +22,12 @@ from scenetruth.estimators.plane_sweep.matching_kernels import (
 from scenetruth.threads import in_threads
 
 __all__ = [
+    "ROWS",
     "BestHypothesis",
     "CameraRow",
     "Hypotheses",
     "RowStrip",
+    "channel_mean",
     "choose_hypotheses",
     "downsample",
     "make_camera_row",
@@ -109,6 +111,11 @@ def make_camera_row(positions: ArrayLike, sign: float) -> CameraRow:
     return CameraRow(reference, np.array(others, dtype=np.int64), signed[others])
 
 
+def channel_mean(images: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the mean over channels, the first axis; a single channel is not copied."""
+    return images[0] if len(images) == 1 else np.asarray(images.mean(axis=0, dtype=np.float32))
+
+
 def downsample(images: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     """Return means over squares of ``factor`` by ``factor`` pixels; incomplete squares at the end are omitted.
 
@@ -140,7 +147,7 @@ class RowStrip:
     """First and last + 1 row, with margins."""
 
 
-def split_into_strips(height: int, rows: int = ROWS) -> list[RowStrip]:
+def split_into_strips(height: int, rows: int = ROWS, margin: int = MARGIN) -> list[RowStrip]:
     """Return the strips of an image; their number is independent of the machine.
 
     >>> split_into_strips(240)[1]
@@ -148,7 +155,7 @@ def split_into_strips(height: int, rows: int = ROWS) -> list[RowStrip]:
     """
     count = max(1, round(height / rows))
     ends = [height * n // count for n in range(count + 1)]
-    return [RowStrip(first, last, max(first - MARGIN, 0), min(last + MARGIN, height)) for first, last in pairwise(ends)]
+    return [RowStrip(first, last, max(first - margin, 0), min(last + margin, height)) for first, last in pairwise(ends)]
 
 
 Images = NDArray[np.float32]
@@ -162,7 +169,7 @@ _EDGE = 15.0  # grey-value difference, in 255ths of the image range, that halves
 _MOST_BITS = 15.0
 _SQUARE_PX = 5
 
-_STRIPS_BYTES = 700e6  # memory of the strips that are processed together
+_STRIPS_BYTES = 350e6  # memory of the strips that are processed together
 _LEAST_ROWS = 40  # smallest number of rows of a strip, less than half of which are its own
 
 

@@ -14,6 +14,7 @@ from scenetruth.estimators.method_settings import PlaneSweepSettings
 from scenetruth.estimators.plane_sweep.cost_volume import (
     BestHypothesis,
     CameraRow,
+    channel_mean,
     choose_hypotheses,
     downsample,
     spread_hypotheses,
@@ -110,7 +111,7 @@ def sweep_disparity(
     from scenetruth.estimators.plane_sweep.cost_volume import choose_hypotheses, make_camera_row, spread_hypotheses
 
     row = make_camera_row(positions, sign)
-    grey = np.ascontiguousarray(images.mean(axis=0, dtype=np.float32))
+    grey = channel_mean(images)
     turn = 1.0 if sign > 0 else -1.0
     if ranges is None:
         searched = disparity_ranges(grey, row)

@@ -122,10 +122,12 @@ def costs_of(later: Any, q: Any, shift_x: float, shift_y: float, out: Any) -> No
 
 
 @_jit
-def search(later: Any, q: Any, sweeps: int, reach: float, smooth: Any, seed: int) -> None:
+def search(later: Any, q: Any, sweeps: int, changes: int, reach: float, smooth: Any, seed: int) -> None:
     """Improve the motion of every pixel by those of its neighbours, and by random changes of decreasing size.
 
     ``q``: Velocity in baselines per frame, shape (3, y, x); improved in place.
+    ``changes``: Number of random changes in each sweep: of flow, of motion in depth, and of both, in turn.
+    ``reach``: Largest change of flow in the first sweep, in columns per frame.
     ``smooth``: Penalty in bits per px of difference from a neighbour; difference in px above which it is constant;
       disparity difference above which a neighbour belongs to another surface.
     """
@@ -147,7 +149,8 @@ def search(later: Any, q: Any, sweeps: int, reach: float, smooth: Any, seed: int
                 motion[:] = q[:, y, x]
                 own = costs[y, x]
                 total = own + weight * _unlike(later, q, y, x, motion, same, most)
-                for n in range(5):
+                for trial in range(2 + changes):
+                    n = trial if trial < 2 else 2 + (sweep + x + y + trial) % 3
                     if n == 0 and 0 <= x + step < width:
                         motion[:] = q[:, y, x + step]
                     elif n == 1 and 0 <= y + step < height:
@@ -170,10 +173,14 @@ def search(later: Any, q: Any, sweeps: int, reach: float, smooth: Any, seed: int
                                 motion[2] += rate * later.focal / d
                     else:
                         continue
-                    cost = _cost(later, y, x, motion[0], motion[1], motion[2])
-                    if cost >= total:
+                    if motion[0] == q[0, y, x] and motion[1] == q[1, y, x] and motion[2] == q[2, y, x]:
                         continue
-                    tried = cost + weight * _unlike(later, q, y, x, motion, same, most)
+                    # The difference from the neighbours takes less time than the images, and is often too large.
+                    unlike = weight * _unlike(later, q, y, x, motion, same, most)
+                    if unlike >= total:
+                        continue
+                    cost = _cost(later, y, x, motion[0], motion[1], motion[2])
+                    tried = cost + unlike
                     if tried < total:
                         total, own = tried, cost
                         q[:, y, x] = motion

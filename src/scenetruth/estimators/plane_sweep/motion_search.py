@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scenetruth.estimators.plane_sweep.cost_volume import RowStrip, downsample, split_into_strips
+from scenetruth.estimators.plane_sweep.cost_volume import ROWS, RowStrip, channel_mean, downsample, split_into_strips
 from scenetruth.estimators.plane_sweep.matching_kernels import PHASES, census, shifted
 from scenetruth.estimators.plane_sweep.motion_kernels import HALVES, NeighbourFrame, costs_of, search
 from scenetruth.threads import in_threads
@@ -25,14 +25,16 @@ _COARSEST = 4
 # Number of parallel parts of the exhaustive search.
 _PARTS = 4
 _LEAST_SIZE = 32
-# Random search: sweeps, and initial change of flow in columns; smaller after a search at a lower resolution.
-_SWEEPS, _REACH = 6, 1.0
-_FINE_SWEEPS, _FINE_REACH = 4, 0.5
+# Random search: sweeps, random changes in each, and initial change of flow in columns, at the lowest resolution,
+# at those between, at the full one, and after the median.
+_SEARCH, _MIDDLE_SEARCH, _FINE_SEARCH, _LAST_SEARCH = (6, 3, 1.0), (4, 3, 0.5), (4, 1, 0.5), (1, 3, 0.125)
 # Bits per px of difference from a neighbour; px above which the penalty is constant; and columns per step above which a
 # neighbour belongs to another surface.
 _SMOOTH = (0.5, 2.0, 1.0)
 _SQUARE_PX = 5
-_MEDIAN_PX = 5
+_MARGIN = 8  # rows shared by adjacent strips
+# Memory of the census of a strip without margins, its smallest number of rows, and number of strips processed together.
+_STRIP_BYTES, _LEAST_ROWS, _AT_ONCE = 50e6, 32, 4
 # A flow is valid if flows at this distance have this cost ratio, with ten bits added to both costs.
 _BESIDE_PX, _DISTINCT, _FLOOR_BITS, _MOST_BITS = 2.0, 1.4, 10.0, 15.0
 _LEAST_DISPARITY = 1e-3
@@ -55,7 +57,7 @@ class _Level:
 
     factor: int
     reference: NDArray[np.float32]
-    beside: NDArray[np.float32]
+    beside: list[NDArray[np.float32]]
     t: Map
     s: Map
     disparity: Map
@@ -80,12 +82,12 @@ def sweep_motion(
     ``disparity``: Finite, in columns per step, shape (y, x); None for one camera, which determines flow only.
     ``farthest``: Largest motion searched, in columns per frame.
     """
-    grey = np.ascontiguousarray(reference.mean(axis=0, dtype=np.float32))
-    others = np.stack([frame.mean(axis=0, dtype=np.float32) for frame in beside])
+    grey = np.ascontiguousarray(channel_mean(reference))
+    others = [channel_mean(frame) for frame in beside]
     s, t = np.asarray(positions, dtype=np.float64), np.asarray(times, dtype=np.float64)
     if disparity is None:
         nearest = int(np.argmin(np.abs(s)))
-        others, s = others[:, [nearest]], np.zeros(1)
+        others, s = [frame[[nearest]] for frame in others], np.zeros(1)
         shown, focal = np.ones(grey.shape), np.inf
     else:
         sign = -1.0 if np.median(disparity) < 0 else 1.0
@@ -109,9 +111,23 @@ def sweep_motion(
     return MotionResult(q, known)
 
 
+def separable_median(maps: Map) -> Map:
+    """Return medians over 5 columns of medians over 5 rows, with border replication, of maps of shape (n, y, x)."""
+    for axis in (1, 2):
+        length = maps.shape[axis]
+        indices = np.clip(np.arange(length + 4) - 2, 0, length - 1)
+        padded = np.moveaxis(np.take(maps, indices, axis=axis), axis, 0)
+        a, b, c, d, e = (padded[n : n + length] for n in range(5))
+        low = np.maximum(np.minimum(a, b), np.minimum(c, d))
+        high = np.minimum(np.maximum(a, b), np.maximum(c, d))
+        middle = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))
+        maps = np.ascontiguousarray(np.moveaxis(middle, 0, axis))
+    return maps
+
+
 def _level(
     grey: NDArray[np.float32],
-    others: NDArray[np.float32],
+    others: list[NDArray[np.float32]],
     t: Map,
     s: Map,
     disparity: Map,
@@ -120,14 +136,14 @@ def _level(
 ) -> _Level:
     focal, x, y = camera
     small = downsample(grey[None], factor)[0]
-    flat = downsample(others.reshape(-1, *grey.shape), factor)
     middle = factor // 2
-    shown = disparity[middle::factor, middle::factor][: small.shape[0], : small.shape[1]] / factor
+    shown = disparity[middle::factor, middle::factor][: small.shape[0], : small.shape[1]]
+    shown = shown / factor if factor > 1 else shown
     offset = (factor - 1) / 2
     return _Level(
         factor,
         small,
-        flat.reshape(*others.shape[:2], *small.shape),
+        [downsample(frame, factor) for frame in others],
         t,
         s,
         np.ascontiguousarray(shown),
@@ -139,15 +155,15 @@ def _level(
 def _later(level: _Level, top: int, bottom: int) -> NeighbourFrame:
     """Return the census of a range of rows of all images."""
     rows = slice(top, bottom)
-    part = level.beside[:, :, rows]
-    shape = part.shape[2:]
+    part = [frame[:, rows] for frame in level.beside]
+    shape = part[0].shape[1:]
     reference = np.empty(shape, dtype=np.uint64)
     census(np.ascontiguousarray(level.reference[rows]), reference)
-    codes = np.empty((*part.shape[:2], HALVES, HALVES, *shape), dtype=np.uint64)
+    codes = np.empty((len(part), len(level.s), HALVES, HALVES, *shape), dtype=np.uint64)
     moved, turned = np.empty(shape, dtype=np.float32), np.empty(shape[::-1], dtype=np.float32)
-    for frame, view in np.ndindex(part.shape[:2]):
+    for frame, view in np.ndindex(codes.shape[:2]):
         for i, j in product(range(HALVES), repeat=2):
-            shifted(np.ascontiguousarray(part[frame, view].T), i * PHASES // HALVES, turned)
+            shifted(np.ascontiguousarray(part[frame][view].T), i * PHASES // HALVES, turned)
             shifted(np.ascontiguousarray(turned.T), j * PHASES // HALVES, moved)
             census(moved, codes[frame, view, i, j])
     x, y = level.centre
@@ -192,30 +208,30 @@ def _searched(level: _Level, start: Map, *, first: bool) -> tuple[Map, NDArray[n
     """Return the improved motion, and its validity mask."""
     from scipy import ndimage
 
-    q, height = start.copy(), level.reference.shape[0]
+    q, known = start.copy(), np.zeros(level.reference.shape, dtype=np.bool_)
     beside = (_BESIDE_PX * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])).tolist()
-    costs = np.empty((1 + len(beside), *level.reference.shape), dtype=np.float32)
     smooth = (_SMOOTH[0], _SMOOTH[1], _SMOOTH[2] / level.factor)
+    chosen = _SEARCH if first else _FINE_SEARCH if level.factor == 1 else _MIDDLE_SEARCH
 
     def work(strip: RowStrip) -> None:
         later = _later(level, strip.top, strip.bottom)
         part = np.ascontiguousarray(start[:, strip.top : strip.bottom])
-        sweeps, reach = (_SWEEPS, _REACH) if first else (_FINE_SWEEPS, _FINE_REACH)
-        search(later, part, sweeps, reach, smooth, strip.first)
-        part = np.stack([ndimage.median_filter(values, _MEDIAN_PX) for values in part])
-        search(later, part, 1, 0.125, smooth, strip.first)
+        search(later, part, *chosen, smooth, strip.first)
+        part = separable_median(part)
+        search(later, part, *_LAST_SEARCH, smooth, strip.first)
         own = slice(strip.first - strip.top, strip.last - strip.top)
         q[:, strip.first : strip.last] = part[:, own]
         if level.factor == 1:
-            out = np.empty(later.reference.shape)
-            for n, (u, v) in enumerate([[0.0, 0.0], *beside]):
-                costs_of(later, part, u, v, out)
-                costs[n, strip.first : strip.last] = out[own]
+            costs = np.empty((1 + len(beside), *later.reference.shape))
+            for values, (u, v) in zip(costs, [[0.0, 0.0], *beside], strict=True):
+                costs_of(later, part, u, v, values)
+                ndimage.uniform_filter(values, _SQUARE_PX, output=values)
+            clear = costs[1:].min(axis=0) + _FLOOR_BITS > _DISTINCT * (costs[0] + _FLOOR_BITS)
+            known[strip.first : strip.last] = (clear & (costs[0] < _MOST_BITS))[own]
 
-    in_threads(work, split_into_strips(height))
-    if level.factor > 1:
-        return q, np.zeros(level.reference.shape, dtype=np.bool_)
-    for values in costs:
-        ndimage.uniform_filter(values, _SQUARE_PX, output=values)
-    clear = costs[1:].min(axis=0) + _FLOOR_BITS > _DISTINCT * (costs[0] + _FLOOR_BITS)
-    return q, clear & (costs[0] < _MOST_BITS)
+    height, width = level.reference.shape
+    per_row = 8 * HALVES**2 * len(level.beside) * len(level.s) * width
+    strips = split_into_strips(height, int(np.clip(_STRIP_BYTES / per_row, _LEAST_ROWS, ROWS)), _MARGIN)
+    for n in range(0, len(strips), _AT_ONCE):
+        in_threads(work, strips[n : n + _AT_ONCE])
+    return q, known

@@ -11,13 +11,14 @@ if TYPE_CHECKING:
     from scenetruth.estimators.refined.aliasing import compute_phase_error_px, enlarge_variances, interpolation_error
     from scenetruth.estimators.refined.ambiguity import find_ambiguous, image_motion
     from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
+    from scenetruth.estimators.refined.bare_surfaces import find_bare_areas, fit_bare_surfaces
     from scenetruth.estimators.refined.common_uncertainty import (
         CalibrationUncertainty,
         compute_common_variance,
         read_calibration_uncertainty,
     )
     from scenetruth.estimators.refined.discontinuity_refit import find_hidden, is_supported, is_surrounded
-    from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces
+    from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces, recede
     from scenetruth.estimators.refined.fit_maps import (
         between,
         blank_fit,
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
         photon_transfer_variance,
         spline_transfer,
     )
+    from scenetruth.estimators.refined.other_views import OtherViews, match_views
     from scenetruth.estimators.refined.pixel_defects import (
         DefectFilteredFrames,
         fill_defects,
@@ -79,17 +81,18 @@ if TYPE_CHECKING:
 __all__ = [
     "EVEN", "FIT_LIMITS", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Alternative", "Blocks", "CalibrationUncertainty",
     "DefectFilteredFrames", "Elimination", "Fit", "FramesNeeded", "GreyVariance", "GrowthComparison", "ImageStack",
-    "ImageView", "Lens", "Linearisation", "Model", "RefinedState", "Region", "RegionImages", "ShiftObservations",
-    "Sources", "Splines", "SystematicErrors", "add_contradiction", "at_nodes", "between", "blank_fit", "choose_tiles",
-    "compare_growth", "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
-    "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "enlarged",
-    "estimate_variance", "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous",
-    "find_aperture", "find_dead_pixels", "find_far", "find_hidden", "find_saturated_runs", "fine_contrast", "fit_round",
-    "image_motion", "initial_parameters", "interpolation_error", "is_supported", "is_surrounded", "lattice_step",
-    "lens_problems", "list_spans", "margin_px", "maximise_likelihood", "near_bare_surfaces", "nearest_node",
-    "of_nearest_node", "photon_transfer_variance", "place_of", "polynomial_bias", "read_calibration_uncertainty",
-    "read_schedule", "refine", "remove_delay_bias", "sees_second_camera", "select_blocks", "select_models",
-    "smooth_velocity", "spline_transfer", "spread_defects", "spread_regions", "straightened", "undistort", "with_bias",
+    "ImageView", "Lens", "Linearisation", "Model", "OtherViews", "RefinedState", "Region", "RegionImages",
+    "ShiftObservations", "Sources", "Splines", "SystematicErrors", "add_contradiction", "at_nodes", "between",
+    "blank_fit", "choose_tiles", "compare_growth", "compute_common_variance", "compute_jacobian", "compute_normal_flow",
+    "compute_phase_error_px", "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances",
+    "enlarged", "estimate_variance", "every_other", "extrapolation_share", "fill_defects", "fill_holes",
+    "find_ambiguous", "find_aperture", "find_bare_areas", "find_dead_pixels", "find_far", "find_hidden",
+    "find_saturated_runs", "fine_contrast", "fit_bare_surfaces", "fit_round", "image_motion", "initial_parameters",
+    "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans", "margin_px",
+    "match_views", "maximise_likelihood", "near_bare_surfaces", "nearest_node", "of_nearest_node",
+    "photon_transfer_variance", "place_of", "polynomial_bias", "read_calibration_uncertainty", "read_schedule",
+    "recede", "refine", "remove_delay_bias", "sees_second_camera", "select_blocks", "select_models", "smooth_velocity",
+    "spline_transfer", "spread_defects", "spread_regions", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -99,9 +102,10 @@ __getattr__, __dir__ = export_lazily(
         "aliasing": "compute_phase_error_px enlarge_variances interpolation_error",
         "ambiguity": "find_ambiguous image_motion",
         "aperture": "compute_normal_flow find_aperture",
+        "bare_surfaces": "find_bare_areas fit_bare_surfaces",
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
         "discontinuity_refit": "find_hidden is_supported is_surrounded",
-        "fallback": "Sources fill_holes near_bare_surfaces",
+        "fallback": "Sources fill_holes near_bare_surfaces recede",
         "fit_maps": "between blank_fit every_other initial_parameters nearest_node with_bias",
         "growth_comparison": "RATES GrowthComparison compare_growth",
         "image_consistency": "fine_contrast",
@@ -113,6 +117,7 @@ __getattr__, __dir__ = export_lazily(
         "lens_distortion": "Lens compute_jacobian distort lens_problems undistort",
         "model_tests": "Alternative Linearisation at_nodes enlarged find_far of_nearest_node",
         "noise_estimation": "EVEN GreyVariance estimate_variance photon_transfer_variance spline_transfer",
+        "other_views": "OtherViews match_views",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
         "pose_corrections": "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks",

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.refined.bare_surfaces import find_bare_areas, fit_bare_surfaces
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import InitialEstimate
 from scenetruth.estimators.refined.kernels.geodesic_fill import (
@@ -26,9 +27,10 @@ from scenetruth.estimators.refined.kernels.geodesic_fill import (
     label_surfaces,
     look_around,
 )
+from scenetruth.estimators.refined.other_views import OtherViews, match_views
 from scenetruth.threads import in_bands
 
-__all__ = ["FallbackValues", "Sources", "compute_fallback", "fill_holes", "mean_grey_image"]
+__all__ = ["FallbackValues", "Sources", "compute_fallback", "fill_holes", "mean_grey_image", "recede"]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -59,7 +61,21 @@ _OUTLINE = 0.5  # error of a sweep in units of the deviation of disparities with
 _UNSEEN = np.array([0.2, 0.1, 0.1, 0.1, 0.1])
 _UNSEEN_FAR = 0.4
 _DEPTHS = 0.3  # deviation of the disparity of an unknown background, between zero and the foreground, relative to that
+_ANY_DEPTH = 3**-0.5  # the same of a background with any disparity between zero and the foreground
 _LARGEST = 1.0  # largest standard deviation of a fallback disparity, relative to it
+# Disparities of bare surfaces relative to the smallest and largest of the others.
+_NEAREST_AND_FARTHEST = 0.5, 2.0
+# Smallest fraction of the rows of a bare surface that end in its plane at both sides; probability of another surface,
+# and root of its mean squared difference relative to the disparity, above this fraction and below: there the outlines
+# may be those of objects before the surface.
+_ENCLOSED, _UNSEEN_OF_PLANES = 0.25, ((0.05, _DEPTHS), (0.4, _ANY_DEPTH))
+_OUTLINE_PX = 0.3  # error of the disparity of an outline, in px of the farthest camera
+# Distance of the farther surface to which a swept pixel may belong, smallest squared difference from the other views of
+# such a pixel, and largest ratio of that with the farther surface.
+_BESIDE_PX, _DIFFERS, _AGREES = 4, 2.0, 0.3
+# Smallest squared difference of pixels that are unlike the other views; probabilities that a swept pixel belongs to an
+# unobserved surface: like the views, near a pixel that is unlike them, and unlike them.
+_UNLIKE_FROM, _UNLIKE = 1.0, np.array([0.0, 0.05, 0.3])
 _CONTRADICTION_PX = 1.0  # per step
 _CLEAR_OF_ZERO_PX = 1.0  # smallest displacement in the farthest camera
 # Windows in px for the texture of a pixel itself, and smallest ratio of its gradient to that of noise.
@@ -116,13 +132,112 @@ def compute_fallback(
     swept &= valid.sum() > swept.sum()
     if kind == "plane_sweep":
         return FallbackValues(swept, start.fields[0], np.full(images.shape, np.nan))
-    fitted = valid & textured
-    beyond = near_bare_surfaces(_own_texture(images, noise, _CLOSE_PX))
-    sources = Sources(np.where(fitted, disparity, start.fields[0]), fitted, swept, beyond)
-    found = fill_holes(mean_grey_image(images), noise / images.channels**0.5, sources, ~valid & usable, images.farthest)
-    contradicted = start.known & ~swept & (np.abs(start.fields[0] - found.disparity) > _CONTRADICTION_PX)
+    grey, own_noise = mean_grey_image(images), noise / images.channels**0.5
+    texture = _own_texture(images, noise, _CLOSE_PX)
+    areas = find_bare_areas(grey, own_noise, texture)
+    outside = areas == 0
+    sources = Sources(
+        np.where(valid & textured, disparity, start.fields[0]),
+        valid & textured & outside,
+        swept & outside,
+        near_bare_surfaces(texture),
+    )
+    given = sources.fitted | sources.swept
+    if not given.any():
+        return FallbackValues(given, start.fields[0], np.zeros(images.shape))
+    views = match_views(images, grey, sources.disparity, given)
+    sources, unlike = recede(sources, grey, own_noise, views)
+    found = fill_holes(grey, own_noise, sources, ~valid & usable, images.farthest)
+    # Swept pixels that differ from the other views belong to another surface, thinner than the squares of the sweep.
+    spread = _spread(sources, found.disparity)
+    square = found.std**2 + _UNLIKE[unlike] * spread + (views.uncertainty / images.farthest) ** 2
+    found = replace(found, std=np.where(sources.swept, np.sqrt(square), found.std))
+    found = _fill_bare_surfaces(grey, own_noise, sources, areas, views, found, ~valid & usable)
+    contradicted = start.known & ~swept & outside & (np.abs(start.fields[0] - found.disparity) > _CONTRADICTION_PX)
     clear = np.abs(found.disparity) * images.farthest > _CLEAR_OF_ZERO_PX
     return replace(found, where=found.where & ~contradicted & clear)
+
+
+def recede(sources: Sources, grey: Map, noise: float, views: OtherViews) -> tuple[Sources, NDArray[np.uint8]]:
+    """Return sources whose swept pixels next to outlines may belong to the farther surface, and how unlike they are.
+
+    The squares of the sweep extend the nearer surface beyond its outline. A pixel belongs to the farther one if it
+    differs from the other views otherwise. It is unlike the other views (2), close to unlike pixels (1), or neither.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    given = sources.fitted | sources.swept
+    size = np.abs(sources.disparity)
+    farther = minimum_filter(np.where(given, size, np.inf), 2 * _BESIDE_PX + 1)
+    farther = np.where(given, farther, size) * np.sign(sources.disparity)
+    own, other = (views.compare(each, grey, noise) for each in (sources.disparity, farther))
+    recede = sources.swept & (own > _DIFFERS) & (other < _AGREES * own)
+    left = np.where(given, np.where(recede, other, own), 0.0)
+    unlike = 2 * (left > _UNLIKE_FROM)
+    near = (maximum_filter(left, 3) > _UNLIKE_FROM) | (maximum_filter(left, 5) > 2 * _UNLIKE_FROM)
+    disparity = np.where(recede, farther, sources.disparity)
+    return replace(sources, disparity=disparity), np.maximum(unlike, near).astype(np.uint8)
+
+
+def _spread(sources: Sources, disparity: Map, depths: float = _DEPTHS) -> Map:
+    """Return the mean squared difference of an unobserved surface; ``depths``: that of a background, relative to it."""
+    given = sources.fitted | sources.swept
+    return np.asarray(float(np.var(sources.disparity[given])) + (depths * disparity) ** 2)
+
+
+def _fill_bare_surfaces(
+    grey: Map,
+    noise: float,
+    sources: Sources,
+    areas: NDArray[np.int32],
+    views: OtherViews,
+    found: FallbackValues,
+    wanted: Mask,
+) -> FallbackValues:
+    """Return the fallback disparities with the planes of bare surfaces, where their outlines determine them."""
+    if not len(views.positions):
+        return found
+    farthest = float(np.abs(views.positions).max())
+    labels, surfaces, whole = find_surfaces(sources, farthest)
+    if not len(surfaces):
+        return found
+    known = sources.disparity[labels >= 0]
+    sign = -1.0 if np.median(known) < 0 else 1.0
+    numbers = np.where(labels >= 0, np.searchsorted(surfaces, labels), -1).astype(np.int32)
+    # Planes about their centroids.
+    planes = np.stack([whole[:, 2] - whole[:, 3] * whole[:, 0] - whole[:, 4] * whole[:, 1], *whole.T[3:5]], axis=1)
+    limits = (
+        _NEAREST_AND_FARTHEST[0] * float(np.abs(known).min()),
+        _NEAREST_AND_FARTHEST[1] * float(np.abs(known).max()),
+    )
+    turned = replace(views, positions=sign * views.positions)
+    value, std, where = found.disparity.copy(), found.std.copy(), found.where.copy()
+    for each in fit_bare_surfaces(areas, grey, noise, turned, limits, numbers, sign * planes):
+        rows, columns = each.rows, each.columns
+        d = each.plane[0] + each.plane[1] * columns + each.plane[2] * rows
+        value[rows, columns] = sign * d
+        unseen, depths = _UNSEEN_OF_PLANES[0 if each.enclosed > _ENCLOSED else 1]
+        square = (_OUTLINE_PX / farthest) ** 2 + each.error**2 + unseen * _spread(sources, d, depths)
+        std[rows, columns] = np.sqrt(square)
+        where[rows, columns] = wanted[rows, columns] & (square < (_LARGEST * d) ** 2)
+    return FallbackValues(where, value, std)
+
+
+def find_surfaces(sources: Sources, farthest: float) -> tuple[NDArray[np.int32], NDArray[np.int64], Map]:
+    """Return the label of the surface of every source, else -1; the labels; and planes as in `fit_surfaces`."""
+    given = sources.fitted | sources.swept
+    disparity = np.where(given, sources.disparity, 0.0)
+    labels = np.empty(given.shape, dtype=np.int32)
+    label_surfaces(disparity, given, _JUMP_PX / farthest, labels)
+    sizes = np.bincount(labels[given], minlength=labels.size)
+    labels[given & (sizes[labels] < _LEAST_PIXELS)] = -1
+    surfaces = np.unique(labels[labels >= 0]).astype(np.int64)
+    numbers = np.zeros(labels.size, dtype=np.int32)
+    numbers[surfaces] = np.arange(len(surfaces))
+    whole = np.zeros((len(surfaces), 9))
+    weight = np.where(sources.fitted, 1.0, _SWEEP_WEIGHT)
+    fit_surfaces(disparity, weight, labels, numbers, (_SWEEP_PX / farthest) ** 2 / _SLOPE**2, whole)
+    return labels, surfaces, whole
 
 
 def near_bare_surfaces(textured: Mask) -> Mask:
@@ -210,7 +325,7 @@ def fill_holes(grey: Map, noise: float, sources: Sources, wanted: Mask, farthest
     apart, within = (part / (part + _SCALE_PX) for part in (costs[:, :, 0].astype(np.float64), _depths_of_holes(costs)))
     unseen = _UNSEEN[lines] * np.where(lines == 0, 1.0, within)
     unseen += np.where(lines == 0, (_UNSEEN_FAR - _UNSEEN[0]) * apart, 0.0)
-    spread = float(np.var(disparity[source])) + (_DEPTHS * value) ** 2
+    spread = float(np.var(disparity[source])) + (np.where(lines == 0, _ANY_DEPTH, _DEPTHS) * value) ** 2
     swept = least + _OUTLINE**2 * _local_variance(value) + np.where(sources.bare, _UNSEEN[0] * spread, 0.0)
     std = np.sqrt(np.where(source, swept, variance + least + unseen * spread))
     where = wanted & filled & (std < _LARGEST * np.abs(value))

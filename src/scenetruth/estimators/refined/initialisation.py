@@ -80,6 +80,7 @@ def initialise_by_plane_sweep(
         if found.far.mean() > _FAR_SHARE:
             raise EstimateError([Problem("image", "is the same for all cameras: no disparity, hence no depth")])
         fields[0], known = found.disparity, found.known
+        del found
     beside = [n for n in (estimated - 1, estimated + 1) if 0 <= n < images.shape[2]]
     if beside:
         reference = images[:, int(np.argmin(np.abs(positions))), estimated]

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from scenetruth.scoring.alignment import select_pixels
 from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES
 from scenetruth.scoring.regions import main_regions
-from scenetruth.scoring.report.viewer_layers import ViewerLayers, choose_scale, compute_display_ranges, value_limits
+from scenetruth.scoring.report.viewer_layers import (
+    FALLBACK,
+    ViewerLayers,
+    choose_scale,
+    compute_display_ranges,
+    value_limits,
+)
 
 __all__ = [
     "LEVELS",
@@ -358,7 +364,7 @@ class MapPacker:
 
 
 def _stored(layers: ViewerLayers) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the stored maps: given truth and error, the estimate is their sum."""
+    """Yield the stored maps: given truth and error, the estimate is their sum; then those of fallback values."""
     maps = layers.maps
     for what, values in maps.items():
         if what == "estimate" and "error" in maps:
@@ -367,6 +373,8 @@ def _stored(layers: ViewerLayers) -> Iterator[tuple[str, NDArray[Any]]]:
                 yield "rest", rest
         else:
             yield what, values
+    for what, values in layers.fallback.items():
+        yield FALLBACK + what, values
 
 
 def _thinnings(found: Sequence[ViewerLayers], room: float) -> Iterator[tuple[ViewerLayers, int]]:

@@ -25,6 +25,7 @@ from scenetruth.scoring.statistics import angle_deg
 from scenetruth.settings import ScoreSettings
 
 __all__ = [
+    "FALLBACK",
     "ErrorHotspot",
     "ViewerLayers",
     "build_layers",
@@ -45,6 +46,8 @@ _STATUSES = {
     STATUS_VALID: "valid",
     STATUS_FALLBACK: "fallback",
 }
+FALLBACK = "fallback_"
+"""Prefix of the names of packed maps of fallback values."""
 _MAP_DIMS = ("t", "y", "x")
 _INVALID = ("face_id", "mixed", "depth", "disparity", "growth_rate", "boundary_distance")
 """Variables of a truth that are shown otherwise or whose values carry no information for readers."""
@@ -56,6 +59,8 @@ class ViewerLayers:
 
     ``maps``: ``estimate``, ``truth``, ``error`` and ``std`` of a quantity, or ``value`` of other variables; float64, or
       integers for codes, shape (y, x), NaN where undefined.
+    ``fallback``: ``estimate``, ``error`` and ``std`` of fallback values, NaN elsewhere; empty if there are none or they
+      count as valid.
     """
 
     name: str
@@ -65,6 +70,7 @@ class ViewerLayers:
     main: bool
     maps: Mapping[str, NDArray[Any]]
     codes: Mapping[int, str] = field(default_factory=dict)
+    fallback: Mapping[str, Map] = field(default_factory=dict)
 
 
 def build_layers(
@@ -100,10 +106,31 @@ def build_layers(
         if std is not None:
             maps["std"] = np.where(known[entry.variable], thinned(std, step), np.nan)
         if any(np.isfinite(values).any() for values in maps.values()):
-            yield ViewerLayers(name, entry.title, entry.symbol, entry.units, entry.group in _MAIN, maps)
+            extra = {} if fallback else _fallback_maps(estimate, name, maps, known.get(entry.variable), step)
+            main = entry.group in _MAIN
+            yield ViewerLayers(name, entry.title, entry.symbol, entry.units, main, maps, fallback=extra)
     if "growth_rate" not in estimate and grows:
         yield from _windowed(estimate, truth, settings, step)
     yield from _further(estimate, truth, step)
+
+
+def _fallback_maps(
+    estimate: xr.Dataset, name: str, maps: Mapping[str, Map], valid: NDArray[np.bool_] | None, step: int
+) -> dict[str, Map]:
+    """Return the maps of a quantity at its fallback values, NaN elsewhere; empty without any."""
+    if valid is None or "estimate" not in maps:
+        return {}
+    where = thinned(find_valid_pixels(estimate, QUANTITIES[name].variable, include_fallback=True), step) & ~valid
+    where &= np.isfinite(thinned(read_quantity(estimate, name), step))
+    if not where.any():
+        return {}
+    found = {"estimate": np.where(where, thinned(read_quantity(estimate, name), step), np.nan)}
+    if "truth" in maps:
+        found["error"] = found["estimate"] - maps["truth"]
+    std = read_std(estimate, name)
+    if std is not None:
+        found["std"] = np.where(where, thinned(std, step), np.nan)
+    return found
 
 
 def thinned(values: NDArray[Any], step: int) -> NDArray[Any]:
@@ -189,7 +216,8 @@ _EVERY = 40_000
 
 
 def choose_scale(what: str) -> str:
-    """Return the name of the display range of a map; estimate and truth share one."""
+    """Return the name of the display range of a map; estimate and truth share one, as do fallback values."""
+    what = what.removeprefix(FALLBACK)
     return what if what in ("error", "std") else "value"
 
 

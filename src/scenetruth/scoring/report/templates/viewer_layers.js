@@ -2,7 +2,7 @@
 
 const data = JSON.parse(document.getElementById("viewer-data").textContent);
 const groups = new Map(data.groups.map((group) => [group.name, group]));
-const state = {frame: data.frame, camera: data.images.cameras.findIndex(([row, column]) => row === 0 && column === 0)};
+const state = {frame: data.frame, fallback: false, camera: data.images.cameras.findIndex(([row, column]) => row === 0 && column === 0)};
 const WHAT = {estimate: "estimate", truth: "truth", error: "error", std: "standard deviation", value: ""};
 
 function kindsOf(group) {
@@ -48,11 +48,11 @@ function chosenImage() {
 
 // A field: width, height, values, quantum (the step to which they are rounded), step (pixels of the widest map between them).
 function field(id, frame = state.frame) {
-  const layer = layers.get(id), name = id === "image" ? "image " + state.camera + " " + frame : id + " " + frame;
+  const layer = layers.get(id), name = id === "image" ? "image " + state.camera + " " + frame : id + " " + frame + (state.fallback ? " with fallback" : "");
   if (!fields.has(name)) {
     // A few large maps would fill the memory of a phone.
     if (fields.size > 48) fields.delete(fields.keys().next().value);
-    fields.set(name, layer.what === "image" ? imageField(frame) : layer.group.length_of ? lengthField(layer, frame) : mapField(layer, frame));
+    fields.set(name, layer.what === "image" ? imageField(frame) : layer.group.length_of ? lengthField(layer, frame) : shownField(layer, frame));
   }
   return fields.get(name);
 }
@@ -61,6 +61,19 @@ async function imageField(frame) {
   const [row, camera] = data.images.cameras[state.camera];
   const one = data.images.shown.find((each) => each.row === row && each.camera === camera && each.frame === frame);
   return one === undefined ? null : Object.assign({step: one.step}, await mapOf(one.map));
+}
+
+// Whether a quantity has fallback values in any frame.
+const hasFallback = data.groups.some((group) => Object.values(group.maps).some((one) => "fallback_estimate" in one));
+
+// The valid values, and fallback values on request.
+async function shownField(layer, frame) {
+  const valid = await mapField(layer, frame), maps = layer.group.maps[String(frame)];
+  if (!state.fallback || maps === undefined || !("fallback_" + layer.what in maps)) return valid;
+  const rest = await mapOf(maps["fallback_" + layer.what]);
+  if (valid === null) return Object.assign({step: maps.step}, rest);
+  const values = valid.values.map((value, n) => (Number.isNaN(value) ? rest.values[n] : value));
+  return Object.assign({}, valid, {values, quantum: Math.max(valid.quantum, rest.quantum)});
 }
 
 async function mapField(layer, frame) {

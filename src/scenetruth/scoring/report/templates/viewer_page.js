@@ -116,6 +116,10 @@ function start() {
   byId("zoom-in").addEventListener("click", () => zoom(1.5, ...centre()));
   byId("zoom-out").addEventListener("click", () => zoom(1 / 1.5, ...centre()));
   byId("zoom-all").addEventListener("click", zoomOut);
+  const fallback = byId("fallback");
+  byId("fallback-label").hidden = !hasFallback;
+  fallback.checked = false;
+  fallback.addEventListener("change", () => { state.fallback = fallback.checked; changed(); });
   const regions = byId("regions");
   regions.hidden = data.regions.length === 0;
   for (const region of data.regions) {
