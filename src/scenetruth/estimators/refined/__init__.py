@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         read_calibration_uncertainty,
     )
     from scenetruth.estimators.refined.discontinuity_refit import is_supported, is_surrounded
+    from scenetruth.estimators.refined.element_uncertainty import compute_calibration_effect, compute_pose_effect
     from scenetruth.estimators.refined.fallback import Sources, fill_holes, near_bare_surfaces
     from scenetruth.estimators.refined.fit_maps import between, blank_fit, every_other, initial_parameters, with_bias
     from scenetruth.estimators.refined.growth_comparison import RATES, GrowthComparison, compare_growth
@@ -62,11 +63,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EVEN", "FIT_LIMITS", "NO_DEFECTS", "NO_OCCLUSION", "RATES", "Blocks", "CalibrationUncertainty",
-    "DefectFilteredFrames",
-    "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView", "Lens", "RefinedState",
-    "ShiftObservations", "Sources", "Splines", "SystematicErrors", "add_contradiction", "between", "blank_fit",
-    "compare_growth", "compute_common_variance", "compute_jacobian", "compute_normal_flow", "compute_phase_error_px",
-    "compute_point_derivatives", "corrected", "derive_priors", "distort", "enlarge_variances", "estimate_variance",
+    "DefectFilteredFrames", "Elimination", "Fit", "GreyVariance", "GrowthComparison", "ImageStack", "ImageView",
+    "Lens", "RefinedState", "ShiftObservations", "Sources", "Splines", "SystematicErrors", "add_contradiction",
+    "between", "blank_fit", "compare_growth", "compute_calibration_effect", "compute_common_variance",
+    "compute_jacobian", "compute_normal_flow", "compute_phase_error_px", "compute_point_derivatives",
+    "compute_pose_effect", "corrected", "derive_priors", "distort", "enlarge_variances", "estimate_variance",
     "every_other", "extrapolation_share", "fill_defects", "fill_holes", "find_ambiguous", "find_aperture",
     "find_dead_pixels", "find_saturated_runs", "fine_contrast", "image_motion", "initial_parameters",
     "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans",
@@ -84,6 +85,7 @@ __getattr__, __dir__ = export_lazily(
         "aperture": "compute_normal_flow find_aperture",
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
         "discontinuity_refit": "is_supported is_surrounded",
+        "element_uncertainty": "compute_calibration_effect compute_pose_effect",
         "fallback": "Sources fill_holes near_bare_surfaces",
         "fit_maps": "between blank_fit every_other initial_parameters with_bias",
         "growth_comparison": "RATES GrowthComparison compare_growth",

@@ -14,13 +14,14 @@ from scenetruth.estimators.refined.ambiguity import find_ambiguous, mark_mostly
 from scenetruth.estimators.refined.aperture import ApertureContext, compute_normal_flow, find_aperture
 from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertainty, compute_common_variance
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
+from scenetruth.estimators.refined.element_uncertainty import compute_calibration_effect, compute_pose_effect
 from scenetruth.estimators.refined.fallback import compute_fallback
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES, extract_fields
 from scenetruth.estimators.refined.image_consistency import fine_contrast, replace_reference
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
-from scenetruth.estimators.refined.kernels.window_solver import Fit
+from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, Fit
 from scenetruth.estimators.refined.noise_estimation import estimate_noise, spline_transfer, textured
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
@@ -163,12 +164,13 @@ def compute_maps(
         left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
         usual = estimate_noise(left)
         variance = fit.variance / spline_transfer(images.spline) ** 2
-        common = None
+        common, of_element = None, None
         if calibration is not None or poses is not None:
             errors, effect = refined.cameras or poses, None
             if errors is not None:
                 finite = fill_gaps(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
                 effect = errors.effect(images, finite).variance
+            of_element = _compute_common_element(images, theta, errors, calibration, settings, beside.where)
             common = compute_common_variance(calibration or CalibrationUncertainty(), effect, d, q)
             variance[0] += common.disparity
             variance[3:6] += common.velocity
@@ -223,7 +225,7 @@ def compute_maps(
                 # In a window of too few frames, it is zero by definition, hence invalid.
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
-        found |= _element(fit, baseline_mm, images.spline)
+        found |= _element(fit, baseline_mm, images.spline, of_element)
     fallback = compute_fallback(shown, start, known | normal, theta[0], usual, settings.fallback)
     rough = fallback.where & ~ambiguous
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
@@ -328,9 +330,38 @@ def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:
     return normal
 
 
-def _element(fit: Fit, baseline_mm: float, spline: int) -> dict[str, Map]:
-    """Return the quantities of the surface element with their standard deviations; see `describe_element`."""
-    values, std = fit.element.astype(np.float64), np.sqrt(fit.element_variance) / spline_transfer(spline)
+def _compute_common_element(
+    images: ImageStack,
+    theta: Map,
+    errors: PoseCorrections | PoseErrors | None,
+    calibration: CalibrationUncertainty | None,
+    settings: RefinedSettings,
+    small: NDArray[np.bool_],
+) -> Map | None:
+    """Return the variances of the quantities of the surface element due to poses and calibration, (11, y, x)."""
+    valid = np.asarray(np.isfinite(theta).all(axis=0))
+    if settings.surface == "constant" or len(images.positions) == 1 or not valid.any():
+        return None
+    finite = fill_gaps(theta, valid)
+    total = np.zeros((FUNCTIONALS, *images.shape))
+    if errors is not None:
+        sigma, of_poses = settings.window_sigma_px, (errors.rooted, errors.turned_px)
+        total += compute_pose_effect(images, finite, *of_poses, sigma)
+        if small.any():
+            of_small = compute_pose_effect(images, finite, *of_poses, max(_SMALLEST_PX, _SMALL_WINDOW * sigma))
+            total[:, small] = of_small[:, small]
+    if calibration is not None:
+        total += compute_calibration_effect(images, finite, calibration)
+    return total
+
+
+def _element(fit: Fit, baseline_mm: float, spline: int, common: Map | None) -> dict[str, Map]:
+    """Return the quantities of the surface element with their standard deviations; see `describe_element`.
+
+    ``common``: Variances to be added, shape (11, y, x).
+    """
+    variance = fit.element_variance / spline_transfer(spline) ** 2
+    values, std = fit.element.astype(np.float64), np.sqrt(variance if common is None else variance + common)
     # For negative baselines, disparities are negative.
     for place, unit in ((2, abs(baseline_mm)), (3, baseline_mm**2)):
         values[place] /= unit

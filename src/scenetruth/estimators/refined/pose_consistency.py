@@ -57,6 +57,11 @@ class PoseErrors:
     relevant: bool
     """Whether they exceed those of exact poses, and standard deviations become larger by a tenth or more."""
 
+    @property
+    def turned_px(self) -> tuple[float, float]:
+        """Standard deviations of the shifts of positions along x and y, which may be rotations, in columns."""
+        return self.shift_px, self.shift_px
+
     def effect(self, images: ImageStack, fields: Map) -> CorrectionUncertainty:
         """Return their effect on disparity and velocity, as that of uncertain corrections."""
         return compute_correction_uncertainty(images.view(), fields, self.rooted)
