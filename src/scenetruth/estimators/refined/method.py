@@ -71,7 +71,11 @@ def fill_estimate(
     from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
     from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
     from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
-    from scenetruth.estimators.refined.pose_consistency import estimate_pose_errors, warn_of_pose_errors
+    from scenetruth.estimators.refined.pose_consistency import (
+        compare_with_stated,
+        estimate_pose_errors,
+        warn_of_pose_errors,
+    )
     from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
 
     grid = compute_pixel_grid(recording)
@@ -155,7 +159,9 @@ def fill_estimate(
         errors = None
         if settings.pose_corrections == "auto" and images.priors is None:
             errors = estimate_pose_errors(found, settings)
-            unstated.append(errors)
+        elif images.priors is not None:
+            errors = compare_with_stated(found, settings)
+        unstated.append(errors)
         maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration, errors)
         if lens is not None:
             maps = lens.put_back(maps, grid.step_px)

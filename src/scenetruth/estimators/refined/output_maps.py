@@ -147,7 +147,7 @@ def compute_maps(
     """Return the maps of one frame.
 
     ``calibration``: Stated uncertainty, whose part of the standard deviations is returned; None if not stated.
-    ``poses``: Pose errors that are not stated.
+    ``poses``: Pose errors that are not stated, or remain after correction; by default those of the corrections.
     """
     shown = replace_reference(images, extract_fields(refined.fit.theta))
     fit = enlarge_variances(
@@ -166,7 +166,7 @@ def compute_maps(
         variance = fit.variance / spline_transfer(images.spline) ** 2
         common, of_element = None, None
         if calibration is not None or poses is not None:
-            errors, effect = refined.cameras or poses, None
+            errors, effect = poses or refined.cameras, None
             if errors is not None:
                 finite = fill_gaps(theta[STEADY_PLACES], np.asarray(np.isfinite(theta).all(axis=0)))
                 effect = errors.effect(images, finite).variance

@@ -1,4 +1,4 @@
-"""Pose errors that no recording states: their size from the images, and what they add to the standard deviations."""
+"""Pose errors that no recording states, or that exceed what it states: their size from the images, and their effect."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.pose_corrections import (
+    Blocks,
     CorrectionUncertainty,
     Elimination,
+    Equations,
     PoseCorrections,
     ShiftObservations,
     compute_correction_uncertainty,
@@ -28,7 +30,7 @@ from scenetruth.estimators.refined.pose_corrections import (
 from scenetruth.estimators.refined.row_bands import bands
 from scenetruth.schema.variables import MOTION_ACCELERATED_IN_PART
 
-__all__ = ["PoseErrors", "estimate_pose_errors", "warn_of_pose_errors"]
+__all__ = ["PoseErrors", "compare_with_stated", "estimate_pose_errors", "warn_of_pose_errors"]
 
 Map = NDArray[np.float64]
 
@@ -37,6 +39,8 @@ _OUTLIER, _PASSES, _STEPS = 4.0, 3, 20
 # Twice the gain in log-likelihood above which errors are significant: χ² of five variances at 1e-4 is 26, with a margin
 # for residuals that are not independent from block to block.
 _SIGNIFICANT = 50.0
+# The same for the shifts of visits that are not stated, one variance, and for all deviations from stated errors.
+_SIGNIFICANT_VISITS, _CONTRADICTED = 20.0, 30.0
 _START_PX = 0.1
 _SINGULAR, _FINEST_PX = 1e-8, 1e-5  # eigenvalues are relative; no displacement is more accurate
 # Ratio of variances, and displacement in px, above which errors matter: curved and aliased surfaces with exact poses
@@ -56,11 +60,10 @@ class PoseErrors:
     """L of the covariance L Lᵀ of the errors of all images, shape (4 n, any)."""
     relevant: bool
     """Whether they exceed those of exact poses, and standard deviations become larger by a tenth or more."""
-
-    @property
-    def turned_px(self) -> tuple[float, float]:
-        """Standard deviations of the shifts of positions along x and y, which may be rotations, in columns."""
-        return self.shift_px, self.shift_px
+    turned_px: tuple[float, float]
+    """Standard deviations of the shifts of positions along x and y, which may be rotations, in columns."""
+    excess: float | None = None
+    """Ratio of the errors of positions to those that the recording states, None if it states none."""
 
     def effect(self, images: ImageStack, fields: Map) -> CorrectionUncertainty:
         """Return their effect on disparity and velocity, as that of uncertain corrections."""
@@ -74,6 +77,122 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     shifts of blocks (EM algorithm). Shifts along x and y have one variance: those along x that are proportional to s
     look like disparity, those along y do not.
     """
+    observed = _observe(fitted, settings)
+    if observed is None:
+        return None
+    images, blocks, elimination = observed.images, observed.blocks, observed.elimination
+    parts, group = _parts_of(images)
+    kept, excess = np.ones(len(blocks.shift)), 1.0
+    variance: Map = np.full(group.max() + 1, _START_PX**2)
+    gain, seen = 0.0, np.zeros(len(variance))
+    for _ in range(_PASSES):
+        equations = elimination.equations(kept)
+        noise = _noise_of(observed, parts, equations, excess)
+        matrix, side = _determined(parts.T @ equations.matrix @ parts / noise, parts.T @ equations.side / noise)
+        variance, unknown, gain, seen = maximise_likelihood(matrix, side, group, variance)
+        if gain < _SIGNIFICANT:
+            return None
+        left = elimination.misfit((parts @ unknown).reshape(-1, 4))
+        kept = (left < _OUTLIER * float(np.median(left))).astype(np.float64)
+        excess = max(1.0, float(left[kept > 0].mean())) if kept.any() else 1.0
+    # Few errors are seen: the next is distributed as t with as many degrees of freedom, of variance n / (n - 2).
+    freedom = np.maximum(seen, 3.0)
+    variance = variance * freedom / (freedom - 2.0)
+    rooted = parts * np.sqrt(variance[group])
+    added = observed.effect(rooted)
+    shift, visit = float(np.sqrt(variance[0])), float(np.sqrt(variance[3:].max(initial=0.0)))
+    relevant = bool((added > _RELEVANT * observed.own()).any()) and max(shift, visit) > _LEAST_PX
+    return PoseErrors(shift, visit, rooted, relevant, (shift, shift))
+
+
+def compare_with_stated(fitted: RefinedState, settings: RefinedSettings) -> PoseErrors | None:
+    """Return the remaining errors of corrected images, larger where the images contradict the stated errors.
+
+    The variances of shifts, rolls and scales of positions and of the shifts of visits, relative to those that are
+    stated, and that of additional shifts of visits along x and y, maximise the likelihood of the shifts of blocks.
+    Stated variances are multiplied by these ratios where they exceed 1 (as by the ratio of R. T. Birge, 1932), because
+    what images do not determine probably is as large as what they do. None if nothing is corrected or observed.
+    """
+    corrections = fitted.cameras
+    observed = None if corrections is None else _observe(fitted, settings)
+    if corrections is None or observed is None:
+        return None
+    images, blocks, elimination = observed.images, observed.blocks, observed.elimination
+    stated, kinds = corrections.parts, corrections.kinds
+    used, group = np.unique(kinds, return_inverse=True)
+    fresh = PoseCorrections(PosePriors((0.0,) * 4, (1.0, 1.0)), images).parts
+    parts, count = np.concatenate([stated, fresh], axis=1), len(used)
+    every = np.concatenate([group, np.full(fresh.shape[1], count)]).astype(np.intp)
+    current, own = corrections.values.ravel(), stated.shape[1]
+    kept, excess = np.ones(len(blocks.shift)), 1.0
+    variance: Map = np.append(np.ones(count), _START_PX**2)
+    matrix, gains, seen = np.eye(own), (0.0, 0.0, 0.0), np.zeros(count + 1)
+    for _ in range(_PASSES):
+        equations = elimination.equations(kept)
+        noise = _noise_of(observed, parts, equations, excess)
+        # Of all errors, also those that are corrected.
+        whole, side = (
+            parts.T @ equations.matrix @ parts / noise,
+            parts.T @ (equations.side + equations.matrix @ current) / noise,
+        )
+        matrix = whole[:own, :own]
+        least = _likelihood(*_determined(matrix, side[:own]), np.ones(own))
+        _, _, without, _ = maximise_likelihood(*_determined(matrix, side[:own]), group, np.ones(count))
+        variance, unknown, gain, seen = maximise_likelihood(*_determined(whole, side), every, variance)
+        gains = least, without, gain
+        left = elimination.misfit((parts @ unknown - current).reshape(-1, 4))
+        kept = (left < _OUTLIER * float(np.median(left))).astype(np.float64)
+        excess = max(1.0, float(left[kept > 0].mean())) if kept.any() else 1.0
+    least, without, gain = gains
+    ratio = np.maximum(variance[:count], 1.0)
+    scaled = stated * np.sqrt(ratio[group])
+    root = np.sqrt(ratio[group])
+    covariance = np.linalg.inv(root[:, None] * matrix * root + np.eye(own))
+    rooted = scaled @ np.linalg.cholesky((covariance + covariance.T) / 2)
+    visit = 0.0
+    if gain - without > _SIGNIFICANT_VISITS:
+        # These are not corrected.
+        freedom = max(float(seen[count]), 3.0)
+        visit = float(np.sqrt(variance[count] * freedom / (freedom - 2.0)))
+        rooted = np.concatenate([rooted, fresh * visit], axis=1)
+    turned = corrections.turned_px
+    of_shift = float(np.sqrt(ratio[0])) if used[0] == 0 else 1.0
+    before, after = observed.effect(corrections.rooted) + observed.own(), observed.effect(rooted) + observed.own()
+    relevant = max(gain, without) - least > _CONTRADICTED and bool((after > (1.0 + _RELEVANT) * before).any())
+    return PoseErrors(
+        of_shift * max(turned),
+        visit,
+        rooted,
+        relevant,
+        (of_shift * turned[0], of_shift * turned[1]),
+        float(np.sqrt(ratio.max(initial=1.0))),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """Shifts of blocks around a fit."""
+
+    images: ImageStack
+    blocks: Blocks
+    elimination: Elimination
+    fields: Map
+    """Finite disparity and velocity, shape (4, y, x)."""
+    valid: NDArray[np.bool_]
+    variance: Map
+    """Of disparity and velocity at valid pixels, shape (4, any)."""
+
+    def own(self) -> Map:
+        """Return the median variances of disparity and velocity, without errors of poses, shape (4,)."""
+        return np.asarray(np.median(self.variance, axis=1))
+
+    def effect(self, rooted: Map) -> Map:
+        """Return the median variances of disparity and velocity due to errors of poses, shape (4,)."""
+        added = compute_correction_uncertainty(self.images.view(), self.fields, rooted).variance
+        return np.asarray(np.median(added[:, self.valid], axis=1))
+
+
+def _observe(fitted: RefinedState, settings: RefinedSettings) -> _Observed | None:
     images, theta = fitted.images, fitted.fit.theta
     # Where the fit takes fewer frames, it does not predict the others.
     valid = np.isfinite(theta).all(axis=0) & (fitted.motion != MOTION_ACCELERATED_IN_PART)
@@ -89,34 +208,18 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     seen_at[:, 1::2] = np.nan
     for _ in bands(images, seen_at, settings.window_sigma_px, gains=gains, shifts=shifts):
         pass
-    blocks = select_blocks(shifts, fill_gaps(fields[:4], valid))
+    finite = fill_gaps(fields[:4], valid)
+    blocks = select_blocks(shifts, finite)
     if not len(blocks.shift) or not blocks.noise > 0:
         return None
-    parts, group = _parts_of(images)
-    elimination = Elimination(blocks, images.view())
-    kept, excess = np.ones(len(blocks.shift)), 1.0
-    variance: Map = np.full(group.max() + 1, _START_PX**2)
-    gain, seen = 0.0, np.zeros(len(variance))
-    for _ in range(_PASSES):
-        equations = elimination.equations(kept)
-        noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
-        noise = max(noise, _FINEST_PX**2 * float(np.diag(parts.T @ equations.matrix @ parts).max()))
-        matrix, side = _determined(parts.T @ equations.matrix @ parts / noise, parts.T @ equations.side / noise)
-        variance, unknown, gain, seen = maximise_likelihood(matrix, side, group, variance)
-        if gain < _SIGNIFICANT:
-            return None
-        left = elimination.misfit((parts @ unknown).reshape(-1, 4))
-        kept = (left < _OUTLIER * float(np.median(left))).astype(np.float64)
-        excess = max(1.0, float(left[kept > 0].mean())) if kept.any() else 1.0
-    # Few errors are seen: the next is distributed as t with as many degrees of freedom, of variance n / (n - 2).
-    freedom = np.maximum(seen, 3.0)
-    variance = variance * freedom / (freedom - 2.0)
-    rooted = parts * np.sqrt(variance[group])
-    added = compute_correction_uncertainty(images.view(), fill_gaps(fields[:4], valid), rooted).variance[:, valid]
     own = fitted.fit.variance[[0, 3, 4, 5]][:, valid] / spline_transfer(images.spline) ** 2
-    shift, visit = float(np.sqrt(variance[0])), float(np.sqrt(variance[3:].max(initial=0.0)))
-    relevant = bool((np.median(added, axis=1) > _RELEVANT * np.median(own, axis=1)).any())
-    return PoseErrors(shift, visit, rooted, relevant and max(shift, visit) > _LEAST_PX)
+    return _Observed(images, blocks, Elimination(blocks, images.view()), finite, valid, own)
+
+
+def _noise_of(observed: _Observed, parts: Map, equations: Equations, excess: float) -> float:
+    """Return the variance of the image noise, at least that of the finest displacement."""
+    noise = excess * (observed.blocks.noise / spline_transfer(observed.images.spline)) ** 2
+    return max(noise, _FINEST_PX**2 * float(np.diag(parts.T @ equations.matrix @ parts).max()))
 
 
 def _parts_of(images: ImageStack) -> tuple[Map, NDArray[np.intp]]:
@@ -138,6 +241,15 @@ def _determined(matrix: Map, side: Map) -> tuple[Map, Map]:
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
     kept = vectors[:, values > _SINGULAR * values[-1]]
     return kept @ (kept.T @ matrix @ kept) @ kept.T, kept @ (kept.T @ side)
+
+
+def _likelihood(matrix: Map, side: Map, variance: Map) -> float:
+    """Return twice the gain in log-likelihood by unknowns of given variances."""
+    root = np.sqrt(variance)
+    values, vectors = np.linalg.eigh(root[:, None] * matrix * root)
+    values = np.maximum(values, 0.0)
+    turned = vectors.T @ (root * side)
+    return float((turned**2 / (values + 1.0)).sum() - np.log1p(values).sum())
 
 
 def maximise_likelihood(matrix: Map, side: Map, group: NDArray[np.intp], variance: Map) -> tuple[Map, Map, float, Map]:
@@ -173,10 +285,19 @@ def warn_of_pose_errors(found: Sequence[PoseErrors | None], step_px: float) -> N
     if not errors:
         return
     shift, visit = (step_px * max(values) for values in zip(*((e.shift_px, e.visit_px) for e in errors), strict=True))
-    message = (
-        f"images: are displaced against each other by about {shift:.2g} px from position to position and {visit:.2g} "
-        "px from image to image, which steady motion seen from the stated positions does not explain; standard "
-        "deviations are larger by what this adds; state the errors of the stage (attributes stage_tolerance_*), or set "
-        "pose_corrections"
-    )
+    ratios = [each.excess for each in errors if each.excess is not None]
+    if ratios:
+        parts = [f"positions by {max(ratios):.2g} times the stated errors of the stage"] if max(ratios) > 1.0 else []
+        parts += [f"single images by about {visit:.2g} px, which are not stated"] if visit else []
+        message = (
+            f"images: are displaced against each other: {' and '.join(parts)}; standard deviations are larger by what "
+            "this adds; check the errors that are stated (attributes stage_tolerance_*, setting pose_corrections)"
+        )
+    else:
+        message = (
+            f"images: are displaced against each other by about {shift:.2g} px from position to position and "
+            f"{visit:.2g} px from image to image, which steady motion seen from the stated positions does not explain; "
+            "standard deviations are larger by what this adds; state the errors of the stage (attributes "
+            "stage_tolerance_*), or set pose_corrections"
+        )
     warnings.warn(message, EstimateWarning, stacklevel=_CALLER)

@@ -340,6 +340,7 @@ def _squares(weight: Array, shift: Array) -> tuple[Array, NDArray[np.intp]]:
 _OUTLIER = 4.0
 _PASSES = 3
 _STILL = 0.1
+_KINDS = (0, 0, 1, 2)  # shifts along x and y, roll, scale
 
 
 class PoseCorrections:
@@ -366,6 +367,8 @@ class PoseCorrections:
             parts = parts - parts[reference[0]]
         entries = np.abs(parts).max(axis=(0, 1)) > 0
         self._parts = parts[..., entries].reshape(count * CORRECTIONS, -1)
+        kinds = np.concatenate([np.tile(_KINDS, cameras), np.full(count * len(fresh), _KINDS[-1] + 1)])
+        self._kinds: NDArray[np.intp] = kinds[entries].astype(np.intp)
         self._times = np.repeat(images.times, cameras)
         self._unknown = np.zeros(self._parts.shape[1])
         self._covariance: Array = np.eye(len(self._unknown))
@@ -374,6 +377,11 @@ class PoseCorrections:
     def parts(self) -> Array:
         """Errors of all images by the unknowns, each in units of its prior, shape (4 n, unknowns)."""
         return self._parts
+
+    @property
+    def kinds(self) -> NDArray[np.intp]:
+        """Kind of each unknown: shifts of positions, rolls, scales, shifts of single visits; shape (unknowns,)."""
+        return self._kinds
 
     @property
     def values(self) -> Array:
