@@ -267,7 +267,7 @@ def _determined(
     """Return which of the pixels in a mask are valid, have a normal component only, and are ambiguous; add reasons."""
     sigma = settings.window_sigma_px
     windows = sigma, beside.where, max(_SMALLEST_PX, _SMALL_WINDOW * sigma)
-    aperture = find_aperture(images, fit.theta, *windows, noise)
+    aperture = find_aperture(images, fit.theta, *windows, noise, known)
     largest = None if settings.max_motion_px is None else settings.max_motion_px / step_px
     ambiguous = find_ambiguous(images, fit.theta, *windows, noise, known & aperture.disparity, aperture, largest)
     # Amid textures in one direction, some pixels have a second one by chance.
