@@ -296,8 +296,8 @@ def warn_of_pose_errors(found: Sequence[PoseErrors | None], step_px: float) -> N
     else:
         message = (
             f"images: are displaced against each other by about {shift:.2g} px from position to position and "
-            f"{visit:.2g} px from image to image, which steady motion seen from the stated positions does not explain; "
-            "standard deviations are larger by what this adds; state the errors of the stage (attributes "
+            f"{visit:.2g} px from image to image, which steady motion seen from the stated positions does not explain: by "
+            "errors of the poses, or by unsteady motion; standard deviations are larger by what this adds; state the errors of the stage (attributes "
             "stage_tolerance_*), or set pose_corrections"
         )
     warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
