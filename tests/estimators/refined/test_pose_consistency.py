@@ -93,3 +93,19 @@ def test_displaced_visits_that_are_not_stated() -> None:
     draws = [_stated(1.0, 0.05, seed) for seed in (3, 4, 5)]
     assert all("single images by about 0.0" in warned[0] for warned, _ in draws)
     assert np.mean([(np.abs(z) < 2).mean() for _, z in draws]) > 0.85
+
+
+def test_unsteady_motion_of_the_whole_view_is_not_an_error_of_poses() -> None:
+    """All cameras of a frame are displaced alike: 0.3 px from frame to frame, of which no stated pose is the cause."""
+    frames = 7
+    generator = np.random.default_rng(4)
+    off = np.zeros((CAMERAS, frames, 4))
+    off[..., :2] = 0.3 * generator.normal(0, 1, (1, frames, 2))
+    recording = PLANE.recording(CAMERAS, frames, noise_std=NOISE, moved=off - off[:, [frames // 2]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found, trusted = (
+            st.estimate(recording, "refined", SETTINGS | {"window_frames": frames}, pose_corrections=each).sel(t=0)
+            for each in ("auto", "none")
+        )
+    np.testing.assert_array_equal(found["depth_std"].values, trusted["depth_std"].values)

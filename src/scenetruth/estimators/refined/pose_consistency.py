@@ -81,7 +81,11 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     if observed is None:
         return None
     images, blocks, elimination = observed.images, observed.blocks, observed.elimination
-    parts, group = _parts_of(images)
+    poses, of_poses = _parts_of(images)
+    common = _parts_of_view(images)
+    # Unsteady motion of the whole view displaces all cameras of a frame alike.
+    parts, own = np.concatenate([poses, common], axis=1), poses.shape[1]
+    group = np.concatenate([of_poses, np.full(common.shape[1], of_poses.max() + 1)]).astype(np.intp)
     kept, excess = np.ones(len(blocks.shift)), 1.0
     variance: Map = np.full(group.max() + 1, _START_PX**2)
     gain, seen = 0.0, np.zeros(len(variance))
@@ -90,6 +94,10 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
         noise = _noise_of(observed, parts, equations, excess)
         matrix, side = _determined(parts.T @ equations.matrix @ parts / noise, parts.T @ equations.side / noise)
         variance, unknown, gain, seen = maximise_likelihood(matrix, side, group, variance)
+        if common.shape[1]:
+            alone = np.full(1, _START_PX**2)
+            of_common = np.zeros(common.shape[1], dtype=np.intp)
+            gain -= maximise_likelihood(matrix[own:, own:], side[own:], of_common, alone)[2]
         if gain < _SIGNIFICANT:
             return None
         left = elimination.misfit((parts @ unknown).reshape(-1, 4))
@@ -98,9 +106,9 @@ def estimate_pose_errors(fitted: RefinedState, settings: RefinedSettings) -> Pos
     # Few errors are seen: the next is distributed as t with as many degrees of freedom, of variance n / (n - 2).
     freedom = np.maximum(seen, 3.0)
     variance = variance * freedom / (freedom - 2.0)
-    rooted = parts * np.sqrt(variance[group])
+    rooted = poses * np.sqrt(variance[of_poses])
     added = observed.effect(rooted)
-    shift, visit = float(np.sqrt(variance[0])), float(np.sqrt(variance[3:].max(initial=0.0)))
+    shift, visit = float(np.sqrt(variance[0])), float(np.sqrt(variance[3 : of_poses.max() + 1].max(initial=0.0)))
     relevant = bool((added > _RELEVANT * observed.own()).any()) and max(shift, visit) > _LEAST_PX
     return PoseErrors(shift, visit, rooted, relevant, (shift, shift))
 
@@ -236,6 +244,19 @@ def _parts_of(images: ImageStack) -> tuple[Map, NDArray[np.intp]]:
     return np.concatenate(parts, axis=1), np.repeat(np.arange(len(parts)), [part.shape[1] for part in parts])
 
 
+def _parts_of_view(images: ImageStack) -> Map:
+    """Return displacements that all cameras of a frame have in common, shape (4 n, u): shifts, scale, disparity."""
+    view = images.view()
+    columns = []
+    for t in np.unique(images.times[images.times != 0.0]):
+        at = np.repeat(images.times == t, len(images.positions)).astype(np.float64)
+        nil = np.zeros_like(at)
+        columns += [np.stack([at, nil, nil, nil], axis=-1), np.stack([nil, at, nil, nil], axis=-1)]
+        columns += [np.stack([nil, nil, nil, at / (max(images.shape) / 2)], axis=-1)]
+        columns += [np.stack([at * view.s, at * view.s_y, nil, nil], axis=-1)]
+    return np.stack([each.ravel() for each in columns], axis=-1) if columns else np.zeros((4 * images.count, 0))
+
+
 def _determined(matrix: Map, side: Map) -> tuple[Map, Map]:
     """Return normal equations without the directions that are not determined, of which rounding errors remain."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
@@ -296,8 +317,8 @@ def warn_of_pose_errors(found: Sequence[PoseErrors | None], step_px: float) -> N
     else:
         message = (
             f"images: are displaced against each other by about {shift:.2g} px from position to position and "
-            f"{visit:.2g} px from image to image, which steady motion seen from the stated positions does not explain: by "
-            "errors of the poses, or by unsteady motion; standard deviations are larger by what this adds; state the errors of the stage (attributes "
-            "stage_tolerance_*), or set pose_corrections"
+            f"{visit:.2g} px from image to image, which steady motion seen from the stated positions does not explain: "
+            "by errors of the poses, or by unsteady motion; standard deviations are larger by what this adds; state "
+            "the errors of the stage (attributes stage_tolerance_*), or set pose_corrections"
         )
     warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
