@@ -380,7 +380,7 @@ class PoseCorrections:
 
     @property
     def kinds(self) -> NDArray[np.intp]:
-        """Kind of each unknown: shifts of positions, rolls, scales, shifts of single visits; shape (unknowns,)."""
+        """Group of each unknown: shifts of positions, rolls, scales, shifts of single visits; shape (unknowns,)."""
         return self._kinds
 
     @property
