@@ -56,3 +56,56 @@ def test_good_recordings_are_not_suspected() -> None:
             st.estimate(recording, "refined", SETTINGS, pose_corrections=each).sel(t=0) for each in ("auto", "none")
         )
     np.testing.assert_array_equal(found["disparity_std"].values, trusted["disparity_std"].values)
+
+
+def _stated(ratio: float, visit_px: float, seed: int) -> tuple[list[str], Array]:
+    """Return the warnings of a recording with errors beyond the priors, and disparity and velocity_x in σ."""
+    generator = np.random.default_rng(seed)
+    fixed = ratio * generator.normal(0, 1, (CAMERAS, 1, 4)) * [0.05, 0.05, 1e-4, 0.0]
+    off = np.repeat(fixed, FRAMES, axis=1)
+    off[..., :2] += visit_px * generator.normal(0, 1, (CAMERAS, FRAMES, 2))
+    recording = PLANE.recording(CAMERAS, FRAMES, noise_std=NOISE, moved=off - off[CAMERAS // 2, FRAMES // 2])
+    priors = {"x_px": 0.05, "y_px": 0.05, "roll_urad": 100.0}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = st.estimate(recording, "refined", SETTINGS, pose_corrections=priors).sel(t=0)
+    truth = PLANE.truth()
+    z = [
+        (found["disparity"].values - truth["disparity"]) / found["disparity_std"].values,
+        (found["velocity"].values[0] - truth["velocity"][0]) / found["velocity_std"].values[0],
+    ]
+    return [str(each.message) for each in caught], np.stack(z)[:, 20:-20, 28:-28]
+
+
+def test_stated_errors_are_compared_with_the_images() -> None:
+    warned, z = _stated(1.0, 0.0, 3)
+    assert not warned
+    assert (np.abs(z) < 3).mean() > 0.95
+
+
+def test_errors_beyond_those_stated_enlarge_standard_deviations() -> None:
+    draws = [_stated(4.0, 0.0, seed) for seed in (3, 4, 5)]
+    assert all("times the stated errors" in warned[0] for warned, _ in draws)
+    assert np.mean([(np.abs(z) < 2).mean() for _, z in draws]) > 0.85
+
+
+def test_displaced_visits_that_are_not_stated() -> None:
+    draws = [_stated(1.0, 0.05, seed) for seed in (3, 4, 5)]
+    assert all("single images by about 0.0" in warned[0] for warned, _ in draws)
+    assert np.mean([(np.abs(z) < 2).mean() for _, z in draws]) > 0.85
+
+
+def test_unsteady_motion_of_the_whole_view_is_not_an_error_of_poses() -> None:
+    """All cameras of a frame are displaced alike: 0.3 px from frame to frame, of which no stated pose is the cause."""
+    frames = 7
+    generator = np.random.default_rng(4)
+    off = np.zeros((CAMERAS, frames, 4))
+    off[..., :2] = 0.3 * generator.normal(0, 1, (1, frames, 2))
+    recording = PLANE.recording(CAMERAS, frames, noise_std=NOISE, moved=off - off[:, [frames // 2]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found, trusted = (
+            st.estimate(recording, "refined", SETTINGS | {"window_frames": frames}, pose_corrections=each).sel(t=0)
+            for each in ("auto", "none")
+        )
+    np.testing.assert_array_equal(found["depth_std"].values, trusted["depth_std"].values)

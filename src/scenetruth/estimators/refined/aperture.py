@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
+from scenetruth.estimators.refined.fit_maps import extract_fields, find_discontinuities
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.ambiguity import sum_members
-from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC
-from scenetruth.estimators.refined.row_bands import window_weights
+from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, warp_rows
+from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, around, window_weights
 from scenetruth.threads import in_threads
 
 __all__ = ["ApertureContext", "compute_normal_flow", "find_aperture"]
@@ -26,6 +29,9 @@ _VALUES = {CUBIC: np.array([1.0, 4.0, 1.0]) / 6.0, QUINTIC: np.array([1.0, 26.0,
 _SLOPES = {CUBIC: np.array([1.0, 0.0, -1.0]) / 2.0, QUINTIC: np.array([1.0, 10.0, 0.0, -10.0, -1.0]) / 24.0}
 _BORDER_PX = 4  # splines are mirrored at the border, which is a second direction of oblique stripes
 _PIXELS = 4000
+_REACH = 3.0  # standard deviations of a window around a pixel that the mean image decides
+_LEAST_SEEN = 0.5  # smallest fraction of the images that show a pixel of the mean image
+_ROWS, _TASK_ROWS = 64, 16  # rows of the mean image in memory, and per task of a thread
 _DISCONTINUITY_PX = 0.5  # pixels of a window that differ by more than this in the farthest image are of other surfaces
 
 Map = NDArray[np.float64]
@@ -47,17 +53,51 @@ class ApertureContext:
 
 
 def find_aperture(
-    images: ImageStack, theta: Map, sigma_px: float, small: Mask, small_sigma_px: float, noise: float
+    images: ImageStack,
+    theta: Map,
+    sigma_px: float,
+    small: Mask,
+    small_sigma_px: float,
+    noise: float,
+    where: Mask | None = None,
 ) -> ApertureContext:
     """Test the structure tensor of the reference image in each window, less that of noise.
 
-    ``small``: Pixels whose windows are smaller and contain the surface of the central pixel only, shape (y, x).
-    """
-    from scipy.ndimage import gaussian_filter
+    Where noise conceals a direction, the mean of all images decides, in which it is weaker.
 
+    ``small``: Pixels whose windows are smaller and contain the surface of the central pixel only, shape (y, x).
+    ``where``: Pixels for which the mean image may decide; none by default.
+    """
     products, variance, usable = _gradient_products(images, noise)
     maps = np.stack([*products, variance, usable])
-    share = np.maximum(gaussian_filter(usable, sigma_px), 1e-9)
+    windows = theta, sigma_px, small_sigma_px
+    context, concealed = _decide(images, *_window_means(images, maps, *windows, small))
+    if where is None:
+        return context
+    concealed &= where
+    if (concealed & small).any():
+        # At outlines, occluded images have the texture of another surface; at the border, they are outside.
+        concealed &= ~(small & around(find_discontinuities(images, theta), math.ceil(2.0 * sigma_px)))
+    if not concealed.any():
+        return context
+    near = around(concealed, math.ceil(_REACH * sigma_px)) & np.isfinite(theta).all(axis=0)
+    maps = _mean_products(images, theta, noise, near)
+    of_mean, _ = _decide(images, *_window_means(images, maps, *windows, small & concealed))
+    return ApertureContext(
+        *(
+            np.where(concealed, getattr(of_mean, name), getattr(context, name))
+            for name in ("disparity", "motion", "normal", "direction")
+        )
+    )
+
+
+def _window_means(
+    images: ImageStack, maps: Map, theta: Map, sigma_px: float, small_sigma_px: float, small: Mask
+) -> tuple[Map, Map]:
+    """Return means of gradient products and their variance over windows, and the inverse number of their pixels."""
+    from scipy.ndimage import gaussian_filter
+
+    share = np.maximum(gaussian_filter(maps[4], sigma_px), 1e-9)
     means = np.stack([gaussian_filter(each, sigma_px) / share for each in maps[:4]])
     inverse = 1.0 / (4.0 * np.pi * sigma_px**2 * share)
     if small.any():
@@ -74,16 +114,54 @@ def find_aperture(
             for k in range(4):
                 means[k][at] = np.where(found[4] > 0, found[k] / found[4], 0.0)
             inverse[at] = found[5] / np.maximum(found[4], 1e-9)
-    return _decide(images, means, inverse)
+    return means, inverse
+
+
+def _mean_products(images: ImageStack, theta: Map, noise: float, where: Mask) -> Map:
+    """Return the gradient products of the mean of all images less noise, their variance, and where they are usable."""
+    view, count, width = images.view(), images.count, images.shape[1]
+    fields = np.where(where, extract_fields(theta), np.nan)
+    energy, correlated = _noise_of_slope(images.spline, between=True)
+    out = np.zeros((5, *images.shape))
+    bad = images.bad_stack()
+    first = np.flatnonzero(where.any(axis=1))[0]
+    last = np.flatnonzero(where.any(axis=1))[-1] + 1
+    for channel in range(images.channels):
+        grey = images.grey(*images.reference(), channel)
+        stack = images.stack(channel)
+        for top in range(first, last, _ROWS):
+            rows = slice(top, min(top + _ROWS, last))
+            size = rows.stop - top
+            warped = np.full((count, size, width), np.nan, dtype=np.float32)
+            gradient = np.zeros((2, size, width), dtype=np.float32)
+            work = partial(warp_rows, stack, view, fields, NO_OCCLUSION, bad, top, warped, gradient)
+            in_threads(work, [(row, min(row + _TASK_ROWS, size)) for row in range(0, size, _TASK_ROWS)])
+            seen = np.isfinite(warped).sum(axis=0)
+            along, down = gradient.astype(np.float64)
+            of_noise = energy * noise**2 * images.variance.at(grey[rows]) / np.maximum(seen, 1)
+            usable = (seen >= max(_LEAST_SEEN * count, 1)) & where[rows]
+            parts = along * along - of_noise, along * down, down * down - of_noise, 2.0 * correlated * of_noise**2
+            out[:4, rows] += np.where(usable, np.stack(parts), 0.0)
+            out[4, rows] = usable
+    return out
 
 
 @cache
-def _noise_of_slope(order: int) -> tuple[float, float]:
-    """Return the mean square slope of white noise, and by how much its correlation increases the variance of a mean."""
+def _noise_of_slope(order: int, *, between: bool = False) -> tuple[float, float]:
+    """Return the mean square slope of white noise, and by how much its correlation increases the variance of a mean.
+
+    ``between``: Of slopes at any position between the pixels, not at the pixels.
+    """
     count = 256
-    phases = np.exp(2j * np.pi * np.outer(np.fft.fftfreq(count), np.arange(-2, 3)))
-    slopes, values = (np.pad(taps[order], (5 - len(taps[order])) // 2) for taps in (_SLOPES, _VALUES))
-    power = np.abs(phases @ slopes) ** 2 / np.abs(phases @ values) ** 2
+    phases = np.exp(2j * np.pi * np.outer(np.fft.fftfreq(count), np.arange(-3, 4)))
+    values = np.pad(_VALUES[order], (7 - len(_VALUES[order])) // 2)
+    if between:
+        steps = (np.arange(16) + 0.5) / 16
+        spline = BSpline.basis_element(np.arange(order + 2) - (order + 1) / 2, extrapolate=False).derivative()
+        slopes = np.nan_to_num(spline(np.arange(-3, 4)[:, None] + steps))
+    else:
+        slopes = np.pad(_SLOPES[order], (7 - len(_SLOPES[order])) // 2)[:, None]
+    power = (np.abs(phases @ slopes) ** 2).mean(axis=1) / np.abs(phases @ values) ** 2
     return float(power.mean()), float((power**2).mean() / power.mean() ** 2)
 
 
@@ -117,8 +195,8 @@ def _gradient_products(images: ImageStack, noise: float) -> tuple[Map, Map, Map]
     return products * flags, variance * flags, flags
 
 
-def _decide(images: ImageStack, means: Map, inverse: Map) -> ApertureContext:
-    """Return the quantities that are determined by mean gradient products and their variances."""
+def _decide(images: ImageStack, means: Map, inverse: Map) -> tuple[ApertureContext, Mask]:
+    """Return the quantities that mean gradient products determine, and where noise may conceal others."""
     xx, xy, yy, variance = means
     error = np.sqrt(np.maximum(variance * inverse, 0.0))
     middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
@@ -132,7 +210,11 @@ def _decide(images: ImageStack, means: Map, inverse: Map) -> ApertureContext:
         disparity = textured
     if len(images.times) == 1:
         motion = textured
-    return ApertureContext(disparity, motion, textured & ~motion, np.stack([np.cos(angle), np.sin(angle)]))
+    # Directions that are below the limit in noise, and may be above it without.
+    concealed = ~motion & (weakest + _ABOVE * error > _LEAST_RATIO * strongest)
+    concealed |= ~disparity & (along + _ABOVE * error > _LEAST_ALONG * strongest)
+    context = ApertureContext(disparity, motion, textured & ~motion, np.stack([np.cos(angle), np.sin(angle)]))
+    return context, np.asarray(concealed)
 
 
 def _along_baselines(images: ImageStack, xx: Map, xy: Map, yy: Map) -> Map:

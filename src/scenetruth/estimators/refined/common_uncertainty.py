@@ -35,6 +35,8 @@ class CalibrationUncertainty:
     """Of the principal point, relative to the focal length."""
     lens: Map | None = None
     """Relative, of distances along x and y in the image, due to the distortion, shape (2, y, x)."""
+    displacements: Map | None = None
+    """Of points of the image along x and y in columns, due to each coefficient of the distortion, (n, 2, y, x)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +62,10 @@ def read_calibration_uncertainty(recording: xr.Dataset) -> CalibrationUncertaint
     focal = intrinsics.focal_length_px
     across, down = (value / focal for value in acquisition.principal_point_std_px)
     scale = 1e-6 * acquisition.stage.scale_ppm
-    lens = _distance_errors(recording) if acquisition.distortion_std.size else None
-    return CalibrationUncertainty(scale, acquisition.focal_length_std_px / focal, (across, down), lens)
+    moved = _displacements(recording) if np.any(acquisition.distortion_std) else None
+    # Of short distances along x and y.
+    lens = None if moved is None else np.sqrt(np.stack([_square_slope(moved[:, k], 1 - k) for k in (0, 1)]))
+    return CalibrationUncertainty(scale, acquisition.focal_length_std_px / focal, (across, down), lens, moved)
 
 
 def compute_common_variance(uncertainty: CalibrationUncertainty, poses: Map | None, d: Map, q: Map) -> CommonVariance:
@@ -83,8 +87,12 @@ def compute_common_variance(uncertainty: CalibrationUncertainty, poses: Map | No
     return CommonVariance(disparity, depth, velocity)
 
 
-def _distance_errors(recording: xr.Dataset) -> Map:
-    """Return the relative standard deviations of short distances along x and y due to the distortion coefficients."""
+def _square_slope(moved: Map, axis: int) -> Map:
+    return np.asarray(np.square([np.gradient(each, axis=axis) for each in moved]).sum(axis=0))
+
+
+def _displacements(recording: xr.Dataset) -> Map:
+    """Return the displacements of points by one standard deviation of each uncertain distortion coefficient."""
     from scenetruth.estimators.refined.lens_distortion import distort
 
     acquisition, grid = read_acquisition(recording), compute_pixel_grid(recording)
@@ -94,11 +102,9 @@ def _distance_errors(recording: xr.Dataset) -> Map:
     c_x, c_y = intrinsics.principal_point_px
     at = np.stack([x - c_x, y - c_y]) / intrinsics.focal_length_px
     lens = acquisition.distortion if acquisition.distortion.size else np.zeros(8)
-    total = np.zeros((2, height, width))
-    own = distort(lens, at)
-    for place, std in enumerate(acquisition.distortion_std):
+    own, found = distort(lens, at), []
+    for place in np.flatnonzero(acquisition.distortion_std):
         changed = lens.copy()
-        changed[place] += std
-        moved = (distort(changed, at) - own) * intrinsics.focal_length_px
-        total += np.stack([np.gradient(moved[0], axis=1), np.gradient(moved[1], axis=0)]) ** 2
-    return np.sqrt(total)
+        changed[place] += acquisition.distortion_std[place]
+        found.append((distort(changed, at) - own) * intrinsics.focal_length_px)
+    return np.stack(found)

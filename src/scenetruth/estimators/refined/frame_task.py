@@ -42,7 +42,7 @@ from scenetruth.estimators.refined.output_maps import (
     make_invalid_maps,
 )
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
-from scenetruth.estimators.refined.pose_consistency import PoseErrors, estimate_pose_errors
+from scenetruth.estimators.refined.pose_consistency import PoseErrors, compare_with_stated, estimate_pose_errors
 from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
 from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles, release_memory
 from scenetruth.schema import REASONS, compute_pixel_grid, read_intrinsics
@@ -146,7 +146,11 @@ class FrameTask:
         found, beside = _fit(images, start, settings, report)
         errors = None
         if settings.pose_corrections == "auto" and images.priors is None:
-            errors = estimate_pose_errors([found], settings)
+            # Pixels that show several surfaces are displaced by any pose.
+            theta = np.where(beside.where & ~beside.sound, np.nan, found.fit.theta)
+            errors = estimate_pose_errors([replace(found, fit=found.fit._replace(theta=theta))], settings)
+        elif images.priors is not None:
+            errors = compare_with_stated([found], found.cameras, settings)
         maps = self._maps(found, beside, start, errors)
         curved = round(float(found.curved.mean()), 4)
         return FrameEstimate(maps, self._corrections(found), found.images.left_out, errors, found.rounds, curved)

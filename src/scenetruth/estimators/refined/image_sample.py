@@ -24,7 +24,12 @@ from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState, refine
 from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
 from scenetruth.estimators.refined.noise_estimation import GreyVariance, estimate_noise, estimate_variance
-from scenetruth.estimators.refined.pose_consistency import PoseErrors, estimate_pose_errors, observe_blocks
+from scenetruth.estimators.refined.pose_consistency import (
+    PoseErrors,
+    compare_with_stated,
+    estimate_pose_errors,
+    observe_blocks,
+)
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections, join_blocks
 from scenetruth.estimators.refined.row_bands import local_means
 from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
@@ -86,6 +91,8 @@ def sample_images(
     errors = None
     if settings.pose_corrections == "auto" and cameras is None:
         errors = estimate_pose_errors(states, settings)
+    elif cameras is not None:
+        errors = compare_with_stated(states, cameras, settings)
     found = plain.without(left_out)
     return ImageSample(replace(found, variance=variance, noise=noise), cameras, errors)
 

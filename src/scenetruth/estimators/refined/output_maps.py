@@ -15,13 +15,14 @@ from scenetruth.estimators.refined.ambiguity import find_ambiguous, mark_mostly
 from scenetruth.estimators.refined.aperture import ApertureContext, compute_normal_flow, find_aperture
 from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertainty, compute_common_variance
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
+from scenetruth.estimators.refined.element_uncertainty import compute_calibration_effect, compute_pose_effect
 from scenetruth.estimators.refined.fallback import compute_fallback
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES, extract_fields
 from scenetruth.estimators.refined.image_consistency import fine_contrast, replace_reference
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
-from scenetruth.estimators.refined.kernels.window_solver import Fit
+from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, Fit
 from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
@@ -159,7 +160,7 @@ def compute_maps(
     """Return the maps of one frame.
 
     ``calibration``: Stated uncertainty, whose part of the standard deviations is returned; None if not stated.
-    ``poses``: Pose errors that are not stated.
+    ``poses``: Pose errors that are not stated, or remain after correction; by default those of the corrections.
     """
     shown = replace_reference(images, extract_fields(refined.fit.theta))
     fit = enlarge_variances(
@@ -176,13 +177,14 @@ def compute_maps(
         left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
         usual = images.residual_noise(fit.residual[0]) / spline_transfer(images.spline)
         variance = fit.variance / spline_transfer(images.spline) ** 2
-        common = None
+        common, of_element = None, None
         if calibration is not None or poses is not None:
-            errors, effect = refined.cameras or poses, None
+            errors, effect = poses or refined.cameras, None
             fitted = np.asarray(np.isfinite(theta).all(axis=0))
             if errors is not None and fitted.any():
                 finite = fill_gaps(theta[STEADY_PLACES], fitted)
                 effect = errors.effect(images, finite).variance
+            of_element = _compute_common_element(images, theta, errors, calibration, settings, beside.where)
             common = compute_common_variance(calibration or CalibrationUncertainty(), effect, d, q)
             variance[0] += common.disparity
             variance[3:6] += common.velocity
@@ -237,7 +239,7 @@ def compute_maps(
                 # In a window of too few frames, it is zero by definition, hence invalid.
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
-        found |= _element(fit, baseline_mm, images.spline)
+        found |= _element(fit, baseline_mm, images.spline, of_element)
     fallback = compute_fallback(shown, start, known | normal, theta[0], usual, settings.fallback)
     rough = fallback.where & ~ambiguous
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
@@ -279,7 +281,7 @@ def _determined(
     """Return which of the pixels in a mask are valid, have a normal component only, and are ambiguous; add reasons."""
     sigma = settings.window_sigma_px
     windows = sigma, beside.where, max(_SMALLEST_PX, _SMALL_WINDOW * sigma)
-    aperture = find_aperture(images, fit.theta, *windows, noise)
+    aperture = find_aperture(images, fit.theta, *windows, noise, known)
     largest = None if settings.max_motion_px is None else settings.max_motion_px / step_px
     ambiguous = find_ambiguous(images, fit.theta, *windows, noise, known & aperture.disparity, aperture, largest)
     # Amid textures in one direction, some pixels have a second one by chance.
@@ -342,9 +344,38 @@ def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:
     return normal
 
 
-def _element(fit: Fit, baseline_mm: float, spline: int) -> dict[str, Map]:
-    """Return the quantities of the surface element with their standard deviations; see `describe_element`."""
-    values, std = fit.element.astype(np.float64), np.sqrt(fit.element_variance) / spline_transfer(spline)
+def _compute_common_element(
+    images: ImageStack,
+    theta: Map,
+    errors: PoseCorrections | PoseErrors | None,
+    calibration: CalibrationUncertainty | None,
+    settings: RefinedSettings,
+    small: NDArray[np.bool_],
+) -> Map | None:
+    """Return the variances of the quantities of the surface element due to poses and calibration, (11, y, x)."""
+    valid = np.asarray(np.isfinite(theta).all(axis=0))
+    if settings.surface == "constant" or len(images.positions) == 1 or not valid.any():
+        return None
+    finite = fill_gaps(theta, valid)
+    total = np.zeros((FUNCTIONALS, *images.shape))
+    if errors is not None:
+        sigma, of_poses = settings.window_sigma_px, (errors.rooted, errors.turned_px)
+        total += compute_pose_effect(images, finite, *of_poses, sigma)
+        if small.any():
+            of_small = compute_pose_effect(images, finite, *of_poses, max(_SMALLEST_PX, _SMALL_WINDOW * sigma))
+            total[:, small] = of_small[:, small]
+    if calibration is not None:
+        total += compute_calibration_effect(images, finite, calibration)
+    return total
+
+
+def _element(fit: Fit, baseline_mm: float, spline: int, common: Map | None) -> dict[str, Map]:
+    """Return the quantities of the surface element with their standard deviations; see `describe_element`.
+
+    ``common``: Variances to be added, shape (11, y, x).
+    """
+    variance = fit.element_variance / spline_transfer(spline) ** 2
+    values, std = fit.element.astype(np.float64), np.sqrt(variance if common is None else variance + common)
     # For negative baselines, disparities are negative.
     for place, unit in ((2, abs(baseline_mm)), (3, baseline_mm**2)):
         values[place] /= unit

@@ -27,6 +27,7 @@ __all__ = [
     "PoseCorrections",
     "ShiftObservations",
     "compute_point_derivatives",
+    "follow_points",
     "join_blocks",
     "select_blocks",
 ]
@@ -68,6 +69,26 @@ def compute_point_derivatives(
     by_point = np.stack([np.stack(np.broadcast_arrays(*each), axis=-1) for each in (right, down)], axis=2)
     by_image = np.stack([np.stack([one, nil, -y, x], axis=-1), np.stack([nil, one, x, y], axis=-1)], axis=2)
     return PointDerivatives(by_point, by_image)
+
+
+def follow_points(moves: PointDerivatives, texture: Array | None = None) -> Array:
+    """Return the changes of the parameters of points by displacements of their images, shape (points, 6 or 8, 2 n).
+
+    ``texture``: Structure tensor of the texture at each point, shape (points, 2, 2); by default isotropic.
+    """
+    by_point = moves.by_point
+    root = None
+    if texture is not None:
+        values, vectors = np.linalg.eigh(texture)
+        root = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None]) @ vectors.swapaxes(1, 2)
+        by_point = np.matmul(root[:, None], by_point)
+    by_point = by_point.reshape(len(by_point), -1, by_point.shape[-1])
+    size = np.linalg.norm(by_point, axis=1) + 1e-300
+    follow = np.asarray(np.linalg.pinv(by_point / size[:, None], rcond=1e-4) / size[:, :, None])
+    if root is None:
+        return follow
+    pairs = follow.reshape(*follow.shape[:2], -1, 2)
+    return np.asarray(np.matmul(pairs, root[:, None]).reshape(follow.shape))
 
 
 BLOCK_PX = 8
@@ -130,9 +151,7 @@ def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array
     own = fields[:, down.ravel(), across.ravel()]
     moves = compute_point_derivatives(view, own, at)
     points = len(at[0])
-    by_point = moves.by_point.reshape(points, -1, moves.by_point.shape[-1])
-    size = np.linalg.norm(by_point, axis=1) + 1e-300
-    follow = np.linalg.pinv(by_point / size[:, None], rcond=1e-4) / size[:, :, None]
+    follow = follow_points(moves)
     varied = np.empty((4, points))
     pairs = rooted.reshape(-1, 4, rooted.shape[-1])
     for n in range(points):
@@ -332,6 +351,7 @@ def _squares(weight: Array, shift: Array) -> tuple[Array, NDArray[np.intp]]:
 _OUTLIER = 4.0
 _PASSES = 3
 _STILL = 0.1
+_KINDS = (0, 0, 1, 2)  # shifts along x and y, roll, scale
 
 
 class PoseCorrections:
@@ -345,6 +365,7 @@ class PoseCorrections:
         view = images.view()
         count, cameras = len(view.s), len(images.positions)
         fixed, fresh = priors.position, priors.visit
+        self._turned_px = fixed[:2]
         # Unknowns are the errors of positions, then those of single visits, each in units of its standard deviation.
         parts = np.zeros((count, CORRECTIONS, cameras * len(fixed) + count * len(fresh)))
         for n in range(count):
@@ -357,6 +378,8 @@ class PoseCorrections:
             parts = parts - parts[reference[0]]
         entries = np.abs(parts).max(axis=(0, 1)) > 0
         self._parts = parts[..., entries].reshape(count * CORRECTIONS, -1)
+        kinds = np.concatenate([np.tile(_KINDS, cameras), np.full(count * len(fresh), _KINDS[-1] + 1)])
+        self._kinds: NDArray[np.intp] = kinds[entries].astype(np.intp)
         self._times = np.repeat(images.times, cameras)
         self._unknown = np.zeros(self._parts.shape[1])
         self._covariance: Array = np.eye(len(self._unknown))
@@ -365,6 +388,11 @@ class PoseCorrections:
     def parts(self) -> Array:
         """Errors of all images by the unknowns, each in units of its prior, shape (4 n, unknowns)."""
         return self._parts
+
+    @property
+    def kinds(self) -> NDArray[np.intp]:
+        """Group of each unknown: shifts of positions, rolls, scales, shifts of single visits; shape (unknowns,)."""
+        return self._kinds
 
     @property
     def values(self) -> Array:
@@ -416,7 +444,16 @@ class PoseCorrections:
         moved = np.where(change > _STILL * self.std, change, 0.0) * np.array([1.0, 1.0, arm, arm])
         return float(moved.max())
 
+    @property
+    def rooted(self) -> Array:
+        """L of the covariance L Lᵀ of the corrections, shape (4 n, unknowns)."""
+        return np.asarray(self._parts @ np.linalg.cholesky(self._covariance))
+
+    @property
+    def turned_px(self) -> tuple[float, float]:
+        """Standard deviations of the shifts of positions along x and y, which may be rotations, in px."""
+        return self._turned_px
+
     def effect(self, images: ImageStack, fields: Array) -> CorrectionUncertainty:
         """Return the effect of the uncertainty of the corrections on disparity and velocity, shape (4, y, x)."""
-        rooted = self._parts @ np.linalg.cholesky(self._covariance)
-        return compute_correction_uncertainty(images.view(), fields, rooted)
+        return compute_correction_uncertainty(images.view(), fields, self.rooted)
