@@ -273,6 +273,9 @@ _PIXELS = 2000
 # Smallest fraction of the images in which a pixel is visible; smallest valid fraction of a window; and largest distance
 # of the texture centroid from the window centre in standard deviations: at a straight outline it is 0.8.
 _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
+# Distance in px from an outline within which the pixels of the nearer surface are not part of any window: blur extends
+# the surface by one pixel, and its grey values are a mixture up to two pixels inside.
+_BLENDED_PX = 3
 
 # Distance in px at which texture must lie in each of several directions, and its smallest mean square gradient relative
 # to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
@@ -493,6 +496,8 @@ def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: 
     for number in range(_ROUNDS):
         fields = np.ascontiguousarray(extract_fields(theta))
         hidden = _hidden(images, fields)
+        if hidden.size:
+            hidden[:, find_mixed_pixels(images, theta, distance=_BLENDED_PX)] = 255
         last = number == _ROUNDS - 1
         fit, fine = (blank_fit(theta, variances=last) for _ in range(2))
         wanted = np.where(around(where, reach), fields, np.nan)
