@@ -277,6 +277,9 @@ _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
 # the surface by one pixel, and its grey values are a mixture up to two pixels inside.
 _BLENDED_PX = 3
 
+# Largest tangent of the tilt of a surface: windows with two surfaces fit a steeper one.
+_STEEPEST = 3.0
+
 # Distance in px at which texture must lie in each of several directions, and its smallest mean square gradient relative
 # to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
 _ON_ALL_SIDES_PX, _DIRECTIONS, _OF_STRONGEST, _CUT = 3.0, 8, 0.03, 2.0
@@ -330,7 +333,9 @@ def refit_discontinuities(
     found, motion = _refit_motion_models(images, found, where, refined.motion, noise, settings)
     fit, seen, shares = found.fit, found.seen, found.shares
     # Full windows are kept where their result is the same, because their noise is the smallest.
-    fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.max_residual_ratio * noise)
+    # Strong gradients of an outline would explain any residual of a weak texture beside it.
+    with np.errstate(invalid="ignore"):
+        fitted = refined.fit.residual[0] <= (settings.max_residual_ratio * noise) ** 2
     surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma))
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
     final = chosen_fit(where, fit, refined.fit)
@@ -341,6 +346,7 @@ def refit_discontinuities(
         & (shares[0] > _LEAST_SHARE)
         & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
         & surrounded
+        & ~_is_grazing(final.theta, images.focal)
     )
     sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole), seen.gradient)
     if images.farthest > 0.0:
@@ -349,6 +355,12 @@ def refit_discontinuities(
     where |= ~surrounded
     result = replace(refined, fit=final, curved=refined.curved & ~where, motion=motion)
     return result, DiscontinuityContext(where, sound)
+
+
+def _is_grazing(theta: Map, focal: float) -> Mask:
+    """Return where the surface of a fit is seen at a grazing angle, as between two surfaces in the same window."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(focal * np.hypot(theta[1], theta[2]) > _STEEPEST * np.abs(theta[0]))
 
 
 def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
