@@ -272,13 +272,14 @@ _REACH_HALF_WINDOWS = 2
 _PIXELS = 2000
 # Smallest fraction of the images in which a pixel is visible; smallest valid fraction of a window; and largest distance
 # of the texture centroid from the window centre in standard deviations: at a straight outline it is 0.8.
-_LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
+_LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.25, 0.9
 # Distance in px from an outline within which the pixels of the nearer surface are not part of any window: blur extends
 # the surface by one pixel, and its grey values are a mixture up to two pixels inside.
 _BLENDED_PX = 3
 
-# Largest tangent of the tilt of a surface: windows with two surfaces fit a steeper one.
-_STEEPEST = 3.0
+# Windows with two surfaces fit a steep one between them, and leave a residual: largest product of the tangent of the
+# tilt and the residual, relative to noise, near outlines; smaller residuals than this ratio are noise.
+_STEEP, _RESIDUAL_OF_STEEP = 2.5, 1.5
 
 # Distance in px at which texture must lie in each of several directions, and its smallest mean square gradient relative
 # to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
@@ -346,9 +347,9 @@ def refit_discontinuities(
         & (shares[0] > _LEAST_SHARE)
         & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
         & surrounded
-        & ~_is_grazing(final.theta, images.focal)
     )
     sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole), seen.gradient)
+    sound &= ~(around(where & ~sound, round(sigma)) & _is_steep(final.theta, images.focal, seen.square / noise**2))
     if images.farthest > 0.0:
         sound &= is_supported(final, sound | (~where & np.isfinite(final.theta[0])))
     motion = np.where(where, motion, refined.motion)
@@ -357,10 +358,14 @@ def refit_discontinuities(
     return result, DiscontinuityContext(where, sound)
 
 
-def _is_grazing(theta: Map, focal: float) -> Mask:
-    """Return where the surface of a fit is seen at a grazing angle, as between two surfaces in the same window."""
+def _is_steep(theta: Map, focal: float, square: NDArray[Any]) -> Mask:
+    """Return where a surface is seen at a grazing angle, or tilted with a residual.
+
+    ``square``: Mean square residual of every pixel relative to noise.
+    """
     with np.errstate(invalid="ignore"):
-        return np.asarray(focal * np.hypot(theta[1], theta[2]) > _STEEPEST * np.abs(theta[0]))
+        tilt, ratio = focal * np.hypot(theta[1], theta[2]) / np.abs(theta[0]), np.sqrt(square)
+        return np.asarray(tilt * np.where(ratio > _RESIDUAL_OF_STEEP, ratio, 1.0) > _STEEP)
 
 
 def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
