@@ -352,6 +352,8 @@ def refit_discontinuities(
     sound &= ~(around(where & ~sound, round(sigma)) & _is_steep(final.theta, images.focal, seen.square / noise**2))
     if images.farthest > 0.0:
         sound &= is_supported(final, sound | (~where & np.isfinite(final.theta[0])))
+    lit = where & _unevenly_lit(images, np.where(where, final.theta, whole), seen, noise, sigma)
+    final = _add_light_bias(images, final, lit, noise)
     motion = np.where(where, motion, refined.motion)
     where |= ~surrounded
     result = replace(refined, fit=final, curved=refined.curved & ~where, motion=motion)
@@ -366,6 +368,29 @@ def _is_steep(theta: Map, focal: float, square: NDArray[Any]) -> Mask:
     with np.errstate(invalid="ignore"):
         tilt, ratio = focal * np.hypot(theta[1], theta[2]) / np.abs(theta[0]), np.sqrt(square)
         return np.asarray(tilt * np.where(ratio > _RESIDUAL_OF_STEEP, ratio, 1.0) > _STEEP)
+
+
+def _unevenly_lit(images: ImageStack, theta: Map, seen: PixelEvidence, noise: float, sigma: float) -> Mask:
+    """Return the pixels whose windows contain unexplained residuals that no discontinuity causes, as moving shadows."""
+    left = _unexplained(seen, noise) & np.isfinite(seen.square)
+    left &= ~around(find_discontinuities(images, theta), _BLENDED_PX)
+    return around(left, window_weights(_final_sigma(sigma)).shape[2])
+
+
+def _add_light_bias(images: ImageStack, fit: Fit, where: Mask, noise: float) -> Fit:
+    """Return a fit with the error of velocities that changes of light within the windows cause, in its variances.
+
+    One gain and one offset for a window leave residuals, which displace the texture by at most their ratio to its
+    gradient; a velocity is that displacement over the root mean square of the times.
+    """
+    if images.longest == 0.0:
+        return fit
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shift = np.maximum(fit.residual[0] - noise**2, 0.0) / fit.residual[1]
+        error = shift / (fit.theta[0] ** 2 * np.mean(images.times**2))
+    variance = fit.variance.copy()
+    variance[3:5] += np.where(where & np.isfinite(error), error, 0.0)
+    return fit._replace(variance=variance)
 
 
 def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
