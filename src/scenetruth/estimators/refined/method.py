@@ -154,7 +154,9 @@ def fill_estimate(
         found = replace(found, fit=systematic.added(found.fit, beside.where))
         errors = None
         if settings.pose_corrections == "auto" and images.priors is None:
-            errors = estimate_pose_errors(found, settings)
+            # Pixels that show several surfaces are displaced by any pose.
+            theta = np.where(beside.where & ~beside.sound, np.nan, found.fit.theta)
+            errors = estimate_pose_errors(replace(found, fit=found.fit._replace(theta=theta)), settings)
             unstated.append(errors)
         maps = compute_maps(images, found, beside, start, settings, grid.step_px, baseline_mm, calibration, errors)
         if lens is not None:
