@@ -277,9 +277,9 @@ _LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.25, 0.9
 # the surface by one pixel, and its grey values are a mixture up to two pixels inside.
 _BLENDED_PX = 3
 
-# Windows with two surfaces fit a steep one between them, and leave a residual: largest product of the tangent of the
-# tilt and the residual, relative to noise, near outlines; smaller residuals than this ratio are noise.
-_STEEP, _RESIDUAL_OF_STEEP = 2.5, 1.5
+# Windows with two surfaces fit a steep one between them, and leave a residual. Near outlines: largest tangent of the
+# tilt; and largest product of it and the residual, relative to noise, if the residual exceeds this ratio.
+_STEEPEST, _STEEP, _RESIDUAL_OF_STEEP = 3.0, 2.5, 1.5
 
 # Distance in px at which texture must lie in each of several directions, and its smallest mean square gradient relative
 # to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
@@ -334,7 +334,7 @@ def refit_discontinuities(
     found, motion = _refit_motion_models(images, found, where, refined.motion, noise, settings)
     fit, seen, shares = found.fit, found.seen, found.shares
     # Full windows are kept where their result is the same, because their noise is the smallest.
-    # Strong gradients of an outline would explain any residual of a weak texture beside it.
+    # Strong gradients of an outline would explain any residual of a weak texture next to it.
     with np.errstate(invalid="ignore"):
         fitted = refined.fit.residual[0] <= (settings.max_residual_ratio * noise) ** 2
     surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma))
@@ -367,7 +367,7 @@ def _is_steep(theta: Map, focal: float, square: NDArray[Any]) -> Mask:
     """
     with np.errstate(invalid="ignore"):
         tilt, ratio = focal * np.hypot(theta[1], theta[2]) / np.abs(theta[0]), np.sqrt(square)
-        return np.asarray(tilt * np.where(ratio > _RESIDUAL_OF_STEEP, ratio, 1.0) > _STEEP)
+        return np.asarray(np.where(ratio > _RESIDUAL_OF_STEEP, tilt * ratio > _STEEP, tilt > _STEEPEST))
 
 
 def _unevenly_lit(images: ImageStack, theta: Map, seen: PixelEvidence, noise: float, sigma: float) -> Mask:
