@@ -290,7 +290,14 @@ _PIXELS = 1000
 _MARGIN, _LEAST_LATTICE_SIGMA_PX = 2.0, 2.0
 # Smallest fraction of the images in which a pixel is visible; smallest valid fraction of a window; and largest distance
 # of the texture centroid from the window centre in standard deviations: at a straight outline it is 0.8.
-_LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.35, 0.9
+_LEAST_IMAGES, _LEAST_SHARE, FARTHEST = 0.25, 0.25, 0.9
+# Distance in px from an outline within which the pixels of the nearer surface are not part of any window: blur extends
+# the surface by one pixel, and its grey values are a mixture up to two pixels inside.
+_BLENDED_PX = 3
+
+# Windows with two surfaces fit a steep one between them, and leave a residual. Near outlines: largest tangent of the
+# tilt; and largest product of it and the residual, relative to noise, if the residual exceeds this ratio.
+_STEEPEST, _STEEP, _RESIDUAL_OF_STEEP = 3.0, 2.5, 1.5
 
 # Distance in px at which texture must lie in each of several directions, and its smallest mean square gradient relative
 # to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
@@ -346,7 +353,9 @@ def refit_discontinuities(
     found, motion = _refit_motion_models(images, found, refined.motion, noise, settings)
     fit, seen, shares = found.pixels.spread(found.fit), found.seen, found.shares
     # Full windows are kept where their result is the same, because their noise is the smallest.
-    fitted = explained(refined.fit.residual[0], refined.fit.residual[1], settings.max_residual_ratio * noise)
+    # Strong gradients of an outline would explain any residual of a weak texture next to it.
+    with np.errstate(invalid="ignore"):
+        fitted = refined.fit.residual[0] <= (settings.max_residual_ratio * noise) ** 2
     surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma))
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
     final = chosen_fit(where, fit, refined.fit)
@@ -359,12 +368,48 @@ def refit_discontinuities(
         & surrounded
     )
     sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole), seen.gradient)
+    sound &= ~(around(where & ~sound, round(sigma)) & _is_steep(final.theta, images.focal, seen.square / noise**2))
     if images.farthest > 0.0:
         sound &= is_supported(final, sound | (~where & np.isfinite(final.theta[0])))
+    lit = where & _unevenly_lit(images, np.where(where, final.theta, whole), seen, noise, sigma)
+    final = _add_light_bias(images, final, lit, noise)
     motion = np.where(where, motion, refined.motion)
     where |= ~surrounded
     result = replace(refined, fit=final, curved=refined.curved & ~where, motion=motion)
     return result, DiscontinuityContext(where, sound)
+
+
+def _is_steep(theta: Map, focal: float, square: NDArray[Any]) -> Mask:
+    """Return where a surface is seen at a grazing angle, or tilted with a residual.
+
+    ``square``: Mean square residual of every pixel relative to noise.
+    """
+    with np.errstate(invalid="ignore"):
+        tilt, ratio = focal * np.hypot(theta[1], theta[2]) / np.abs(theta[0]), np.sqrt(square)
+        return np.asarray(np.where(ratio > _RESIDUAL_OF_STEEP, tilt * ratio > _STEEP, tilt > _STEEPEST))
+
+
+def _unevenly_lit(images: ImageStack, theta: Map, seen: PixelEvidence, noise: float, sigma: float) -> Mask:
+    """Return the pixels whose windows contain unexplained residuals that no discontinuity causes, as moving shadows."""
+    left = _unexplained(seen, noise) & np.isfinite(seen.square)
+    left &= ~around(find_discontinuities(images, theta), _BLENDED_PX)
+    return around(left, window_weights(_final_sigma(sigma)).shape[2])
+
+
+def _add_light_bias(images: ImageStack, fit: Fit, where: Mask, noise: float) -> Fit:
+    """Return a fit with the error of velocities that changes of light within the windows cause, in its variances.
+
+    One gain and one offset for a window leave residuals, which displace the texture by at most their ratio to its
+    gradient; a velocity is that displacement over the root mean square of the times.
+    """
+    if images.longest == 0.0:
+        return fit
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shift = np.maximum(fit.residual[0] - noise**2, 0.0) / fit.residual[1]
+        error = shift / (fit.theta[0] ** 2 * np.mean(images.times**2))
+    variance = fit.variance.copy()
+    variance[3:5] += np.where(where & np.isfinite(error), error, 0.0)
+    return fit._replace(variance=variance)
 
 
 def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
@@ -578,6 +623,8 @@ def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: 
         windows = [_Windows(sigma, fit, of_windows)]
         windows += [_Windows(finer, fine, np.empty_like(of_windows))] if last else []
         hidden = find_hidden(taken, fields, near)
+        if hidden.size:
+            hidden[:, find_mixed_pixels(taken, theta, distance=_BLENDED_PX)] = 255
         wanted = np.where(near, fields, np.nan)
         for band in bands(taken, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
             for each in windows:

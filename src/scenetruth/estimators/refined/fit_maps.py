@@ -232,8 +232,7 @@ def _changes(
 DISCONTINUITY_PX = 0.5
 """Adjacent pixels belong to different surfaces if their parameters displace a point by more than this, in px."""
 _DOMINANT = 4.0  # ratio of mean square gradients from which one texture dominates the windows on both sides
-# Neighbours whose other surface may contribute to a pixel of the nearer surface.
-_MIXED_BY = ((1, 0), (-1, 0), (0, 1), (0, -1), (2, 0), (-2, 0), (0, 2), (0, -2))
+_MIXED_PX = 2  # distance of the neighbours whose other surface may contribute to a pixel of the nearer surface
 
 Mask = NDArray[np.bool_]
 
@@ -250,8 +249,10 @@ def find_discontinuities(images: ImageStack, theta: Map) -> Mask:
     return found
 
 
-def find_mixed_pixels(images: ImageStack, theta: Map, gradient: NDArray[np.floating[Any]] | None = None) -> Mask:
-    """Return pixels within 2 px of a discontinuity whose surface the images extend too far.
+def find_mixed_pixels(
+    images: ImageStack, theta: Map, gradient: NDArray[np.floating[Any]] | None = None, *, distance: int = _MIXED_PX
+) -> Mask:
+    """Return pixels within a distance of a discontinuity whose surface the images extend too far.
 
     Image blur extends the nearer surface; and the surface with the much stronger texture, whose gradient dominates the
     windows of both sides.
@@ -259,7 +260,8 @@ def find_mixed_pixels(images: ImageStack, theta: Map, gradient: NDArray[np.float
     ``gradient``: Mean square texture gradient of the neighbourhood of every pixel.
     """
     found = np.zeros(images.shape, dtype=np.bool_)
-    for right, down in _MIXED_BY:
+    steps = [step * sign for step in range(1, distance + 1) for sign in (1, -1)]
+    for right, down in [*((step, 0) for step in steps), *((0, step) for step in steps)]:
         beside = extract_fields(carried(theta, right, down))
         with np.errstate(invalid="ignore"):
             extended = np.abs(theta[0]) > np.abs(beside[0])
