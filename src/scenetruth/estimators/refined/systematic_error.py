@@ -466,7 +466,7 @@ def _fit_span(
 ) -> tuple[Map, Fit]:
     """Return parameters near the fit of a span at all pixels, and the fit at the nodes.
 
-    ``linear``: Fit at the present parameters, if known.
+    ``linear``: Fit at the present parameters, if it is solved already.
     """
     own, alternative, step = group.suited(part), _of_span(group, part, sigma), lattice_step(sigma)
     theta = theta if own.accelerated else theta[:FULL]
