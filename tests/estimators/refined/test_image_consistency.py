@@ -97,6 +97,26 @@ def test_bad_images_are_left_out_and_named(
     assert np.abs(scaled).max() < 6
 
 
+@pytest.mark.parametrize("how", ["mask", "NaN"])
+def test_images_that_the_user_leaves_out_are_no_surprise(noisy: xr.Dataset, how: str) -> None:
+    """Warnings are errors: there is none."""
+    values = noisy["image"].values.copy()
+    hidden = np.zeros(values.shape, dtype=np.bool_)
+    hidden[4, 1], hidden[0, 3] = True, True
+    if how == "NaN":
+        values[hidden] = np.nan
+        recording = noisy.assign(image=(noisy["image"].dims, values, noisy["image"].attrs))
+    else:
+        values[hidden] = np.random.default_rng(5).random(int(hidden.sum()))
+        recording = st.make_recording(values, 500.0, 5.0, exclusion_mask=hidden)
+        recording.attrs |= {name: value for name, value in noisy.attrs.items() if name != "scene"}
+        recording = recording.assign_coords(noisy.coords)
+    found = estimated(recording)
+    assert (found["status"].values[INSIDE] == 2).all()
+    np.testing.assert_allclose(found["image_count"].values[INSIDE], 23)
+    assert np.sqrt(np.mean(scaled_errors(found) ** 2)) == pytest.approx(0.87, abs=0.1)
+
+
 def test_good_images_are_all_used(noisy: xr.Dataset) -> None:
     found = estimated(noisy)
     assert found.attrs["excluded_images"] == []

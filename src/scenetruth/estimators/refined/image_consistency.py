@@ -245,6 +245,7 @@ def replace_reference(images: ImageStack, fields: Map) -> ImageStack:
 # Frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers.
 _CALLER = 7
 _MOST_NAMED = 6
+_BLANK_SHARE = 0.9  # share of excluded pixels of an image that the user leaves out
 
 
 def describe_missing_contrast(images: ImageStack) -> str:
@@ -262,6 +263,7 @@ class ExclusionReport:
     """Record of excluded images and of frames without an estimate, identified by the coordinates of the recording."""
 
     def __init__(self, recording: xr.Dataset) -> None:
+        self._recording = recording
         self._t = recording["t"].values.tolist()
         self._dims = [dim for dim in ("s_y", "s") if dim in recording["image"].dims]
         self._cameras = list(product(*(recording[dim].values.tolist() for dim in self._dims)))
@@ -276,14 +278,26 @@ class ExclusionReport:
         """Add a frame without an estimate."""
         self._reasons[str(self._t[frame])] = reason
 
+    def _is_blank(self, image: tuple[int, ...]) -> bool:
+        """Return whether the user has excluded nearly all pixels of an image, by its mask or as NaN."""
+        at = dict(zip([*self._dims, "t"], image, strict=True))
+        values = self._recording["image"].sel(at).values
+        bad = np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, dtype=np.bool_)
+        bad = bad.any(axis=-1) if "channel" in self._recording["image"].dims else bad
+        if "exclusion_mask" in self._recording:
+            mask = self._recording["exclusion_mask"]
+            bad = bad | mask.sel({dim: n for dim, n in at.items() if dim in mask.dims}).values
+        return float(bad.mean()) > _BLANK_SHARE
+
     def attributes(self) -> dict[str, Any]:
-        """Return the attributes of the estimate, and warn about exclusions."""
+        """Return the attributes of the estimate, and warn about exclusions that the user has not made."""
         named = sorted(self._left_out)
-        if named:
+        unexpected = [image for image in named if not self._is_blank(image)]
+        if unexpected:
             dims = [*self._dims, "t"]
-            spelled = ([f"{dim} {n}" for dim, n in zip(dims, image, strict=True)] for image in named[:_MOST_NAMED])
+            spelled = ([f"{dim} {n}" for dim, n in zip(dims, image, strict=True)] for image in unexpected[:_MOST_NAMED])
             listed = ", ".join(f"({', '.join(each)})" for each in spelled)
-            more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+            more = f" and {len(unexpected) - _MOST_NAMED} more" if len(unexpected) > _MOST_NAMED else ""
             message = (
                 f"images: {listed}{more} are excluded because they contradict the other images; check for a camera "
                 "that was moved, a wrong file or a wrong exposure (attribute excluded_images)"
