@@ -23,6 +23,8 @@ __all__ = ["ApertureContext", "compute_normal_flow", "find_aperture"]
 # Smallest ratio of the weakest to the strongest gradient energy that determines a motion: interpolation errors of some
 # 1e-4 of a strong texture act on a weak one as a displacement of 1e-3 px. For disparity, which has one direction, less.
 _LEAST_RATIO, _LEAST_ALONG = 1e-2, 1e-3
+# In the mean of all images: its errors are those of the fits, and textures of two directions have more.
+_LEAST_RATIO_OF_MEAN = 0.1
 _ABOVE = 3.0  # smallest ratio of a gradient energy to its standard error
 # B-splines and their derivatives at integer positions, by order.
 _VALUES = {CUBIC: np.array([1.0, 4.0, 1.0]) / 6.0, QUINTIC: np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0}
@@ -82,7 +84,7 @@ def find_aperture(
         return context
     near = around(concealed, math.ceil(_REACH * sigma_px)) & np.isfinite(theta).all(axis=0)
     maps = _mean_products(images, theta, noise, near)
-    of_mean, _ = _decide(images, *_window_means(images, maps, *windows, small & concealed))
+    of_mean, _ = _decide(images, *_window_means(images, maps, *windows, small & concealed), _LEAST_RATIO_OF_MEAN)
     return ApertureContext(
         *(
             np.where(concealed, getattr(of_mean, name), getattr(context, name))
@@ -195,7 +197,9 @@ def _gradient_products(images: ImageStack, noise: float) -> tuple[Map, Map, Map]
     return products * flags, variance * flags, flags
 
 
-def _decide(images: ImageStack, means: Map, inverse: Map) -> tuple[ApertureContext, Mask]:
+def _decide(
+    images: ImageStack, means: Map, inverse: Map, least_ratio: float = _LEAST_RATIO
+) -> tuple[ApertureContext, Mask]:
     """Return the quantities that mean gradient products determine, and where noise may conceal others."""
     xx, xy, yy, variance = means
     error = np.sqrt(np.maximum(variance * inverse, 0.0))
@@ -203,7 +207,7 @@ def _decide(images: ImageStack, means: Map, inverse: Map) -> tuple[ApertureConte
     strongest, weakest = middle + half, middle - half
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     textured = strongest > _ABOVE * error
-    motion = textured & (weakest > np.maximum(_LEAST_RATIO * strongest, _ABOVE * error))
+    motion = textured & (weakest > np.maximum(least_ratio * strongest, _ABOVE * error))
     along = _along_baselines(images, xx, xy, yy)
     disparity = textured & (along > np.maximum(_LEAST_ALONG * strongest, _ABOVE * error))
     if len(images.positions) == 1:

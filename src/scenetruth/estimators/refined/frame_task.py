@@ -139,7 +139,8 @@ class FrameTask:
     def _estimate_whole(self, frames: FramesNeeded, images: ImageStack, report: Report | None) -> FrameEstimate:
         settings = self._settings
         coefficients, bad = self._splines.frames(frames.first, frames.last), self.reader.bad(frames.first, frames.last)
-        images = self._with_noise(replace(images, coefficients=coefficients, bad=bad), images.mean_grey)
+        images = replace(images, coefficients=coefficients, bad=bad)
+        images = self._with_noise(images, images.mean_grey)
         self._require_contrast(images)
         start = self._initialise(frames, images)
         images = replace(images, priors=self._priors(start))

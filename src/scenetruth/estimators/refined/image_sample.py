@@ -119,8 +119,9 @@ def _noise(
 ) -> tuple[GreyVariance, float]:
     """Return the noise variance as a function of the grey value, and the residual of windows that fit well."""
     squares = [each.fit.residual[0] for each in states]
+    limit = float(np.median([each.images.noise_limit for each in states]))
     if settings.noise != "estimated":
-        return variance, estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in squares])))
+        return variance, min(estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in squares]))), limit)
     greys = [local_means(each.images.reference_grey()) for each in states]
     own = [each.images.variance.at(grey) for each, grey in zip(states, greys, strict=True)]
     of_pixels = [each.seen.square * level for each, level in zip(states, own, strict=True)]
@@ -129,4 +130,4 @@ def _noise(
     )
     # Residuals are relative to the variance of their region.
     scaled = [square * level / found.at(grey) for square, level, grey in zip(squares, own, greys, strict=True)]
-    return found, estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in scaled])))
+    return found, min(estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in scaled]))), limit)

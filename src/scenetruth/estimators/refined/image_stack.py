@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -136,6 +137,7 @@ class ImageStack:
       none.
     ``noise``: Residual of windows that fit well; None if it is estimated from those of this stack. If it is given, so
       are the excluded images and ``variance``: all are properties of whole images, from a sample of them.
+    ``noise_limit``: Largest residual of windows that fit well.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -156,6 +158,7 @@ class ImageStack:
     origin: Map | None = None
     noise: float | None = None
     beside: tuple[Region, Map] | None = None
+    noise_limit: float = math.inf
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -322,7 +325,8 @@ class ImageStack:
 
     def residual_noise(self, square: NDArray[Any]) -> float:
         """Return the residual of windows that fit well, from the mean square residuals of windows."""
-        return estimate_noise(np.sqrt(square)) if self.noise is None else self.noise
+        found = estimate_noise(np.sqrt(square)) if self.noise is None else self.noise
+        return found if math.isnan(found) else min(found, self.noise_limit)
 
     def moved_px(self, before: Map, after: Map) -> Map:
         """Return the largest displacement over all images, in px, due to a change of fields, shape (4 or 7, ...)."""

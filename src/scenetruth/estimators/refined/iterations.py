@@ -22,11 +22,12 @@ from scenetruth.estimators.refined.fit_maps import (
 from scenetruth.estimators.refined.image_consistency import find_inconsistent_images
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
-from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit, Model
+from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL
 from scenetruth.estimators.refined.lattice import WindowLattice, WindowNodes
 from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
+    estimate_noise,
     estimate_variance,
     spline_transfer,
     textured,
@@ -53,6 +54,9 @@ _STILL_SHARE = 0.9  # fraction of the pixels that must have converged: at discon
 _FINER = 0.5  # relative width of the smaller windows that test whether full windows suffice
 _FITTED = 1.5  # windows with a residual above this multiple of the noise are excluded from the convergence test
 _STEADY_VARIANCES = 6  # number of variances of the smaller windows: disparity, slopes and velocity
+# Number of cameras whose residual in one frame limits the noise, and ratio: residuals over frames include changes of
+# light and small unsteady motion.
+_LEAST_STILL, _NOISE_MARGIN = 3, 1.5
 _FULL_ITERATIONS = 2  # iterations with all pixels
 
 Map = NDArray[np.float64]
@@ -128,6 +132,7 @@ def refine(
         if model is models[0] and settled and _still(before, state, fit, images, settings.tolerance_px):
             break
     images = images.without(find_inconsistent_images(images, extract_fields(state), sigma, images))
+    images = replace(images, noise_limit=_limit_noise(images, state, settings))
     # All pixels start from the results of every other row, and the order of the surface may change: another iteration.
     theta, curved, chosen = fit_surface(images, state, models, settings)
     state = fill_invalid_parameters(state, theta)
@@ -139,6 +144,22 @@ def refine(
         report(done + 1)
     motion = np.full(images.shape, MOTION_PLAIN, dtype=np.int8)
     return RefinedState(last.fit, curved, done + 1, last.seen, last.uneven, motion, images, cameras)
+
+
+def _limit_noise(images: ImageStack, state: Map, settings: RefinedSettings) -> float:
+    """Return the largest plausible residual of windows that fit well: that of the cameras of one frame, with a margin.
+
+    If the motion of most of the image is no candidate, residuals over all frames are no measure of the noise.
+    """
+    still = images.within(0.0)
+    if still.count < _LEAST_STILL or len(images.times) == 1:
+        return np.inf
+    models = select_models(still, settings.model_copy(update={"acceleration": False}))
+    gains = settings.photometric_model == "per_image"
+    begun = state[:FULL]
+    (fit, *_) = fit_round(still, begun, models[:1], settings.window_sigma_px, gains=gains, coarse=True)
+    found = estimate_noise(np.sqrt(fit.residual[0]))
+    return _NOISE_MARGIN * found if np.isfinite(found) and found > 0 else np.inf
 
 
 def fit_surface(

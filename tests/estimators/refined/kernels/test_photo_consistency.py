@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined import fit_maps, pose_corrections
-from scenetruth.estimators.refined.discontinuity_refit import (
+from scenetruth.estimators.refined.hypothesis_selection import (
     BLOCK_PX,
     GainOffset,
     estimate_gain_offset,

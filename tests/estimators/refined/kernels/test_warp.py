@@ -67,9 +67,11 @@ def test_bad_pixels_are_not_fetched(images: Any, fields: Any, warped: Any) -> No
         np.testing.assert_array_equal(found[n][shown], expected)
         assert np.isnan(found[n][~shown]).all()
     # And not judged.
-    variances = np.empty((photo_consistency.SIDES, HEIGHT, WIDTH), dtype=np.float32)
+    pixels = np.argwhere(np.ones((HEIGHT, WIDTH), dtype=np.bool_))
+    judged = np.empty((len(pixels), photo_consistency.LANES), dtype=np.float32)
     even = np.ones((COUNT, 1, 1), np.float32), np.zeros((COUNT, 1, 1), np.float32)
-    photo_consistency.judge_rows(coefficients, VIEW, fields, bad, *even, 32, variances, (0, HEIGHT))
+    photo_consistency.judge_pixels(coefficients, VIEW, fields, bad, even, 32, pixels, judged, (0, len(pixels)))
+    variances = judged.T.reshape(-1, HEIGHT, WIDTH)
     several = np.isfinite(found).sum(axis=0) >= 3
     np.testing.assert_array_equal(np.isfinite(variances[0]), several)
     expected = np.nanvar(found[:, several].astype(np.float64), axis=0, ddof=1)
