@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _SAME_AREA = 1e-6  # largest difference between the areas of a polygon and its triangles, relative to its perimeter²
-_NO_AREA = 1e-14  # area of a polygon without area, relative to that of the largest
+_NO_AREA = 1e-14  # area of a polygon without area, relative to its perimeter²
 
 
 class MeshFileError(ValueError):
@@ -130,7 +130,8 @@ def triangulate(mesh: PolygonMesh) -> Triangulation:
     """
     area, spread = newell(mesh.vertices, mesh.corners, mesh.starts)
     size = np.linalg.norm(area, axis=1)
-    present = spread > _NO_AREA * max(float(spread.max(initial=0.0)), 1e-300)
+    around = _perimeters(mesh)
+    present = spread > np.maximum(_NO_AREA * around**2, 1e-300)
     crossed = present & (size <= _SAME_AREA * spread)
     if crossed.any():
         msg = f"face {int(np.argmax(crossed)) + 1} of {len(size)} intersects itself: it encloses no area; divide it"
@@ -165,8 +166,18 @@ def triangulate(mesh: PolygonMesh) -> Triangulation:
     found, owner = np.concatenate(corners), np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
     found, owner = found[order], owner[order]
-    _check_areas(mesh, found, owner, normal, size, present)
+    _check_areas(mesh, found, owner, normal, size, present, around)
     return Triangulation(found, owner, int(np.count_nonzero(~present)), bent)
+
+
+def _perimeters(mesh: PolygonMesh) -> Floats:
+    """Return the lengths of the outlines of all polygons, shape (m,)."""
+    if len(mesh.starts) < 2:
+        return np.zeros(0)
+    after = np.arange(len(mesh.corners)) + 1
+    after[mesh.starts[1:] - 1] = mesh.starts[:-1]
+    sides = np.linalg.norm(mesh.vertices[mesh.corners[after]] - mesh.vertices[mesh.corners], axis=1)
+    return np.asarray(np.add.reduceat(sides, mesh.starts[:-1]))
 
 
 def _signed_areas(points: Floats, triangles: Indices, normal: Floats) -> Floats:
@@ -192,17 +203,19 @@ def _clip_ears(points: Floats, normal: Floats) -> Indices:
 
 
 def _check_areas(
-    mesh: PolygonMesh, found: Indices, owner: Indices, normal: Floats, size: Floats, present: NDArray[np.bool_]
+    mesh: PolygonMesh,
+    found: Indices,
+    owner: Indices,
+    normal: Floats,
+    size: Floats,
+    present: NDArray[np.bool_],
+    around: Floats,
 ) -> None:
     """Raise MeshFileError where the triangles of a polygon do not have its area, seen along its normal."""
     corners = mesh.vertices[mesh.corners[found]]
     double = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     along = 0.5 * np.abs(np.einsum("tk,tk->t", double, normal[owner]))
     covered = np.bincount(owner, along, minlength=len(size))
-    after = np.arange(len(mesh.corners)) + 1
-    after[mesh.starts[1:] - 1] = mesh.starts[:-1]
-    sides = np.linalg.norm(mesh.vertices[mesh.corners[after]] - mesh.vertices[mesh.corners], axis=1)
-    around = np.add.reduceat(sides, mesh.starts[:-1]) if len(sides) else np.zeros(0)
     wrong = present & ~(np.abs(covered - size) <= _SAME_AREA * around**2)
     if wrong.any():
         n = int(np.argmax(wrong))

@@ -11,6 +11,7 @@ from scenetruth.scene.texture.texture_model import Painted, SurfaceTexture, Text
 
 __all__ = [
     "MAX_PIXELS", "CheckerboardTexture", "EmbeddedTexture", "NoiseTexture", "Painted", "Picture", "PlaidTexture",
-    "SurfaceTexture", "TextureModel", "UniformTexture", "compute_luminance", "compute_noise_shape", "contains_wavelength",
+    "SurfaceTexture", "TextureModel", "UniformTexture", "compute_luminance", "compute_noise_shape",
+    "contains_wavelength",
     "make_band_limited_noise",
 ]  # fmt: skip
