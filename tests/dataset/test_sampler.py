@@ -114,6 +114,22 @@ def test_splits_have_their_shares_and_held_out_values_go_apart(sampler_with: Mak
     assert abs(share - 0.2) < 3 * (0.2 * 0.8 / len(kept)) ** 0.5
 
 
+@pytest.mark.parametrize("samples", [1, 2, 7, 10, 99, 600])
+@pytest.mark.parametrize("weights", [{"train": 7, "val": 1, "test": 2}, {"a": 0.1, "b": 0.2, "c": 0.3}, {"one": 5}])
+def test_splits_have_exact_counts(sampler_with: Make, samples: int, weights: dict[str, float]) -> None:
+    sampler = sampler_with(samples=samples, splits=weights)
+    drawn = [sampler.attempt(number, 0).split for number in range(samples)]
+    for name, weight in weights.items():
+        share = samples * weight / sum(weights.values())
+        assert abs(drawn.count(name) - share) < 1 - 1e-9, name
+    if samples == 10 and len(weights) == 3 and "val" in weights:
+        assert [drawn.count(name) for name in weights] == [7, 1, 2]
+    # In random order, and the same for every sampler.
+    assert drawn == [sampler_with(samples=samples, splits=weights).attempt(n, 0).split for n in range(samples)]
+    if samples == 600 and len(weights) > 1:
+        assert drawn[:300].count(drawn[0]) != drawn[300:].count(drawn[0]) or drawn[:300] != sorted(drawn[:300])
+
+
 def test_refused_draws_are_counted_and_explained(sampler_with: Make) -> None:
     sampler = sampler_with(samples=16, acceptance=[{"kind": "depth", "object": "tile", "max": 100}])
     trial = try_draws(sampler, 16)

@@ -484,7 +484,7 @@ def test_what_a_mesh_refers_to_is_no_pipe(tmp_path: Path) -> None:
     tree = json.loads(file.read_text())
     tree["buffers"][0]["uri"] = "pipe.png"
     file.write_text(json.dumps(tree))
-    with pytest.raises(st.SceneError, match="cannot be read as a mesh"):
+    with pytest.raises(st.SceneError, match=r'"pipe\.png", which cannot be read'):
         make(file, "mesh")
 
 

@@ -71,6 +71,16 @@ def test_what_is_wrong_is_named(override: str, message: str) -> None:
     assert len(caught.value.problems) == 1
 
 
+def test_decimal_commas_are_named() -> None:
+    plain = cube().to_dict()
+    plain["camera"]["focal_length_px"] = "5016,5"
+    plain["objects"][0]["pose"] = {"position_mm": [0, 0, 600, 5]}
+    with pytest.raises(st.SceneError) as caught:
+        st.Scene.from_dict(plain)
+    assert r"camera.focal_length_px: must be a number with a decimal point: 5016.5 (got '5016,5')" in str(caught.value)
+    assert "a decimal comma separates items: write 0.5, not 0,5" in str(caught.value)
+
+
 def test_all_problems_at_once() -> None:
     wrong = ["camera.widht=3", "sensor.noise_std=-1", "objects.0.texture.kind=foo", "frames.count=x"]
     with pytest.raises(st.SceneError) as caught:

@@ -107,6 +107,8 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
         ),
         ("a: @b", "line 1, column 4: .*; quote text that begins with @$"),
         ("a:\n  b: 1\n c: 2", "line 3, column 2: .*; align lines of one block, and check for an unclosed quote"),
+        (r'a: "C:\data\leaf.obj"', r"line 1, column 7: .*; in double quotes, \\ begins a special character: use / in"),
+        ("a: {b: 50,5}", "a key must be text.*; a number has a decimal point, not a comma"),
         ("a: 1\nb: \x1b[31m", "line 2: is not valid YAML: contains a control character"),
         ('a: "\\0"', "a: line 1: holds the character NUL"),
         ("--- 1\n--- 2", "line 2: a second document starts"),

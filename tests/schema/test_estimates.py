@@ -132,3 +132,19 @@ def test_what_does_not_fit_is_told(recording: xr.Dataset, arrays: dict[str, Any]
 def test_everything_wrong_is_told_at_once(recording: xr.Dataset) -> None:
     with pytest.raises(st.RecordingError, match="2 problems"):
         st.make_estimate(recording=recording, depth=np.ones((4, 5)), flow=np.ones((7, *SIZE)))
+
+
+def test_few_pixels_without_a_positive_depth_become_invalid() -> None:
+    recording = st.make_recording(np.zeros((2, 2, *SIZE)), 500.0, 5.0)
+    disparity = np.full(SIZE, 4.0)
+    disparity[0, :10] = [0.0, -1.0] * 5
+    disparity[1, 0] = np.nan
+    known = disparity.size - 1
+    share = f"{100 * 10 / known:.2g}"
+    with pytest.warns(
+        st.EstimateWarning, match=rf"disparity: 10 of {known} finite pixels \({share} %\) are not positive"
+    ):
+        found = st.make_estimate(recording=recording, disparity=disparity, t=0)
+    assert np.isnan(found["depth"].values[0, 0, :10]).all()
+    assert not found["valid"].values[0, 0, :10].any()
+    assert int(np.isfinite(found["disparity"].values).sum()) == known - 10

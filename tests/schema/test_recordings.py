@@ -226,3 +226,84 @@ def test_methods_that_would_use_masked_pixels_refuse() -> None:
     st.estimate(recording.drop_vars("exclusion_mask"), flat)
     flat.needs = Needs(exclusion_mask=True)  # type: ignore[attr-defined]
     st.estimate(recording, flat)
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.uint32, np.int64, np.uint64])
+def test_integers_without_a_full_scale_ask_for_it(dtype: type) -> None:
+    images = np.full((2, 1, 4, 4), 200, dtype=dtype)
+    with pytest.raises(st.RecordingError, match=r"integers of (32|64) bits.*full_scale=.*they reach 200"):
+        st.make_recording(images, 100.0, 5.0)
+    assert image_to_grey(st.make_recording(images, 100.0, 5.0, full_scale=400)).max() == 0.0
+
+
+def numbered(*shape: int) -> np.ndarray:
+    return np.arange(np.prod(shape), dtype=np.float64).reshape(shape) / np.prod(shape)
+
+
+def test_labelled_arrays_are_put_in_order_by_their_names() -> None:
+    images = numbered(2, 3, 4, 5)
+    named = xr.DataArray(images, dims=("s", "t", "y", "x"))
+    for dims in (("x", "t", "y", "s"), ("t", "s", "x", "y")):
+        found = st.make_recording(named.transpose(*dims), 100.0, 5.0)["image"]
+        np.testing.assert_array_equal(found.values, images)
+        np.testing.assert_array_equal(st.make_recording(named.transpose(*dims).variable, 100.0, 5.0)["image"], images)
+    assert st.make_recording(named.isel(t=0), 100.0, 5.0)["image"].shape == (2, 1, 4, 5)
+    colours = xr.DataArray(numbered(3, 2, 3, 4, 5), dims=("channel", "s", "t", "y", "x"))
+    assert st.make_recording(colours, 100.0, 5.0)["image"].shape == (2, 3, 4, 5, 3)
+    with pytest.raises(st.RecordingError, match=r"images: must have the dimensions s, t, y, x, channel"):
+        st.make_recording(named.rename(s="camera"), 100.0, 5.0)
+
+
+def test_memory_maps_and_dask_arrays(tmp_path: Path) -> None:
+    images = numbered(2, 3, 4, 5)
+    np.save(tmp_path / "images.npy", images)
+    mapped = np.load(tmp_path / "images.npy", mmap_mode="r")
+    for copy in (True, False):
+        np.testing.assert_array_equal(st.make_recording(mapped, 100.0, 5.0, copy=copy)["image"], images)
+    dask = pytest.importorskip("dask.array")
+    lazy = dask.from_array(images, chunks=(1, 1, 4, 5))
+    np.testing.assert_array_equal(st.make_recording(lazy, 100.0, 5.0)["image"], images)
+    named = xr.DataArray(lazy, dims=("s", "t", "y", "x")).transpose("x", "y", "t", "s")
+    np.testing.assert_array_equal(st.make_recording(named, 100.0, 5.0)["image"], images)
+
+
+def test_masked_arrays_bring_their_mask() -> None:
+    hidden = any_mask(2, 3, 4, 5)
+    images = np.ma.masked_array(numbered(2, 3, 4, 5), hidden)
+    recording = st.make_recording(images, 100.0, 5.0)
+    np.testing.assert_array_equal(recording["exclusion_mask"].transpose(*"styx"), hidden)
+    more = any_mask(4, 5)[::-1]
+    recording = st.make_recording(images, 100.0, 5.0, exclusion_mask=more)
+    np.testing.assert_array_equal(recording["exclusion_mask"].transpose(*"styx"), hidden | more)
+    colours = np.ma.masked_array(numbered(2, 3, 4, 5, 3), np.repeat(hidden[..., None], 3, axis=-1))
+    np.testing.assert_array_equal(st.make_recording(colours, 100.0, 5.0)["exclusion_mask"], hidden)
+    assert "exclusion_mask" not in st.make_recording(np.ma.masked_array(numbered(2, 3, 4, 5)), 100.0, 5.0)
+
+
+def test_channels_come_last() -> None:
+    with pytest.raises(st.RecordingError, match=r"would have 60 channels; .* np\.moveaxis\(images, 2, -1\)"):
+        st.make_recording(np.zeros((2, 2, 3, 40, 60)), 100.0, 5.0)
+
+
+def test_missing_images_are_named_by_position_and_frame() -> None:
+    image = np.zeros((4, 5))
+    rows: list[list[Any]] = [[image, image, image], [image, None, np.zeros((4, 6))]]
+    expected = r"most have \(4, 5\).* \(s = 1, t = 1\) is missing; \(s = 1, t = 2\) has the shape \(4, 6\)"
+    with pytest.raises(st.RecordingError, match=expected):
+        st.make_recording(rows, 100.0, 5.0)
+    with pytest.raises(st.RecordingError, match="cannot be made into an array"):
+        st.make_recording([[image, image], [image]], 100.0, 5.0)
+    assert st.make_recording([[image, image], [image, image]], 100.0, 5.0)["image"].shape == (2, 2, 4, 5)
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "baseline_mm", "message"),
+    [
+        (12.0, 5.0, r"focal_length_px: 12 px for images of 64 x 48 px is a field of view of 139°; is it in mm\?"),
+        (500.0, 0.005, r"baseline_mm: 0\.005 mm .* is it in m\?"),
+        (500.0, 2e4, r"baseline_mm: 20000 mm .* is it in µm\?"),
+    ],
+)
+def test_unlikely_units_are_asked_for(focal_px: float, baseline_mm: float, message: str) -> None:
+    with pytest.warns(st.SceneWarning, match=message):
+        st.make_recording(np.zeros((2, 2, 48, 64)), focal_px, baseline_mm)

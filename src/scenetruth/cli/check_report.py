@@ -179,7 +179,7 @@ def _print_table(scene: Scene, file: Path, report: SceneReport, faces: Mapping[s
         )
         if item.wavelength_px is not None:
             text += ", texture wavelengths {:.2f} to {:.2f} px".format(*item.wavelength_px)
-        rows[f"object '{item.name}'"] = text
+        rows[f"object '{item.name}'"] = "\n".join([text, *item.content])
     if len(report.objects) > _MOST_OBJECTS:
         rows[f"and {len(report.objects) - _MOST_OBJECTS} more"] = ""
     for name, text in rows.items():

@@ -95,6 +95,22 @@ def _strata(seed: int, key: str, number: int, samples: int) -> NDArray[np.int64]
     return generator_for(seed, "latin_hypercube", key, number).permutation(samples)
 
 
+def divide_exactly(count: int, weights: Sequence[float]) -> list[int]:
+    """Return whole numbers in proportion to weights that sum to a count, by the largest remainder.
+
+    >>> divide_exactly(10, [7, 1, 2])
+    [7, 1, 2]
+    >>> divide_exactly(11, [8, 2])
+    [9, 2]
+    """
+    shares = [count * weight / math.fsum(weights) for weight in weights]
+    found = [math.floor(share + 1e-9) for share in shares]
+    order = sorted(range(len(shares)), key=lambda n: found[n] - shares[n])
+    for n in order[: count - sum(found)]:
+        found[n] += 1
+    return found
+
+
 HELD_OUT = "held_out"
 """Name of the split of held-out values."""
 
@@ -305,12 +321,15 @@ class Sampler:
                 return HELD_OUT
         if not recipe.splits:
             return ""
-        at = generator_for(recipe.seed, "split", draw).random() * math.fsum(recipe.splits.values())
-        for name, share in recipe.splits.items():
-            at -= share
-            if at < 0:
-                return name
-        return next(reversed(recipe.splits))
+        return self._splits[draw]
+
+    @cached_property
+    def _splits(self) -> list[str]:
+        """Split of every draw: exact counts in random order."""
+        recipe = self.recipe
+        counts = divide_exactly(recipe.samples, list(recipe.splits.values()))
+        names = np.repeat(list(recipe.splits), counts)
+        return [str(name) for name in names[generator_for(recipe.seed, "split").permutation(recipe.samples)]]
 
     def _varied(self, problems: list[Problem]) -> Iterator[VariedField]:
         for name, distribution in self.recipe.parameters.items():

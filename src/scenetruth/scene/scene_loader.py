@@ -247,6 +247,10 @@ def _build_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Pr
     return problems
 
 
+def _has_decimal_comma(value: Any) -> bool:
+    return isinstance(value, str) and re.fullmatch(r"\s*[+-]?\d+,\d+\s*", value) is not None
+
+
 _MAX_PROBLEMS = 100  # suggestions take some milliseconds per problem
 
 
@@ -265,6 +269,10 @@ def _build_message(entry: ErrorDetails, path: str) -> str:
                 "must be 'ideal', or a mapping with `kind` gaussian (the default), emva1288 or chain and its fields"
                 + suggest_word(named, "'ideal', 'gaussian', 'emva1288', 'chain'")
             )
+        case "float_parsing" | "int_parsing" | "int_from_float" if _has_decimal_comma(value):
+            return f"must be a number with a decimal point: {str(value).strip().replace(',', '.')}"
+        case "too_long" if isinstance(value, list | tuple) and all(isinstance(each, int | float) for each in value):
+            return f"{message[:1].lower()}{message[1:]}; a decimal comma separates items: write 0.5, not 0,5"
         case "literal_error":
             return message + suggest_word(value, message)
         case "union_tag_invalid":

@@ -107,6 +107,7 @@ class ObjectReport:
     ``disparity_px``: Smallest and largest disparity over all frames, px per step.
     ``wavelength_px``: Shortest and longest texture wavelength in the image at the smallest and largest depth, without
       foreshortening; None for textures without a specified wavelength.
+    ``content``: What was read from the mesh file and its pictures.
     """
 
     name: str
@@ -114,6 +115,7 @@ class ObjectReport:
     depth_mm: tuple[float, float]
     disparity_px: tuple[float, float]
     wavelength_px: tuple[float, float] | None
+    content: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -279,6 +281,7 @@ def _object_reports(
                     (near, far),
                     (float(disparity[0]), float(disparity[1])),
                     _wavelengths_px(item.texture, scene.camera.focal_px, near, far),
+                    body.mesh.file_notes + getattr(body.texture, "notes", ()),
                 )
             )
     return reports, problems

@@ -199,15 +199,22 @@ class VertexAnimation(TimedModel):
         """Read the array, see `VertexModel`."""
         source = folder / self.file
         states = _read_array(source, self.key)
-        order = _node_order(mesh_file, mesh.vertices_mm / unit_mm)
-        nodes = len(mesh.vertices_mm) if order is None else order[1]
+        _refuse_cut(mesh, mesh_file)
+        nodes = len(mesh.vertices_mm)
         if states.ndim != 3 or states.shape[1:] != (nodes, 3) or states.dtype.kind not in "fiu":
             message = f"must hold numbers of shape (frames, {nodes}, 3), for the {nodes} nodes of {mesh_file.name}"
             raise SceneError([Problem("file", message, f"{states.dtype} of shape {states.shape}")])
-        states = np.asarray(states if order is None else states[:, order[0]], dtype=np.float64) * self.unit_mm
+        states = np.asarray(states, dtype=np.float64) * self.unit_mm
         if self.quantity == "displacements":
             states = states + mesh.vertices_mm
         return States(self.times(len(states)), states, "file", source)
+
+
+def _refuse_cut(mesh: TriangleMesh, mesh_file: Path) -> None:
+    """Raise a SceneError for a mesh whose vertices are no longer those of its file."""
+    if mesh.cut:
+        message = "has pictures that cut parts of it out, which cannot be animated by its vertices; use kind: meshes"
+        raise SceneError([Problem("kind", message, str(mesh_file))])
 
 
 def _read_array(file: Path, key: str | None) -> NDArray[Any]:
@@ -261,31 +268,6 @@ def _refuse_many(count: int, file: Path) -> None:
         raise SceneError([Problem("file", f"has {count:,} values; the maximum is {_MOST_NUMBERS:,}", str(file))])
 
 
-def _node_order(file: Path, vertices: Floats) -> tuple[NDArray[np.int64], int] | None:
-    """Return the OBJ node of each vertex (seams split nodes, some are unused) and their count; None if in order."""
-    if file.suffix.lower() != ".obj":
-        return None
-    lines = (line.split() for line in file.read_text(encoding="utf-8", errors="replace").splitlines())
-    try:
-        nodes = np.array([[float(word) for word in line[1:4]] for line in lines if line and line[0] == "v"])
-        if nodes.ndim != 2 or nodes.shape[1:] != (3,) or not np.isfinite(nodes).all():
-            msg = "not three finite numbers each"
-            raise ValueError(msg)
-    except ValueError as error:
-        message = f"{file.name} has unreadable nodes (v): {error}"
-        raise SceneError([Problem("file", message, str(file))]) from error
-    if nodes.shape == vertices.shape and np.allclose(nodes, vertices, rtol=1e-9, atol=0):
-        return None
-    from scipy.spatial import cKDTree
-
-    near = 1e-9 * float(np.abs(nodes).max())
-    distance, found = cKDTree(nodes).query(vertices, k=2)
-    if distance[:, 0].max() > near or distance[:, 1].min() <= near:
-        message = "has coincident nodes and texture seams: the node order is ambiguous"
-        raise SceneError([Problem("file", message, str(file))])
-    return found[:, 0], len(nodes)
-
-
 class Morph(VertexModel):
     """Morph targets of a glTF mesh (.glb, .gltf), driven by its first weight animation."""
 
@@ -296,6 +278,7 @@ class Morph(VertexModel):
 
     def states(self, mesh: TriangleMesh, mesh_file: Path, unit_mm: float, folder: Path, frames: Frames) -> States:
         """Read the morph targets of the mesh file, see `VertexModel`."""
+        _refuse_cut(mesh, mesh_file)
         seconds, states = read_morph_states(mesh_file, mesh.vertices_mm / unit_mm)
         first = float(frames.t[0]) if self.start_frame is None else self.start_frame
         return States(first + seconds / frames.frame_interval_s, states * unit_mm, "kind", mesh_file)

@@ -125,6 +125,8 @@ def _remedy(message: str, text: str, index: int, column: int) -> str:
         return "; indent with spaces, not tabs"
     if "cannot start any token" in message:
         return f"; quote text that begins with {at}" if at.isprintable() else ""
+    if "unknown escape character" in message or "expected escape sequence" in message:
+        return r"; in double quotes, \ begins a special character: use / in paths, or single quotes"
     if "mapping values are not allowed" in message:
         quoted = "quote text that contains a colon"
         # A line without a preceding colon is a key with too much indentation.
@@ -269,7 +271,9 @@ class _Builder:
                     self._anchors[event.anchor] = _Anchored(event.value, 1, 0)
                 return
             means = _READ_AS.get(tag, f"a {tag}")
-            self.refuse(f"a key must be text, but YAML reads it as {means}: quote it", line, event.value)
+            # In a flow mapping, a decimal comma ends the value.
+            comma = "; a number has a decimal point, not a comma" if event.value.isdigit() else ""
+            self.refuse(f"a key must be text, but YAML reads it as {means}: quote it{comma}", line, event.value)
             self._open[-1].key, self._open[-1].skipped = event.value, True
             return
         value, message = self._value(event.value, tag)

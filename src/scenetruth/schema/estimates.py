@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from scenetruth.errors import Problem, RecordingError
+from scenetruth.errors import EstimateWarning, Problem, RecordingError
 from scenetruth.schema.attributes import Intrinsics, estimate_hash, read_intrinsics
 from scenetruth.schema.input_arrays import real_array
 from scenetruth.schema.pixel_grid import compute_pixel_grid
@@ -127,6 +128,7 @@ def make_estimate(
         raise RecordingError(problems, source="arrays of an estimate")
     intrinsics = read_intrinsics(recording)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        _drop_impossible(arrays, intrinsics)
         problems = _sign_problems(arrays, intrinsics)
     shape = (len(frames), *size)
     rate = None if depth_rate is None else _rate(depth_rate, shape, problems)
@@ -211,6 +213,24 @@ def _frames(
         message = f"arrays have {count} frames, the recording {len(recorded)}: specify the frames with t="
         problems.append(Problem("t", message))
     return np.asarray(recorded, dtype=np.int64)
+
+
+def _drop_impossible(arrays: dict[str, Map], intrinsics: Intrinsics) -> None:
+    """Make pixels without a positive depth invalid, with a warning, if they are fewer than half; more are an error."""
+    signs = {"depth": 1.0, "disparity": float(np.sign(intrinsics.baseline_mm))}
+    for name, sign in signs.items():
+        if name not in arrays or sign == 0:
+            continue
+        wrong = arrays[name] * sign <= 0
+        count, known = int(wrong.sum()), int(np.isfinite(arrays[name]).sum())
+        if 0 < count <= _MOST_IMPOSSIBLE * known:
+            arrays[name] = np.where(wrong, np.nan, arrays[name])
+            what = "positive" if sign > 0 else "negative"
+            message = f"{name}: {count} of {known} finite pixels ({100 * count / known:.2g} %) are not {what}: invalid"
+            warnings.warn(message, EstimateWarning, stacklevel=3)
+
+
+_MOST_IMPOSSIBLE = 0.5  # share of pixels without a positive depth that are invalid; more have another sign convention
 
 
 def _sign_problems(arrays: dict[str, Map], intrinsics: Intrinsics) -> list[Problem]:

@@ -18,6 +18,7 @@ __all__ = [
     "copy_array",
     "exclusion_mask_from",
     "exclusion_mask_problems",
+    "images_from",
     "number_from",
     "numbers_from",
     "pair_from",
@@ -47,6 +48,88 @@ def real_array(name: str, values: Any, problems: list[Problem], *, masked_is_nan
         return None
     # Stores support at most 64 bits.
     return raw.astype(np.float64) if raw.dtype.kind == "f" and raw.dtype.itemsize > 8 else raw
+
+
+_IMAGE_DIMS = ("s_y", "s", "t", "y", "x", "channel")
+_MOST_CHANNELS = 16
+
+
+def images_from(
+    images: Any, *, grid: bool, problems: list[Problem]
+) -> tuple[NDArray[Any] | None, NDArray[np.bool_] | None]:
+    """Return images in the order ([s_y, ]s, t, y, x[, channel]) and their mask, or None after appending a problem.
+
+    Labelled arrays are put into this order by the names of their dimensions. Masked arrays have their mask, without
+    channels; arrays of Dask are computed.
+    """
+    if isinstance(images, xr.DataArray | xr.Variable):
+        unknown = [str(dim) for dim in images.dims if dim not in _IMAGE_DIMS]
+        wanted = [dim for dim in _IMAGE_DIMS if dim in images.dims or dim in ("s", "t")]
+        if unknown or not {"y", "x"} <= set(images.dims) or ("s_y" in images.dims and not grid):
+            expected = f"must have the dimensions {', '.join(_IMAGE_DIMS[not grid :])}; channel, s and t may be missing"
+            problems.append(Problem("images", expected, images.dims))
+            return None, None
+        missing = [dim for dim in wanted if dim not in images.dims]
+        images = images.expand_dims(missing) if isinstance(images, xr.DataArray) else images.set_dims(
+            [*missing, *images.dims])  # fmt: skip
+        images = images.transpose(*wanted).data
+    mask = None
+    if np.ma.isMaskedArray(images):
+        mask = np.array(np.ma.getmaskarray(images))
+        images = np.asarray(np.ma.getdata(images))
+    elif not hasattr(images, "shape"):
+        found = _differing_images(images, depth=2 + grid)
+        if found:
+            problems.append(Problem("images", found))
+            return None, None
+    values = real_array("images", images, problems)
+    if values is None:
+        return None, None
+    if values.ndim - grid not in (4, 5) or 0 in values.shape:
+        names = ", ".join(_IMAGE_DIMS[not grid : -1])
+        message = f"must be a non-empty array with the dimensions ({names}) or ({names}, channel)"
+        problems.append(Problem("images", message, values.shape))
+        return None, None
+    if values.ndim - grid == 5 and values.shape[-1] > _MOST_CHANNELS:
+        place = next((n for n in range(values.ndim) if values.shape[n] in (3, 4) and n > grid), None)
+        remedy = "channels come last" if place is None else f"channels come last: use np.moveaxis(images, {place}, -1)"
+        message = f"would have {values.shape[-1]} channels; {remedy}"
+        problems.append(Problem("images", message, values.shape))
+        return None, None
+    if mask is not None:
+        mask = mask.any(axis=-1) if mask.ndim - grid == 5 else mask
+        mask = mask if mask.any() else None
+    return values, mask
+
+
+def _differing_images(images: Any, depth: int) -> str:
+    """Return which images of nested lists are missing or have another shape than most; empty if none."""
+    names = _IMAGE_DIMS[3 - depth : 3]
+    entries: list[tuple[str, Any]] = [("", images)]
+    for name in names:
+        if not all(isinstance(each, list | tuple) for _, each in entries):
+            return ""
+        entries = [(f"{place}{', ' if place else ''}{name} = {n}", own)
+                   for place, each in entries for n, own in enumerate(each)]  # fmt: skip
+    shapes = [() if image is None else np.shape(image) if _is_regular(image) else None for _, image in entries]
+    if len(set(shapes)) <= 1:
+        return ""
+    usual = max(set(shapes) - {(), None}, key=shapes.count, default=())
+    wrong = [f"({place}) " + ("is missing" if not shape else f"has the shape {shape}")
+             for (place, _), shape in zip(entries, shapes, strict=True) if shape != usual]  # fmt: skip
+    listed = "; ".join(wrong[:5]) + (f"; and {len(wrong) - 5} more" if len(wrong) > 5 else "")
+    return (
+        f"must all have the same shape; most have {usual}, and the one at {listed}. Fill missing images with NaN, or "
+        "with zeros and an exclusion_mask that is True"
+    )
+
+
+def _is_regular(image: Any) -> bool:
+    try:
+        np.asarray(image, dtype=np.float64)
+    except (ValueError, TypeError):
+        return False
+    return True
 
 
 def copy_array(values: NDArray[Any]) -> NDArray[Any]:

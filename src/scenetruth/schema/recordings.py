@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from scenetruth.errors import Problem, RecordingError
+from scenetruth.errors import Problem, RecordingError, SceneWarning
 from scenetruth.indexing import centred_indices
 from scenetruth.schema.acquisition import LENS_TOLERANCES, TOLERANCE_NAMES, tolerance_attributes
 from scenetruth.schema.attributes import Intrinsics
@@ -17,6 +19,7 @@ from scenetruth.schema.input_arrays import (
     attributes_from,
     copy_array,
     exclusion_mask_from,
+    images_from,
     number_from,
     numbers_from,
     pair_from,
@@ -54,7 +57,8 @@ def make_recording(
     ----------
     images
         Grey values, shape (s, t, y, x), or colours, shape (s, t, y, x, channel); integers are digital numbers, floats
-        linear radiance. With ``stage_y_mm``, the cameras form a grid, and ``s_y`` precedes ``s``.
+        linear radiance. With ``stage_y_mm``, the cameras form a grid, and ``s_y`` precedes ``s``. A DataArray is put
+        into this order by the names of its dimensions; the mask of a masked array joins ``exclusion_mask``.
     focal_length_px
         f, in pixels.
     baseline_mm
@@ -85,7 +89,8 @@ def make_recording(
         number or two), ``distortion_std`` (as many as there are coefficients); they become attributes of these names.
     full_scale
         Largest value of an image; default: 1 for floats, which must then lie in [-1, 1], and the largest value of the
-        data type for integers. Grey values in [-1, 1] (paper) are ``2 image / full_scale - 1``.
+        data type for integers of 8 or 16 bits; required for others. Grey values in [-1, 1] (paper) are
+        ``2 image / full_scale - 1``.
     exclusion_mask
         Boolean array, True where a pixel must not be used, as in NumPy's masked arrays. Shape (y, x) for all images,
         (s, y, x) for each camera, or (s, t, y, x), where s and t may be 1; in a grid, ``s_y`` precedes ``s``. A
@@ -119,11 +124,8 @@ def make_recording(
     [31.5, 15.5]
     """
     problems: list[Problem] = []
-    values, grid = real_array("images", images, problems), stage_y_mm is not None
-    if values is not None and (values.ndim - grid not in (4, 5) or 0 in values.shape):
-        names = "s_y, s, t, y, x" if grid else "s, t, y, x"
-        message = f"must be a non-empty array with the dimensions ({names}) or ({names}, channel)"
-        problems.append(Problem("images", message, values.shape))
+    grid = stage_y_mm is not None
+    values, hidden = images_from(images, grid=grid, problems=problems)
     focal = number_from("focal_length_px", focal_length_px, problems, positive=True)
     baseline = number_from("baseline_mm", baseline_mm, problems)
     interval = number_from("frame_interval_s", frame_interval_s, problems, positive=True)
@@ -139,6 +141,12 @@ def make_recording(
     if scale is None and values.dtype.kind == "f" and (largest := _largest(values)) > 1:
         message = f"floats reach {largest:.6g}, outside [-1, 1]: specify full_scale="
         problems.append(Problem("images", message))
+    if scale is None and values.dtype.kind in "iu" and values.dtype.itemsize > _ASKED_BYTES:
+        message = (
+            f"are integers of {8 * values.dtype.itemsize} bits, whose largest value is not that of a camera: specify "
+            f"full_scale= (255 for 8 bits, 4095 for 12, 65535 for 16), or convert them; they reach {values.max():,}"
+        )
+        problems.append(Problem("images", message))
     positions = None if stage_x_mm is None else numbers_from("stage_x_mm", stage_x_mm, count_s, "cameras", problems)
     rows = None if stage_y_mm is None else numbers_from("stage_y_mm", stage_y_mm, len(values), "rows", problems)
     times = None
@@ -150,8 +158,12 @@ def make_recording(
         if exclusion_mask is None
         else exclusion_mask_from(exclusion_mask, dict(zip(dims, values.shape, strict=False)), problems)
     )
+    if hidden is not None:
+        every = exclusion_mask_from(hidden, dict(zip(dims, values.shape, strict=False)), problems)
+        masked = every if masked is None or every is None else _either(masked, every)
     if problems:
         raise RecordingError(problems, source="images of a recording")
+    warn_of_units(focal, baseline, width, height)
     if scale is None:
         scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
     dataset = label(
@@ -169,6 +181,33 @@ def make_recording(
         dataset["exclusion_mask"] = masked
     check_dataset(dataset, "recording")
     return dataset
+
+
+_ASKED_BYTES = 2  # integers with more bytes have no full scale that could be meant
+_WIDEST_DEG = 120.0  # field of view beyond which a focal length is likely to be in mm
+_LONGEST_MM, _SHORTEST_MM = 5_000.0, 0.1  # baselines outside of which another unit is likely
+
+
+def warn_of_units(focal_px: float, baseline_mm: float, width: int, height: int) -> None:
+    """Warn of a focal length or a baseline that is likely to be in another unit."""
+    side = max(width, height)
+    angle = math.degrees(2 * math.atan(side / 2 / focal_px))
+    if angle > _WIDEST_DEG and side > 1:
+        message = (
+            f"focal_length_px: {focal_px:g} px for images of {width} x {height} px is a field of view of {angle:.0f}°; "
+            "is it in mm? In px, it is the focal length divided by the distance of the pixels on the sensor"
+        )
+        warnings.warn(message, SceneWarning, stacklevel=3)
+    if baseline_mm and not _SHORTEST_MM <= abs(baseline_mm) <= _LONGEST_MM:
+        unit = "µm" if abs(baseline_mm) > _LONGEST_MM else "m"
+        message = f"baseline_mm: {baseline_mm:g} mm between two positions of a camera is unusual; is it in {unit}?"
+        warnings.warn(message, SceneWarning, stacklevel=3)
+
+
+def _either(one: xr.Variable, other: xr.Variable) -> xr.Variable:
+    """Return where any of two masks is True."""
+    both = one | other
+    return xr.Variable(other.dims, both.transpose(*other.dims).values, other.attrs)
 
 
 _RESERVED = frozenset(

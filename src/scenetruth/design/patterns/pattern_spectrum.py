@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,8 @@ from scenetruth.compilation import thread_count
 from scenetruth.design.patterns.pattern_rig import PatternRig, compute_contrast_transfer
 from scenetruth.design.prediction.camera_response import compute_derivative_response
 from scenetruth.errors import ArgumentError, Problem, SceneError
-from scenetruth.scene.texture.image_textures import compute_luminance, read_image_header
+from scenetruth.scene.picture_file import DecodedPicture, PictureFileError, as_picture, decode_picture
+from scenetruth.scene.texture.image_textures import read_image_header
 
 __all__ = [
     "PatternSpectrum",
@@ -38,15 +38,19 @@ def load_grey_values(picture: str | Path | NDArray[Any], encoding: str) -> Array
     """Return the linear grey values of a photograph, from 0 to 1; of the centre if it is large."""
     if encoding not in ("linear", "srgb"):
         raise ArgumentError([Problem("encoding", "must be linear or srgb", encoding)], source="a pattern")
-    image = _read(Path(picture)) if isinstance(picture, str | Path) else np.asarray(picture)
-    text = str(picture) if isinstance(picture, str | Path) else f"shape {image.shape}, {image.dtype}"
-    if image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
-        raise ArgumentError([Problem("picture", "must be a single grey or colour picture", text)], source="a pattern")
-    if image.dtype.kind not in "uifb" or not np.isfinite(image).all():
-        raise ArgumentError([Problem("picture", "must contain finite numbers", text)], source="a pattern")
-    slices = tuple(slice(max((side - _MOST_SIDE) // 2, 0), None) for side in image.shape[:2])
-    image = image[slices][:_MOST_SIDE, :_MOST_SIDE]
-    return compute_luminance(image, encoding).astype(np.float64)
+    if isinstance(picture, str | Path):
+        made = _read(Path(picture))
+    else:
+        image, text = np.asarray(picture), f"shape {np.shape(picture)}, {np.asarray(picture).dtype}"
+        if image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
+            problem = Problem("picture", "must be a single grey or colour picture", text)
+            raise ArgumentError([problem], source="a pattern")
+        if image.dtype.kind not in "uifb" or not np.isfinite(image).all():
+            raise ArgumentError([Problem("picture", "must contain finite numbers", text)], source="a pattern")
+        made = as_picture(image)
+    slices = tuple(slice(max((side - _MOST_SIDE) // 2, 0), None) for side in made.values.shape[:2])
+    made = replace(made, values=made.values[slices][:_MOST_SIDE, :_MOST_SIDE])
+    return np.clip(made.radiances(encoding), 0, 1).astype(np.float64)
 
 
 def remove_shading(grey: Array) -> Array:
@@ -60,25 +64,15 @@ def remove_shading(grey: Array) -> Array:
     return np.asarray(grey / surface * mean) if mean > 0 else grey
 
 
-def _read(file: Path) -> NDArray[Any]:
-    import imageio.v3 as imageio
-
+def _read(file: Path) -> DecodedPicture:
     try:
         read_image_header(file)
+        return decode_picture(file.read_bytes())
     except SceneError as error:
-        raise ArgumentError(
-            [Problem("picture", problem.message, str(file)) for problem in error.problems], source="a pattern"
-        ) from error
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            image = np.asarray(imageio.imread(file.read_bytes(), extension=file.suffix))
-    except Exception as error:  # imageio plugins raise various exceptions
-        text = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ArgumentError(
-            [Problem("picture", f"cannot be read as an image: {text}", str(file))], source="a pattern"
-        ) from error
-    return image[0] if image.ndim > 2 and image.shape[0] == 1 else image
+        problems = [Problem("picture", problem.message, str(file)) for problem in error.problems]
+        raise ArgumentError(problems, source="a pattern") from error
+    except (OSError, PictureFileError) as error:
+        raise ArgumentError([Problem("picture", str(error), str(file))], source="a pattern") from error
 
 
 NYQUIST = 0.5

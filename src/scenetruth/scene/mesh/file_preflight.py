@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import regular_file_size
@@ -16,7 +15,6 @@ __all__ = [
     "MAX_TEXELS",
     "check_file_size",
     "count_elements",
-    "make_checked_resolver",
     "read_checked_bytes",
     "refuse_mesh_file",
 ]
@@ -122,17 +120,6 @@ def read_checked_bytes(file: Path) -> bytes:
         msg = f"{file.name} has more than {MAX_FILE_BYTES:,} bytes"
         raise ValueError(msg)
     return file.read_bytes()
-
-
-def make_checked_resolver(file: Path) -> Any:
-    """Return a trimesh resolver restricted to regular files of limited size."""
-    import trimesh.resolvers
-
-    class Resolver(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
-        def get(self, name: str) -> bytes:
-            return read_checked_bytes(Path(self.parent) / name.strip())
-
-    return Resolver(str(file))
 
 
 def _counts_of_gltf(file: Path) -> list[int]:

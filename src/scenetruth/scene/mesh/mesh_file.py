@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,13 +12,10 @@ from pydantic import Field
 
 from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import InputFile
-from scenetruth.scene.mesh.file_preflight import (
-    MAX_ELEMENTS,
-    MAX_TEXELS,
-    count_elements,
-    make_checked_resolver,
-    refuse_mesh_file,
-)
+from scenetruth.scene.mesh.appearance import MeshAppearance
+from scenetruth.scene.mesh.cutouts import weld
+from scenetruth.scene.mesh.file_preflight import count_elements, refuse_mesh_file
+from scenetruth.scene.mesh.gltf_file import read_gltf
 from scenetruth.scene.mesh.mesh_model import (
     CREASE_DEG,
     MeshModel,
@@ -26,6 +24,11 @@ from scenetruth.scene.mesh.mesh_model import (
     find_shared_sides,
     index_positions,
 )
+from scenetruth.scene.mesh.obj_file import read_obj
+from scenetruth.scene.mesh.ply_file import read_ply
+from scenetruth.scene.mesh.polygon_mesh import MeshFileError, PolygonMesh, Triangulation, triangulate
+from scenetruth.scene.mesh.stl_off_files import read_off, read_stl
+from scenetruth.scene.mesh.topology_repair import describe_content, repair_topology
 from scenetruth.validated_model import Positive
 
 __all__ = ["FileMesh", "load_mesh_file"]
@@ -92,90 +95,100 @@ class FileMesh(MeshModel):
         return load_mesh_file(folder / self.file, self.unit_mm, self.crease_deg)
 
 
-def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
-    """Load a mesh file with trimesh; the unit of the file is ``unit_mm``."""
-    import trimesh
+_READERS: dict[str, Callable[[Path], PolygonMesh]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".off": read_off,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+}
 
+
+def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
+    """Load the polygons of a mesh file as triangles; the unit of the file is ``unit_mm``."""
     refuse_mesh_file(file)
     try:
-        parts = trimesh.load_scene(file, process=False, resolver=make_checked_resolver(file))
-        # Before the parts are merged, which discards normals.
-        normals = None if crease_deg is not None else _vertex_normals(parts)
-        loaded = parts.to_mesh()
-    except Exception as error:  # trimesh raises various exceptions
+        mesh = _READERS[file.suffix.lower()](file)
+        finite = np.isfinite(mesh.vertices).all(axis=1)
+        if not finite.all():
+            msg = f"has {np.count_nonzero(~finite)} vertices that are not finite"
+            raise MeshFileError(msg)
+        made = triangulate(mesh)
+        if not len(made.corners):
+            msg = "has only faces of zero area"
+            raise MeshFileError(msg)
+        return _as_triangles(mesh, made, file, unit_mm, crease_deg)
+    except MeshFileError as error:
+        raise SceneError([Problem("file", str(error), str(file))]) from error
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
+        # Arbitrary bytes and JSON raise various exceptions.
         message = f"cannot be read as a mesh: {' '.join(str(error).split())[:200] or type(error).__name__}"
         raise SceneError([Problem("file", message, str(file))]) from error
-    faces = np.asarray(getattr(loaded, "faces", ()), dtype=np.int64)
-    if faces.ndim != 2 or len(faces) == 0:
-        raise SceneError([Problem("file", "has no faces", str(file))])
-    if max(len(faces), len(loaded.vertices)) > MAX_ELEMENTS:
-        message = f"has {len(loaded.vertices):,} vertices and {len(faces):,} faces; the maximum is {MAX_ELEMENTS:,}"
-        raise SceneError([Problem("file", message, str(file))])
-    vertices = np.asarray(loaded.vertices, dtype=np.float64) * unit_mm
-    if not np.all(np.isfinite(vertices)):
-        count = int(np.sum(~np.isfinite(vertices).all(axis=1)))
-        raise SceneError([Problem("file", f"has {count} vertices that are not finite", str(file))])
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise SceneError([Problem("file", "has faces with invalid vertex indices", str(file))])
-    used = np.unique(faces)
-    areas = np.linalg.norm(_face_normals(vertices, faces), axis=1)
-    # Degenerate faces of zero area are dropped, which does not change the shape.
-    faces = faces[areas > 1e-14 * max(float(areas.max()), 1e-300)].astype(np.int32)
-    if len(faces) == 0:
-        raise SceneError([Problem("file", "has only faces of zero area", str(file))])
-    try:
-        uv, image, colours = _appearance(loaded, faces)
-    except Exception as error:  # damaged images raise various exceptions
-        message = f"has an unreadable texture image or vertex colours: {' '.join(str(error).split())[:200]}"
-        raise SceneError([Problem("file", message, str(file))]) from error
-    corner_normals = None if normals is None else normals[faces]
-    nodes = None
-    if len(used) < len(vertices):
-        # Unused vertices are invisible and matter only for arrays of nodes.
-        nodes, vertices, faces = vertices, vertices[used], np.searchsorted(used, faces).astype(np.int32)
-        colours = None if colours is None else colours[used]
-    if corner_normals is not None:
-        crease: float | NDArray[np.float64] = compute_crease_angles(vertices, faces, corner_normals)
+
+
+def _as_triangles(
+    mesh: PolygonMesh, made: Triangulation, file: Path, unit_mm: float, crease_deg: float | None
+) -> TriangleMesh:
+    """Return the triangles of polygons, oriented consistently, without those that stand twice or are cut out."""
+    topology = repair_topology(mesh.vertices, mesh.corners[made.corners])
+    corners, owner = made.corners[topology.kept], made.polygon[topology.kept]
+    corners[topology.turned] = corners[topology.turned][:, ::-1]
+    of_file, points = mesh.corners[corners], mesh.vertices * unit_mm
+    notes = describe_content(mesh, made, topology)
+    appearance = MeshAppearance(
+        None if mesh.colours is None else mesh.colours[corners],
+        None if mesh.uv is None else mesh.uv[corners],
+        mesh.materials,
+        mesh.material_of[owner],
+        True if file.suffix.lower() in (".glb", ".gltf") else None,
+    )
+    normals = None if crease_deg is not None or mesh.normals is None else mesh.normals[corners]
+    # Unused vertices are invisible and matter only for arrays of nodes.
+    used = np.unique(of_file)
+    nodes = points if len(used) < len(points) else None
+    vertices, faces = points[used], np.searchsorted(used, of_file)
+    cut = appearance.cut()
+    if cut is not None:
+        if not len(cut.source):
+            msg = "has no surface left: its pictures are transparent everywhere"
+            raise MeshFileError(msg)
+        welded = weld(faces, cut)
+        vertices = np.einsum("nc,nci->ni", welded.weights, vertices[faces[welded.source]])
+        faces, nodes, appearance = welded.triangles, None, appearance.on_pieces(cut)
+        normals = None if normals is None else np.einsum("tkc,tcj->tkj", cut.weights, normals[cut.source])
+        notes += (f"{cut.cut:,} triangles cut along the outline of their picture's opacity, {cut.removed:,} removed",)
+    faces = faces.astype(np.int32)
+    if normals is not None:
+        normals = _unit(normals)
+        crease: float | NDArray[np.float64] = compute_crease_angles(vertices, faces, normals)
     else:
         crease = CREASE_DEG if crease_deg is None else crease_deg
+    uv = appearance.uv
     return TriangleMesh(
         vertices,
         faces,
         _box_projection(vertices, faces),
-        uv,
+        # v increases upwards in mesh files, image rows increase downwards.
+        None if uv is None or not np.isfinite(uv).all() else uv * (1, -1) + (0, 1),
         True,
-        image,
-        colours,
-        crease,
+        crease_deg=crease,
         smooth=True,
-        corner_normals=corner_normals,
+        corner_normals=normals,
         nodes_mm=nodes,
         vertex_nodes=None if nodes is None else used,
+        appearance=appearance if appearance.has_colours else None,
+        file_notes=notes,
+        cut=cut is not None,
     )
 
 
-def _vertex_normals(parts: Any) -> NDArray[np.float64] | None:
-    """Return the unit vertex normals of a file, shape (n, 3), NaN where missing or invalid; None if there are none."""
-    import trimesh
-
-    found, brought = [], False
-    for node in parts.graph.nodes_geometry:
-        to_world, name = parts.graph[node]
-        part = parts.geometry[name]
-        if not isinstance(part, trimesh.Trimesh):
-            continue
-        # Value set by the loader; the public property would compute missing normals.
-        own = part._cache.cache.get("vertex_normals")
-        brought |= own is not None
-        normals = np.full((len(part.vertices), 3), np.nan) if own is None else np.asarray(own, dtype=np.float64)
-        linear = np.asarray(to_world, dtype=np.float64)[:3, :3]
-        # Normals transform by the cofactor matrix of the point transform.
-        normals = normals @ np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]]).T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        normals[~np.isfinite(normals).all(axis=1)] = np.nan
-        found.append(normals)
-    return np.concatenate(found) if brought else None
+def _unit(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unit normals, NaN where they are missing or of no length."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals[~np.isfinite(normals).all(axis=-1)] = np.nan
+    return normals
 
 
 def _face_normals(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
@@ -199,26 +212,3 @@ def _box_projection(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> 
     chart[..., 0] += (axis * cell[0])[:, None]
     chart[..., 1] += (sign * cell[1])[:, None]
     return chart
-
-
-def _appearance(
-    loaded: Any, faces: NDArray[np.int32]
-) -> tuple[NDArray[np.float64] | None, NDArray[Any] | None, NDArray[np.uint8] | None]:
-    visual = loaded.visual
-    if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
-        # v increases upwards in mesh files, image rows increase downwards.
-        uv = np.asarray(visual.uv, dtype=np.float64) * (1, -1) + (0, 1)
-        material = visual.material
-        picture = getattr(material, "baseColorTexture", None)
-        if picture is None:
-            picture = getattr(material, "image", None)
-        if not np.isfinite(uv).all():
-            msg = "texture coordinates that are not finite"
-            raise ValueError(msg)
-        if picture is not None and picture.size[0] * picture.size[1] > MAX_TEXELS:
-            msg = f"{picture.size[0]} x {picture.size[1]} pixels, more than {MAX_TEXELS:,}"
-            raise ValueError(msg)
-        return uv[faces], None if picture is None else np.asarray(picture.convert("RGB")), None
-    if getattr(visual, "kind", None) == "vertex":
-        return None, None, np.asarray(visual.vertex_colors, dtype=np.uint8)[:, :3]
-    return None, None, None

@@ -6,12 +6,13 @@ from abc import abstractmethod
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationInfo
 
+from scenetruth.scene.mesh.appearance import MeshAppearance
 from scenetruth.scene.motion import PointMap
 from scenetruth.validated_model import FrozenModel
 
@@ -53,7 +54,9 @@ class TriangleMesh:
     ``uv``: Image-texture coordinates, shape (m, 3, 2): (0, 0) is the upper left, (1, 1) the lower right image corner.
       None if not available.
     ``tiled``: Whether ``uv`` outside [0, 1] repeats the image (files) or extends its border (generated meshes).
-    ``image``, ``vertex_colours``: Embedded image, uint8 or float, (h, w[, c]); embedded colours, uint8, shape (n, 3).
+    ``appearance``: Colours of a file; None if it has none.
+    ``file_notes``: What was read from a file, for people.
+    ``cut``: Whether pictures cut parts of the surface out, so that vertices are not those of the file.
     ``crease_deg``: Angle between faces above which their edge is sharp; other edges are smooth. One angle for all, or
       one for each face side, shape (m, 3), where side k runs from corner k to corner k + 1 and the smaller angle of the
       two faces counts. 0: always sharp.
@@ -73,8 +76,6 @@ class TriangleMesh:
     chart_mm: NDArray[np.float64]
     uv: NDArray[np.float64] | None = None
     tiled: bool = False
-    image: NDArray[Any] | None = None
-    vertex_colours: NDArray[np.uint8] | None = None
     crease_deg: float | NDArray[np.float64] = 1.0
     material_mm: NDArray[np.float64] | None = None
     shape: PointMap | None = None
@@ -85,16 +86,17 @@ class TriangleMesh:
     corner_normals: NDArray[np.float64] | None = None
     nodes_mm: NDArray[np.float64] | None = None
     vertex_nodes: NDArray[np.int64] | None = None
+    appearance: MeshAppearance | None = None
+    file_notes: tuple[str, ...] = ()
+    cut: bool = False
 
     @property
     def with_all_nodes(self) -> TriangleMesh:
-        """Mesh including the unused vertices of its file, without colours."""
+        """Mesh including the unused vertices of its file."""
         if self.nodes_mm is None or self.vertex_nodes is None:
             return self
         faces = self.vertex_nodes[self.faces].astype(np.int32)
-        return replace(
-            self, vertices_mm=self.nodes_mm, faces=faces, vertex_colours=None, nodes_mm=None, vertex_nodes=None
-        )
+        return replace(self, vertices_mm=self.nodes_mm, faces=faces, nodes_mm=None, vertex_nodes=None)
 
 
 class MeshModel(FrozenModel):

@@ -5,12 +5,13 @@ from scenetruth.scene.texture.band_limited_noise import (
     contains_wavelength,
     make_band_limited_noise,
 )
-from scenetruth.scene.texture.image_textures import MAX_PIXELS, EmbeddedTexture, compute_luminance
+from scenetruth.scene.texture.image_textures import MAX_PIXELS, EmbeddedTexture, Picture, compute_luminance
 from scenetruth.scene.texture.procedural_textures import CheckerboardTexture, NoiseTexture, PlaidTexture, UniformTexture
 from scenetruth.scene.texture.texture_model import Painted, SurfaceTexture, TextureModel
 
 __all__ = [
-    "MAX_PIXELS", "CheckerboardTexture", "EmbeddedTexture", "NoiseTexture", "Painted", "PlaidTexture", "SurfaceTexture",
-    "TextureModel", "UniformTexture", "compute_luminance", "compute_noise_shape", "contains_wavelength",
+    "MAX_PIXELS", "CheckerboardTexture", "EmbeddedTexture", "NoiseTexture", "Painted", "Picture", "PlaidTexture",
+    "SurfaceTexture", "TextureModel", "UniformTexture", "compute_luminance", "compute_noise_shape",
+    "contains_wavelength",
     "make_band_limited_noise",
 ]  # fmt: skip

@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import InputFile
 from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.mesh.appearance import MeshAppearance
 from scenetruth.scene.mesh.file_preflight import MAX_FILE_BYTES, check_file_size
+from scenetruth.scene.mesh.polygon_mesh import MeshFileError
+from scenetruth.scene.picture_file import DecodedPicture, PictureFileError, as_picture, decode_picture
 from scenetruth.scene.texture.texture_model import UV, Floats, Painted, TextureModel
 
 __all__ = ["MAX_PIXELS", "EmbeddedTexture", "ImageTexture", "Picture", "compute_luminance", "read_image_header"]
@@ -35,14 +38,33 @@ class ImageTexture(TextureModel):
     """Path of the image; relative paths refer to the directory of the scene file. Colours are converted to luminance.
     """
     encoding: Literal["linear", "srgb"] = "linear"
-    """Encoding of the grey values: proportional to radiance, or sRGB."""
+    """Encoding of the grey values: proportional to radiance, or sRGB. Without it, they are proportional to radiance,
+    and a file that says it is sRGB is refused."""
+
+    @property
+    def stated_encoding(self) -> str | None:
+        """The encoding if it is stated, else None."""
+        return self.encoding if "encoding" in self.model_fields_set else None
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
         """Create the texture, see `TextureModel`."""
         self._lay_on(mesh)
         assert mesh.uv is not None
-        values = compute_luminance(_read_image(folder / self.file), self.encoding)
-        return Painted(Picture(values, mesh.tiled), mesh.uv, mesh.uv_back)
+        decoded = self._decode(folder)
+        try:
+            values = decoded.radiances(self.stated_encoding)
+        except PictureFileError as error:
+            raise SceneError([Problem("file", str(error), str(folder / self.file))]) from error
+        note = f"{Path(self.file).name}: {decoded.describe()}"
+        return Painted(Picture(values, mesh.tiled, notes=(note,)), mesh.uv, mesh.uv_back)
+
+    def _decode(self, folder: Path) -> DecodedPicture:
+        file = folder / self.file
+        read_image_header(file)
+        try:
+            return decode_picture(file.read_bytes(), most_pixels=MAX_PIXELS)
+        except (OSError, PictureFileError) as error:
+            raise SceneError([Problem("file", str(error), str(file))]) from error
 
     def _lay_on(self, mesh: TriangleMesh) -> None:
         if mesh.uv is None:
@@ -63,6 +85,8 @@ class Picture:
     values: NDArray[np.float32]
     tiled: bool
     cubic: bool = False
+    notes: tuple[str, ...] = ()
+    """What was read from the files, for people."""
 
     def radiance(self, uv: UV) -> NDArray[np.float32]:
         """Return the radiance at texture coordinates of shape (n, 2)."""
@@ -105,29 +129,6 @@ def _unreadable(file: Path, error: Exception) -> SceneError:
     return SceneError([Problem("file", f"cannot be read as an image: {text}", str(file))])
 
 
-def _read_image(file: Path) -> NDArray[Any]:
-    import imageio.v3 as imageio
-
-    _, height, _ = read_image_header(file)
-    try:
-        # From memory, because imageio leaves unreadable files open.
-        content = file.read_bytes()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            image = np.asarray(imageio.imread(content, extension=file.suffix))
-        # Multi-page formats have an additional dimension.
-        image = image[0] if image.shape[:2] == (1, height) and height > 1 else image
-    except Exception as error:  # imageio plugins raise various exceptions
-        raise _unreadable(file, error) from error
-    if image.ndim not in (2, 3) or 0 in image.shape or (image.ndim == 3 and image.shape[2] > 4):
-        raise SceneError([Problem("file", _ONE_PICTURE, f"shape {image.shape}")])
-    if image.dtype.kind not in "uifb":
-        raise SceneError([Problem("file", "must hold real numbers", str(image.dtype))])
-    if not np.isfinite(image).all():
-        raise SceneError([Problem("file", "holds values that are not finite", str(file))])
-    return image
-
-
 def _size_in_header(file: Path) -> tuple[int, int, int]:
     """Return width, height and number of pages of an image file."""
     with file.open("rb") as content:
@@ -147,58 +148,46 @@ def _size_in_header(file: Path) -> tuple[int, int, int]:
 
 def compute_luminance(image: NDArray[Any], encoding: str) -> NDArray[np.float32]:
     """Return the luminance (Rec. 709 primaries) of an image in [0, 1], linear in radiance."""
-    out = np.empty(image.shape[:2], dtype=np.float32)
-    # In blocks, to limit the memory of float64 intermediates.
-    rows = max(_PART_OF_TEXELS // max(image.shape[1], 1), 1)
-    for first in range(0, len(image), rows):
-        out[first : first + rows] = _luminance_of_rows(image[first : first + rows], encoding)
-    return out
-
-
-def _luminance_of_rows(image: NDArray[Any], encoding: str) -> NDArray[np.float32]:
-    values = image.astype(np.float64)
-    if np.issubdtype(image.dtype, np.integer):
-        values /= np.iinfo(image.dtype).max
-    elif image.dtype == np.bool_:
-        encoding = "linear"
-    if encoding == "srgb":
-        values = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
-    if values.ndim == 3 and values.shape[2] >= 3:
-        values = values[..., :3] @ np.array([0.2126, 0.7152, 0.0722])
-    elif values.ndim == 3:
-        values = values[..., 0]
-    return np.clip(values, 0, 1).astype(np.float32)
+    return np.clip(as_picture(image).radiances(encoding), 0, 1)
 
 
 _RAMP = 256  # a linear ramp of 256 texels represents any radiance in [0, 1] as a texture coordinate
 
 
 class EmbeddedTexture(TextureModel):
-    """Texture image or vertex colours embedded in a mesh file."""
+    """Materials, texture images or colours of a mesh file."""
 
     kind: Literal["embedded"]
-    """``own``."""
+    """``embedded``."""
     encoding: Literal["linear", "srgb"] = "linear"
-    """Encoding of the grey values: proportional to radiance, or sRGB."""
+    """Encoding of images and of colours: proportional to radiance, or sRGB. Without it, glTF is read as it defines
+    (images sRGB, colours linear), and other formats are linear, unless an image says that it is sRGB, which is refused.
+    """
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
         """Create the texture, see `TextureModel`."""
-        if mesh.image is not None and mesh.uv is not None:
-            return Painted(Picture(compute_luminance(mesh.image, self.encoding), mesh.tiled), mesh.uv)
-        if mesh.vertex_colours is not None:
-            values = compute_luminance(mesh.vertex_colours[None], self.encoding)[0].astype(np.float64)
-            u = (values * (_RAMP - 1) + 0.5) / _RAMP
-            corners = u[mesh.faces]
-            return Painted(_Ramp(), np.stack([corners, np.full_like(corners, 0.5)], axis=-1))
-        raise self._nothing()
+        appearance = self._appearance(mesh)
+        stated = self.encoding if "encoding" in self.model_fields_set else None
+        try:
+            if appearance.has_pictures:
+                laid = appearance.lay(stated)
+                return Painted(Picture(laid.values, laid.tiled, notes=tuple(appearance.describe())), laid.uv)
+            u = (appearance.radiances(stated) * (_RAMP - 1) + 0.5) / _RAMP
+        except MeshFileError as error:
+            raise SceneError([Problem("kind", str(error), "embedded")]) from error
+        return Painted(_Ramp(), np.stack([u, np.full_like(u, 0.5)], axis=-1))
 
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
         """Return the raster size, see `TextureModel`."""
-        if mesh.image is not None and mesh.uv is not None:
-            return mesh.image.shape[0], mesh.image.shape[1]
-        if mesh.vertex_colours is None:
+        try:
+            return self._appearance(mesh).shape()
+        except MeshFileError as error:
+            raise SceneError([Problem("kind", str(error), "embedded")]) from error
+
+    def _appearance(self, mesh: TriangleMesh) -> MeshAppearance:
+        if mesh.appearance is None:
             raise self._nothing()
-        return 2, _RAMP
+        return mesh.appearance
 
     def _nothing(self) -> SceneError:
         return SceneError(
