@@ -1,4 +1,4 @@
-"""Checksums of what a data set states: records that carry their own, and lists of SHA-256 beside files."""
+"""Checksums of what a data set states: records that contain their own, and lists of the SHA-256 of files."""
 
 from __future__ import annotations
 

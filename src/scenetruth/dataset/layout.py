@@ -123,7 +123,7 @@ class DatasetFolder:
 
     @property
     def checksums(self) -> dict[Path, tuple[Path, ...]]:
-        """The lists of checksums, and the files of each; lists of parts and of scores lie beside these."""
+        """The lists of checksums, and the files of each, without those of parts and scores."""
         return {
             list_path(self.identity): (self.recipe, self.identity),
             list_path(self.catalogue): (self.catalogue,),
