@@ -189,7 +189,7 @@ def estimate(
 
 
 def catalogue(dataset: options.DatasetPath) -> None:
-    """Rebuild the catalogue of a data set from its samples, if the catalogue is damaged or missing."""
+    """Rebuild the catalogue of a data set from its samples."""
     from scenetruth.cli.console import reporting
     from scenetruth.dataset.verification import rebuild_catalogue
 

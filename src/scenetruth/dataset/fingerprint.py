@@ -6,7 +6,7 @@ import copy
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +111,8 @@ def _list_tables(sampler: Sampler) -> list[Path]:
     return [path for where, path in collect_input_files(sampler.recipe) if not where.startswith("base.")]
 
 
-def _list_drawn_files(sampler: Sampler) -> list[Path]:
+@lru_cache(maxsize=4)
+def _list_drawn_files(sampler: Sampler) -> tuple[Path, ...]:
     """Return the files that values of distributions and paired factors name, in scenes with these values."""
     found: set[Path] = set()
     tried = [(places, value) for _, places, value in sampler.ladders]
@@ -129,7 +130,7 @@ def _list_drawn_files(sampler: Sampler) -> list[Path]:
             except (PathError, SceneError):
                 # Values that give no scene with this base are reported by the validation of the recipe.
                 continue
-    return sorted(found)
+    return tuple(sorted(found))
 
 
 def _trial_values(sampler: Sampler, item: VariedField) -> list[Any]:
