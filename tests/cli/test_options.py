@@ -31,6 +31,7 @@ ARGUMENTS = {
     "dataset run": "recipe output overrides partition retries threads scheduler max_tasks_per_worker extend limits "
     "workers",
     "dataset estimate": "dataset method settings retries threads scheduler workers",
+    "dataset catalogue": "dataset",
     "dataset card": "dataset version date url overwrite",
     "design predict": "scene method model settings overrides limits output overwrite",
     "design budget": "scene method calibration simulated_share overrides region seeds limits output workers scheduler",
@@ -137,7 +138,7 @@ def test_the_commands_are_those_of_the_reference() -> None:
 
 
 GROUPS = {
-    "dataset": {"check", "preview", "run", "sample", "status", "estimate", "card"},
+    "dataset": {"check", "preview", "run", "sample", "status", "estimate", "catalogue", "card"},
     "design": {"predict", "budget", "sweep", "optimise", "pattern"},
     "validation": {"paper-figure2", "emva1288", "rendering"},
 }

@@ -10,8 +10,9 @@ import pytest
 
 import scenetruth as st
 from scenetruth.dataset.dataset_estimation import estimate_dataset
-from scenetruth.dataset.generation import run_dataset, verify_dataset
+from scenetruth.dataset.generation import run_dataset
 from scenetruth.dataset.recipe_loader import Recipe
+from scenetruth.dataset.verification import verify_dataset
 from scenetruth.errors import EstimateError
 from tests.helpers.small_recipes import RECIPE, SCENE
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import scenetruth as st
-from scenetruth.dataset.generation import read_status, run_dataset, verify_dataset
+from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.reading import Sample, SceneDataset
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.samples import Partition
+from scenetruth.dataset.verification import verify_dataset
 from tests.helpers.small_recipes import RECIPE
 
 DEPTH = "objects.1.pose.position_mm.2"

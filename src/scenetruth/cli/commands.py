@@ -247,11 +247,11 @@ def verify(
         with reporting() as reporter:
             results = [(str(each.path), each.problem) for each in verify_run(path, progress=reporter)]
     else:
-        from scenetruth.dataset.generation import verify_dataset
+        from scenetruth.dataset.verification import verify_dataset
 
         with reporting() as reporter:
             failures = verify_dataset(path, regenerate=regenerate, seed=seed, progress=reporter)
-        results = [(f"sample {each.number}", each.problem) for each in failures] or [(str(path), "")]
+        results = [(each.name, each.problem) for each in failures] or [(str(path), "")]
     if as_json:
         typer.echo(json.dumps([{"path": name, "problem": problem} for name, problem in results], indent=2))
     else:

@@ -25,7 +25,7 @@ app = typer.Typer(name="dataset", help="Generate and evaluate data sets of many 
 
 def register(parent: typer.Typer) -> None:
     """Add the commands to the command line."""
-    for command in (check, preview, run, sample, status, estimate, card):
+    for command in (check, preview, run, sample, status, estimate, catalogue, card):
         options.add_command(app, command)
     parent.add_typer(app)
 
@@ -107,8 +107,8 @@ def run(
             progress=reporter,
         )
     print_wrote(output, f"{outcome.made:,} samples; {outcome.present:,} existing samples were reused")
-    if outcome.made and outcome.folder.card.exists():
-        echo(f"warning: the data-set card is out of date; run `scenetruth dataset card {output} --overwrite`", err=True)
+    if outcome.made:
+        _warn_of_card(output)
     if outcome.failed:
         reasons = outcome.folder.failed
         echo(f"{len(outcome.failed):,} samples failed; see {reasons}; run the same command to retry them", err=True)
@@ -188,6 +188,17 @@ def estimate(
         raise typer.Exit(_EXIT_SOME_FAILED)
 
 
+def catalogue(dataset: options.DatasetPath) -> None:
+    """Rebuild the catalogue of a data set from its samples."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.dataset.verification import rebuild_catalogue
+
+    with reporting() as reporter:
+        count = rebuild_catalogue(dataset, progress=reporter)
+    print_wrote(dataset, f"catalogue of {count:,} samples")
+    _warn_of_card(dataset)
+
+
 def card(
     dataset: options.DatasetPath,
     *,
@@ -203,6 +214,14 @@ def card(
     with reporting() as reporter:
         page = write_card(dataset, version=version, date=date, url=url, overwrite=overwrite, progress=reporter)
     print_wrote(page)
+
+
+def _warn_of_card(dataset: Path) -> None:
+    from scenetruth.dataset.layout import DatasetFolder
+
+    if DatasetFolder(dataset).card.exists():
+        command = f"scenetruth dataset card {dataset} --overwrite"
+        echo(f"warning: the data-set card is out of date; run `{command}`", err=True)
 
 
 def _load(recipe: Path, overrides: Sequence[str] | None = None) -> Sampler:

@@ -11,12 +11,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from scenetruth.dataset.checksums import list_path, load_record, refuse_unlike_checksum, write_with_checksums
 from scenetruth.dataset.layout import RECORDING, SCENE, TRUTH, DatasetFolder
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import STATISTICS
 from scenetruth.errors import StoreError
-from scenetruth.output import is_full_disk, write_atomically
-from scenetruth.plain_data import parse_json
+from scenetruth.output import is_full_disk
 from scenetruth.scoring import Score
 
 if TYPE_CHECKING:
@@ -25,12 +25,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FILES",
+    "SCORES_REMEDY",
     "CatalogueWriter",
+    "build_catalogue_table",
+    "describe_remedy",
     "flatten_score",
     "list_catalogued",
+    "list_parts",
     "load_scores",
     "merge_parts",
     "read_catalogue",
+    "replace_catalogue",
     "score_file",
     "write_scores",
 ]
@@ -111,6 +116,7 @@ def _text(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
+SCORES_REMEDY = "remove the table, and estimate again: existing scores are collected"
 _REGIONS = ("all", "interior")
 _STATISTICS = ("bias", "rmse", "median_abs_error", "density", "rms_z", "coverage_2_std", "count")
 
@@ -141,26 +147,32 @@ def write_scores(folder: DatasetFolder, method: str) -> None:
         if not re.fullmatch(r"[0-9]{8}", path.stem):
             continue
         try:
-            rows.append(dict(parse_json(path.read_bytes())))
+            rows.append(load_record(path.read_bytes()))
         except (OSError, ValueError, TypeError) as error:
             raise StoreError(path, f"is damaged: {error}; remove it, and estimate again") from error
     if not rows:
         return
     names = list(dict.fromkeys(name for row in rows for name in row))
     schema = pa.schema([(name, pa.int64() if name == "sample" else pa.float64()) for name in names])
-    with write_atomically(folder.scores_table(method), overwrite=True) as partial:
-        pq.write_table(pa.Table.from_pylist(rows, schema=schema), partial, compression="zstd")
+    table = pa.Table.from_pylist(rows, schema=schema)
+    others = [folder.scores(method) / name for name in ("settings.json", "made_of.txt")]
+    write_with_checksums(
+        {folder.scores_table(method): lambda partial: pq.write_table(table, partial, compression="zstd")},
+        also=[file for file in others if file.exists()],
+    )
 
 
 def load_scores(folder: DatasetFolder) -> dict[str, pd.DataFrame]:
     """Return the tables of all methods by name, indexed by ``sample``."""
     import pandas as pd
 
-    return {
-        name: pd.read_parquet(folder.scores_table(name)).set_index("sample")
-        for name in folder.scored()
-        if folder.scores_table(name).exists()
-    }
+    found = {}
+    for name in folder.scored():
+        table = folder.scores_table(name)
+        if table.exists():
+            refuse_unlike_checksum(table, SCORES_REMEDY)
+            found[name] = pd.read_parquet(table).set_index("sample")
+    return found
 
 
 _ROWS, _SECONDS = 1000, 60.0
@@ -203,7 +215,7 @@ class CatalogueWriter:
             self._written = time.monotonic()
 
     def _own_parts(self) -> list[str]:
-        return [path.name for path in _parts(self._folder) if path.name.startswith(f"part-{self._label}-")]
+        return [path.name for path in list_parts(self._folder) if path.name.startswith(f"part-{self._label}-")]
 
 
 def list_catalogued(folder: DatasetFolder) -> set[int]:
@@ -212,10 +224,11 @@ def list_catalogued(folder: DatasetFolder) -> set[int]:
 
     found: set[int] = set()
     for path in _files(folder):
+        refuse_unlike_checksum(path, describe_remedy(folder))
         try:
             found.update(pq.read_table(path, columns=["sample"])["sample"].to_pylist())
         except (OSError, ValueError, KeyError) as error:
-            raise StoreError(path, f"is damaged: {error}; remove it, it is rebuilt from the samples") from error
+            raise StoreError(path, f"is damaged: {error}; {describe_remedy(folder)}") from error
     return found
 
 
@@ -227,22 +240,42 @@ def read_catalogue(folder: DatasetFolder, sampler: Sampler) -> pyarrow.Table:
     schema = build_catalogue_schema(sampler)
     tables = []
     for path in _files(folder):
+        refuse_unlike_checksum(path, describe_remedy(folder))
         try:
             tables.append(pq.read_table(path).select(schema.names).cast(schema))
         except (OSError, ValueError, KeyError) as error:
-            raise StoreError(path, f"is damaged: {error}; remove it, it is rebuilt from the samples") from error
+            raise StoreError(path, f"is damaged: {error}; {describe_remedy(folder)}") from error
     whole = pa.concat_tables([schema.empty_table(), *tables]).sort_by("sample")
-    return whole.take(_first_of_each(whole["sample"].to_pylist()))
+    return whole.take(pa.array(_first_of_each(whole["sample"].to_pylist()), pa.int64()))
+
+
+def describe_remedy(folder: DatasetFolder) -> str:
+    """Return the remedy for a damaged catalogue."""
+    return f"rebuild it from the samples: scenetruth dataset catalogue {folder.path}"
 
 
 def merge_parts(folder: DatasetFolder, sampler: Sampler) -> None:
     """Merge all parts into one file, and remove them."""
-    parts = _parts(folder)
+    parts = list_parts(folder)
     if not parts and folder.catalogue.exists():
         return
     _write(read_catalogue(folder, sampler), folder.catalogue)
+    _remove_parts(folder, parts)
+
+
+def replace_catalogue(folder: DatasetFolder, table: pyarrow.Table, *, complete: bool) -> Path:
+    """Replace the catalogue and its parts by a table; that of an incomplete data set becomes a part."""
+    former = _files(folder)
+    target = folder.catalogue if complete else folder.parts / "part-rebuilt-000000.parquet"
+    _write(table, target)
+    _remove_parts(folder, [path for path in former if path != target])
+    return target
+
+
+def _remove_parts(folder: DatasetFolder, parts: Iterable[Path]) -> None:
     for path in parts:
         path.unlink(missing_ok=True)
+        list_path(path).unlink(missing_ok=True)
     if folder.parts.is_dir() and not os.listdir(folder.parts):
         folder.parts.rmdir()
 
@@ -252,18 +285,18 @@ def _first_of_each(numbers: Iterable[int]) -> list[int]:
     return [place for place, number in enumerate(numbers) if not (number in seen or seen.add(number))]  # type: ignore[func-returns-value]
 
 
-def _parts(folder: DatasetFolder) -> list[Path]:
+def list_parts(folder: DatasetFolder) -> list[Path]:
+    """Return the parts of the catalogue during generation, in the order of their names."""
     if not folder.parts.is_dir():
         return []
     return sorted(path for path in folder.parts.iterdir() if _PART.fullmatch(path.name))
 
 
 def _files(folder: DatasetFolder) -> list[Path]:
-    return [*([folder.catalogue] if folder.catalogue.exists() else []), *_parts(folder)]
+    return [*([folder.catalogue] if folder.catalogue.exists() else []), *list_parts(folder)]
 
 
 def _write(table: pyarrow.Table, path: Path) -> None:
     import pyarrow.parquet as pq
 
-    with write_atomically(path, overwrite=True) as partial:
-        pq.write_table(table, partial, compression="zstd")
+    write_with_checksums({path: lambda partial: pq.write_table(table, partial, compression="zstd")})

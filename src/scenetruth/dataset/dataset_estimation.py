@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scenetruth.dataset.catalogue import flatten_score, score_file, write_scores
+from scenetruth.dataset.checksums import dump_record, list_path
 from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
 from scenetruth.dataset.generation import DatasetRunResult
 from scenetruth.dataset.layout import DatasetFolder, compute_shard_number, extract_sample
@@ -110,6 +111,7 @@ def estimate_dataset(
         raise EstimateError(problems)
     store = SampleStore.of(places, sampler, identity)
     there = store.present(range(identity.count))
+    store.refuse_empty(there)
     wanted = sorted(there if numbers is None else there.intersection(numbers))
     code = compute_code_fingerprint(chosen.method)
     _remove_scores_of_other_code(places, chosen.method, code)
@@ -152,7 +154,8 @@ def _remove_scores_of_other_code(places: DatasetFolder, method: str, code: str) 
         changed = "has changed" if file.exists() else "may have changed"
         say(f"the code of '{method}' {changed}: {len(scores):,} scores of the former code are recomputed")
     # The marker is written last, so that an interrupted removal is completed by the next run.
-    for one in (places.scores_table(method), folder / "settings.json", *scores):
+    table = places.scores_table(method)
+    for one in (table, list_path(table), folder / "settings.json", *scores):
         one.unlink(missing_ok=True)
     folder.mkdir(parents=True, exist_ok=True)
     with write_atomically(file, overwrite=True) as partial:
@@ -189,7 +192,7 @@ def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: i
         target.parent.mkdir(parents=True, exist_ok=True)
         row = {"sample": number, "seconds": time.perf_counter() - start, **flatten_score(score)}
         with write_atomically(target, overwrite=True) as partial:
-            partial.write_text(json.dumps(row) + "\n", encoding="utf-8")
+            partial.write_text(dump_record(row, None), encoding="utf-8")
         return row
 
     return perform_task(number, work)

@@ -11,9 +11,9 @@ from typing import Any
 import xarray as xr
 
 from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
-from scenetruth.dataset.generation import verify_dataset
 from scenetruth.dataset.layout import DatasetFolder, compute_shard_number, extract_sample
 from scenetruth.dataset.samples import SampleStore
+from scenetruth.dataset.verification import verify_dataset
 from scenetruth.errors import ExportError, Problem, StoreError
 from scenetruth.exporters import ExportResult, choose_format, export_data
 from scenetruth.jobs.executors import resolve_workers
@@ -143,7 +143,7 @@ def verify(
     -------
     list of VerificationResult
         For a run: one result per scene, store and score, and one for inconsistent parts. For a data set: one result
-        per damaged or missing sample.
+        per damaged or missing sample, and per damaged file of the catalogue, the card and the scores.
 
     Raises
     ------
@@ -169,7 +169,10 @@ def verify(
     if not places.identity.exists():
         return verify_run(path, progress)
     found = verify_dataset(path, regenerate=regenerate, seed=seed, progress=progress)
-    return [VerificationResult(places.sample(one.number), one.problem) for one in found]
+    return [
+        VerificationResult(places.path / one.file if one.number is None else places.sample(one.number), one.problem)
+        for one in found
+    ]
 
 
 def export_dataset(
@@ -198,7 +201,9 @@ def export_dataset(
     if target.resolve().is_relative_to(places.path.resolve()):
         raise StoreError(target, "is inside the data set; specify a directory outside it")
     identity, sampler = read_fingerprint(places), open_sampler(places)
-    there = SampleStore.of(places, sampler, identity).present(range(identity.count))
+    store = SampleStore.of(places, sampler, identity)
+    there = store.present(range(identity.count))
+    store.refuse_empty(there)
     wanted = sorted(there if numbers is None else there.intersection(numbers))
     missing = [number for number in wanted if overwrite or not (target / f"{number:08d}").exists()]
     per_shard = sampler.recipe.samples_per_shard

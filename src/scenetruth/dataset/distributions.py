@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -518,7 +519,7 @@ class TableDistribution(IndexedDistribution):
         try:
             if regular_file_size(Path(self.file)) > _MAX_BYTES:
                 return [Problem("file", f"has more than {_MAX_BYTES:,} bytes", self.file)]
-            columns = _read_columns(self.file)
+            columns = _load_columns(self.file)
         except (OSError, ValueError, csv.Error) as error:
             entries = getattr(error, "strerror", None) or error
             return [Problem("file", f"cannot be read: {entries}", self.file)]
@@ -529,11 +530,17 @@ class TableDistribution(IndexedDistribution):
         return []
 
     def _values(self) -> tuple[Any, ...]:
-        return _read_columns(self.file)[self.column]
+        return _load_columns(self.file)[self.column]
+
+
+def _load_columns(file: str) -> dict[str, tuple[Any, ...]]:
+    """Return the columns of a table, which is read again when the file has changed."""
+    found = os.stat(file)
+    return _read_columns(file, found.st_mtime_ns, found.st_size)
 
 
 @lru_cache(maxsize=16)
-def _read_columns(file: str) -> dict[str, tuple[Any, ...]]:
+def _read_columns(file: str, changed_ns: int, size: int) -> dict[str, tuple[Any, ...]]:
     with Path(file).open(newline="", encoding="utf-8-sig") as stream:
         lines = [line for line in csv.reader(stream, strict=True) if line]
     if not lines:

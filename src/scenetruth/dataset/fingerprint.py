@@ -2,34 +2,51 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from scenetruth.dataset.checksums import list_path, write_with_checksums
+from scenetruth.dataset.distributions import LinkedDistribution
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.recipe_loader import Recipe
-from scenetruth.dataset.sampler import Sampler
-from scenetruth.errors import MismatchError, Problem, RecipeError, StoreError
+from scenetruth.dataset.sampler import Sampler, VariedField
+from scenetruth.errors import MachineError, MismatchError, Problem, RecipeError, SceneError, StoreError
 from scenetruth.input_files import collect_input_files
 from scenetruth.jobs.worker_setup import collect_versions
-from scenetruth.output import lock_output, write_atomically
+from scenetruth.output import lock_output
 from scenetruth.plain_data import parse_json
 from scenetruth.provenance import content_hash, scene_hash
 from scenetruth.scene import Scene
+from scenetruth.scene.field_paths import PathError, assign
 from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, read_yaml
 from scenetruth.schema import digest
 
-__all__ = ["DatasetFingerprint", "begin_dataset", "compute_fingerprint", "open_sampler", "read_fingerprint"]
+__all__ = [
+    "CHECKED_FORMAT",
+    "DatasetFingerprint",
+    "begin_dataset",
+    "collect_dataset_files",
+    "compute_fingerprint",
+    "open_sampler",
+    "read_fingerprint",
+    "refuse_changed_files",
+]
 
 _WORDS = ("name", "description", "licence", "citation", "creators", "format", "samples", "set")
 """Fields without effect on samples: descriptions and counts; shared settings are part of the base scenes."""
 _STORED = ("description", "estimate", "score", "storage")
 """Sections of a scene without effect on images that are stored in the files of every sample."""
-FORMAT = 1
+FORMAT = 2
+"""Format of new data sets; format 1 has neither checksums of records, catalogue and card, nor hashes of files."""
+CHECKED_FORMAT = 2
+"""First format with checksums of records, catalogue and card."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +55,7 @@ class DatasetFingerprint:
 
     ``recipe_hash``: Hash of everything that determines samples: the recipe without descriptions and sample count, base
     scenes, contents of files. ``samples``: Number of draws. ``count``: Number of samples, including paired series.
+    ``files``: Hashes of all files that a draw can refer to, by path.
     """
 
     recipe_hash: str
@@ -46,6 +64,7 @@ class DatasetFingerprint:
     backend: str
     platform: str
     versions: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
     format: int = FORMAT
 
     def to_json(self) -> str:
@@ -57,7 +76,9 @@ def compute_fingerprint(sampler: Sampler, backend: tuple[str, str] | None = None
     """Return the fingerprint of a recipe."""
     name, on = backend or select_backend(sampler)
     recipe = sampler.recipe
-    return DatasetFingerprint(compute_recipe_hash(sampler), recipe.samples, recipe.count, name, on, collect_versions())
+    files = {str(path): content_hash(path) for path in collect_dataset_files(sampler)}
+    recipe_hash = compute_recipe_hash(sampler)
+    return DatasetFingerprint(recipe_hash, recipe.samples, recipe.count, name, on, collect_versions(), files)
 
 
 def compute_recipe_hash(sampler: Sampler) -> str:
@@ -67,7 +88,9 @@ def compute_recipe_hash(sampler: Sampler) -> str:
     plain["base"] = [[_base_hash(scene), entry.weight] for scene, entry in zip(sampler.bases, recipe.base, strict=True)]
     # The order of fields determines the dimensions of the Sobol sequence and the axes of grids.
     plain["order"] = [item.key for item in sampler.varied]
-    plain["files"] = [content_hash(file) for _, file in collect_input_files(recipe) if file.suffix.lower() == ".csv"]
+    plain["files"] = [content_hash(file) for file in _list_tables(sampler)]
+    if drawn := _list_drawn_files(sampler):
+        plain["drawn_files"] = {str(path): content_hash(path) for path in drawn}
     entries = (*plain["distributions"].values(), *plain["parameters"].values())
     for entry in entries:
         # Tables are hashed by content, not by path.
@@ -75,6 +98,74 @@ def compute_recipe_hash(sampler: Sampler) -> str:
     if any(entry.get("sampling") == "latin_hypercube" for entry in entries):
         plain["samples"] = recipe.samples
     return digest(plain)
+
+
+def collect_dataset_files(sampler: Sampler) -> list[Path]:
+    """Return every file that a draw of a recipe can refer to: of base scenes, drawn values and tables."""
+    bases = [path for scene in sampler.bases for _, path in collect_input_files(scene)]
+    return sorted({*bases, *_list_tables(sampler), *_list_drawn_files(sampler)})
+
+
+def _list_tables(sampler: Sampler) -> list[Path]:
+    """Return the files named by distributions themselves, in the order of the recipe."""
+    return [path for where, path in collect_input_files(sampler.recipe) if not where.startswith("base.")]
+
+
+@lru_cache(maxsize=4)
+def _list_drawn_files(sampler: Sampler) -> tuple[Path, ...]:
+    """Return the files that values of distributions and paired factors name, in scenes with these values."""
+    found: set[Path] = set()
+    tried = [(places, value) for _, places, value in sampler.ladders]
+    tried += [(item.places, value) for item in sampler.varied for value in _trial_values(sampler, item)]
+    # Tables repeat values.
+    named = {(places, json.dumps(value, default=str)): value for places, value in tried if _has_text(value)}
+    for number, base in enumerate(sampler.bases):
+        middle, known = sampler.middle(number) if named else {}, {path for _, path in collect_input_files(base)}
+        for (places, _), value in named.items():
+            plain = copy.deepcopy(middle)
+            try:
+                for place in places:
+                    assign(plain, place, copy.deepcopy(value))
+                found.update(path for _, path in collect_input_files(Scene.from_dict(plain)) if path not in known)
+            except (PathError, SceneError):
+                # Values that give no scene with this base are reported by the validation of the recipe.
+                continue
+    return tuple(sorted(found))
+
+
+def _trial_values(sampler: Sampler, item: VariedField) -> list[Any]:
+    """Return the values that cover a distribution; those of a linked value are those of its source."""
+    seen: set[str] = set()
+    while isinstance(item.distribution, LinkedDistribution) and item.key not in seen:
+        seen.add(item.key)
+        of = item.distribution.of
+        item = next((one for one in sampler.varied if of in (one.key, one.name)), item)
+    return [value for _, value in item.distribution.trials()]
+
+
+def _has_text(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return any(_has_text(one) for one in value.values())
+    if isinstance(value, list | tuple):
+        return any(_has_text(one) for one in value)
+    return isinstance(value, str)
+
+
+def refuse_changed_files(identity: DatasetFingerprint, scene: Scene) -> None:
+    """Raise if a file of a scene differs from that at the start of the data set."""
+    problems = []
+    for where, path in collect_input_files(scene):
+        former = identity.files.get(str(path))
+        if former is not None and former != content_hash(path):
+            problems.append(Problem(where, _CHANGED_FILE, str(path)))
+    if problems:
+        raise MachineError(problems)
+
+
+_CHANGED_FILE = (
+    "is missing, or has changed since the data set was begun, and samples of both contents would be mixed; "
+    "restore the former file, or generate another data set in another directory"
+)
 
 
 def _base_hash(scene: Scene) -> str:
@@ -107,6 +198,8 @@ def read_fingerprint(folder: DatasetFolder) -> DatasetFingerprint:
         raise StoreError(folder.path, "is not a data set: it has no dataset.json") from error
     except (OSError, ValueError, TypeError) as error:
         raise StoreError(folder.identity, f"is damaged: {error}") from error
+    if not (isinstance(identity.format, int) and identity.format >= 1):
+        raise StoreError(folder.identity, f"is damaged: the format is {identity.format!r}")
     if identity.format > FORMAT:
         raise StoreError(folder.identity, f"has the format {identity.format}; this scenetruth reads {FORMAT}")
     return identity
@@ -130,7 +223,7 @@ def begin_dataset(folder: DatasetFolder, sampler: Sampler, *, extend: bool = Fal
     # Several partitions may start simultaneously.
     with lock_output(place):
         if not folder.identity.exists():
-            if folder.path.is_dir() and any(not entry.name.startswith(".") for entry in folder.path.iterdir()):
+            if not _is_vacant(folder, sampler):
                 raise StoreError(folder.path, "contains other files than a data set; specify another directory")
             return _write(folder, sampler, compute_fingerprint(sampler))
         found = read_fingerprint(folder)
@@ -139,8 +232,19 @@ def begin_dataset(folder: DatasetFolder, sampler: Sampler, *, extend: bool = Fal
         if problems:
             raise _OtherRecipeError(problems)
         if wanted.count > found.count:
-            return _write(folder, sampler, wanted)
+            # Existing samples keep their format.
+            return _write(folder, sampler, replace(wanted, format=found.format))
         return found
+
+
+def _is_vacant(folder: DatasetFolder, sampler: Sampler) -> bool:
+    """Return whether a directory has no files, or only those that a killed run of this recipe left."""
+    if not folder.path.is_dir():
+        return True
+    names = {entry.name for entry in folder.path.iterdir() if not entry.name.startswith(".")}
+    if not names <= {folder.recipe.name, list_path(folder.identity).name}:
+        return False
+    return not folder.recipe.exists() or folder.recipe.read_bytes() == _dump_recipe(sampler).encode()
 
 
 class _OtherRecipeError(MismatchError):
@@ -156,9 +260,14 @@ def _differences(
     folder: DatasetFolder, found: DatasetFingerprint, wanted: DatasetFingerprint, sampler: Sampler, extend: bool
 ) -> list[Problem]:
     problems = []
-    if found.recipe_hash != wanted.recipe_hash:
+    files = [path for path, former in found.files.items() if wanted.files.get(path, former) != former]
+    if files:
+        problems += [Problem(path, _CHANGED_FILE) for path in files]
+    elif found.recipe_hash != wanted.recipe_hash:
         changed = _changed(folder, sampler)
         line = f": {', '.join(changed)} changed" if changed else ""
+        if not changed and found.format < CHECKED_FORMAT:
+            line = ": a file of its draws may have changed; an earlier version began it, and kept no hashes of these"
         message = f"contains a data set of another recipe ({found.recipe_hash}, not {wanted.recipe_hash}){line}"
         if extend and changed == ["samples"]:
             message += "; a Latin hypercube has a fixed number of samples, and cannot be extended"
@@ -198,6 +307,10 @@ def _changed(folder: DatasetFolder, sampler: Sampler) -> list[str]:
     return changed if same else ["base or set", *changed]
 
 
+def _write_text(text: str, path: Path) -> None:
+    path.write_bytes(text.encode())
+
+
 def resolve_recipe(sampler: Sampler) -> dict[str, Any]:
     """Return the recipe with its base scenes as plain values, independent of other files."""
     plain = {name: value for name, value in sampler.recipe.to_dict().items() if value not in ({}, [], "")}
@@ -210,12 +323,15 @@ def resolve_recipe(sampler: Sampler) -> dict[str, Any]:
     return plain
 
 
+def _dump_recipe(sampler: Sampler) -> str:
+    return yaml.safe_dump(resolve_recipe(sampler), sort_keys=False, allow_unicode=True)
+
+
 def _write(folder: DatasetFolder, sampler: Sampler, identity: DatasetFingerprint) -> DatasetFingerprint:
-    text = yaml.safe_dump(resolve_recipe(sampler), sort_keys=False, allow_unicode=True)
+    text = _dump_recipe(sampler)
     if len(text) > MAX_YAML_BYTES:
         message = f"has {len(text):,} characters with its base scenes, more than {MAX_YAML_BYTES:,}"
         raise RecipeError([Problem("", message)])
-    for path, content in ((folder.recipe, text), (folder.identity, identity.to_json())):
-        with write_atomically(path, overwrite=True) as partial:
-            Path(partial).write_text(content, encoding="utf-8")
+    texts = {folder.recipe: text, folder.identity: identity.to_json()}
+    write_with_checksums({path: partial(_write_text, text) for path, text in texts.items()})
     return identity

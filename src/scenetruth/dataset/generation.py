@@ -1,30 +1,25 @@
-"""Generation of a data set from its recipe, its status, and the verification of the result."""
+"""Generation of a data set from its recipe, and its status."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from scenetruth.dataset.catalogue import FILES, CatalogueWriter, list_catalogued, merge_parts, read_catalogue
+from scenetruth.dataset.catalogue import CatalogueWriter, list_catalogued, merge_parts
+from scenetruth.dataset.checksums import dump_record, load_record
 from scenetruth.dataset.fingerprint import DatasetFingerprint, begin_dataset, open_sampler, read_fingerprint
-from scenetruth.dataset.layout import SAMPLE, DatasetFolder, claim_sample, compute_shard_number, extract_sample
+from scenetruth.dataset.layout import DatasetFolder, claim_sample
 from scenetruth.dataset.recipe_loader import RecipeLike, load_recipe
 from scenetruth.dataset.recipe_validation import DrawReport, refuse_recipe, try_draws
 from scenetruth.dataset.sampler import Sampler
-from scenetruth.dataset.samples import Partition, SampleStore, build_sample_scene, make_sample, try_sample
-from scenetruth.errors import ScenetruthError, StoreError
+from scenetruth.dataset.samples import Partition, SampleStore, build_sample_scene, try_sample
 from scenetruth.jobs.executors import create_executor, resolve_workers
 from scenetruth.jobs.results import TaskResult
 from scenetruth.jobs.scheduler import ResourceGuard, TaskScheduler, write_with_retry
 from scenetruth.output import lock_output, remove_leftovers, write_atomically
-from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress, say
-from scenetruth.random_streams import generator_for
 from scenetruth.resources import (
     Forecast,
     Limits,
@@ -40,12 +35,10 @@ __all__ = [
     "DatasetRunResult",
     "DatasetStatus",
     "RecipeReport",
-    "VerificationFailure",
     "check_recipe",
     "estimate_sample_cost",
     "read_status",
     "run_dataset",
-    "verify_dataset",
 ]
 
 
@@ -158,7 +151,7 @@ def run_dataset(
     ArgumentError
         If the number of workers is invalid.
     MismatchError
-        If the directory contains a data set of another recipe.
+        If the directory contains a data set of another recipe, or of files that have changed since.
     OutputExistsError
         If another run generates this partition.
 
@@ -169,8 +162,7 @@ def run_dataset(
 
     Examples
     --------
-    >>> from tempfile import TemporaryDirectory
-    >>> import scenetruth as st
+    >>>     >>> import scenetruth as st
     >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
     >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}
@@ -186,12 +178,12 @@ def run_dataset(
     resolve_workers(workers)
     places, whole = DatasetFolder(output), partition or Partition()
     if recipe is None:
+        read_fingerprint(places)
         sampler = open_sampler(places)
-        identity = read_fingerprint(places)
     else:
         sampler = load_recipe(recipe, overrides=overrides).sampler()
         refuse_recipe(sampler)
-        identity = begin_dataset(places, sampler, extend=extend)
+    identity = begin_dataset(places, sampler, extend=extend)
     forecast = estimate_sample_cost(sampler, identity, limits or Limits(), places.path)
     outcome = DatasetRunResult(places)
     with lock_output(places.path / f"run-{whole.label}"):
@@ -345,7 +337,7 @@ def read_status(folder: str | Path) -> DatasetStatus:
 
 def _message(path: Path) -> str:
     try:
-        found = parse_json(path.read_bytes())
+        found = load_record(path.read_bytes())
         return str(found["message"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         return f"cannot be read: {error}"
@@ -388,95 +380,9 @@ class _Work:
     def _write_failure(self, number: int, failure: Mapping[str, Any]) -> None:
         self.places.failed.mkdir(exist_ok=True)
         with write_atomically(self.places.failure(number), overwrite=True) as partial:
-            partial.write_text(json.dumps(failure, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            partial.write_text(dump_record(failure), encoding="utf-8")
 
     def tell(self) -> None:
         if self.progress is not None:
             done = self.outcome.made + self.outcome.present + len(self.outcome.failed)
             self.progress("samples", done, self.total)
-
-
-@dataclass(frozen=True)
-class VerificationFailure:
-    """A damaged or missing sample."""
-
-    number: int
-    problem: str
-
-
-def verify_dataset(
-    folder: str | Path, *, regenerate: int = 3, seed: int = 0, progress: Progress | None = None
-) -> list[VerificationFailure]:
-    """Verify the checksums of a data set, and regenerate randomly selected samples bit-identically."""
-    places = DatasetFolder(folder)
-    identity, sampler = read_fingerprint(places), open_sampler(places)
-    rows = {row["sample"]: row for row in read_catalogue(places, sampler).to_pylist()}
-    found = [
-        VerificationFailure(number, "is not in the catalogue: it is missing, or its run was interrupted")
-        for number in range(identity.count)
-        if number not in rows
-    ]
-    for done, (number, row) in enumerate(rows.items()):
-        if progress is not None:
-            progress("hash", done, len(rows))
-        try:
-            found += [VerificationFailure(number, problem) for problem in _changed(places, sampler, number, row)]
-        except ScenetruthError as error:
-            found.append(VerificationFailure(number, str(error)))
-    if progress is not None:
-        progress("hash", len(rows), len(rows))
-    chosen = _some(rows, regenerate, seed)
-    for done, number in enumerate(chosen):
-        if progress is not None:
-            progress("regenerate", done, len(chosen))
-        found += [VerificationFailure(number, problem) for problem in _differs(sampler, identity, number, rows[number])]
-    if progress is not None:
-        progress("regenerate", len(chosen), len(chosen))
-    return sorted(found, key=lambda one: one.number)
-
-
-def _some(numbers: Iterable[int], count: int, seed: int) -> list[int]:
-    every = sorted(numbers)
-    if not every:
-        return []
-    chosen = generator_for(seed, "verify").choice(every, min(count, len(every)), replace=False)
-    return sorted(int(number) for number in chosen)
-
-
-def _changed(places: DatasetFolder, sampler: Sampler, number: int, row: dict[str, Any]) -> list[str]:
-    shard = places.shard(compute_shard_number(number, sampler.recipe.samples_per_shard))
-    if shard.exists():
-        with extract_sample(shard, number) as files:
-            return _unlike(files, row)
-    own = places.sample(number)
-    return _unlike(own, row) if own.is_dir() else ["is missing; run the data set again"]
-
-
-def _unlike(folder: Path, row: dict[str, Any]) -> list[str]:
-    problems = []
-    for file, name in FILES.items():
-        path = folder / file
-        try:
-            with path.open("rb") as stream:
-                found = hashlib.file_digest(stream, "sha256").hexdigest()
-        except OSError as error:
-            problems.append(f"{file} cannot be read: {error.strerror}; remove the sample, and run the data set again")
-            continue
-        if found != row[f"{name}_sha256"]:
-            problems.append(f"{file} has changed; remove the sample, and run the data set again")
-    if not (folder / SAMPLE).is_file():
-        problems.append(f"{SAMPLE} is missing; remove the sample, and run the data set again")
-    return problems
-
-
-def _differs(sampler: Sampler, identity: DatasetFingerprint, number: int, row: dict[str, Any]) -> list[str]:
-    with TemporaryDirectory(prefix="scenetruth-") as scratch:
-        try:
-            made = make_sample(sampler, identity, number, Path(scratch) / "again")
-        except (StoreError, ScenetruthError) as error:
-            return [f"cannot be regenerated: {error}"]
-    return [
-        f"{file} differs when regenerated"
-        for file, name in FILES.items()
-        if made["files"][file]["sha256"] != row[f"{name}_sha256"]
-    ]

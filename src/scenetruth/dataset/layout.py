@@ -12,9 +12,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from scenetruth.dataset.checksums import list_path, load_record
 from scenetruth.errors import StoreError
 from scenetruth.output import OwnershipResult, write_atomically
-from scenetruth.plain_data import parse_json
 
 __all__ = [
     "RECORDING",
@@ -121,6 +121,15 @@ class DatasetFolder:
         """The Croissant metadata."""
         return self.path / "croissant.json"
 
+    @property
+    def checksums(self) -> dict[Path, tuple[Path, ...]]:
+        """The lists of checksums, and the files of each, without those of parts and scores."""
+        return {
+            list_path(self.identity): (self.recipe, self.identity),
+            list_path(self.catalogue): (self.catalogue,),
+            list_path(self.card): (self.card_text, self.card, self.croissant),
+        }
+
     def sample(self, number: int) -> Path:
         """Return the directory of a sample."""
         return self.samples / f"{number // _PER_GROUP:05d}" / f"{number:08d}"
@@ -211,7 +220,7 @@ def read_shard_records(path: Path) -> Iterator[dict[str, Any]]:
                 if entry.name.endswith(f".{SAMPLE}"):
                     stream = archive.extractfile(entry)
                     if stream is not None:
-                        yield dict(parse_json(stream.read()))
+                        yield load_record(stream.read())
     except (OSError, ValueError, tarfile.TarError) as error:
         raise StoreError(path, f"is damaged: {error}; remove it, and run the data set again") from error
 

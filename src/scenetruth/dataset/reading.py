@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from scenetruth.dataset.catalogue import load_scores, read_catalogue
+from scenetruth.dataset.catalogue import describe_remedy, load_scores, read_catalogue
 from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import RECORDING, SCENE, TRUTH, DatasetFolder, compute_shard_number, extract_sample
+from scenetruth.dataset.samples import SampleStore
 from scenetruth.errors import Problem, RecipeError, StoreError
 from scenetruth.pipeline import RunDirectory
 from scenetruth.scene import Scene, load_scene
@@ -224,7 +225,7 @@ def open_dataset(dataset: str | Path, *, transform: Callable[[Sample], Any] | No
     Raises
     ------
     StoreError
-        If there is no data set, or it is damaged.
+        If there is no data set, it has no samples yet, or it is damaged.
 
     See Also
     --------
@@ -247,8 +248,14 @@ def open_dataset(dataset: str | Path, *, transform: Callable[[Sample], Any] | No
     2 {'objects.0.pose.position_mm.2': 90.0} 100.0
     """
     places = DatasetFolder(dataset)
-    read_fingerprint(places)
-    catalogue = read_catalogue(places, open_sampler(places)).to_pandas()
+    identity, sampler = read_fingerprint(places), open_sampler(places)
+    catalogue = read_catalogue(places, sampler).to_pandas()
+    if not len(catalogue):
+        store = SampleStore.of(places, sampler, identity)
+        present = store.present(range(identity.count))
+        store.refuse_empty(present)
+        message = f"has {len(present):,} samples, and none of them in its catalogue; {describe_remedy(places)}"
+        raise StoreError(places.path, message)
     for method, scores in load_scores(places).items():
         catalogue = catalogue.join(scores.add_prefix(f"score.{method}."), on="sample")
     return SceneDataset(places, catalogue, transform)

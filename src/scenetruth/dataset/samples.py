@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import platform
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -18,7 +17,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
+from scenetruth.dataset.checksums import dump_record, file_sha256, load_record
+from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint, refuse_changed_files
 from scenetruth.dataset.layout import (
     RECORDING,
     SAMPLE,
@@ -44,7 +44,6 @@ from scenetruth.errors import (
 from scenetruth.jobs.results import TaskResult, describe_error, perform_task
 from scenetruth.jobs.worker_setup import refuse_other_versions
 from scenetruth.output import write_atomically
-from scenetruth.plain_data import parse_json
 from scenetruth.scene import Scene
 from scenetruth.storage import open_store
 
@@ -154,6 +153,7 @@ def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, tar
 
     draw = sampler.draw(number)
     scene = build_sample_scene(sampler, identity, draw)
+    refuse_changed_files(identity, scene)
     recipe = sampler.recipe
     choice = TruthOptions(recipe.truth.views, recipe.truth.poses, recipe.truth.content)
     with write_atomically(target, claim=claim_sample) as partial_:
@@ -161,9 +161,10 @@ def make_sample(sampler: Sampler, identity: DatasetFingerprint, number: int, tar
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             simulate_into(partial_, scene, choice, save_radiance=recipe.save_radiance)
+        refuse_changed_files(identity, scene)
         entries = [str(one.message) for one in caught if issubclass(one.category, SceneWarning)]
         row = _row(draw, scene, entries, partial_)
-        (partial_ / SAMPLE).write_text(_json(row), encoding="utf-8")
+        (partial_ / SAMPLE).write_text(dump_record(row), encoding="utf-8")
     return row
 
 
@@ -192,13 +193,7 @@ def _row(draw: Draw, scene: Scene, messages: list[str], folder: Path) -> dict[st
 
 
 def _file(path: Path) -> dict[str, Any]:
-    with path.open("rb") as stream:
-        found = hashlib.file_digest(stream, "sha256").hexdigest()
-    return {"sha256": found, "bytes": path.stat().st_size}
-
-
-def _json(row: dict[str, Any]) -> str:
-    return json.dumps(row, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return {"sha256": file_sha256(path), "bytes": path.stat().st_size}
 
 
 def _finite(value: Any) -> Any:
@@ -211,12 +206,12 @@ def _finite(value: Any) -> Any:
 
 
 def read_sample(folder: Path) -> dict[str, Any]:
-    """Return the contents of ``sample.json``."""
+    """Return the contents of ``sample.json``, verified by its checksum."""
     try:
-        found = parse_json((folder / SAMPLE).read_bytes())
-        return dict(found)
+        return load_record((folder / SAMPLE).read_bytes())
     except (OSError, ValueError, TypeError) as error:
-        raise StoreError(folder / SAMPLE, f"is missing or damaged: {error}") from error
+        remedy = f"remove {folder}, and run the data set again"
+        raise StoreError(folder / SAMPLE, f"is missing or damaged: {error}; {remedy}") from error
 
 
 def try_sample(folder: str, number: int) -> TaskResult:
@@ -329,6 +324,12 @@ class SampleStore:
             for shard in self.folder.done_shards():
                 found.update(number for number in self._in_shard(shard) if number in among)
         return found
+
+    def refuse_empty(self, present: Collection[int]) -> None:
+        """Raise if no sample exists, for operations on existing samples."""
+        if not present:
+            remedy = f"generate its samples: scenetruth dataset run {self.folder.recipe} -o {self.folder.path}"
+            raise StoreError(self.folder.path, f"is empty: it has a recipe, and no samples yet; {remedy}")
 
     def rows(self, numbers: Iterable[int]) -> Iterator[dict[str, Any]]:
         """Yield the contents of ``sample.json`` of samples, in order."""

@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.dataset.catalogue import read_catalogue
+from scenetruth.dataset.checksums import list_path, write_checksums
 from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.pages.croissant import VALUE, Publication, build_croissant
@@ -322,4 +323,6 @@ def write_card(
         text.write_text(render_markdown("card.md.j2", **contents), encoding="utf-8")
         metadata = build_croissant(places, sampler, table, published)
         croissant.write_text(json.dumps(metadata, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    written = [places.card, places.card_text, places.croissant]
+    write_checksums(list_path(places.card), [*written, *sorted(places.card_pictures.iterdir())])
     return places.card
