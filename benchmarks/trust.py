@@ -13,7 +13,8 @@ import importlib
 import json
 import pickle
 import pkgutil
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ PIXEL_MM = DEPTH_MM / FOCAL_PX
 QUANTITIES = ("disparity", "depth", "velocity_x", "velocity_y", "velocity_z", "growth_rate")
 COLUMNS = ("scene", "quantity", "valid, %", "rms z", "median |z| / 0.67", "beyond 6, %", "within 2, %", "rms error")
 FAR, NEAR = 6.0, 2.0
+SUMMARY = ("scenes", "number", "valid, %", "beyond 6, %", "worst scene, %", "RMS z-score")
 
 
 def rig(objects: list[Plain], **changes: Any) -> Plain:
@@ -146,11 +148,45 @@ def main() -> None:
     given, settings = parse_arguments(__doc__)
     jobs = {name: (scene, settings, given.cache) for name, scene in list_scenes(aside=given.aside)}
     print(heading(COLUMNS), flush=True)
+    every: dict[str, Plain] = {}
     for name, found in ends(assess, jobs, given):
+        every[name] = found
         for quantity, of in found.items():
             cells = [number(100 * of["density"]), number(of["rms"]), number(of["robust"])]
             cells += [number(100 * of["beyond"]), number(100 * of["within"]), number(of["error"])]
             print(line([name, quantity, *cells]), flush=True)
+    print()
+    print(heading(SUMMARY))
+    for label, scenes in grouped(every):
+        print(line([label, str(len(scenes)), *summarise(scenes)]))
+
+
+def grouped(found: Mapping[str, Plain]) -> Iterator[tuple[str, list[Plain]]]:
+    """Give the results of the groups of scenes of all families."""
+    for module in sorted({name.split()[0] for name in found}):
+        own = {name.partition(" ")[2]: of for name, of in found.items() if name.split()[0] == module}
+        for label, pattern in importlib.import_module(f"benchmarks.trust_{module}").GROUPS.items():
+            scenes = [of for name, of in own.items() if re.search(pattern, name)]
+            if scenes:
+                yield label, scenes
+
+
+def summarise(scenes: Sequence[Plain]) -> list[str]:
+    """Return valid share, shares beyond 6 of all valid pixels and of the worst scene, and the range of RMS z-scores."""
+    density = [max(of["density"] for of in scene.values()) for scene in scenes]
+    pooled, worst, scores = [], [], []
+    for quantity in QUANTITIES:
+        some = [scene[quantity] for scene in scenes if quantity in scene and scene[quantity]["density"] > 0]
+        if some:
+            total = sum(of["density"] for of in some)
+            pooled.append(sum(of["density"] * of["beyond"] for of in some) / total)
+            worst.append(max(of["beyond"] for of in some))
+            scores += [of["rms"] for of in some]
+    valid = f"{number(100 * min(density))} to {number(100 * max(density))}"
+    if not pooled:
+        return [valid, "–", "–", "–"]
+    spread = f"{number(min(scores))} to {number(max(scores))}"
+    return [valid, number(100 * max(pooled)), number(100 * max(worst)), spread]
 
 
 if __name__ == "__main__":

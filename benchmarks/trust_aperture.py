@@ -12,7 +12,7 @@ from benchmarks.trust import PIXEL_MM, Plain, noise, plane, rig
 from benchmarks.trust_textures import checkers, turned
 from numpy.typing import NDArray
 
-__all__ = ["SCENES"]
+__all__ = ["GROUPS", "SCENES"]
 
 Values = NDArray[np.float64]
 SHEET_MM, TEXELS = 150.0, 2400
@@ -186,3 +186,10 @@ SCENES: dict[str, Plain] = {
     "control slanted": slanted(noise(4, 20), 30, 45),
     "control natural, 3 % noise": rig([plane(natural())], sensor={"noise_std": 0.03}),
 }
+
+GROUPS: dict[str, str] = {
+    "textures of one direction": r"one-dimensional|stripes|veins",
+    "bricks, boards, two periods": r"bricks|board|periods",
+    "controls: natural, slanted, noisy": r"control",
+}
+"""Rows of the summary, and what the names of their scenes contain."""

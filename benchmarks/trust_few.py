@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.trust import Plain, noise, plane, rig
 
-__all__ = ["SCENES"]
+__all__ = ["GROUPS", "SCENES"]
 
 TEXTURES = {"4 to 20 px": noise(4, 20), "8 to 60 px": noise(8, 60), "4 to 20 px, weak": noise(4, 20, 0.06)}
 
@@ -22,3 +22,8 @@ SCENES: dict[str, Plain] = {
     for name, texture in TEXTURES.items()
     for noise_std in (0.002, 0.005, 0.01, 0.02)
 }
+
+GROUPS: dict[str, str] = {
+    "two or three cameras and frames": r"",
+}
+"""Rows of the summary, and what the names of their scenes contain."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.trust import Plain, noise, plane, rig
 
-__all__ = ["SCENES"]
+__all__ = ["GROUPS", "SCENES"]
 
 
 GROWTH = ("base_to_tip", "base_mm", "tip_mm")
@@ -100,3 +100,9 @@ SCENES: dict[str, Plain] = {
     "gradient 0.7": saddle(0.3, 0.7, 0.002, **GRADIENT),
     "gradient 0.3, coarse": saddle(0.3, 0.3, 0.002, texture=noise(8, 40), **GRADIENT),
 }
+
+GROUPS: dict[str, str] = {
+    "anisotropic growth: sheets, saddles, leaves": r"(sheet|saddle|leaf|gradient) -?[0-9]",
+    "isotropic growth, and none": r"isotropic|still",
+}
+"""Rows of the summary, and what the names of their scenes contain."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from benchmarks.trust import Plain, noise, plane, rig
 from benchmarks.trust_growth import leaf
 
-__all__ = ["SCENES"]
+__all__ = ["GROUPS", "SCENES"]
 
 
 def swing(amplitude_mm: float, period_frames: float, phase_deg: float = 30.0) -> Plain:
@@ -43,3 +43,10 @@ SCENES: dict[str, Plain] = {
     "sphere of 40 mm": curved(40),
     "sphere of 25 mm": curved(25),
 }
+
+GROUPS: dict[str, str] = {
+    "swings": r"swing",
+    "leaves nodding": r"nodding",
+    "spheres": r"sphere",
+}
+"""Rows of the summary, and what the names of their scenes contain."""

@@ -15,7 +15,7 @@ from benchmarks.trust import DEPTH_MM, Plain, family, noise, parse_arguments, pl
 
 import scenetruth as st
 
-__all__ = ["SCENES", "assess_bands"]
+__all__ = ["GROUPS", "SCENES", "assess_bands"]
 
 BANDS_PX = ((0.0, 2.0), (2.0, 5.0), (5.0, 12.0), (12.0, np.inf))
 COLUMNS = (
@@ -63,6 +63,11 @@ SCENES: dict[str, Plain] = {
     "square, weak wall": before(noise(4, 20), noise(4, 20, 0.04)),
     "coarse square, blank wall": before(noise(8, 40), BLANK, 30.0),
 }
+
+GROUPS: dict[str, str] = {
+    "surfaces before others": r"",
+}
+"""Rows of the summary, and what the names of their scenes contain."""
 
 
 def assess_bands(scene: Plain, settings: Plain, cache: str | None) -> dict[str, dict[str, float]]:

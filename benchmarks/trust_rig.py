@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.trust import DEPTH_MM, Plain, noise, plane, rig
 
-__all__ = ["SCENES"]
+__all__ = ["GROUPS", "SCENES"]
 
 
 def stage(errors: Plain | None, seed: int = 11, focal_px: float = 2400.0, **changes: Any) -> Plain:
@@ -73,3 +73,11 @@ SCENES: dict[str, Plain] = {
     "k1 = -2": lens(-2.0, 0.0, 13),
     "k1 = 1.5": lens(1.5, 0.0, 14),
 }
+
+GROUPS: dict[str, str] = {
+    "stage errors with stated tolerances": r"µrad|air bearing|screw",
+    "scans": r"^(bidirectional )?scan",
+    "rolling shutters": r"rolling",
+    "lenses with distortion": r"k1",
+}
+"""Rows of the summary, and what the names of their scenes contain."""

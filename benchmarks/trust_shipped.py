@@ -7,7 +7,7 @@ from pathlib import Path
 import yaml
 from benchmarks.trust import Plain
 
-__all__ = ["SCENES"]
+__all__ = ["GROUPS", "SCENES"]
 
 FOLDER = Path(__file__).parents[1] / "scenes"
 LARGEST_PX = (320, 240)
@@ -39,3 +39,8 @@ NAMES = (
     "plaid",
 )
 SCENES: dict[str, Plain] = {name: cropped(name) for name in NAMES}
+
+GROUPS: dict[str, str] = {
+    "shipped scenes": r"",
+}
+"""Rows of the summary, and what the names of their scenes contain."""

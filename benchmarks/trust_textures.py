@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.trust import PIXEL_MM, Plain, noise, plane, rig
 
-__all__ = ["SCENES"]
+__all__ = ["GROUPS", "SCENES"]
 
 ENDLESS_MM = 1e6
 
@@ -78,3 +78,13 @@ SCENES: dict[str, Plain] = {
         for shortest, longest in ((2, 3), (2.2, 2.8), (2, 2.5), (2.5, 3.5), (2, 6), (2.3, 3), (1.6, 3), (3, 4), (2, 4))
     },
 }
+
+GROUPS: dict[str, str] = {
+    "stripes": r"stripes",
+    "plaids": r"plaid",
+    "checkerboards of 4 to 16 px": r"checkers (4|9|13|16)",
+    "checkerboards of 20 px": r"checkers 20",
+    "textures of 2 to 4 px": r"fine noise",
+    "controls: noise textures": r"control",
+}
+"""Rows of the summary, and what the names of their scenes contain."""

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.errors import EstimateWarning
+from scenetruth.errors import EstimateWarning, SceneWarning
 from scenetruth.progress import Progress
 from scenetruth.schema import STATUS_VALID, make_recording
 from scenetruth.validation_studies.csv_tables import write_table
@@ -113,7 +113,10 @@ def pattern_images(
 def pattern_recording(images: NDArray[np.float64], baseline: float = 1.0) -> xr.Dataset:
     """Return a recording with the paper's camera; ``baseline`` is V_X per step of s."""
     # Noise may slightly exceed full scale.
-    return make_recording(images, FOCAL_LENGTH_PX, baseline, full_scale=1.0)
+    with warnings.catch_warnings():
+        # The focal length of the paper is that of a very wide field of view.
+        warnings.simplefilter("ignore", SceneWarning)
+        return make_recording(images, FOCAL_LENGTH_PX, baseline, full_scale=1.0)
 
 
 _ROWS = (

@@ -134,7 +134,7 @@ def test_errors_of_calibration_against_images_of_a_moving_element(
 
 def test_stated_slopes_hold_where_poses_are_not_stated() -> None:
     """Unstated shifts and rolls tilt windows through their oblique gradients: mean of two draws."""
-    within = []
+    within, stds = [], []
     for seed in (1, 3):
         generator = np.random.default_rng(seed)
         plane = MovingPlane(size=(80, 112), seed=seed)
@@ -150,5 +150,8 @@ def test_stated_slopes_hold_where_poses_are_not_stated() -> None:
             error = estimate["slope"].values - plane.truth()["slope"]
             inner = (error / estimate["slope_std"].values)[:, 16:-16, 20:-20]
             within.append(float(np.mean(np.abs(inner[np.isfinite(inner)]) < 2)))
-    assert np.mean(within[::2]) > 0.9
-    assert np.mean(within[1::2]) < 0.7
+            stds.append(float(np.nanmedian(estimate["slope_std"].values)))
+    assert np.mean(within[::2]) > 0.95
+    # Otherwise, the residuals of the frames alone enlarge the deviations.
+    assert np.mean(within[::2]) > np.mean(within[1::2]) + 0.02
+    assert (np.array(stds[::2]) > stds[1::2]).all()

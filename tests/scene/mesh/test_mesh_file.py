@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -174,7 +175,11 @@ def test_vertices_that_no_face_uses_count_nowhere(tmp_path: Path, form: str) -> 
         world = build_scene(scene)
         reports.append(describe_scene(scene, world, np.full((2, 2), DISTANCE)))
         bodies.append(world.bodies[0])
-    assert reports[0] == reports[1]
+    # But for the number of vertices of the file.
+    assert [replace(one, content=()) for one in reports[0].objects] == [
+        replace(one, content=()) for one in reports[1].objects
+    ]
+    assert replace(reports[0], objects=()) == replace(reports[1], objects=())
     np.testing.assert_array_equal(bodies[0].positions_at(1.0), bodies[1].positions_at(1.0))
     np.testing.assert_array_equal(bodies[0].uv, bodies[1].uv)
     assert bodies[1].mesh.with_all_nodes.vertices_mm == pytest.approx(stray, rel=1e-6)

@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.scene.mesh import TriangleMesh, make_plane
+from scenetruth.scene.mesh import MeshAppearance, TriangleMesh, make_plane
 from scenetruth.scene.scene_object import Texture
-from scenetruth.scene.texture import EmbeddedTexture, NoiseTexture, PlaidTexture, SurfaceTexture, UniformTexture
+from scenetruth.scene.texture import (
+    EmbeddedTexture,
+    NoiseTexture,
+    Picture,
+    PlaidTexture,
+    SurfaceTexture,
+    UniformTexture,
+)
+
+
+def appearance(mesh: TriangleMesh, colours: NDArray[np.float64]) -> MeshAppearance:
+    return MeshAppearance(colours, None, (), np.full(len(mesh.faces), -1), None)
 
 
 def made(kind: str) -> SurfaceTexture:
     generator = np.random.default_rng(5)
     mesh = make_plane((20, 30))
     if kind == "ramp":
-        colours = generator.integers(0, 256, (len(mesh.vertices_mm), 3), dtype=np.uint8)
-        mesh = TriangleMesh(mesh.vertices_mm, mesh.faces, mesh.chart_mm, vertex_colours=colours)
-        return EmbeddedTexture(kind="embedded").paint(mesh, Path(), generator)[0]
+        colours = generator.random((len(mesh.faces), 3, 3))
+        return EmbeddedTexture(kind="embedded").paint(replace(mesh, appearance=appearance(mesh, colours)), Path(),
+                                                      generator)[0]  # fmt: skip
     if kind in ("image", "bordered"):
-        picture = generator.random((9, 14, 3)).astype(np.float32)
-        mesh = TriangleMesh(
-            mesh.vertices_mm, mesh.faces, mesh.chart_mm, uv=mesh.uv, image=picture, tiled=kind == "image"
-        )
-        return EmbeddedTexture(kind="embedded").paint(mesh, Path(), generator)[0]
+        return Picture(generator.random((9, 14)).astype(np.float32), tiled=kind == "image")
     entries: dict[str, Texture] = {
         "noise": NoiseTexture(kind="noise", wavelength_mm=(3.0, 9.0)),
         "plaid": PlaidTexture(kind="plaid", wavelength_mm=(4.0, 5.0)),

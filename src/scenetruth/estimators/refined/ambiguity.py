@@ -119,12 +119,15 @@ def find_ambiguous(
     return found & where
 
 
-def mark_mostly(flags: Mask, tested: Mask, size: int) -> Mask:
-    """Return where most of the tested neighbours are ambiguous: by chance, noise distinguishes some of them."""
+def mark_mostly(flags: Mask, tested: Mask, size: int, least: float = 0.5) -> Mask:
+    """Return where most of the tested neighbours are ambiguous: by chance, noise distinguishes some of them.
+
+    ``size``: Side length of the neighbourhood in px. ``least``: Share of ambiguous neighbours.
+    """
     from scipy.ndimage import uniform_filter
 
     share, all_of_them = (uniform_filter(each.astype(np.float64), size) for each in (flags & tested, tested))
-    return np.asarray(tested & (share > 0.5 * all_of_them))
+    return np.asarray(tested & (share > least * all_of_them))
 
 
 def image_motion(images: ImageStack, theta: Map) -> Map:

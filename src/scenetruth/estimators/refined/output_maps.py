@@ -268,6 +268,9 @@ def compute_maps(
     return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
 
 
+_NEARLY_ALL = 0.85  # share of undetermined pixels around a pixel from which on it is undetermined, too
+
+
 def _determined(
     images: ImageStack,
     fit: Fit,
@@ -287,6 +290,9 @@ def _determined(
     # Amid textures in one direction, some pixels have a second one by chance.
     single = known & ~(aperture.disparity & aperture.motion)
     ambiguous |= known & ~single & mark_mostly(single, known, 4 * round(sigma) + 1)
+    # A few pixels of a repetitive texture differ by what lies at the ends of their windows.
+    undetermined = single | ambiguous
+    ambiguous |= known & ~undetermined & mark_mostly(undetermined, known, 8 * round(sigma) + 1, _NEARLY_ALL)
     reason[known & ~(aperture.disparity & (aperture.motion | aperture.normal))] = _AMBIGUOUS
     reason[ambiguous] = _AMBIGUOUS
     sound = known & aperture.disparity & ~ambiguous

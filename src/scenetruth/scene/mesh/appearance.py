@@ -152,7 +152,7 @@ class MeshAppearance:
         return luminance_of(linearise(both, "srgb") if self._by_scene(encoding) == "srgb" else both)
 
     def _by_scene(self, encoding: str | None) -> str:
-        """Return the encoding of colours: glTF has linear ones, other formats those of the scene."""
+        """Return the encoding of colours: linear in glTF, otherwise that of the scene."""
         return "linear" if self.srgb_pictures or encoding is None else encoding
 
     def lay(self, encoding: str | None) -> LaidPicture:
@@ -261,9 +261,7 @@ def _unrolled(values: NDArray[np.float32], uv: Floats, wrap: tuple[str, str], na
         first, last = (floor(low + 1e-9), ceil(high - 1e-9)) if mode != "clamp" else (0, 1)
         last = max(last, first + 1)
         if last - first > _MOST_COPIES:
-            msg = (
-                f'material "{name}" repeats its picture {last - first} times beside other pictures; bake them into one'
-            )
+            msg = f'material "{name}" repeats one of several pictures {last - first} times; bake them into one'
             raise MeshFileError(msg)
         texels = np.arange(first * size - _MARGIN, last * size + _MARGIN)
         if mode == "clamp":
@@ -276,7 +274,9 @@ def _unrolled(values: NDArray[np.float32], uv: Floats, wrap: tuple[str, str], na
         # Beyond a clamped picture, its border continues; in an atlas, the next picture follows.
         beyond = np.abs(uv[..., axis] - 0.5).max() > 0.5 + _MARGIN / size
         if mode == "clamp" and beyond and not alone:
-            msg = f'material "{name}" shows what lies beyond its picture beside other pictures; bake them into one'
+            msg = (
+                f'material "{name}" shows what lies beyond its picture, where another picture lies; bake them into one'
+            )
             raise MeshFileError(msg)
         moved[..., axis] = (uv[..., axis] * size - texels[0]) / len(texels)
     across, down = pads

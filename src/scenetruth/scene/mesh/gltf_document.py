@@ -146,7 +146,7 @@ class GltfDocument:
         return dict(entries[index])
 
     def named_bytes(self, uri: str, what: str) -> bytes:
-        """Return the content of a data URI, or of a file beside the document."""
+        """Return the content of a data URI, or of a file in the folder of the document."""
         if uri.startswith("data:"):
             head, _, data = uri.partition(",")
             try:

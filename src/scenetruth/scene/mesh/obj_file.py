@@ -247,7 +247,7 @@ def _missing(name: str, file: Path, libraries: list[str]) -> str:
         return f'uses the material "{name}", but names no material library (mtllib)'
     absent = [each for each in libraries if not _library_files(file, each)]
     if absent:
-        return f'uses the material "{name}"; its material library "{absent[0]}" is missing beside the file'
+        return f'uses the material "{name}"; its material library "{absent[0]}" is missing in its folder'
     return f'uses the material "{name}", which its material library does not have'
 
 
@@ -403,7 +403,7 @@ def _texture_map(library: Path, statement: str) -> TextureMap:
             break
     found = find_beside(library, rest)
     if found is None:
-        msg = f'its picture "{rest}" is missing beside the file'
+        msg = f'its picture "{rest}" is missing in its folder'
         raise ValueError(msg)
     transform = (scale[0], 0.0, offset[0], 0.0, scale[1], offset[1])
     return TextureMap(found, transform=transform, wrap=(wrap, wrap))

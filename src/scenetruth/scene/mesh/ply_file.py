@@ -362,5 +362,5 @@ def _colours(table: Table) -> Floats | None:
 def _material(file: Path, name: str) -> Material:
     found = find_beside(file, name)
     if found is None:
-        return Material(name, problem=f'its picture "{name}" is missing beside the file')
+        return Material(name, problem=f'its picture "{name}" is missing in its folder')
     return Material(name, picture=TextureMap(found))
