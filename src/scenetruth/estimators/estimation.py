@@ -18,7 +18,7 @@ from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate
 from scenetruth.estimators.user_code import locate_exception
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
-from scenetruth.schema import VARIABLES, Put, blank_map, check_dataset, estimate_hash
+from scenetruth.schema import VARIABLES, Put, blank_map, check_dataset, estimate_hash, flat_attributes
 from scenetruth.schema.validity import (
     STATUS_SOURCES,
     VALIDITY_MAPS,
@@ -274,7 +274,7 @@ class EstimationTask:
             validity = _ValidityPut(blank, self._recording, put)
             found = self._method.fill(self._guarded, self._settings, validity.put, self._progress)
             validity.finish()
-            return found
+            return flat_attributes(found)
 
     def _checked(self, found: Any) -> xr.Dataset:
         """Return the output of the method with its provenance attributes; raise if it is not a valid estimate."""
@@ -283,6 +283,7 @@ class EstimationTask:
         if problems:
             raise EstimateError(problems, source=f"output of method '{method.name}'")
         stamped: xr.Dataset = found.copy()
+        stamped.attrs = flat_attributes(stamped.attrs)
         stamped.attrs |= {"method": method.name, "settings": self._settings.model_dump_json()}
         stamped.attrs |= {key: recording.attrs[key] for key in _TRAVELLING if key in recording.attrs}
         stamped.attrs["estimate_hash"] = estimate_hash(stamped)
