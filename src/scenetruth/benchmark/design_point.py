@@ -195,10 +195,12 @@ def measure(
             recording = add_noise(ideal, noise_std, case.kind, seed)
             estimates = {}
             for one in contestants:
+                # A method may write to its images through C: the other methods must not see that.
+                own = recording.copy(deep=True)
                 took, held, work = time.perf_counter(), PeakMemory(), None
                 try:
                     with held:
-                        work = prepare(recording, one.method, dict(one.settings))
+                        work = prepare(own, one.method, dict(one.settings))
                         maps = work.estimate().sel(t=[0])
                 except (EstimateError, KeyError) as error:
                     measured.failures[one.label] = str(error)
