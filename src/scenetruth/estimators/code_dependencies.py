@@ -2,7 +2,7 @@
 
 Followed are imports, also of compiled modules and from other folders; libraries that ctypes has loaded into a global
 variable; and existing files that Python code or a script names in a text. Not followed are names that are composed at
-run time, libraries that a compiled file loads by itself, installed packages, and services.
+run time, libraries that a compiled file loads by itself (see `process_files`), installed packages, and services.
 """
 
 from __future__ import annotations
