@@ -79,8 +79,8 @@ def compare(
         Address of a Dask scheduler, whose workers are used instead. They require access to the output directory under
         the same path.
     fresh
-        Measure all scenes again instead of reusing results: needed after a change of what a method calls in a way that
-        is not followed, such as an installed package, a service, or a file whose name is composed at run time.
+        Measure all scenes again instead of reusing results. Changes of installed packages, of services, and of files
+        whose names are composed at run time are not detected: they require this.
     progress
         Called with (what, done, total).
 
