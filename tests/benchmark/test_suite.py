@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import random
@@ -42,6 +43,30 @@ def nearest(recording: xr.Dataset, depth_mm: float = 720.0) -> dict[str, Any]:
 def failing(recording: xr.Dataset) -> dict[str, Any]:
     msg = "no idea"
     raise ZeroDivisionError(msg)
+
+
+def meddling(recording: xr.Dataset) -> dict[str, Any]:
+    ctypes.memset(recording["image"].values.ctypes.data, 0, recording["image"].nbytes)
+    return nearest(recording)
+
+
+def test_a_method_that_writes_to_its_images_is_named_and_harms_no_other() -> None:
+    together = compare([meddling, "structure_tensor"], **QUICK)
+    assert len(together.failures) == 1
+    assert "meddling" in together.failures[0]
+    assert "modifies the recording" in together.failures[0]
+    alone = compare("structure_tensor", **QUICK)
+    rows = [[row for row in found.rows if row.quantity] for found in (together, alone)]
+    assert rows[0] == rows[1] != []
+
+
+def test_fresh_measures_what_is_there_again(tmp_path: Path) -> None:
+    stamps = []
+    for fresh in (False, False, True):
+        compare(nearest, output=tmp_path / "c", **QUICK, fresh=fresh)
+        (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
+        stamps.append(kept.stat().st_mtime_ns)
+    assert stamps[0] == stamps[1] < stamps[2]
 
 
 def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -12,8 +13,9 @@ import xarray as xr
 
 import scenetruth as st
 from scenetruth.errors import Problem
-from scenetruth.estimators import Method, Needs, user_code
+from scenetruth.estimators import Method, Needs, StreamingMethod, user_code
 from scenetruth.estimators.estimation import read_only
+from scenetruth.schema import blank_estimate
 
 Estimate = Callable[[xr.Dataset], Any]
 
@@ -217,3 +219,61 @@ def test_lens_and_times_that_a_method_ignores_are_warned_of() -> None:
     assert any("up to 0.25 s apart" in str(warning.message) for warning in caught)
     st.estimate(recording, Aware())
     st.estimate(recording.drop_vars("planned_time_s").assign_attrs(distortion=[0.0] * 4), Wall())
+
+
+def write_through_c(recording: xr.Dataset) -> xr.Dataset:
+    ctypes.memset(recording["image"].values.ctypes.data, 0, 64)
+    return good(recording)
+
+
+def write_after_setflags(recording: xr.Dataset) -> xr.Dataset:
+    values = recording["image"].values
+    values.setflags(write=True)
+    values[0, 0] = 0.25
+    return good(recording)
+
+
+def write_to_the_positions(recording: xr.Dataset) -> xr.Dataset:
+    found = good(recording)
+    ctypes.memset(recording["stage_x_mm"].values.ctypes.data, 0, 8)
+    return found
+
+
+class DoingByFrames(StreamingMethod):
+    """A streaming method that writes to the images."""
+
+    name = "by_frames"
+
+    def blank(self, recording: xr.Dataset, settings: Any) -> xr.Dataset:
+        return blank_estimate(["disparity"], recording=recording, t=[0, 1])
+
+    def fill(self, recording: xr.Dataset, settings: Any, put: Any, progress: Any) -> dict[str, Any]:
+        write_through_c(recording)
+        return {}
+
+
+@pytest.mark.parametrize(
+    ("method", "variable"),
+    [
+        (write_through_c, "image"),
+        (write_after_setflags, "image"),
+        (Doing(write_through_c), "image"),
+        (write_to_the_positions, "stage_x_mm"),
+        (DoingByFrames(), "image"),
+    ],
+)
+def test_writing_below_the_flags_of_numpy_is_detected(recording: xr.Dataset, method: Any, variable: str) -> None:
+    with pytest.raises(st.EstimateError, match=rf"modifies the recording .*\({variable}\)") as raised:
+        st.estimate(recording, method)
+    assert f"'{getattr(method, '__name__', None) or method.name}'" in str(raised.value)
+
+
+def test_writing_to_a_copy_is_allowed(recording: xr.Dataset) -> None:
+    before = recording.copy(deep=True)
+
+    def careful(given: xr.Dataset) -> xr.Dataset:
+        write_after_setflags(given.copy(deep=True))
+        return good(given)
+
+    st.estimate(recording, careful)
+    xr.testing.assert_identical(recording, before)

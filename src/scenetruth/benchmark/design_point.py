@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from scenetruth.benchmark.cases.case import BOUND, METHOD_VALID, BenchmarkRecord, Case, CaseEstimates, all_cases
 from scenetruth.benchmark.error_statistics import compute_statistic_records
 from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, ScoreError
-from scenetruth.estimators import prepare
+from scenetruth.estimators import find_method, prepare
+from scenetruth.estimators.external import CommandMethod
 from scenetruth.estimators.method_specs import MethodSpec
+from scenetruth.estimators.process_files import compute_hashes, list_process_files
 from scenetruth.jobs.results import refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
 from scenetruth.resources import Limits
@@ -169,6 +171,7 @@ class PointResult:
     """The result of a design point; ``failures`` and likely ``convention_mismatches`` by label.
 
     ``settled``: Labels whose failures are final: installed methods that reject the recording.
+    ``called``: Hashes of the files that the processes of user-defined methods had opened or mapped, by path.
     ``maps``: Error maps; None if no quantity is in px, or if the result was read from a file.
     """
 
@@ -176,6 +179,7 @@ class PointResult:
     failures: dict[str, str] = field(default_factory=dict)
     settled: list[str] = field(default_factory=list)
     convention_mismatches: dict[str, list[str]] = field(default_factory=dict)
+    called: dict[str, str] = field(default_factory=dict)
     maps: CaseErrorMaps | None = None
 
 
@@ -195,10 +199,12 @@ def measure(
             recording = add_noise(ideal, noise_std, case.kind, seed)
             estimates = {}
             for one in contestants:
+                # A method may write to its images through C: the other methods must not see that.
+                own = recording.copy(deep=True)
                 took, held, work = time.perf_counter(), PeakMemory(), None
                 try:
                     with held:
-                        work = prepare(recording, one.method, dict(one.settings))
+                        work = prepare(own, one.method, dict(one.settings))
                         maps = work.estimate().sel(t=[0])
                 except (EstimateError, KeyError) as error:
                     measured.failures[one.label] = str(error)
@@ -219,6 +225,7 @@ def measure(
                         )
                     )
             found.append(CaseEstimates(estimates, truth, recording, first))
+        measured.called = _hash_called_files(contestants)
         measured.maps = build_error_maps(case, found[0])
         for value in point.values:
             measured.rows += compute_statistic_records(case, value, found)
@@ -227,6 +234,16 @@ def measure(
             if case.bounded and noise_std:
                 measured.rows += _bound_rows(case, value, whole, ideal, noise_std)
     return measured
+
+
+def _hash_called_files(contestants: Sequence[MethodSpec]) -> dict[str, str]:
+    """Return the hashes of the files that the processes of user-defined methods use."""
+    own = [find_method(one.method) for one in contestants if one.fingerprint]
+    commands = [method for method in own if isinstance(method, CommandMethod)]
+    files = {file for method in commands for file in method.called_files}
+    if len(commands) < len(own):
+        files |= {file for file in list_process_files() if file.suffix != ".py"}
+    return compute_hashes(files)
 
 
 def add_noise(ideal: xr.Dataset, noise_std: float, *keys: Any) -> xr.Dataset:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+import zlib
 from collections.abc import Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import contextmanager
@@ -12,13 +13,14 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import EstimateError, EstimateWarning, Problem, RecordingError, ScenetruthError, StoreError
+from scenetruth.estimators.axis_order import describe_likely_causes, is_nearly_invalid
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec
 from scenetruth.estimators.protocol import Estimator, StreamingMethod
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate_settings
-from scenetruth.estimators.user_code import locate_exception
+from scenetruth.estimators.user_code import FunctionMethod, locate_exception
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
-from scenetruth.schema import VARIABLES, Put, blank_map, check_dataset, estimate_hash
+from scenetruth.schema import VARIABLES, Put, blank_map, check_dataset, estimate_hash, flat_attributes
 from scenetruth.schema.validity import (
     STATUS_SOURCES,
     VALIDITY_MAPS,
@@ -61,6 +63,41 @@ def copy_shared_arrays(found: xr.Dataset, recording: xr.Dataset) -> xr.Dataset:
         if shared or not values.flags.writeable:
             variable.data = values.copy()
     return own
+
+
+class _MemoryGuard:
+    """Detection of changes of a recording in memory that bypass the read-only flags of its arrays.
+
+    Built-in methods are not examined.
+    """
+
+    def __init__(self, recording: xr.Dataset, method: Estimator) -> None:
+        built_in = type(method).__module__.startswith(_BUILT_IN) and not isinstance(method, FunctionMethod)
+        self._arrays = {
+            str(name): variable.values
+            for name, variable in recording.variables.items()
+            if not built_in and is_in_memory(variable) and variable.dtype != object
+        }
+        self._before = self._checksums()
+
+    def _checksums(self) -> dict[str, int]:
+        return {
+            name: zlib.crc32(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)
+            for name, values in self._arrays.items()
+        }
+
+    def check(self) -> None:
+        """Raise if an array of the recording has changed."""
+        after = self._checksums()
+        if changed := [name for name, number in self._before.items() if after[name] != number]:
+            message = (
+                f"modifies the recording passed to it ({', '.join(changed)}), past the write protection of the arrays; "
+                "use a copy. The recording in memory is no longer the original"
+            )
+            raise EstimateError([Problem("", message)])
+
+
+_BUILT_IN = "scenetruth.estimators."
 
 
 def is_in_memory(variable: xr.Variable) -> bool:
@@ -152,7 +189,8 @@ def estimate(
     -----
     EstimateWarning
         If the settings of a method make many pixels invalid unnecessarily, for example if the threshold ``tau`` of the
-        structure tensor is too high for low-contrast textures.
+        structure tensor is too high for low-contrast textures. If under 1 % of the pixels are valid and the images move
+        as if the axes s and t, or rows and columns, were swapped, or the sign of the baseline were reversed.
 
     See Also
     --------
@@ -234,8 +272,11 @@ class EstimationTask:
             # Methods that do not stream get all images in memory and read-only, also from a store.
             guarded = read_only(self._recording.copy(deep=False).load())
         with self._telling():
+            memory = _MemoryGuard(guarded, self._method)
             found = self._method.estimate(guarded, self._settings, self._progress)
+            memory.check()
         checked = complete_validity(self._checked(found), self._recording)
+        self._warn_of_axis_order(int(np.count_nonzero(checked["valid"].values)), checked)
         return copy_shared_arrays(checked, self._recording)
 
     def blank(self) -> xr.Dataset | None:
@@ -270,11 +311,22 @@ class EstimationTask:
         """
         assert isinstance(self._method, StreamingMethod)
         with self._telling():
+            memory = _MemoryGuard(self._guarded, self._method)
             blank = self._method.blank(self._guarded, self._settings)
-            validity = _ValidityPut(blank, self._recording, put)
+            counted = _ValidCount(put)
+            validity = _ValidityPut(blank, self._recording, counted.put)
             found = self._method.fill(self._guarded, self._settings, validity.put, self._progress)
             validity.finish()
-            return found
+            memory.check()
+        self._warn_of_axis_order(counted.pixels, blank)
+        return flat_attributes(found)
+
+    def _warn_of_axis_order(self, valid_pixels: int, estimate: xr.Dataset) -> None:
+        """Warn of an estimate that is nearly invalid if the order of the image axes explains it."""
+        if is_nearly_invalid(valid_pixels, estimate, self._recording):
+            message = describe_likely_causes(self._recording)
+            if message:
+                warnings.warn(f"method '{self._method.name}': {message}", EstimateWarning, stacklevel=4)
 
     def _checked(self, found: Any) -> xr.Dataset:
         """Return the output of the method with its provenance attributes; raise if it is not a valid estimate."""
@@ -283,6 +335,7 @@ class EstimationTask:
         if problems:
             raise EstimateError(problems, source=f"output of method '{method.name}'")
         stamped: xr.Dataset = found.copy()
+        stamped.attrs = flat_attributes(stamped.attrs)
         stamped.attrs |= {"method": method.name, "settings": self._settings.model_dump_json()}
         stamped.attrs |= {key: recording.attrs[key] for key in _TRAVELLING if key in recording.attrs}
         stamped.attrs["estimate_hash"] = estimate_hash(stamped)
@@ -317,6 +370,19 @@ class EstimationTask:
         place = locate_exception(error)
         message += f" ({place})" if place else ""
         return EstimateError([Problem(f"method '{self._method.name}'", message)])
+
+
+class _ValidCount:
+    """Counts the valid pixels among the values that it passes on."""
+
+    def __init__(self, put: Put) -> None:
+        self._put, self.pixels = put, 0
+
+    def put(self, name: str, at: Mapping[str, int], values: np.ndarray[Any, Any]) -> None:
+        """Pass values on; see `Put`."""
+        if name == "valid":
+            self.pixels += int(np.count_nonzero(values))
+        self._put(name, at, values)
 
 
 class _ValidityPut:

@@ -6,6 +6,7 @@ from scenetruth.schema.attributes import (
     check_same_run,
     digest,
     estimate_hash,
+    flat_attributes,
     read_intrinsics,
     read_lineage,
     read_object_names,
@@ -42,7 +43,8 @@ __all__ = [
     "COMPONENTS", "FORMAT_VERSION", "NO_SURFACE", "REASONS", "STATUS_FALLBACK", "STATUS_INVALID", "STATUS_NORMAL",
     "STATUS_VALID", "VARIABLES", "Acquisition", "IncrementalDataset", "Intrinsics", "PixelGrid", "Put",
     "StageTolerances", "Variable", "blank_estimate", "blank_map", "check_dataset", "check_same_run",
-    "compute_depth_rate", "compute_pixel_grid", "digest", "estimate_hash", "image_to_grey", "label", "make_estimate",
+    "compute_depth_rate", "compute_pixel_grid", "digest", "estimate_hash",
+    "flat_attributes", "image_to_grey", "label", "make_estimate",
     "make_recording", "put_each", "put_estimate", "read_acquisition", "read_intrinsics", "read_lineage",
     "read_object_names", "read_scene", "tolerance_attributes",
 ]  # fmt: skip

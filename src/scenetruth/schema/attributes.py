@@ -18,6 +18,7 @@ __all__ = [
     "check_same_run",
     "digest",
     "estimate_hash",
+    "flat_attributes",
     "read_intrinsics",
     "read_lineage",
     "read_object_names",
@@ -69,6 +70,36 @@ def read_object_names(dataset: xr.Dataset) -> list[str]:
     ['leaf', 'soil']
     """
     return [str(name) for name in json.loads(dataset.attrs.get("object_names", "[]"))]
+
+
+def flat_attributes(attrs: Mapping[str, Any]) -> dict[str, Any]:
+    """Return attributes that netCDF can hold: numbers, texts and lists of numbers; all others as JSON text.
+
+    Empty lists become text as well, so that the type of an attribute does not depend on its length.
+
+    >>> flat_attributes({"tau": 0.5, "iterations": [4, 7], "excluded_images": [[1, 2]], "counts": {"dead": 0}})
+    {'tau': 0.5, 'iterations': [4, 7], 'excluded_images': '[[1, 2]]', 'counts': '{"dead": 0}'}
+    """
+    return {name: value if _is_flat(value) else json.dumps(value, default=_plain) for name, value in attrs.items()}
+
+
+def _is_flat(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim <= 1 and value.size > 0 and value.dtype.kind in "biuf"
+    if isinstance(value, list | tuple):
+        return bool(value) and all(isinstance(item, _NUMBERS) for item in value)
+    # Types that JSON does not have either are rejected where they are written.
+    return value is not None and not isinstance(value, Mapping)
+
+
+_NUMBERS = (bool, int, float, np.bool_, np.integer, np.floating)
+
+
+def _plain(value: Any) -> Any:
+    """Return the JSON equivalent of a value that the json module does not know."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return dict(value) if isinstance(value, Mapping) else str(value)
 
 
 _HASHES = ("recording_hash", "scene_hash")

@@ -257,7 +257,8 @@ def simulate_and_score(
         for one in methods:
             work = None
             try:
-                work = prepare(recording, one.method, dict(one.settings))
+                # Memory of its own: the other methods must not see what a method writes to its images through C.
+                work = prepare(recording.copy(deep=True), one.method, dict(one.settings))
                 maps = work.estimate()
             except (EstimateError, KeyError) as error:
                 measured.failures[one.label] = " ".join(str(error).split())
