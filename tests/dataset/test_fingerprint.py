@@ -152,7 +152,7 @@ def test_a_file_that_changes_during_a_run_stops_it(tmp_path: Path, monkeypatch: 
         return found
 
     monkeypatch.setattr(simulation, "simulate_into", change_then_simulate)
-    with pytest.raises(MachineError, match=r"two\.obj.*would be mixed|would be mixed.*two\.obj"):
+    with pytest.raises(MachineError, match=r"(?s)two\.obj.*would be mixed|would be mixed.*two\.obj"):
         st.run_dataset(given, output=folder)
     monkeypatch.undo()
     assert [one.number for one in verify_dataset(folder, regenerate=0)] == [1]

@@ -76,7 +76,7 @@ def test_palettes_of_colours() -> None:
         (tiff((GREY / 100).astype(np.float32)), "has radiances from 0 to 2.55"),
         (tiff((GREY / 255 - 0.1).astype(np.float32)), "has radiances from -0.1"),
         (tiff(np.full((2, 2), np.nan, np.float32)), "not finite"),
-        (tiff(GREY.astype(np.uint32)), "32 bits, whose full scale is not known"),
+        (tiff(GREY.astype(np.uint32)), "32 bits, of unspecified full scale"),
         (tiff(GREY.astype(np.int16)), "signed integers (int16)"),
         (tiff(GREY.astype(np.complex64)), "real numbers"),
         (tiff(np.stack([GREY, GREY]), photometric="minisblack"), "single grey or colour"),

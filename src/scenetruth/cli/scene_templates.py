@@ -318,7 +318,7 @@ def _placed(read: TriangleMesh, distance_mm: float | None) -> PlacedMesh:
         distance_mm=distance,
         focal_length_px=focal,
         baseline_mm=_rounded(_DISPARITY_PX * distance / focal, down=True),
-        has_image=read.image is not None or read.vertex_colours is not None,
+        has_image=read.appearance is not None,
         has_uv=read.uv is not None,
     )
 

@@ -157,7 +157,7 @@ def refuse_changed_files(identity: DatasetFingerprint, scene: Scene) -> None:
     for where, path in collect_input_files(scene):
         former = identity.files.get(str(path))
         if former is not None and former != content_hash(path):
-            problems.append(Problem(where, _CHANGED_FILE, str(path)))
+            problems.append(Problem(where, f"{Path(path).name} {_CHANGED_FILE}", str(path)))
     if problems:
         raise MachineError(problems)
 

@@ -108,7 +108,7 @@ def decode_picture(content: bytes, *, obey_metadata: bool = True, most_pixels: i
     Raises
     ------
     PictureFileError
-        If the bytes are no picture, or its numbers are not grey values or colours with a known meaning.
+        If the bytes are no picture, or its numbers are not grey values or colours without doubt.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -213,7 +213,7 @@ def _decode_other(content: bytes, most: int, *, obey_metadata: bool) -> DecodedP
     elif mode == "I":
         # 16-bit PNG of older versions of Pillow.
         if values.min() < 0 or values.max() > 65535:
-            msg = "has 32-bit integers, whose full scale is not known; save it with 16 bits or as float"
+            msg = "has 32-bit integers, of unspecified full scale; save it with 16 bits or as float"
             raise PictureFileError(msg)
         bits = 16
     return _made(_upright(values, orientation), bits, encoding, says, premultiplied=mode in ("La", "RGBa"))
@@ -278,10 +278,10 @@ def _made(values: NDArray[Any], bits: int, encoding: str | None, says: str, *, p
             msg = f"has radiances from {values.min():g} to {values.max():g}; divide them so that they lie from 0 to 1"
             raise PictureFileError(msg)
     elif values.dtype.kind == "i" and not (values.dtype.itemsize == 4 and bits == 16):
-        msg = f"has signed integers ({values.dtype}), whose full scale is not known; save it as unsigned 8 or 16 bits"
+        msg = f"has signed integers ({values.dtype}), of unspecified full scale; save it as unsigned 8 or 16 bits"
         raise PictureFileError(msg)
     elif bits > 16:
-        msg = f"has integers of {bits} bits, whose full scale is not known; save it with 8 or 16 bits, or as float"
+        msg = f"has integers of {bits} bits, of unspecified full scale; save it with 8 or 16 bits, or as float"
         raise PictureFileError(msg)
     else:
         full = float(2**bits - 1)

@@ -104,7 +104,7 @@ class MeshAppearance:
         source = np.concatenate([each.source for each in parts])
         order = np.argsort(source, kind="stable")
         weights = np.concatenate([each.weights for each in parts])
-        cut, removed = (sum(each[k] for each in parts) for k in (2, 3))
+        cut, removed = sum(each.cut for each in parts), sum(each.removed for each in parts)
         return CutTriangles(source[order], weights[order], cut, removed)
 
     def on_pieces(self, cut: CutTriangles) -> MeshAppearance:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,7 +149,7 @@ def _divide(window: Floats, corners: Floats, limit: float) -> Floats | None:
     found /= found.sum(axis=2, keepdims=True)
     sizes = np.linalg.det(found)
     found = np.where((sizes < 0)[:, None, None], found[:, ::-1], found)
-    return found[np.abs(sizes) > _NO_AREA]
+    return np.asarray(found[np.abs(sizes) > _NO_AREA])
 
 
 def _bilinear(window: Floats, points: Floats) -> Floats:
@@ -168,8 +168,8 @@ def _opaque_areas(window: Floats, limit: float) -> Iterator[list[Floats]]:
     import contourpy
 
     generator = contourpy.contour_generator(z=window, fill_type=contourpy.FillType.OuterOffset)
-    points, offsets = generator.filled(limit, np.inf)
-    for own, ends in zip(points, offsets, strict=True):
+    areas: Any = generator.filled(limit, np.inf)
+    for own, ends in zip(areas[0], areas[1], strict=True):
         rings = [own[first:last] for first, last in itertools.pairwise(ends)]
         yield [_on_contour(window, ring, limit) for ring in rings]
 

@@ -147,18 +147,18 @@ def _as_triangles(
     # Unused vertices are invisible and matter only for arrays of nodes.
     used = np.unique(of_file)
     nodes = points if len(used) < len(points) else None
-    vertices, faces = points[used], np.searchsorted(used, of_file)
+    vertices, corner_vertices = points[used], np.searchsorted(used, of_file)
     cut = appearance.cut()
     if cut is not None:
         if not len(cut.source):
             msg = "has no surface left: its pictures are transparent everywhere"
             raise MeshFileError(msg)
-        welded = weld(faces, cut)
-        vertices = np.einsum("nc,nci->ni", welded.weights, vertices[faces[welded.source]])
-        faces, nodes, appearance = welded.triangles, None, appearance.on_pieces(cut)
+        welded = weld(corner_vertices, cut)
+        vertices = np.einsum("nc,nci->ni", welded.weights, vertices[corner_vertices[welded.source]])
+        corner_vertices, nodes, appearance = welded.triangles, None, appearance.on_pieces(cut)
         normals = None if normals is None else np.einsum("tkc,tcj->tkj", cut.weights, normals[cut.source])
         notes += (f"{cut.cut:,} triangles cut along the outline of their picture's opacity, {cut.removed:,} removed",)
-    faces = faces.astype(np.int32)
+    faces = corner_vertices.astype(np.int32)
     if normals is not None:
         normals = _unit(normals)
         crease: float | NDArray[np.float64] = compute_crease_angles(vertices, faces, normals)
