@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,7 +78,10 @@ def originals() -> dict[str, list[bytes]]:
         corners = mesh.vertices_mm[mesh.faces].astype(np.float32)
         data = b"".join(struct.pack("<3f", 0, 0, 0) + own.tobytes() + b"\0\0" for own in corners)
         found["stl"].append(bytes(80) + struct.pack("<I", len(corners)) + data)
-        arrays = {"points": mesh.vertices_mm.astype(np.float32), "index": mesh.faces.astype(np.uint16).reshape(-1)}
+        arrays: dict[str, Any] = {
+            "points": mesh.vertices_mm.astype(np.float32),
+            "index": mesh.faces.astype(np.uint16).reshape(-1),
+        }
         primitive = {"attributes": {"POSITION": "@points"}, "indices": "@index", "mode": 4}
         found["gltf"].append(
             gltf(arrays, primitive, nodes=[{"mesh": 0, "scale": [1, 2, 3], "translation": [5, 0, 0]}]).encode()

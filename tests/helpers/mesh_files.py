@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scenetruth.scene.mesh import TriangleMesh, load_mesh_file
 
@@ -56,9 +56,7 @@ _COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4":
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
-def gltf(
-    arrays: dict[str, NDArray[Any]], primitive: Plain, normalized: tuple[str, ...] = (), **more: Plain | Any
-) -> str:
+def gltf(arrays: Mapping[str, Any], primitive: Plain, normalized: tuple[str, ...] = (), **more: Any) -> str:
     """Return a glTF document with an accessor for each array, by the names of which the primitive refers to them.
 
     ``more``: Further top-level keys; nodes and meshes too.

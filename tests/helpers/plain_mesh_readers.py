@@ -91,7 +91,8 @@ def read_ply(content: bytes) -> list[Polygon]:
             if name == "vertex":
                 points.append((values["x"], values["y"], values["z"]))
             elif name == "face":
-                found.append([points[int(index)] for index in values.get("vertex_indices", values.get("vertex_index"))])
+                listed = values["vertex_indices" if "vertex_indices" in values else "vertex_index"]
+                found.append([points[int(index)] for index in listed])
     return found
 
 

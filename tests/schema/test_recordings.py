@@ -230,7 +230,7 @@ def test_methods_that_would_use_masked_pixels_refuse() -> None:
 
 @pytest.mark.parametrize("dtype", [np.int32, np.uint32, np.int64, np.uint64])
 def test_integers_without_a_full_scale_ask_for_it(dtype: type) -> None:
-    images = np.full((2, 1, 4, 4), 200, dtype=dtype)
+    images: np.ndarray = np.full((2, 1, 4, 4), 200, dtype=dtype)
     with pytest.raises(st.RecordingError, match=r"integers of (32|64) bits.*full_scale=.*they reach 200"):
         st.make_recording(images, 100.0, 5.0)
     assert image_to_grey(st.make_recording(images, 100.0, 5.0, full_scale=400)).max() == 0.0

@@ -70,9 +70,7 @@ def images_from(
             problems.append(Problem("images", expected, images.dims))
             return None, None
         missing = [dim for dim in wanted if dim not in images.dims]
-        images = images.expand_dims(missing) if isinstance(images, xr.DataArray) else images.set_dims(
-            [*missing, *images.dims])  # fmt: skip
-        images = images.transpose(*wanted).data
+        images = xr.DataArray(images.data, dims=images.dims).expand_dims(missing).transpose(*wanted).data
     mask = None
     if np.ma.isMaskedArray(images):
         mask = np.array(np.ma.getmaskarray(images))
@@ -97,7 +95,7 @@ def images_from(
         problems.append(Problem("images", message, values.shape))
         return None, None
     if mask is not None:
-        mask = mask.any(axis=-1) if mask.ndim - grid == 5 else mask
+        mask = np.asarray(mask.any(axis=-1)) if mask.ndim - grid == 5 else mask
         mask = mask if mask.any() else None
     return values, mask
 

@@ -72,7 +72,7 @@ def test_linear_fits_are_those_of_iterations(images: ImageStack, alternative: An
     plain = iterated(images)
     state = np.where(np.isfinite(plain.fit.theta), plain.fit.theta, 0.0)
     state[0] = np.where(state[0] == 0.0, np.nanmedian(plain.fit.theta[0]), state[0])
-    known = np.isfinite(plain.fit.theta).all(axis=0)
+    known = np.asarray(np.isfinite(plain.fit.theta).all(axis=0))
     part = images.within((frames - 1) / 2)
     at = Linearisation(images, state, known, np.zeros_like(known), True, STEP)
     alternatives = [Alternative(images, [AFFINE], SIGMA_PX, 6), Alternative(part, [model], sigma, EVERY_VARIANCE)]

@@ -31,7 +31,7 @@ def opacity(kind: str) -> NDArray[np.uint8]:
         low = np.exp(-((np.hypot(*np.meshgrid(np.fft.fftfreq(SIDE), np.fft.fftfreq(SIDE))) / 0.12) ** 2))
         smooth = np.fft.ifft2(spectrum * low).real
         values = 0.5 + 0.2 * smooth / smooth.std()
-    return np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
+    return np.asarray(np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8))
 
 
 def sheet(folder: Path, alpha: NDArray[np.uint8], cells: int = 1, bend: float = 0.0, **material: Any) -> Path:
@@ -61,7 +61,7 @@ def interpolated(alpha: NDArray[np.uint8], x: Floats, y: Floats) -> Floats:
     u, v = x - column, y - row
     top = (1 - u) * padded[row, column] + u * padded[row, column + 1]
     below = (1 - u) * padded[row + 1, column] + u * padded[row + 1, column + 1]
-    return (1 - v) * top + v * below
+    return np.asarray((1 - v) * top + v * below)
 
 
 def boundary(mesh: TriangleMesh) -> Floats:
@@ -138,7 +138,7 @@ def test_gltf_cuts_in_mode_mask_at_its_limit(tmp_path: Path) -> None:
     Image.fromarray(np.dstack([np.full_like(alpha, 200)] * 3 + [alpha])).save(tmp_path / "card.png")
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
     points = np.column_stack([uv * (11, 4), np.zeros(4)]).astype(np.float32)
-    arrays = {"points": points, "index": np.array([0, 1, 2, 0, 2, 3], dtype=np.uint8), "uv": uv}
+    arrays: dict[str, Any] = {"points": points, "index": np.array([0, 1, 2, 0, 2, 3], dtype=np.uint8), "uv": uv}
     primitive = {"attributes": {"POSITION": "@points", "TEXCOORD_0": "@uv"}, "indices": "@index", "material": 0}
     clamp = {"wrapS": 33071, "wrapT": 33071}
     for cutoff, factor in ((0.5, 1.0), (0.3, 1.0), (0.25, 0.5)):

@@ -64,7 +64,8 @@ def test_lists_strips_and_fans(tmp_path: Path, mode: int, index: list[int] | Non
     mesh = read(tmp_path / "a.gltf", gltf(arrays, primitive))
     assert len(mesh.faces) == faces
     assert area_of(mesh) == pytest.approx(4)
-    normals = np.cross(*(mesh.vertices_mm[mesh.faces][:, k] - mesh.vertices_mm[mesh.faces][:, 0] for k in (1, 2)))
+    corners = mesh.vertices_mm[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (normals[:, 2] > 0).all()
     assert not any("turned" in note for note in mesh.file_notes)
 
@@ -87,10 +88,13 @@ def test_sparse_accessors(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("kind", "full"), [(np.int8, 127), (np.uint8, 255), (np.int16, 32767), (np.uint16, 65535)])
 def test_quantised_and_normalised_positions(tmp_path: Path, kind: Any, full: int) -> None:
     whole = {"points": (POINTS / 2 * full).astype(kind), "index": SQUARE}
-    used = {"extensionsUsed": ["KHR_mesh_quantization"], "extensionsRequired": ["KHR_mesh_quantization"]}
+    used: dict[str, Any] = {
+        "extensionsUsed": ["KHR_mesh_quantization"],
+        "extensionsRequired": ["KHR_mesh_quantization"],
+    }
     mesh = read(tmp_path / "a.gltf", gltf(whole, PLAIN, normalized=("points",), **used))
     assert area_of(mesh) == pytest.approx(1)
-    scaled = {"nodes": [{"mesh": 0, "scale": [2 / full] * 3}]}
+    scaled: dict[str, Any] = {"nodes": [{"mesh": 0, "scale": [2 / full] * 3}]}
     assert area_of(read(tmp_path / "b.gltf", gltf(whole, PLAIN, **used, **scaled))) == pytest.approx(4)
     # Without the extension, positions are floats.
     assert "POSITION of component type" in refusal(tmp_path / "c.gltf", gltf(whole, PLAIN))
@@ -150,7 +154,7 @@ def test_nodes_of_the_default_scene(tmp_path: Path) -> None:
 
 
 def test_skins_and_morph_targets_rest_in_their_default_pose(tmp_path: Path) -> None:
-    arrays = {
+    arrays: dict[str, Any] = {
         "points": POINTS,
         "index": SQUARE,
         "joints": np.array([[0, 1, 0, 0]] * 4, dtype=np.uint8),
@@ -159,7 +163,7 @@ def test_skins_and_morph_targets_rest_in_their_default_pose(tmp_path: Path) -> N
         "moves": np.array([[0, 0, 1]] * 4, dtype=np.float32),
     }
     attributes = {"POSITION": "@points", "JOINTS_0": "@joints", "WEIGHTS_0": "@weights"}
-    skinned = {
+    skinned: dict[str, Any] = {
         # The node of a skinned mesh does not move it.
         "nodes": [{"mesh": 0, "skin": 0, "translation": [50, 0, 0]}, {}, {"translation": [0, 0, 4]}],
         "skins": [{"joints": [1, 2], "inverseBindMatrices": "@inverse"}],
@@ -185,7 +189,7 @@ CORNERS_UV = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
 def textured(material: dict[str, Any], values: NDArray[Any] = GREY, uv: NDArray[Any] = CORNERS_UV, **more: Any) -> str:
     arrays = {"points": POINTS, "index": SQUARE, "uv": uv}
     primitive = {"attributes": {"POSITION": "@points", "TEXCOORD_0": "@uv"}, "indices": "@index", "material": 0}
-    common = {"textures": [{"source": 0, "sampler": 0}], "samplers": [{}],
+    common: dict[str, Any] = {"textures": [{"source": 0, "sampler": 0}], "samplers": [{}],
               "images": [{"uri": data_uri(png(values), "image/png")}]}  # fmt: skip
     return gltf(arrays, primitive, ("uv",) if uv.dtype.kind == "u" else (), materials=[material], **(common | more))
 
@@ -225,14 +229,14 @@ def test_texture_transforms_follow_the_example_of_the_specification(tmp_path: Pa
     mesh = read(tmp_path / "a.gltf", textured(base))
     assert mesh.appearance is not None
     uv = mesh.appearance.lay(None).uv
-    np.testing.assert_allclose(uv[0], [[0, 1], [0, 0.5], [0.5, 0.5]], atol=1e-7)
+    np.testing.assert_allclose(uv[0], np.array([[0, 1], [0, 0.5], [0.5, 0.5]]), atol=1e-7)
 
 
 @pytest.mark.parametrize(
     ("wraps", "inside"), [((10497, 10497), None), ((33071, 33071), None), ((33648, 10497), 60), ((10497, 33071), 250)]
 )
 def test_wrap_modes(tmp_path: Path, wraps: tuple[int, int], inside: int | None) -> None:
-    sampler = {"samplers": [{"wrapS": wraps[0], "wrapT": wraps[1]}]}
+    sampler: dict[str, Any] = {"samplers": [{"wrapS": wraps[0], "wrapT": wraps[1]}]}
     mesh = read(tmp_path / "a.gltf", textured(BASE, uv=CORNERS_UV * 4, **sampler))
     assert mesh.appearance is not None
     laid = mesh.appearance.lay(None)
@@ -241,8 +245,12 @@ def test_wrap_modes(tmp_path: Path, wraps: tuple[int, int], inside: int | None) 
     step, start = laid.uv[0, 1] - laid.uv[0, 0], laid.uv[0, 0]
     across = np.array([step[0] / 4, (laid.uv[0, 2] - laid.uv[0, 1])[1] / 4])
     found = Picture(laid.values, laid.tiled).radiance(start + at * across)
-    modes = {10497: lambda n: n % 2, 33071: lambda n: min(max(n, 0), 1), 33648: lambda n: [0, 1, 1, 0][n % 4]}
-    expected = [GREY[modes[wraps[1]](int(2 * v)), modes[wraps[0]](int(2 * u))] for u, v in at]
+    modes: dict[int, Any] = {
+        10497: lambda n: n % 2,
+        33071: lambda n: min(max(n, 0), 1),
+        33648: lambda n: [0, 1, 1, 0][n % 4],
+    }
+    expected: list[Any] = [GREY[modes[wraps[1]](int(2 * v)), modes[wraps[0]](int(2 * u))] for u, v in at]
     np.testing.assert_allclose(found, linear(np.array(expected)), rtol=1e-5)
     assert inside is None or inside in expected
 

@@ -18,6 +18,6 @@ from scenetruth.scene.mesh.topology_repair import repair_topology
 
 __all__ = [
     "MeshAppearance", "MeshFileError", "MeshModel", "MeshSize", "PlaneMesh", "TriangleMesh", "count_elements",
-    "load_mesh_file", "make_box", "make_cylinder", "make_plane", "make_relief", "make_saddle", "make_sheet", "make_sphere",
-    "make_spherical_cap", "make_stairs", "make_torus", "repair_topology",
+    "load_mesh_file", "make_box", "make_cylinder", "make_plane", "make_relief", "make_saddle", "make_sheet",
+    "make_sphere", "make_spherical_cap", "make_stairs", "make_torus", "repair_topology",
 ]  # fmt: skip
