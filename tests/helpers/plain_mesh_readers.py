@@ -135,7 +135,7 @@ def read_gltf(content: bytes) -> list[Polygon]:
                 for point in values(primitive["attributes"]["POSITION"], "f", 3)
             ]
             index = [int(each[0]) for each in values(primitive["indices"], "H", 1)]
-            found += [[points[k] for k in index[n : n + 3]] for n in range(0, len(index), 3)]  # type: ignore[misc]
+            found += [[points[k] for k in index[n : n + 3]] for n in range(0, len(index), 3)]
     return found
 
 
