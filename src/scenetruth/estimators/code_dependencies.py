@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import ast
 import ctypes
+import functools
+import os
 import re
 import sys
 from collections.abc import Iterable, Iterator
@@ -35,7 +37,7 @@ def with_called_files(files: Iterable[Path], base: Path) -> set[Path]:
     left = list(found)
     modules: dict[str, list[ModuleType]] = {}
     for module in list(sys.modules.values()):
-        if is_user_file(str(getattr(module, "__file__", None) or "")):
+        if _is_user_module(str(getattr(module, "__file__", None) or "")):
             modules.setdefault(_file_of(module), []).append(module)
     while left and len(found) < _MOST_FILES:
         here = left.pop()
@@ -59,9 +61,19 @@ def _called(file: Path, base: Path, modules: list[ModuleType]) -> Iterator[Path]
         yield from _existing(text, (file.parent, base))
 
 
+@functools.cache
+def _is_user_module(name: str) -> bool:
+    return is_user_file(name)
+
+
+@functools.cache
+def _resolved(name: str) -> str:
+    return str(Path(name).resolve())
+
+
 def _file_of(module: Any) -> str:
     name = getattr(module, "__file__", None)
-    return str(Path(name).resolve()) if isinstance(name, str) else ""
+    return _resolved(name) if isinstance(name, str) else ""
 
 
 def _reached(module: ModuleType, base: Path) -> Iterator[Path]:
@@ -105,5 +117,6 @@ def _existing(text: str, folders: Iterable[Path]) -> Iterator[Path]:
     if not text or len(text) > _LONGEST_NAME or "\n" in text or "\0" in text:
         return
     for folder in folders:
-        if is_user_file(path := folder / text):
-            yield path.resolve()
+        # Nearly all words name no file.
+        if os.path.isfile(name := os.path.join(folder, text)) and is_user_file(name):
+            yield Path(name).resolve()
