@@ -60,15 +60,6 @@ def test_a_method_that_writes_to_its_images_is_named_and_harms_no_other() -> Non
     assert rows[0] == rows[1] != []
 
 
-def test_fresh_measures_what_is_there_again(tmp_path: Path) -> None:
-    stamps = []
-    for fresh in (False, False, True):
-        compare(nearest, output=tmp_path / "c", **QUICK, fresh=fresh)
-        (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
-        stamps.append(kept.stat().st_mtime_ns)
-    assert stamps[0] == stamps[1] < stamps[2]
-
-
 def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     found = compare([nearest, failing], output=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))

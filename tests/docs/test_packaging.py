@@ -13,7 +13,7 @@ import yaml
 from tests.helpers.releases import ROOT, releases
 
 PACKAGING = ROOT / "packaging"
-CONDA_NAMES = {"matplotlib": "matplotlib-base"}
+CONDA_NAMES = {"matplotlib": "matplotlib-base", "mapbox-earcut": "mapbox_earcut"}
 """Packages that conda-forge has under another name."""
 
 

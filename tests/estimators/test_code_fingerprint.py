@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import functools
 import importlib
-import shutil
 import sys
-import types
 from collections.abc import Iterator
-from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any
 
@@ -121,76 +118,3 @@ def test_what_lies_in_a_folder_of_results_counts(here: Path) -> None:
     assert compute_code_fingerprint(method) == before
     write(here, {"results/key/depth.npy": "10"})
     assert compute_code_fingerprint(method) != before
-
-
-def change(file: Path) -> None:
-    # Replaced, not overwritten: a library that is in use keeps its content.
-    content = file.read_bytes()
-    file.unlink()
-    file.write_bytes(content + b"\n")
-
-
-def test_files_that_a_method_calls_count(here: Path) -> None:
-    write(
-        here,
-        {
-            "own_d.py": "import own_elsewhere\nimport own_fast\n" + METHOD.replace("None", "open('weights.bin')", 1),
-            "other/own_elsewhere.py": "NAMED = 'tool.sh'\n",
-            "other/tool.sh": '#!/bin/sh\nHERE=$(dirname "$0")\n'
-            '"$HERE"/bin/match "$1" && exec ${HERE}/refine $(dirname $0)/last\n',
-            "other/bin/match": "\0program",
-            "other/refine": "\0program 2",
-            "other/last": "\0program 3",
-            "other/unnamed": "\0program",
-            "weights.bin": "\0data",
-        },
-    )
-    compiled = here / f"own_fast{EXTENSION_SUFFIXES[0]}"
-    shutil.copy(some_library(), compiled)
-    sys.path.insert(0, str(here / "other"))
-    sys.modules["own_fast"] = types.ModuleType("own_fast")
-    sys.modules["own_fast"].__file__ = str(compiled)
-    method: Any = importlib.import_module("own_d").f
-    known = {compute_code_fingerprint(method)}
-    change(here / "other" / "unnamed")
-    assert compute_code_fingerprint(method) in known
-    for name in ("weights.bin", "other/tool.sh", "other/bin/match", "other/refine", "other/last"):
-        change(here / name)
-        assert compute_code_fingerprint(method) not in known
-        known.add(compute_code_fingerprint(method))
-        assert compute_code_fingerprint(method) in known
-    for name in (compiled.name, "other/own_elsewhere.py"):
-        change(here / name)
-        # The old code is loaded: no result of this process is reused.
-        assert compute_code_fingerprint(method) != compute_code_fingerprint(method)
-        importlib.reload(sys.modules["own_d"])
-        method = sys.modules["own_d"].f
-        assert compute_code_fingerprint(method) not in known
-        known.add(compute_code_fingerprint(method))
-        assert compute_code_fingerprint(method) in known
-
-
-def test_a_library_that_ctypes_has_loaded_counts_under_any_name(here: Path) -> None:
-    write(here, {"own_e.py": "import ctypes, os\nLIBRARY = ctypes.CDLL(os.path.abspath('lib' + 'own.so'))\n" + METHOD})
-    library = here / "libown.so"
-    shutil.copy(some_library(), library)
-    first = compute_code_fingerprint("own_e:f")
-    assert compute_code_fingerprint("own_e:f") == first
-    change(library)
-    assert compute_code_fingerprint("own_e:f") not in (first, compute_code_fingerprint("own_e:f"))
-
-
-def test_the_program_behind_a_wrapper_script_counts(here: Path) -> None:
-    write(here, {"wrap.sh": f"#!/bin/sh\nexec {here}/program --in=$1\n", "program": "\0one", "data.txt": "program"})
-    method = CommandMethod("sh wrap.sh {recording} {output}", "mine")
-    before = compute_code_fingerprint(method)
-    assert compute_code_fingerprint(method) == before
-    change(here / "data.txt")
-    assert compute_code_fingerprint(method) == before
-    change(here / "program")
-    assert compute_code_fingerprint(method) != before
-
-
-def some_library() -> str:
-    """Return a library of this system."""
-    return str(importlib.import_module("_ctypes").__file__)

@@ -11,7 +11,6 @@ from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, all_cases
 from scenetruth.benchmark.design_point import DesignPoint, PointResult, measure, write_error_maps
 from scenetruth.errors import SceneError
 from scenetruth.estimators.method_specs import MethodSpec
-from scenetruth.estimators.process_files import have_changed
 from scenetruth.input_files import collect_input_files
 from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task
 from scenetruth.provenance import content_hash
@@ -57,10 +56,7 @@ class BenchmarkTask:
     def is_done(self, number: int) -> bool:
         """Return whether a matching result exists and contains no failure that should be retried."""
         name = self.name(number)
-        key = compute_point_key(self, number)
-        if not (self.store.path(name).exists() and self.store.is_done(name, key)):
-            return False
-        return not have_changed((self.store.find(name, key) or {}).get("called", {}))
+        return self.store.path(name).exists() and self.store.is_done(name, compute_point_key(self, number))
 
 
 def list_design_points(
@@ -117,7 +113,6 @@ def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
             "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,
             "settled": found.settled,
-            "called": found.called,
             "convention_mismatches": {
                 label: entries for label, entries in found.convention_mismatches.items() if entries
             },

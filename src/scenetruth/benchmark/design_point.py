@@ -21,10 +21,8 @@ from numpy.typing import NDArray
 from scenetruth.benchmark.cases.case import BOUND, METHOD_VALID, BenchmarkRecord, Case, CaseEstimates, all_cases
 from scenetruth.benchmark.error_statistics import compute_statistic_records
 from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, ScoreError
-from scenetruth.estimators import find_method, prepare
-from scenetruth.estimators.external import CommandMethod
+from scenetruth.estimators import prepare
 from scenetruth.estimators.method_specs import MethodSpec
-from scenetruth.estimators.process_files import compute_hashes, list_process_files
 from scenetruth.jobs.results import refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
 from scenetruth.resources import Limits
@@ -171,7 +169,6 @@ class PointResult:
     """The result of a design point; ``failures`` and likely ``convention_mismatches`` by label.
 
     ``settled``: Labels whose failures are final: installed methods that reject the recording.
-    ``called``: Hashes of the files that the processes of user-defined methods had opened or mapped, by path.
     ``maps``: Error maps; None if no quantity is in px, or if the result was read from a file.
     """
 
@@ -179,7 +176,6 @@ class PointResult:
     failures: dict[str, str] = field(default_factory=dict)
     settled: list[str] = field(default_factory=list)
     convention_mismatches: dict[str, list[str]] = field(default_factory=dict)
-    called: dict[str, str] = field(default_factory=dict)
     maps: CaseErrorMaps | None = None
 
 
@@ -225,7 +221,6 @@ def measure(
                         )
                     )
             found.append(CaseEstimates(estimates, truth, recording, first))
-        measured.called = _hash_called_files(contestants)
         measured.maps = build_error_maps(case, found[0])
         for value in point.values:
             measured.rows += compute_statistic_records(case, value, found)
@@ -234,16 +229,6 @@ def measure(
             if case.bounded and noise_std:
                 measured.rows += _bound_rows(case, value, whole, ideal, noise_std)
     return measured
-
-
-def _hash_called_files(contestants: Sequence[MethodSpec]) -> dict[str, str]:
-    """Return the hashes of the files that the processes of user-defined methods use."""
-    own = [find_method(one.method) for one in contestants if one.fingerprint]
-    commands = [method for method in own if isinstance(method, CommandMethod)]
-    files = {file for method in commands for file in method.called_files}
-    if len(commands) < len(own):
-        files |= {file for file in list_process_files() if file.suffix != ".py"}
-    return compute_hashes(files)
 
 
 def add_noise(ideal: xr.Dataset, noise_std: float, *keys: Any) -> xr.Dataset:

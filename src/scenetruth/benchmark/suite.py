@@ -46,7 +46,6 @@ def compare(
     output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
-    fresh: bool = False,
     progress: Progress | None = None,
 ) -> BenchmarkResult:
     """Run methods on the benchmark suite and return their error statistics.
@@ -78,9 +77,6 @@ def compare(
     scheduler
         Address of a Dask scheduler, whose workers are used instead. They require access to the output directory under
         the same path.
-    fresh
-        Measure all scenes again instead of reusing results. Changes of installed packages, of services, and of files
-        whose names are composed at run time are not detected: they require this.
     progress
         Called with (what, done, total).
 
@@ -134,7 +130,7 @@ def compare(
             tuple(sorted(collect_versions().items())),
             limits,
         )
-        missing = [number for number in range(len(points)) if fresh or not job.is_done(number)]
+        missing = [number for number in range(len(points)) if not job.is_done(number)]
         if len(missing) < len(points):
             kept = len(points) - len(missing)
             say(f"reused: {kept} of {len(points)} scenes; {len(missing)} remaining")

@@ -162,7 +162,8 @@ def run_dataset(
 
     Examples
     --------
-    >>>     >>> import scenetruth as st
+    >>> from tempfile import TemporaryDirectory
+    >>> import scenetruth as st
     >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "pose": {"position_mm": [0, 0, 100]}}
     >>> wall |= {"texture": {"kind": "noise", "wavelength_mm": [6, 20]}}
     >>> plain = {"camera": {"width": 30, "height": 25, "focal_length_px": 60}, "objects": [wall]}

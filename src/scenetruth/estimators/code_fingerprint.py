@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from scenetruth.estimators.code_dependencies import with_called_files
 from scenetruth.estimators.external import CommandMethod, ResultsFolder
 from scenetruth.estimators.registry import find_method
 from scenetruth.estimators.user_code import FunctionMethod, is_user_file, with_imported
@@ -22,9 +21,9 @@ __all__ = ["compute_code_fingerprint"]
 def compute_code_fingerprint(method: Any) -> str:
     """Return a hash of the source code of a user-defined method; empty for installed methods.
 
-    The hash covers the file that defines a function or class, or the files that a command names, with all files that
-    they call (see `scenetruth.estimators.code_dependencies`); or the contents of a results folder. A function typed
-    into an interactive session is represented by its source text.
+    The hash covers the file that defines a function or class and the modules in its folder that it imports; the files
+    named by a command; or the contents of a results folder. A function typed into an interactive session is
+    represented by its source text.
     >>> compute_code_fingerprint("structure_tensor")
     ''
     """
@@ -35,15 +34,14 @@ def compute_code_fingerprint(method: Any) -> str:
     for module in dict.fromkeys([named, getattr(code, "__module__", "")]):
         file = getattr(sys.modules.get(module), "__file__", None)
         if file and is_user_file(file):
-            mine = with_called_files([Path(file)], Path.cwd())
+            mine = with_imported(Path(file))
             files.update(mine)
-            texts += [secrets.token_hex()] if _is_outdated(module, sorted(filter(_is_code, mine))) else []
+            texts += [secrets.token_hex()] if _is_outdated(module, mine) else []
         elif module and not file and module not in sys.builtin_module_names:
             texts.append(_read_source_text(code))
     if isinstance(found, CommandMethod):
         for file in found.named_files():
             files.update(with_imported(file))
-    files = with_called_files(files, Path.cwd())
     if isinstance(found, ResultsFolder):
         texts.append(found.listing())
     if not files and not texts:
@@ -56,25 +54,18 @@ def compute_code_fingerprint(method: Any) -> str:
     return values.hexdigest()[:16]
 
 
-_LOADED: dict[str, tuple[Any, dict[Path, bytes]]] = {}
-
-
-def _is_code(file: Path) -> bool:
-    """Return whether Python loads a file once per process, unlike data and programs, which are read at each run."""
-    return file.suffix in (".py", ".pyd", ".dll", ".dylib") or ".so" in file.suffixes
+_LOADED: dict[str, tuple[Any, list[bytes]]] = {}
 
 
 def _is_outdated(module: str, files: list[Path]) -> bool:
     """Return whether files have changed since their module was loaded: its results must then not be reused."""
-    pieces = {file: _compute_file_hash(file) for file in files}
+    pieces = [_compute_file_hash(file) for file in files]
     spec = getattr(sys.modules.get(module), "__spec__", None)
-    seen, before = _LOADED.get(module, (None, {}))
+    seen, before = _LOADED.get(module, (None, []))
     if spec is None or spec is not seen:
         _LOADED[module] = spec, pieces
         return False
-    # Files that are loaded later are new, not changed.
-    _LOADED[module] = spec, pieces | before
-    return any(before.get(file, piece) != piece for file, piece in pieces.items())
+    return pieces != before
 
 
 def _find_defining_code(found: Any) -> Any:

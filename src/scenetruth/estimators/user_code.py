@@ -8,7 +8,6 @@ import inspect
 import sysconfig
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
-from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -89,7 +88,6 @@ def _list_defining_files(parts: list[str], folders: set[Path]) -> Iterator[Path]
         for count in range(len(parts) + 1):
             base = folder.joinpath(*parts[:count])
             names = [base / "__init__.py", *([base.with_name(f"{base.name}.py")] if count else [])]
-            names += [base.with_name(base.name + suffix) for suffix in EXTENSION_SUFFIXES] if count else []
             yield from (one.resolve() for one in names if one.is_file())
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import IO, Literal
 
 from scenetruth.errors import EstimateError, Problem
-from scenetruth.estimators.process_files import list_process_files
 from scenetruth.progress import Progress
 
 __all__ = ["ProcessResult", "ProcessTree", "can_list_processes", "last_lines", "run_program"]
@@ -45,7 +44,6 @@ class ProcessTree:
     These are the processes of its group and its session, the children of all processes detected earlier, and, on
     termination, those that have inherited its mark.
 
-    ``files``: The files of the user that they had opened or mapped whenever their memory was measured.
     ``leader``: Process id; the process must not be reaped while this object is in use, so that its id stays unique.
     """
 
@@ -54,7 +52,6 @@ class ProcessTree:
         self._mark = f"{MARK}={mark}".encode()
         # Start time by process id, because ids are reused.
         self._seen: dict[int, str] = {}
-        self.files = set[Path]()
 
     def look(self) -> set[int]:
         """Return the ids of all processes that are alive."""
@@ -79,9 +76,7 @@ class ProcessTree:
 
     def memory_mb(self) -> float:
         """Return the resident memory of all processes in MB (1e6 bytes), with shared memory counted once."""
-        alive = self.look()
-        self.files.update(*map(list_process_files, alive))
-        return sum(map(_resident_bytes, alive)) / 1e6
+        return sum(map(_resident_bytes, self.look())) / 1e6
 
     def kill(self) -> None:
         """Kill all processes; return when they are dead, or after 5 s."""
@@ -158,14 +153,12 @@ class ProcessResult:
     ``code``: Exit code; minus the signal number if terminated by a signal.
     ``reason``: Exceeded limit: ``"time"`` or ``"memory"``; empty if the program ended by itself.
     ``peak_memory_mb``: Largest measured resident memory of all its processes together.
-    ``files``: The files of the user that its processes had opened or mapped; those of less than 0.1 s may be missed.
     """
 
     code: int
     reason: Literal["", "time", "memory"]
     seconds: float
     peak_memory_mb: float
-    files: frozenset[Path] = frozenset()
 
 
 def run_program(
@@ -195,7 +188,7 @@ def run_program(
         finally:
             tree.kill()
             code = process.wait()
-    return ProcessResult(code, reason, seconds, peak, frozenset(tree.files))
+    return ProcessResult(code, reason, seconds, peak)
 
 
 def _started(
