@@ -222,7 +222,7 @@ def test_nodes_of_an_obj_file_are_its_lines_also_at_seams(tmp_path: Path) -> Non
     expected = {(-20.0, -20.0): 1, (20.0, -20.0): 2, (20.0, 20.0): 3, (-20.0, 20.0): 4}
     assert [expected[(x, y)] for x, y, _ in rest] == pytest.approx((moved - rest)[:, 2])
     assert len(rest) == 4
-    # Nodes at the same place are told apart by their order.
+    # Nodes at the same place are distinguished by their order.
     text = (tmp_path / "mesh.obj").read_text().replace("v 9 9 9", "v 20 20 0")
     (tmp_path / "mesh.obj").write_text(text)
     body = build_scene(scene_with({"kind": "file", "file": str(tmp_path / "mesh.obj")}, nodal, frames=3)).bodies[0]

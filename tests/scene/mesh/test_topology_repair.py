@@ -62,10 +62,10 @@ def test_a_moebius_strip_is_named(tmp_path: Path) -> None:
     count = 12
     angle = np.arange(count) * 2 * np.pi / count
     middle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
-    aside = 0.3 * np.column_stack(
+    across = 0.3 * np.column_stack(
         [np.cos(angle / 2) * np.cos(angle), np.cos(angle / 2) * np.sin(angle), np.sin(angle / 2)]
     )
-    vertices = np.concatenate([middle + aside, middle - aside])
+    vertices = np.concatenate([middle + across, middle - across])
     faces = []
     for n in range(count):
         a, b = n, n + count

@@ -30,7 +30,7 @@ from scenetruth.estimators.refined.kernels.geodesic_fill import (
 from scenetruth.estimators.refined.other_views import OtherViews, match_views
 from scenetruth.threads import in_bands
 
-__all__ = ["FallbackValues", "Sources", "compute_fallback", "fill_holes", "mean_grey_image", "recede"]
+__all__ = ["FallbackValues", "Sources", "compute_fallback", "fill_holes", "recede"]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -132,7 +132,7 @@ def compute_fallback(
     swept &= valid.sum() > swept.sum()
     if kind == "plane_sweep":
         return FallbackValues(swept, start.fields[0], np.full(images.shape, np.nan))
-    grey, own_noise = mean_grey_image(images), noise / images.channels**0.5
+    grey, own_noise = images.reference_grey(), noise / images.channels**0.5
     texture = _own_texture(images, noise, _CLOSE_PX)
     areas = find_bare_areas(grey, own_noise, texture)
     outside = areas == 0
@@ -223,14 +223,20 @@ def _fill_bare_surfaces(
     return FallbackValues(where, value, std)
 
 
-def find_surfaces(sources: Sources, farthest: float) -> tuple[NDArray[np.int32], NDArray[np.int64], Map]:
-    """Return the label of the surface of every source, else -1; the labels; and planes as in `fit_surfaces`."""
+def _label_sources(sources: Sources, farthest: float) -> tuple[Map, NDArray[np.int32]]:
+    """Return the disparity of the sources, else 0, and the labels of their surfaces, -1 for small surfaces."""
     given = sources.fitted | sources.swept
     disparity = np.where(given, sources.disparity, 0.0)
     labels = np.empty(given.shape, dtype=np.int32)
     label_surfaces(disparity, given, _JUMP_PX / farthest, labels)
     sizes = np.bincount(labels[given], minlength=labels.size)
     labels[given & (sizes[labels] < _LEAST_PIXELS)] = -1
+    return disparity, labels
+
+
+def find_surfaces(sources: Sources, farthest: float) -> tuple[NDArray[np.int32], NDArray[np.int64], Map]:
+    """Return the label of the surface of every source, else -1; the labels; and planes as in `fit_surfaces`."""
+    disparity, labels = _label_sources(sources, farthest)
     surfaces = np.unique(labels[labels >= 0]).astype(np.int64)
     numbers = np.zeros(labels.size, dtype=np.int32)
     numbers[surfaces] = np.arange(len(surfaces))
@@ -260,14 +266,6 @@ def _own_texture(images: ImageStack, noise: float, sigma_px: float) -> Mask:
     return np.asarray(gaussian_filter(square, sigma_px) > (_OWN_GRADIENT * noise) ** 2 * images.channels)
 
 
-def mean_grey_image(images: ImageStack) -> Map:
-    """Return the reference image, averaged over channels."""
-    grey = np.zeros(images.shape)
-    for channel in range(images.channels):
-        grey += images.grey(*images.reference(), channel) / images.channels
-    return grey
-
-
 def fill_holes(grey: Map, noise: float, sources: Sources, wanted: Mask, farthest: float) -> FallbackValues:
     """Return fallback disparities at the ``wanted`` pixels: those of swept sources, and of planes elsewhere.
 
@@ -279,12 +277,7 @@ def fill_holes(grey: Map, noise: float, sources: Sources, wanted: Mask, farthest
 
     height, width = grey.shape
     nothing = np.zeros(grey.shape, dtype=np.bool_)
-    given = sources.fitted | sources.swept
-    disparity = np.where(given, sources.disparity, 0.0)
-    labels = np.empty(grey.shape, dtype=np.int32)
-    label_surfaces(disparity, given, _JUMP_PX / farthest, labels)
-    sizes = np.bincount(labels[given], minlength=labels.size)
-    labels[given & (sizes[labels] < _LEAST_PIXELS)] = -1
+    disparity, labels = _label_sources(sources, farthest)
     source = labels >= 0
     if not source.any():
         return FallbackValues(nothing, disparity, disparity)

@@ -22,7 +22,7 @@ __all__ = ["CutTriangles", "OpacityMap", "WeldedPieces", "cut_out", "weld"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_PIECES = 6  # of the contour within a square of texels: it is off by less than 0.003 texels
+_PIECES = 6  # of the contour within a square of texels: its error is below 0.003 texels
 _SAME = 1e-9  # distance below which points are the same, relative to the size of a triangle
 _MOST_WINDOW = 64_000_000  # texels that a single triangle may show
 _NO_AREA = 1e-12  # of a piece, relative to its triangle
@@ -182,7 +182,7 @@ def _on_contour(window: Floats, ring: Floats, limit: float) -> Floats:
     chord = last - first
     length = np.linalg.norm(chord, axis=1)
     bent &= length > 1e-6
-    aside = np.column_stack([-chord[:, 1], chord[:, 0]]) / np.where(length > 0, length, 1.0)[:, None]
+    normal = np.column_stack([-chord[:, 1], chord[:, 0]]) / np.where(length > 0, length, 1.0)[:, None]
     # The opacity of the square of a chord is a + b x + c y + d x y from its first texel.
     middle = 0.5 * (first + last)
     column = np.clip(np.floor(middle[:, 0]).astype(np.int64), 0, window.shape[1] - 2)
@@ -194,15 +194,15 @@ def _on_contour(window: Floats, ring: Floats, limit: float) -> Floats:
     inner = first[:, None] + shares[:, None] * chord[:, None]
     x, y = inner[..., 0] - column[:, None], inner[..., 1] - row[:, None]
     value = (a - limit)[:, None] + b[:, None] * x + c[:, None] * y + d[:, None] * x * y
-    slope = (b[:, None] + d[:, None] * y) * aside[:, None, 0] + (c[:, None] + d[:, None] * x) * aside[:, None, 1]
-    second = (d * aside[:, 0] * aside[:, 1])[:, None]
+    slope = (b[:, None] + d[:, None] * y) * normal[:, None, 0] + (c[:, None] + d[:, None] * x) * normal[:, None, 1]
+    second = (d * normal[:, 0] * normal[:, 1])[:, None]
     # The root of value + slope s + second s² that is 0 for a straight contour.
     root = np.sqrt(np.maximum(slope**2 - 4 * second * value, 0.0))
     below = slope + np.where(slope < 0, -root, root)
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.where(below != 0, -2 * value / below, 0.0)
     near = np.abs(moved) < 0.5
-    inner = inner + np.where(near, moved, 0.0)[..., None] * aside[:, None]
+    inner = inner + np.where(near, moved, 0.0)[..., None] * normal[:, None]
     rows = np.concatenate([first[:, None], inner], axis=1)
     kept = np.ones(rows.shape[:2], dtype=np.bool_)
     kept[~bent, 1:] = False

@@ -100,7 +100,7 @@ def describe_content(mesh: PolygonMesh, made: Triangulation, topology: MeshTopol
         f"open ({topology.open_edges:,} edges of one triangle)")  # fmt: skip
     lines = [f"{what}; {topology.components:,} components, {closed}; area {size:.6g} in squares of its unit"]
     changed = [
-        (made.empty, "polygons without area, left out"),
+        (made.empty, "polygons without area, ignored"),
         (topology.duplicates, "triangles that stand twice, of which one is kept"),
         (int(np.count_nonzero(topology.turned)), "triangles turned to the orientation of their component"),
         (made.bent, "polygons that are not plane, as fans around their first corner"),
