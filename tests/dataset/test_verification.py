@@ -139,8 +139,8 @@ def test_a_data_set_of_an_earlier_version_is_compared_and_told(made: Path, tmp_p
             plain["format"] = 1
             del plain["files"]
         file.write_text(json.dumps(plain), encoding="utf-8")
-    (found,) = verify_dataset(folder, regenerate=1)
-    assert (found.name, found.problem.partition(",")[0]) == ("dataset.json", "has the format of an earlier version")
+    (old,) = verify_dataset(folder, regenerate=1)
+    assert (old.name, old.problem.partition(",")[0]) == ("dataset.json", "has the format of an earlier version")
     assert len(st.open_dataset(folder)) == 2
     record = DatasetFolder(folder).sample(1) / "sample.json"
     plain = json.loads(record.read_text(encoding="utf-8"))
