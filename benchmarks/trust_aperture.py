@@ -185,11 +185,14 @@ SCENES: dict[str, Plain] = {
     "control blurred": rig([plane({**noise(6, 40), "spectrum_exponent": -4})]),
     "control slanted": slanted(noise(4, 20), 30, 45),
     "control natural, 3 % noise": rig([plane(natural())], sensor={"noise_std": 0.03}),
+    "slanted checkers of 7 px": slanted(checkers(7, 0)["objects"][0]["texture"], 20, 30),
+    "slanted checkers of 10 px": slanted(checkers(10, 0)["objects"][0]["texture"], 35, 25),
+    "slanted checkers of 6 px": slanted(checkers(6, 0)["objects"][0]["texture"], 5, 40),
 }
 
 GROUPS: dict[str, str] = {
     "textures of one direction": r"one-dimensional|stripes|veins",
-    "bricks, boards, two periods": r"bricks|board|periods",
+    "bricks, boards, two periods": r"bricks|board|periods|checkers",
     "controls: natural, slanted, noisy": r"control",
 }
 """Rows of the summary, and what the names of their scenes contain."""

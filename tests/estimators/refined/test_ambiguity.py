@@ -64,6 +64,27 @@ def test_the_wrong_one_of_two_minima_is_ambiguous_too() -> None:
     assert _share(images, shifted_parameters(flow=(FLOW[0], FLOW[1] + 8.0))) > 0.9
 
 
+def _board(x: Array, y: Array) -> Array:
+    """Return a board with periods (7.75, -6.75) and (5, 9), and waves that repeat after twice the first one only."""
+    first, second = np.array([7.75, -6.75]), np.array([5.0, 9.0])
+    u, v = np.tensordot(np.linalg.inv(np.stack([first, second], axis=1)), np.stack([x, y]), axes=1)
+    generator = np.random.default_rng(4)
+    length = 2.0 * np.hypot(*first)
+    along = 2.0 * (x * first[0] + y * first[1]) / length
+    across = 2.0 * (y * first[0] - x * first[1]) / length
+    waves = np.zeros_like(x)
+    for order in generator.choice([1, 3], 40):
+        period, phase = generator.uniform(6, 20) * generator.choice([-1, 1]), generator.uniform(0, 2 * np.pi)
+        waves += np.cos(2 * np.pi * (order * along / length + across / period) + phase)
+    squares = np.tanh(4.0 * np.cos(2 * np.pi * u)) * np.tanh(4.0 * np.cos(2 * np.pi * v))
+    return np.asarray(0.2 * squares + 0.012 * waves)
+
+
+def test_the_only_rival_of_equal_cost_is_found_among_many_that_resemble() -> None:
+    """The waves tell all periods of the board apart but one, which is not that of the smallest dissimilarity."""
+    assert _share(shifted_stack(_board, noise=0.002), shifted_parameters()) > 0.9
+
+
 def test_the_image_motion_is_that_of_the_points() -> None:
     theta = shifted_parameters()
     theta[12] = 0.5

@@ -30,7 +30,7 @@ _BLOCKS = 2.0  # blocks per standard deviation of a window
 # Largest dissimilarity of a candidate, relative to that of unrelated textures: subpixel shifts and slopes, which the
 # refinement removes, leave a third.
 _CANDIDATE = 0.5
-_RIVALS = 3  # candidates per window
+_RIVALS = 16  # candidates per window
 # Two minima are equal if their costs differ by less than this number of standard deviations of noise, or than the
 # effect of this shift in px, to which the rival may be curved.
 _DEVIATIONS, _SHIFT_PX = 3.0, 0.1
