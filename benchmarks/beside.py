@@ -29,7 +29,7 @@ def scene_of(name: str, changes: Sequence[str]) -> st.Scene:
 
 
 def estimated(recording: xr.Dataset, method: str, scene: st.Scene) -> xr.Dataset:
-    """Return what a method makes of a scene: the structure tensor with the scene's settings, refined with its own.
+    """Return what a method makes of a scene, with the scene's settings where they are of this method.
 
     Parameters
     ----------
@@ -40,9 +40,8 @@ def estimated(recording: xr.Dataset, method: str, scene: st.Scene) -> xr.Dataset
     scene
         The scene.
     """
-    chosen: dict[str, Any] = {"method": method}
-    if method == "structure_tensor":
-        chosen = (scene.estimate or StructureTensorSettings()).model_dump()
+    settings = scene.estimate or StructureTensorSettings()
+    chosen: dict[str, Any] = settings.model_dump() if settings.method == method else {"method": method}
     return st.estimate(recording, **chosen)
 
 
