@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
+from scenetruth.estimators.refined import continues_on_both_sides
 from scenetruth.schema import make_recording
 from tests.helpers.wavy_plane import MovingPlane
 
@@ -134,3 +135,25 @@ def test_an_untextured_wall_is_told_from_the_board_before_it(estimates: tuple[xr
     assert known[:, away > 1.5].mean() > 0.9
     # The outline's own gradient reaches 3 px beyond it.
     assert known[:, away < -5].mean() < 0.02
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 20.0, 90.0, 225.0])
+def test_a_tilted_plane_continues_and_a_slope_between_two_surfaces_does_not(angle_deg: float) -> None:
+    """The step is seen through a window, as the fit of two surfaces by one: of Gaussian shape, here σ = 2.5 px wide."""
+    from scipy.special import erf
+
+    sigma, small, step = 6.0, 2.5, 1.3
+    y, x = np.mgrid[:60, :70] - 30.0
+    direction = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+    across = direction[0] * x + direction[1] * y
+
+    def fields(disparity: Array, slope: Array) -> Array:
+        return np.stack([disparity, slope * direction[0], slope * direction[1]])
+
+    plane = fields(5.0 + 0.2 * across, np.full_like(x, 0.2))
+    assert continues_on_both_sides(plane, sigma)[9:-9, 9:-9].all()
+    slope = step * np.exp(-0.5 * (across / small) ** 2) / np.sqrt(2 * np.pi) / small
+    between = fields(5.0 + 0.5 * step * erf(across / small / np.sqrt(2)), slope)
+    steep = slope > 0.3 * slope.max()
+    assert not continues_on_both_sides(between, sigma)[steep].any()
+    assert not continues_on_both_sides(np.full_like(plane, np.nan), sigma).any()

@@ -63,6 +63,7 @@ from scenetruth.threads import in_threads
 __all__ = [
     "FARTHEST",
     "DiscontinuityContext",
+    "continues_on_both_sides",
     "empty_discontinuity_context",
     "find_hidden",
     "is_supported",
@@ -103,6 +104,9 @@ _BLENDED_PX = 3
 # Windows with two surfaces fit a steep one between them, and leave a residual. Near outlines: largest tangent of the
 # tilt; and largest product of it and the residual, relative to noise, if the residual exceeds this ratio.
 _STEEPEST, _STEEP, _RESIDUAL_OF_STEEP = 3.0, 2.5, 1.5
+# A steep surface that is observed continues on both sides: distance in standard deviations of the full window, and
+# largest difference from the extrapolated disparity, relative to the change that the slope predicts.
+_CONTINUED_AT, _CONTINUED = 1.5, 0.3
 
 # Distance in px at which texture must lie in each of several directions, and its smallest mean square gradient relative
 # to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
@@ -173,7 +177,10 @@ def refit_discontinuities(
         & surrounded
     )
     sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole), seen.gradient)
-    sound &= ~(around(where & ~sound, round(sigma)) & _is_steep(final.theta, images.focal, seen.square / noise**2))
+    between = _is_steep(final.theta, images.focal, seen.square / noise**2) & ~continues_on_both_sides(
+        final.theta, sigma
+    )
+    sound &= ~(around(where & ~sound, round(sigma)) & between)
     if images.farthest > 0.0:
         sound &= is_supported(final, sound | (~where & np.isfinite(final.theta[0])))
     lit = where & _unevenly_lit(images, np.where(where, final.theta, whole), seen, noise, sigma)
@@ -192,6 +199,26 @@ def _is_steep(theta: Map, focal: float, square: NDArray[Any]) -> Mask:
     with np.errstate(invalid="ignore"):
         tilt, ratio = focal * np.hypot(theta[1], theta[2]) / np.abs(theta[0]), np.sqrt(square)
         return np.asarray(np.where(ratio > _RESIDUAL_OF_STEEP, tilt * ratio > _STEEP, tilt > _STEEPEST))
+
+
+def continues_on_both_sides(theta: Map, sigma: float) -> Mask:
+    """Return where the disparity changes along its slope on both sides as the fit predicts; not at the image border.
+
+    Between two surfaces in one window, the slope ends within the window.
+    """
+    slope = np.hypot(theta[1], theta[2])
+    at = np.indices(slope.shape)
+    found = np.ones(slope.shape, dtype=np.bool_)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        direction = np.nan_to_num(_CONTINUED_AT * sigma * np.stack([theta[2], theta[1]]) / slope)
+        for sign in (-1.0, 1.0):
+            there = at + np.rint(sign * direction).astype(np.intp)
+            inside = np.all([(n >= 0) & (n < size) for n, size in zip(there, slope.shape, strict=True)], axis=0)
+            there = np.where(inside, there, at)
+            change = theta[1] * (there[1] - at[1]) + theta[2] * (there[0] - at[0])
+            off = theta[0][there[0], there[1]] - theta[0] - change
+            found &= inside & (np.abs(off) <= _CONTINUED * np.abs(change))
+    return found
 
 
 def _unevenly_lit(images: ImageStack, theta: Map, seen: PixelEvidence, noise: float, sigma: float) -> Mask:
