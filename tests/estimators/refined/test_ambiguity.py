@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
-from scenetruth.estimators.refined import ImageStack, find_ambiguous, find_aperture, image_motion
+from scenetruth.estimators.refined import ImageStack, find_ambiguous, find_aperture, find_chance_fits, image_motion
 from tests.helpers.shifted_stack import FLOW, Array, shifted_parameters, shifted_stack
 
 SIGMA, SMALL, NOISE = 4.0, 2.5, 0.01
@@ -83,6 +85,38 @@ def _board(x: Array, y: Array) -> Array:
 def test_the_only_rival_of_equal_cost_is_found_among_many_that_resemble() -> None:
     """The waves tell all periods of the board apart but one, which is not that of the smallest dissimilarity."""
     assert _share(shifted_stack(_board, noise=0.002), shifted_parameters()) > 0.9
+
+
+def _beside_nothing(texture: Callable[[Array, Array], Array]) -> float:
+    """Return the share of ambiguous pixels of an island of 12 px, around which no window has a fit."""
+    images, theta, island = shifted_stack(texture, noise=NOISE), shifted_parameters(), np.zeros_like(EVERYWHERE)
+    island[30:42, 42:54] = True
+    aperture = find_aperture(images, theta, SIGMA, ~EVERYWHERE, SMALL, NOISE)
+    return float(find_ambiguous(images, theta, SIGMA, ~EVERYWHERE, SMALL, NOISE, island, aperture, None)[island].mean())
+
+
+def test_islands_of_fits_amid_a_texture_that_repeats_are_ambiguous() -> None:
+    """A weak second texture excludes rivals at nine of ten pixels, but most windows have no fit; without a period, that is no reason."""
+
+    def repeating(x: Array, y: Array) -> Array:
+        return 2.0 * _plaid(x, y) + 0.3 * _waves(x, y)
+
+    assert _share(shifted_stack(repeating, noise=NOISE), shifted_parameters()) < 0.2
+    assert _beside_nothing(repeating) == 1.0
+    assert _beside_nothing(_waves) == 0.0
+
+
+def test_pixels_that_fit_amid_others_that_do_not_fit_by_chance() -> None:
+    """In windows of 4 px, shares are those of 33 x 33 px: 6 % of an island of 8 px, and half at a straight border."""
+    tested, violated = np.ones((120, 160), dtype=np.bool_), np.ones((120, 160), dtype=np.bool_)
+    violated[56:64, 40:48], violated[:, 120:] = False, False
+    expected = np.zeros_like(tested)
+    expected[56:64, 40:48] = True
+    np.testing.assert_array_equal(find_chance_fits(violated, tested, 4.0), expected)
+    # A thin leaf before a background that is not tested.
+    tested[:, :] = False
+    tested[:, 60:63] = True
+    assert not find_chance_fits(~tested, tested, 4.0).any()
 
 
 def test_the_image_motion_is_that_of_the_points() -> None:

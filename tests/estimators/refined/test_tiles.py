@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
+from scenetruth.camera import Distortion
 from scenetruth.estimators.refined import (
     FIT_LIMITS,
     DefectFilteredFrames,
@@ -23,8 +24,9 @@ from scenetruth.estimators.refined import (
     margin_px,
     spread_regions,
 )
-from scenetruth.schema import make_recording
+from scenetruth.schema import REASONS, make_recording
 from tests.helpers.nightly import nightly
+from tests.helpers.scanned_plane import ScannedPlane
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 PLANE = MovingPlane(size=(160, 200), gradient=turning(4e-3, -3e-3, 5e-3) + 2e-3 * np.eye(3))
@@ -166,6 +168,58 @@ def test_tiles_agree_with_the_whole_image() -> None:
         ratio = tiled[f"{name}_std"].values / whole[f"{name}_std"].values
         low, high = np.nanquantile(ratio, (0.02, 0.98))
         assert 0.75 < low <= high < 1.34
+
+
+def _assert_same(whole: xr.Dataset, tiled: xr.Dataset, near: float = 0.02) -> None:
+    """Compare the maps of both, of which the same pixels are valid."""
+    for name in ("status", "invalid_reason", "motion_model", "surface_model"):
+        assert np.mean(whole[name].values != tiled[name].values) < 1e-3
+    assert np.mean(whole["status"].values == 2) > 0.85
+    for name in ("depth", "velocity", "slope", "growth_rate"):
+        assert np.quantile(_difference(whole, tiled, name), 0.99) < near
+
+
+@pytest.mark.usefixtures("limits")
+def test_tiles_have_the_lens_and_the_times_of_the_whole_image() -> None:
+    """Barrel distortion and a rolling shutter depend on the place in the image, not in the tile."""
+    plane = ScannedPlane(
+        size=(160, 200), focal_px=300.0, depth_mm=300.0, baseline_mm=6.0, velocity_mm=(0.3, -0.2, -0.4), cameras=3,
+        delay=0.1, line=0.5 / 160, distortion=Distortion(k1=-0.3, p1=2e-3), noise_std=0.01,
+    )  # fmt: skip
+    whole, tiled = _in_both(plane.recording())
+    _assert_same(whole, tiled)
+    inner = (0, slice(20, -20), slice(20, -20))
+    error = (tiled["disparity"].values - plane.truth()["disparity"])[inner] / tiled["disparity_std"].values[inner]
+    assert 0.7 < np.sqrt(np.nanmean(error**2)) < 1.3
+
+
+@pytest.mark.usefixtures("limits")
+def test_tiles_have_the_colours_defects_and_noise_of_the_whole_image() -> None:
+    """Single pixels, an area of all images, and a part of one image are missing; shot noise is that of a sensor."""
+    images = PLANE.recording(cameras=3, frames=3, channels=3)["image"].values.copy()
+    generator = np.random.default_rng(0)
+    images += generator.normal(0.0, 1.0, images.shape) * np.sqrt(0.005**2 + 2e-4 * images)
+    images[generator.random(images.shape[:-1]) < 0.003] = np.nan
+    images[:, :, 70:90, 90:120] = np.nan
+    images[0, 1, 20:60] = np.nan
+    noise = {"dark_noise_dn": 0.005, "gain_dn_per_e": 2e-4}
+    whole, tiled = _in_both(make_recording(images, 1000.0, 4.0), noise=noise)
+    assert whole.attrs["excluded_pixel_counts"] == tiled.attrs["excluded_pixel_counts"]
+    _assert_same(whole, tiled)
+    np.testing.assert_array_equal(
+        whole["invalid_reason"] == REASONS.index("masked"), tiled["invalid_reason"] == REASONS.index("masked")
+    )
+
+
+@nightly
+@pytest.mark.usefixtures("limits")
+def test_every_frame_is_the_same_in_tiles() -> None:
+    """The first and the last frame have two frames, and noise is that of the images."""
+    whole, tiled = _in_both(
+        PLANE.recording(cameras=3, frames=4, noise_std=0.01), frames="all", window_frames=3, noise="estimated"
+    )
+    assert whole.sizes["t"] == 4
+    _assert_same(whole, tiled, 0.1)
 
 
 @pytest.mark.usefixtures("limits")

@@ -9,7 +9,7 @@ from scenetruth.lazy_exports import export_lazily
 if TYPE_CHECKING:
     from scenetruth.estimators.refined.acquisition import derive_priors, read_schedule, remove_delay_bias
     from scenetruth.estimators.refined.aliasing import compute_phase_error_px, enlarge_variances, interpolation_error
-    from scenetruth.estimators.refined.ambiguity import find_ambiguous, image_motion
+    from scenetruth.estimators.refined.ambiguity import find_ambiguous, find_chance_fits, image_motion
     from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
     from scenetruth.estimators.refined.bare_surfaces import find_bare_areas, fit_bare_surfaces
     from scenetruth.estimators.refined.common_uncertainty import (
@@ -93,13 +93,13 @@ __all__ = [
     "compute_jacobian", "compute_normal_flow", "compute_phase_error_px", "compute_point_derivatives",
     "compute_pose_effect", "continues_on_both_sides", "corrected", "derive_priors", "distort", "enlarge_variances",
     "enlarged", "estimate_variance", "every_other", "extrapolation_share", "fill_defects", "fill_holes",
-    "find_ambiguous", "find_aperture", "find_bare_areas", "find_dead_pixels", "find_far", "find_hidden",
-    "find_saturated_runs", "fine_contrast", "fit_bare_surfaces", "fit_round", "image_motion", "initial_parameters",
-    "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems", "list_spans", "margin_px",
-    "match_views", "maximise_likelihood", "near_bare_surfaces", "nearest_node", "of_nearest_node",
-    "photon_transfer_variance", "place_of", "polynomial_bias", "read_calibration_uncertainty", "read_schedule",
-    "recede", "refine", "remove_delay_bias", "sees_second_camera", "select_blocks", "select_models", "smooth_velocity",
-    "spline_transfer", "spread_defects", "spread_regions", "straightened", "undistort", "with_bias",
+    "find_ambiguous", "find_aperture", "find_bare_areas", "find_chance_fits", "find_dead_pixels", "find_far",
+    "find_hidden", "find_saturated_runs", "fine_contrast", "fit_bare_surfaces", "fit_round", "image_motion",
+    "initial_parameters", "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems",
+    "list_spans", "margin_px", "match_views", "maximise_likelihood", "near_bare_surfaces", "nearest_node",
+    "of_nearest_node", "photon_transfer_variance", "place_of", "polynomial_bias", "read_calibration_uncertainty",
+    "read_schedule", "recede", "refine", "remove_delay_bias", "sees_second_camera", "select_blocks", "select_models",
+    "smooth_velocity", "spline_transfer", "spread_defects", "spread_regions", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -107,7 +107,7 @@ __getattr__, __dir__ = export_lazily(
     {
         "acquisition": "derive_priors read_schedule remove_delay_bias",
         "aliasing": "compute_phase_error_px enlarge_variances interpolation_error",
-        "ambiguity": "find_ambiguous image_motion",
+        "ambiguity": "find_ambiguous find_chance_fits image_motion",
         "aperture": "compute_normal_flow find_aperture",
         "bare_surfaces": "find_bare_areas fit_bare_surfaces",
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",

@@ -4,6 +4,8 @@ A texture that repeats fits the images at several disparities or motions. The di
 resembles itself are candidates for such minima. The images nearest to the reference, along the stage and in time, are
 then compared with it at the fitted places and at those of each candidate, after refinement of the candidate. If the
 differences of both are equal within noise, or those of the candidate are smaller, the match is ambiguous.
+
+Amid a texture that repeats, and whose windows are mostly ambiguous or do not fit, those that fit do so by chance.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from scenetruth.estimators.refined.kernels.ambiguity import COSTS, add_similarit
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.threads import in_threads
 
-__all__ = ["SEARCHED_PX", "find_ambiguous", "image_motion", "mark_mostly"]
+__all__ = ["SEARCHED_PX", "find_ambiguous", "find_chance_fits", "image_motion", "mark_mostly"]
 
 SEARCHED_PX = 17
 """Largest change of motion that is tested along each axis, in px per frame: the range of the motion search, and one."""
@@ -40,6 +42,10 @@ _LEAST_COMMON, _SAME = 0.4, 0.15
 _LEAST_INSIDE = 0.8  # smallest fraction of both displaced windows inside the image, of 2
 _STAY = 0.5  # rivals that move by more than this fraction of their displacement are not minima
 _NEIGHBOURS = 5  # windows along each axis among which most decide
+_REPEATING = 9  # windows along each axis among which a texture that repeats is valid in most, or in none
+# Smallest share of pixels that fit, in a neighbourhood of this width in standard deviations of a window.
+_NEAR, _BY_CHANCE = 8, 0.1
+_TEXTURED = 3.0  # smallest variance of the grey values of a textured window, relative to that of noise
 _STEP, _ROUNDS = 2, 5  # pixels evaluated, and iterations
 _BYTES = 64e6  # of the dissimilarities in memory
 _TASK = 32  # rivals per task of a thread
@@ -71,6 +77,29 @@ class _Windows:
     where: Mask
 
 
+@dataclass(frozen=True, eq=False)
+class _Repetition:
+    """Windows that resemble others of the reference image, whatever their fit."""
+
+    textured: Mask
+    """Windows whose texture varies within the search range, as a mask of the grid; to be completed."""
+    repeated: Mask
+    """Those that resemble a displaced window; to be completed."""
+    max_motion_px: float | None
+
+    def add(self, values: NDArray[np.float32], axis: _Axis, places: NDArray[np.intp], powerful: Mask) -> None:
+        """Add the windows of some rows of the grid, from their dissimilarities, shape (m, rows, columns)."""
+        if axis.both:
+            varied, again = _resembling_in_plane(values, axis, self.max_motion_px)
+        else:
+            # After the first displacement at which the texture has changed.
+            changed = np.logical_or.accumulate((values > _CANDIDATE) & (values != 1.0), axis=0)
+            varied = np.asarray(changed.any(axis=0))
+            again = np.asarray((changed & (values < _SAME)).any(axis=0))
+        self.textured[places] |= varied & powerful
+        self.repeated[places] |= again & powerful
+
+
 def find_ambiguous(
     images: ImageStack,
     theta: Map,
@@ -92,22 +121,29 @@ def find_ambiguous(
     if not where.any() or not np.isfinite(noise):
         return found
     step = max(2, round(sigma_px))
-    rows, columns = (np.arange(min(step // 2, size - 1), size, step) for size in images.shape)
+    # The same windows in a tile as in the whole image.
+    first = [min((step // 2 - at) % step, size - 1) for at, size in zip(images.corner[::-1], images.shape, strict=True)]
+    rows, columns = (np.arange(at, size, step) for at, size in zip(first, images.shape, strict=True))
     grid = np.ix_(rows, columns)
     # Windows whose surroundings hold a pixel to be tested.
     tested = around(where, step) & np.isfinite(theta).all(axis=0)
     flags = np.zeros((len(rows), len(columns)), dtype=np.bool_)
+    textured, repeated = flags.copy(), flags.copy()
     widths = ((sigma_px, ~small), (small_sigma_px, small))
     for axis in (_disparity_axis(images), _motion_axis(images)):
         if axis is None:
             continue
         wanted = [_Windows(sigma, (tested & among)[grid] & ~flags) for sigma, among in widths]
-        flags |= _rivalled(images, theta, axis, wanted, noise, (rows, columns), aperture, max_motion_px)
+        repetition = _Repetition(textured, repeated, max_motion_px)
+        flags |= _rivalled(images, theta, axis, wanted, noise, (rows, columns), aperture, repetition)
     flags |= mark_mostly(flags, tested[grid], _NEIGHBOURS)
+    # Amid a texture that repeats, windows without a fit count as ambiguous.
+    doubtful = textured & (flags | ~mark_mostly(where, ~where | where, step)[grid])
+    flags |= mark_mostly(repeated, textured, _REPEATING) & mark_mostly(doubtful, textured, _REPEATING)
     # A pixel between the centres of windows is ambiguous if any of them is.
     near = []
-    for size, count in zip(images.shape, flags.shape, strict=True):
-        at = np.arange(size) - step // 2
+    for start, size, count in zip(first, images.shape, flags.shape, strict=True):
+        at = np.arange(size) - start
         near.append(np.clip(np.stack([at // step, -(-at // step)]), 0, count - 1))
     for down in near[0]:
         for right in near[1]:
@@ -128,6 +164,12 @@ def mark_mostly(flags: Mask, tested: Mask, size: int, least: float = 0.5) -> Mas
 
     share, all_of_them = (uniform_filter(each.astype(np.float64), size) for each in (flags & tested, tested))
     return np.asarray(tested & (share > least * all_of_them))
+
+
+def find_chance_fits(violated: Mask, tested: Mask, sigma_px: float) -> Mask:
+    """Return where a pixel fits and most of those around it do not: edges of a pattern, for example, fit in places."""
+    size = _NEAR * round(sigma_px) + 1
+    return tested & ~violated & mark_mostly(violated, tested, size, 1.0 - _BY_CHANCE)
 
 
 def image_motion(images: ImageStack, theta: Map) -> Map:
@@ -187,15 +229,15 @@ def _rivalled(
     noise: float,
     at: tuple[NDArray[np.int64], NDArray[np.int64]],
     aperture: ApertureContext,
-    max_motion_px: float | None,
+    repetition: _Repetition,
 ) -> Mask:
     """Return the windows with a rival, of a grid of rows and columns."""
     frame, camera = images.reference()
     grey = images.reference_grey()
     square = noise**2 * images.variance.at(grey) / images.channels
     flags = np.zeros(wanted[0].where.shape, dtype=np.bool_)
-    every = _candidates(grey, square, axis, wanted, at, aperture)
-    every = [_within(images, theta, axis, each, max_motion_px) for each in every]
+    every = _candidates(grey, square, axis, wanted, at, aperture, repetition)
+    every = [_within(images, theta, axis, each, repetition.max_motion_px) for each in every]
     if not any(len(each) for each in every):
         return flags
     reference = grey.copy()
@@ -255,13 +297,17 @@ def _candidates(
     wanted: list[_Windows],
     at: tuple[NDArray[np.int64], NDArray[np.int64]],
     aperture: ApertureContext,
+    repetition: _Repetition,
 ) -> list[Map]:
     """Return, for each width, row, column, changes, order, window indices and dissimilarity of candidates, (n, 8)."""
     from scipy.ndimage import gaussian_filter
 
+    if not any(windows.where.any() for windows in wanted):
+        return [np.zeros((0, 8)) for _ in wanted]
     sigma = wanted[0].sigma
     # Without the offsets of shading.
     plain = (grey - gaussian_filter(grey, 2.0 * sigma)).astype(np.float32)
+    powerful = (gaussian_filter(plain**2, sigma) > _TEXTURED * square)[np.ix_(*at)]
     block = max(1, round(sigma / _BLOCKS))
     count = -(-grey.shape[0] // block)
     margin = int(np.ceil(2.0 * _BLOCKS)) + 1
@@ -271,8 +317,9 @@ def _candidates(
         bottom = min(top + size, count)
         rows = max(top - margin, 0), min(bottom + margin, count)
         places = np.flatnonzero((at[0] // block >= top) & (at[0] // block < bottom))
-        among = [windows for windows in wanted if windows.where[places].any()]
+        among = [windows for n, windows in enumerate(wanted) if n == 0 or windows.where[places].any()]
         similar = _similarity(plain, float(np.mean(square)), axis, among, block, rows, (at[0][places], at[1]))
+        repetition.add(similar[0], axis, places, powerful[places])
         for windows, values in zip(among, similar, strict=True):
             number = next(n for n, each in enumerate(wanted) if each is windows)
             found[number].append(_minima(values, axis, places, at, windows.where, aperture))
@@ -393,6 +440,25 @@ def _minima(
     number, offsets, rank, cost = number[keep], offsets[keep], rank[keep], cost[keep]
     of_rows, of_columns = rows[number], columns[number]
     return np.column_stack([at[0][of_rows], at[1][of_columns], offsets, rank, of_rows, of_columns, cost])
+
+
+def _resembling_in_plane(values: NDArray[np.float32], axis: _Axis, max_motion_px: float | None) -> tuple[Mask, Mask]:
+    """Return the windows that vary within the search range, and those of them that resemble displaced windows."""
+    from scipy.ndimage import label
+
+    reach = int(axis.offsets[:, 0].max())
+    plane = np.zeros((2 * reach + 1, 2 * reach + 1, *values.shape[1:]), dtype=np.float32)
+    for sign in (1, -1):
+        plane[reach + sign * axis.offsets[:, 1], reach + sign * axis.offsets[:, 0]] = values
+    # Displacements between which the texture does not change are the same minimum.
+    together = np.zeros((3, 3, 3, 3), dtype=np.bool_)
+    together[:, :, 1, 1] = True
+    areas, _ = label(plane < _CANDIDATE, together)
+    again = (plane < _SAME) & (areas != areas[reach, reach])
+    if max_motion_px is not None:
+        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+        again &= (np.hypot(x, y) <= max_motion_px * axis.nearest)[:, :, None, None]
+    return ((plane > _CANDIDATE) & (plane != 1.0)).any(axis=(0, 1)), again.any(axis=(0, 1))
 
 
 def _along_line(plane: NDArray[np.float32], direction: Map) -> Mask:

@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
 from scenetruth.estimators.refined.aliasing import enlarge_variances
-from scenetruth.estimators.refined.ambiguity import find_ambiguous, mark_mostly
+from scenetruth.estimators.refined.ambiguity import find_ambiguous, find_chance_fits, mark_mostly
 from scenetruth.estimators.refined.aperture import ApertureContext, compute_normal_flow, find_aperture
 from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertainty, compute_common_variance
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
@@ -203,6 +203,7 @@ def compute_maps(
         known &= ~alone
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
         # If almost no pixel fits, the others fit by chance.
+        violated |= find_chance_fits(violated, known, settings.window_sigma_px)
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
         reason[violated] = _MODEL_VIOLATION
         known, normal, ambiguous, aperture = _determined(shown, fit, beside, settings, step_px, usual, known, reason)

@@ -142,9 +142,9 @@ class RegionImages:
         return [self._frames.recorded(self._first + n) for n in range(len(self.outline.times))]
 
     def reference(self) -> NDArray[Any]:
-        """Return the reference as it is recorded, shape (channel, y, x)."""
+        """Return the reference with defects filled, shape (channel, y, x)."""
         frame, camera = self.outline.reference()
-        return self._frames.recorded(self._first + frame)[:, camera]
+        return self._frames.crop(self._first + frame, camera, slice(None), slice(None))
 
     def stack(self, region: Region, start: NDArray[Any], outline: ImageStack | None = None) -> ImageStack:
         """Return the images of a region, with the initial fields of the whole image, shape (4, y, x).

@@ -195,6 +195,8 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
         part: Any,
     ) -> None:
         count, height, width = coefficients.shape
+        # Of the region, which is smaller than the parts of the images around it.
+        bottom, right = reference.shape
         step, rounds = sampling
         reach = len(weights) // 2
         size = 6 if both else 3
@@ -223,11 +225,11 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                 slope = 0.0
                 for v in range(-reach, reach + 1, step):
                     y = row + v
-                    if y < 0 or y >= height:
+                    if y < 0 or y >= bottom:
                         continue
                     for u in range(-reach, reach + 1, step):
                         x = column + u
-                        if x < 0 or x >= width or np.isnan(fields[0, y, x]) or np.isnan(reference[y, x]):
+                        if x < 0 or x >= right or np.isnan(fields[0, y, x]) or np.isnan(reference[y, x]):
                             continue
                         w = weights[v + reach] * weights[u + reach]
                         g = reference[y, x]
