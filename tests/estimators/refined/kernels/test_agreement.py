@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels import agreement
 from tests.helpers.kernel_images import Array
@@ -10,7 +11,7 @@ from tests.helpers.kernel_images import Array
 COUNT, ROWS, WIDTH, COLUMNS, LEAST = 7, 12, 40, (5, 23), 0.5
 
 
-def images() -> Array:
+def images() -> NDArray[np.float32]:
     """Return images of one texture with noise, gain, offset and invalid pixels; two of them without information."""
     generator = np.random.default_rng(5)
     texture = generator.normal(100.0, 20.0, (ROWS, WIDTH))
@@ -22,7 +23,7 @@ def images() -> Array:
     return values
 
 
-def compared(warped: Array) -> tuple[Array, Array]:
+def compared(warped: NDArray[np.float32]) -> tuple[Array, Array]:
     found, contrasts = np.empty(len(warped)), np.empty(len(warped))
     agreement.correlate_images(warped, COLUMNS, LEAST, found, contrasts)
     return found, contrasts
