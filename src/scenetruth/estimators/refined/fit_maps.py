@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.kernels.neighbours import find_jumps, mark_extended
 from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
+from scenetruth.estimators.refined.kernels.warp import ACCELERATED, STEADY
 from scenetruth.estimators.refined.kernels.window_solver import ALL, FULL, FUNCTIONALS, TOLD, VALUES, Fit
+from scenetruth.threads import bands, in_threads
 
 __all__ = [
     "CURVATURES",
@@ -66,6 +70,11 @@ def accelerated(theta: Map) -> Map:
 def extract_fields(theta: Map) -> Map:
     """Return d, q and, if present, their acceleration at the pixels, shape (4 or 7, y, x), from parameters."""
     return theta[STEADY_PLACES + (_ACCELERATION if len(theta) > FULL else [])]
+
+
+def _count_fields(theta: Map) -> int:
+    """Return the number of fields of parameters."""
+    return STEADY if len(theta) <= FULL else ACCELERATED
 
 
 def fill_between(theta: Map) -> None:
@@ -240,12 +249,9 @@ Mask = NDArray[np.bool_]
 def find_discontinuities(images: ImageStack, theta: Map) -> Mask:
     """Return where the surface of an adjacent pixel is another, or invalid."""
     found = np.zeros(images.shape, dtype=np.bool_)
-    for right, down in ((1, 0), (0, 1)):
-        with np.errstate(invalid="ignore"):
-            moved = images.moved_px(extract_fields(theta), extract_fields(carried(theta, right, down)))
-        jump = ~(moved <= DISCONTINUITY_PX)
-        jump[:down], jump[:, :right] = False, False
-        found |= jump
+    for offset in ((1, 0), (0, 1)):
+        fixed = theta, images.arms(_count_fields(theta)), offset, DISCONTINUITY_PX, found
+        in_threads(partial(find_jumps, *fixed), bands(len(found)))
     return found
 
 
@@ -261,11 +267,9 @@ def find_mixed_pixels(
     """
     found = np.zeros(images.shape, dtype=np.bool_)
     steps = [step * sign for step in range(1, distance + 1) for sign in (1, -1)]
-    for right, down in [*((step, 0) for step in steps), *((0, step) for step in steps)]:
-        beside = extract_fields(carried(theta, right, down))
-        with np.errstate(invalid="ignore"):
-            extended = np.abs(theta[0]) > np.abs(beside[0])
-            if gradient is not None:
-                extended |= gradient > _DOMINANT * np.roll(gradient, (2 * down, 2 * right), axis=(0, 1))
-            found |= (images.moved_px(extract_fields(theta), beside) > DISCONTINUITY_PX) & extended
+    texture = np.zeros((0, 0)) if gradient is None else gradient
+    for offset in [*((step, 0) for step in steps), *((0, step) for step in steps)]:
+        limits = DISCONTINUITY_PX, texture, _DOMINANT
+        fixed = theta, images.arms(_count_fields(theta)), offset, *limits, found
+        in_threads(partial(mark_extended, *fixed), bands(len(found)))
     return found

@@ -217,5 +217,4 @@ def split_pixels(count: int) -> list[tuple[int, int]]:
 
 def list_arms(images: ImageStack, fields: int) -> Map:
     """Return the displacements in px by a unit of disparity, and by one of velocity, as `ImageStack.moved_px`."""
-    each = images.longest * np.array([1.0, 1.0, images.aside])
-    return np.array([images.farthest, *each, *(0.5 * images.longest * each)])[:fields]
+    return images.arms(fields)

@@ -331,8 +331,13 @@ class ImageStack:
     def moved_px(self, before: Map, after: Map) -> Map:
         """Return the largest displacement over all images, in px, due to a change of fields, shape (4 or 7, ...)."""
         steps = np.abs(after - before)
-        moved = steps[0] * self.farthest
-        for place, step in enumerate(steps[1:]):
-            arm = self.longest * (self.aside if place % 3 == 2 else 1.0) * (1.0 if place < 3 else 0.5 * self.longest)
+        first, *others = self.arms(len(steps))
+        moved = steps[0] * first
+        for step, arm in zip(steps[1:], others, strict=True):
             moved = np.maximum(moved, step * np.abs(before[0]) * arm)
         return np.asarray(moved)
+
+    def arms(self, fields: int) -> NDArray[np.float64]:
+        """Return the displacements in px by a unit of disparity, and by one of velocity and acceleration times it."""
+        each = self.longest * np.array([1.0, 1.0, self.aside])
+        return np.array([self.farthest, *each, *(0.5 * self.longest * each)])[:fields]
