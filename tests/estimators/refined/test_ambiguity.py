@@ -96,7 +96,7 @@ def _beside_nothing(texture: Callable[[Array, Array], Array]) -> float:
 
 
 def test_islands_of_fits_amid_a_texture_that_repeats_are_ambiguous() -> None:
-    """A weak second texture excludes rivals at nine of ten pixels, but most windows have no fit; without a period, that is no reason."""
+    """A weak second texture excludes rivals at nine of ten pixels, but windows without a fit do not."""
 
     def repeating(x: Array, y: Array) -> Array:
         return 2.0 * _plaid(x, y) + 0.3 * _waves(x, y)

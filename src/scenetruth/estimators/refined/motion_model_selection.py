@@ -14,7 +14,6 @@ from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSett
 from scenetruth.estimators.refined.fit_maps import (
     CURVATURES,
     accelerated,
-    carried,
     chosen_fit,
     differ,
     explained,
@@ -34,6 +33,7 @@ from scenetruth.estimators.refined.iterations import (
     is_valid_step,
     select_models,
 )
+from scenetruth.estimators.refined.kernels.neighbours import find_jumps
 from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
@@ -51,6 +51,7 @@ from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.estimators.refined.systematic_error import list_alternatives
 from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
+from scenetruth.threads import bands, in_threads
 
 __all__ = [
     "MotionModelCandidate",
@@ -231,10 +232,9 @@ def encode_motion_models(which: NDArray[np.int8], richer: list[MotionModelCandid
 def _find_ramps(images: ImageStack, theta: Map, distance: int) -> Mask:
     """Return where a surface leads to another one without a step, because windows show both."""
     found = np.zeros(images.shape, dtype=np.bool_)
-    for right, down in ((distance, 0), (0, distance)):
-        beside = carried(theta, right, down)
-        with np.errstate(invalid="ignore"):
-            found |= images.moved_px(extract_fields(theta), extract_fields(beside)) > _RAMP_PX
+    for offset in ((distance, 0), (0, distance)):
+        fixed = theta, images.arms(len(extract_fields(theta))), offset, _RAMP_PX, found
+        in_threads(partial(find_jumps, *fixed), bands(len(found)))
     return found
 
 

@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from scenetruth.estimators.refined.kernels.spline_samples import sample_cubic, sample_quintic
+from scenetruth.estimators.refined.kernels.spline_samples import (
+    cubic_values,
+    quintic_values,
+    sample_cubic,
+    sample_quintic,
+)
 
 
-@pytest.mark.parametrize(("sample", "order"), [(sample_cubic, 3), (sample_quintic, 5)])
-def test_values_and_derivatives_up_to_the_last_pixel(sample: Any, order: int) -> None:
+@pytest.mark.parametrize(
+    ("sample", "only_values", "order"), [(sample_cubic, cubic_values, 3), (sample_quintic, quintic_values, 5)]
+)
+def test_values_and_derivatives_up_to_the_last_pixel(sample: Any, only_values: Any, order: int) -> None:
     """Vector instructions read beyond the last tap, but not beyond the last row of an image."""
     height, width = 9, 12
     generator = np.random.default_rng(order)
@@ -34,3 +41,7 @@ def test_values_and_derivatives_up_to_the_last_pixel(sample: Any, order: int) ->
     step = 1e-3
     slopes = [(at(step, 0) - at(-step, 0)) / (2 * step), (at(0, step) - at(0, -step)) / (2 * step)]
     np.testing.assert_allclose(out, [at(0, 0), *slopes], atol=3e-6)
+    values = np.full(down.size, -1.0, dtype=np.float32)
+    only_values(single.ravel(), skipped, width, fractions[0], fractions[1], values)
+    assert values[3] == -1.0
+    np.testing.assert_allclose(np.delete(values, 3), np.delete(at(0, 0), 3), atol=3e-6)

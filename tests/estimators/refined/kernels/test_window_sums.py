@@ -29,7 +29,8 @@ def fitted_to_members(products: Array, fields: Array, limit: float, reach: float
     fit, pixels = blank(products), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
     shares = np.empty((len(pixels), 2))
     limits, bounds = np.full((HEIGHT, WIDTH), limit), np.array([1.0, 1.0, 0.1, reach])
-    rows, model = np.ascontiguousarray(products.transpose(1, 2, 0)), model_of(products)
+    # In whole vectors.
+    rows, model = np.pad(products.transpose(1, 2, 0), [(0, 0), (0, 0), (0, 2)]), model_of(products)
     in_one_row = window_solver.Fit._make(each.reshape(*each.shape[:-2], 1, -1) for each in fit)
     numbers = np.arange(len(pixels))
     window_sums.solve_members(
@@ -90,21 +91,48 @@ def test_pixels_that_are_not_explained_are_left_out(products: Array, fields: Arr
     np.testing.assert_allclose(fit.theta[:, :, :29], whole.theta[:, :, :29], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize("count", [4, 7])
+def test_displacements_are_those_of_the_farthest_images(count: int) -> None:
+    """A camera one step aside, and an image two frames later: the largest of all changes, times their distance."""
+    generator = np.random.default_rng(5)
+    theta, fields = generator.normal(0.0, 0.1, 18), generator.normal(0.0, 0.1, (count, 3, 9))
+    theta[0], reach, y, x = 3.0, np.array([1.0, 2.0, 0.1, 0.2]), -1, np.arange(-4, 5)
+    fields[0] += 3.0
+    fields[1, 1, 3], fields[0, 1, 6] = np.nan, np.nan
+    found = np.empty(7)
+    window_sums._displacements(count, theta, x[0], y, fields, 1, 0, reach, found)
+    of_window = [theta[:6] @ [np.ones(9), x, y * np.ones(9), x**2, x * y, y**2 * np.ones(9)]]
+    of_window += [theta[k] + theta[k + 1] * x + theta[k + 2] * y for k in (6, 9, 12)]
+    of_window += [np.full(9, each) for each in theta[15:]]
+    step = np.abs(np.stack(of_window[:count]) - fields[:, 1])
+    arms = np.array([1.0, 2.0, 2.0, 0.2, 2.0, 2.0, 0.2])[:count]
+    distances = np.where(np.arange(count) > 0, arms, 1.0)[:, None] * step
+    distances[1:] *= np.abs(fields[0, 1])
+    expected = np.fmax.reduce(distances[:, :7], axis=0)
+    known = np.isfinite(fields[:, 1, :7]).all(axis=0)
+    np.testing.assert_allclose(found[known], expected[known], rtol=1e-12)
+    assert np.isnan(found[6])
+    # 0.05 px of disparity per px: beyond 4 px, the camera one step aside has a displacement of 0.2 px.
+    theta[:], theta[:2] = 0.0, (3.0, 0.05)
+    constant, moved = np.zeros((count, 1, 9)), np.empty(9)
+    constant[0] = 3.0
+    window_sums._displacements(count, theta, -4, 0, constant, 0, 0, reach, moved)
+    np.testing.assert_allclose(moved, 0.05 * np.abs(x), atol=1e-12)
+
+
 def test_pixels_that_would_be_moved_are_left_out(products: Array, fields: Array) -> None:
-    """A pixel belongs if the fit there moves it by less than the reach in all images: by d, q_X and q_Y here."""
-    theta, own = np.zeros(15), np.array([3.0, 0.2, 0.1, 0.5])
-    theta[[0, 1, 6, 9, 12]] = [3.0, 0.05, 0.2, 0.1, 0.5]
-    product, step = np.zeros((1, 1, equations.PRODUCTS)), np.empty(4)
-    product[0, 0, 15] = 5.0
-    for x, expected in ((3.9, True), (4.1, False), (-3.9, True), (-4.1, False)):
-        # 0.05 px of disparity per px: beyond 4 px, the camera one step aside sees it 0.2 px off.
-        reach = np.array([1.0, 0.0, 0.1, 0.2])
-        assert window_sums._belongs(4, theta, x, 0.0, own, product, 0, 0, 1.0, reach, step) is expected
+    """Beyond an outline, where a window moves points by more than the reach, pixels are not part of it."""
+    other, cut = fields.copy(), products.copy()
+    other[0, :, 30:] += 100.0
+    cut[:, :, 30:] = 0.0
+    fit, _ = fitted_to_members(products, other, np.inf, 50.0)
+    whole = fitted_to_all(cut)
+    np.testing.assert_allclose(fit.theta[:, :, :29], whole.theta[:, :, :29], rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("count", [4, 7])
 def test_squares_after_a_step_are_those_of_the_normal_equations(count: int) -> None:
-    """E(step) = e - 2 b step + step M step must be within the limit, with M (d, q) + b as it is stored."""
+    """E(step) = e - 2 b step + step M step, with M (d, q) + b as it is stored."""
     generator = np.random.default_rng(3)
     a = generator.normal(0, 1, (9, count))
     m, b = a.T @ a, generator.normal(0, 1, count)
@@ -114,15 +142,14 @@ def test_squares_after_a_step_are_those_of_the_normal_equations(count: int) -> N
     product[22:40] = [*m[:5, 4], *m[:6, 5], *m[:7, 6]] if count == 7 else 0.0
     right = m @ own + b
     product[10:14], product[40 : 36 + count] = right[:4], right[4:]
-    product[14], product[15] = 30.0, 1.0
-    for scale in (0.5, 1.0, 2.0):
+    product[14] = 30.0
+    for scale in (0.0, 0.5, 2.0):
         step = scale * generator.normal(0, 1, count)
+        # At (2, -1) from the window's centre, where slopes and curvature lead to these parameters.
+        theta[[1, 2, 3, 4, 5, 7, 8, 10, 11, 13, 14]] = generator.normal(0, 1, 11)
         theta[[0, 6, 9, 12, 15, 16, 17][:count]] = own + step
-        left = float(30.0 - 2 * b @ step + step @ m @ step)
-        reach = np.array([1.0, 1.0, 0.1, np.inf])
-        for limit in (max(left, 30.0) + 1e-6, max(left, 30.0) - 1e-6):
-            expected = left <= limit and limit >= 30.0
-            found = window_sums._belongs(
-                count, theta, 0.0, 0.0, own, product[None, None], 0, 0, limit, reach, np.empty(count)
-            )
-            assert found == expected
+        theta[0] -= theta[1:6] @ [2.0, -1.0, 4.0, -2.0, 1.0]
+        for k in (6, 9, 12):
+            theta[k] -= 2.0 * theta[k + 1] - theta[k + 2]
+        found = window_sums._square_after_step(count, theta, 2.0, -1.0, own[:, None, None], 0, 0, product)
+        assert found == pytest.approx(float(30.0 - 2 * b @ step + step @ m @ step), rel=1e-9)

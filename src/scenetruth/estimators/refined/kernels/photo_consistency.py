@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.spline_samples import sample_cubic, sample_quintic
+from scenetruth.estimators.refined.kernels.spline_samples import cubic_values, quintic_values
 from scenetruth.estimators.refined.kernels.warp import (
     ACCELERATED,
     CUBIC,
@@ -116,7 +116,7 @@ def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
         gain, offset = brightness
         flat = coefficients.reshape((count, height * width))
         every_offset, at = np.empty(width, dtype=np.int64), np.empty((2, width))
-        samples, fractions = np.empty((3, width), dtype=np.float32), np.empty((2, width), dtype=np.float32)
+        samples, fractions = np.empty(width, dtype=np.float32), np.empty((2, width), dtype=np.float32)
         share, first = np.empty(LANES, dtype=np.float32), 0
         while first < len(pixels):
             y, last = pixels[first, 0], first
@@ -131,16 +131,16 @@ def _compile_judge(*, accelerated: bool, cubic: bool) -> Any:
                 place_columns(accelerated, view, number, fields, y, columns, at_x, at_y)
                 find_offsets(at_x, at_y, height, width, bad[min(i, bad.shape[0] - 1)], offsets, right, down)
                 if cubic:
-                    sample_cubic(flat[i], offsets, width, right, down, samples)
+                    cubic_values(flat[i], offsets, width, right, down, samples)
                 else:
-                    sample_quintic(flat[i], offsets, width, right, down, samples)
+                    quintic_values(flat[i], offsets, width, right, down, samples)
                 sides = (True, s <= 0.0, s >= 0.0, t <= 0.0, t >= 0.0, s_y <= 0.0, s_y >= 0.0, False)
                 for side in range(LANES):
                     share[side] = np.float32(1.0) if sides[side] else np.float32(0.0)
                 for n in range(size):
                     if offsets[n] < 0:
                         continue
-                    value = _normalised(samples[0, n], gain[number], offset[number], block, y, columns[n])
+                    value = _normalised(samples[n], gain[number], offset[number], block, y, columns[n])
                     if np.isnan(origin[first + n]):
                         origin[first + n] = value
                     v = np.float32(value - origin[first + n])

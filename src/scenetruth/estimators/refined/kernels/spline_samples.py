@@ -11,7 +11,15 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["TAPS", "cubic_weights", "quintic_weights", "sample_cubic", "sample_quintic"]
+__all__ = [
+    "TAPS",
+    "cubic_values",
+    "cubic_weights",
+    "quintic_values",
+    "quintic_weights",
+    "sample_cubic",
+    "sample_quintic",
+]
 
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -61,14 +69,15 @@ def quintic_weights(f: float, w: Any, dw: Any) -> None:
     dw[3], dw[4], dw[5] = _near_slope(f) / 120.0, _far_slope(f) / 120.0, f**4 / 24.0
 
 
-def _compiled_samples(pieces: list[Any], lanes: int) -> Any:
+def _compiled_samples(pieces: list[Any], lanes: int, *, slopes: bool = True) -> Any:
     """Return an intrinsic that samples a spline from its polynomial pieces, one for each of the taps.
 
     It takes image (flat), offset of its first coefficient, width, and the fractions of a step along x and y, and
     returns the value and its derivatives along x and y. All taps along x are in one vector, with lanes of weight zero.
+
+    ``slopes``: Whether derivatives are required; otherwise, only the value is returned.
     """
     taps = len(pieces)
-    slopes = [np.polyder(piece) for piece in pieces]
 
     def columns(polynomials: list[Any]) -> Any:
         """Return the coefficients of all lanes, from the highest power."""
@@ -78,7 +87,7 @@ def _compiled_samples(pieces: list[Any], lanes: int) -> Any:
             table[most - each.order :, lane] = each.coeffs
         return np.asarray(table, dtype=np.float32).astype(np.float64).tolist()
 
-    by_value, by_slope = columns(pieces), columns(slopes)
+    by_value, by_slope = columns(pieces), columns([np.polyder(piece) for piece in pieces])
     single, index = ir.FloatType(), ir.IntType(32)
     vector = ir.VectorType(single, lanes)
     fast = ("contract", "reassoc", "nsz")
@@ -109,26 +118,30 @@ def _compiled_samples(pieces: list[Any], lanes: int) -> Any:
             along, below = (
                 spread(builder.insert_element(undefined, each, ir.Constant(index, 0)), 0) for each in (x, y)
             )
-            weights, differences = polynomial(by_value, below), polynomial(by_slope, below)
+            weights = polynomial(by_value, below)
+            differences = polynomial(by_slope, below) if slopes else weights
             start, zero = builder.gep(data, [first]), constant([0.0] * lanes)
             value, slope = zero, zero
             for k in range(taps):
                 place = builder.gep(start, [builder.mul(stride, ir.Constant(stride.type, k))])
                 line = builder.load(builder.bitcast(place, vector.as_pointer()))
                 line.align = 4
-                value, slope = add(spread(weights, k), line, value), add(spread(differences, k), line, slope)
+                value = add(spread(weights, k), line, value)
+                slope = add(spread(differences, k), line, slope) if slopes else slope
             kind = ir.FunctionType(single, [single, vector])
             total = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.fadd.v{lanes}f32")
-            weights, differences = polynomial(by_value, along), polynomial(by_slope, along)
-            terms = [(weights, value), (differences, value), (weights, slope)]
+            weights = polynomial(by_value, along)
+            terms = [(weights, value)]
+            if slopes:
+                terms += [(polynomial(by_slope, along), value), (weights, slope)]
             found = [
                 builder.call(total, [ir.Constant(single, 0.0), builder.fmul(*pair, flags=fast)], fastmath=("reassoc",))
                 for pair in terms
             ]
-            return context.make_tuple(builder, signature.return_type, found)
+            return context.make_tuple(builder, signature.return_type, found) if slopes else found[0]
 
-        triple = types.UniTuple(types.float32, 3)
-        return triple(image, types.int64, types.int64, types.float32, types.float32), generate
+        kind = types.UniTuple(types.float32, 3) if slopes else types.float32
+        return kind(image, types.int64, types.int64, types.float32, types.float32), generate
 
     return sampled
 
@@ -142,6 +155,8 @@ _QUINTIC = [np.poly1d(each) / 120.0 for each in ([10, -20, -20, 20, 50, 26], [-5
 _CUBIC = [np.poly1d(each) / 6.0 for each in ([-3, 3, 3, 1], [1, 0, 0, 0])]
 _quintic = _compiled_samples(_mirrored(_QUINTIC), 8)
 _cubic = _compiled_samples(_mirrored(_CUBIC), 4)
+_quintic_value = _compiled_samples(_mirrored(_QUINTIC), 8, slopes=False)
+_cubic_value = _compiled_samples(_mirrored(_CUBIC), 4, slopes=False)
 _BEYOND = 8 - TAPS  # coefficients read beyond the last tap, of weight zero
 
 
@@ -202,3 +217,27 @@ sample_cubic, sample_quintic = _compiled_row(cubic=True), _compiled_row(cubic=Fa
 ``right``, ``down``: Fractions of a step along x and y, float32.
 ``out``: Output: values and derivatives along x and y, shape (3, n).
 """
+
+
+def _compiled_values(*, cubic: bool) -> Any:
+    @_jit
+    def compiled(image: Any, offsets: Any, width: Any, right: Any, down: Any, out: Any) -> None:
+        last = image.size - (TAPS - 1) * width - TAPS - _BEYOND
+        beyond = False
+        for n in range(offsets.size):
+            if not (offsets[n] >= 0 and offsets[n] <= last):
+                beyond = beyond or offsets[n] > last
+            elif cubic:
+                out[n] = _cubic_value(image, offsets[n] + width + 1, width, right[n], down[n])
+            else:
+                out[n] = _quintic_value(image, offsets[n], width, right[n], down[n])
+        if beyond:
+            for n in range(offsets.size):
+                if offsets[n] > last:
+                    out[n], _, _ = _sample_plainly(cubic, image, offsets[n], width, right[n], down[n])
+
+    return compiled
+
+
+cubic_values, quintic_values = _compiled_values(cubic=True), _compiled_values(cubic=False)
+"""Functions that sample a spline at several points, as `sample_cubic`, with values only, shape (n,)."""

@@ -6,6 +6,10 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.pixel_equations import PAIR_OF, PRODUCTS, SIDE_OF, add_row, dot, is_pair
@@ -183,44 +187,45 @@ def _asked(models: Any, count: int) -> Any:
     return curved, turning, bent
 
 
-@numba.njit(inline="always")
-def _belongs(
-    several: Any,
-    theta: Any,
-    x: float,
-    y: float,
-    own: Any,
-    products: Any,
-    v: int,
-    u: int,
-    limit: float,
-    reach: Any,
-    step: Any,
-) -> bool:
-    """Return whether a pixel at (x, y) from a window centre belongs to its surface: parameters and residual agree."""
-    x_x, x_y, y_y = x * x, x * y, y * y
-    if not products[v, u, 14] <= limit * products[v, u, 15]:
-        return False
-    step[0] = (theta[0] + theta[1] * x + theta[2] * y + theta[3] * x_x + theta[4] * x_y + theta[5] * y_y) - own[0]
-    for k in range(3):
-        step[1 + k] = theta[CURVED + 3 * k] + theta[CURVED + 1 + 3 * k] * x + theta[CURVED + 2 + 3 * k] * y - own[1 + k]
+# Index of the number of valid channels among the products.
+_IN_USE = 16
+
+
+@_jit
+def _square_after_step(several: int, theta: Any, x: float, y: float, fields: Any, v: int, u: int, of_pixel: Any) -> Any:
+    """Return the squares of a pixel at (x, y) from a window centre if it had the parameters of the window.
+
+    ``fields``, ``u``, ``v``: Those of the pixel, and its place among them.
+    ``of_pixel``: Its products.
+    """
+    d, q_x, q_y, q_z = fields[0, v, u], fields[1, v, u], fields[2, v, u], fields[3, v, u]
+    there = (
+        theta[0] + theta[1] * x + theta[2] * y + theta[3] * x * x + theta[4] * x * y + theta[5] * y * y,
+        theta[6] + theta[7] * x + theta[8] * y,
+        theta[9] + theta[10] * x + theta[11] * y,
+        theta[12] + theta[13] * x + theta[14] * y,
+    )
+    s = (there[0] - d, there[1] - q_x, there[2] - q_y, there[3] - q_z)
+    # Squares after a step s from the parameters p are e - 2 b s + s M s, with b = (M p + b) - M p: these are
+    # e - 2 (M p + b) s + s M (s + 2 p).
+    r = (there[0] + d, there[1] + q_x, there[2] + q_y, there[3] + q_z)
+    m = of_pixel
+    total = m[14] - 2.0 * (s[0] * m[10] + s[1] * m[11] + s[2] * m[12] + s[3] * m[13])
+    total += s[0] * r[0] * m[0] + (s[0] * r[1] + s[1] * r[0]) * m[1] + (s[0] * r[2] + s[2] * r[0]) * m[2]
+    total += (s[0] * r[3] + s[3] * r[0]) * m[3] + s[1] * r[1] * m[4] + (s[1] * r[2] + s[2] * r[1]) * m[5]
+    total += (s[1] * r[3] + s[3] * r[1]) * m[6] + s[2] * r[2] * m[7] + (s[2] * r[3] + s[3] * r[2]) * m[8]
+    total += s[3] * r[3] * m[9]
+    if several == STEADY:
+        return total
     for k in range(STEADY, several):
-        step[k] = theta[FULL + k - STEADY] - own[k]
-    moved = abs(step[0]) * reach[0]
-    along = abs(own[0]) * reach[1]
-    for k in range(1, several):
-        later = 0.5 * reach[1] if k >= STEADY else 1.0
-        moved = max(moved, abs(step[k]) * along * later * (reach[2] if k == 3 or k == 6 else 1.0))
-    if not moved < reach[3]:
-        return False
-    # b = (M p + b) - M p; squares after the step are e - 2 b step + step M step.
-    total = products[v, u, 14]
-    for k in range(several):
-        total -= 2.0 * step[k] * products[v, u, SIDE_OF[k]]
-        total += products[v, u, PAIR_OF[k, k]] * (step[k] * step[k] + 2.0 * step[k] * own[k])
-        for m in range(k + 1, several):
-            total += 2.0 * products[v, u, PAIR_OF[k, m]] * (step[k] * step[m] + step[k] * own[m] + step[m] * own[k])
-    return bool(total <= limit * products[v, u, 15])
+        step, both = theta[FULL + k - STEADY] - fields[k, v, u], theta[FULL + k - STEADY] + fields[k, v, u]
+        total += step * (both * m[PAIR_OF[k, k]] - 2.0 * m[SIDE_OF[k]])
+        total += (s[0] * both + step * r[0]) * m[PAIR_OF[0, k]] + (s[1] * both + step * r[1]) * m[PAIR_OF[1, k]]
+        total += (s[2] * both + step * r[2]) * m[PAIR_OF[2, k]] + (s[3] * both + step * r[3]) * m[PAIR_OF[3, k]]
+        for n in range(STEADY, k):
+            first, other = theta[FULL + n - STEADY] - fields[n, v, u], theta[FULL + n - STEADY] + fields[n, v, u]
+            total += (first * both + step * other) * m[PAIR_OF[n, k]]
+    return total
 
 
 @_jit
@@ -247,14 +252,90 @@ def _displacements(several: int, theta: Any, x: int, y: int, fields: Any, v: int
             out[n] = moved if moved > out[n] else out[n]
 
 
+_LANES = 8  # numbers of a vector
+
+
+def _compiled_sums(count: int, powers: int) -> Any:
+    """Return an intrinsic that sums products of some pixels of a row, times several weights of each.
+
+    It takes the products of a row, shape (width, n), the columns of the pixels, and the weights of all columns, shape
+    (width, powers); and writes the sums to an array of shape (powers, m). Until then, they are in registers.
+
+    ``count``: Number of products, a multiple of 8.
+    """
+
+    @intrinsic
+    def summed(typing_context: Any, products: Any, columns: Any, weights: Any, out: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            of_pixels, chosen, of_columns, target = (
+                context.make_array(kind)(context, builder, value)
+                for kind, value in zip(signature.args, arguments, strict=True)
+            )
+            number = cgutils.unpack_tuple(builder, chosen.shape)[0]
+            width, stride = (cgutils.unpack_tuple(builder, each.shape)[1] for each in (of_pixels, target))
+            vector = ir.VectorType(context.get_value_type(products.dtype), _LANES)
+            undefined, zero = ir.Constant(vector, ir.Undefined), ir.Constant(ir.IntType(32), 0)
+            every = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [0] * _LANES)
+            sums = [[cgutils.alloca_once(builder, vector) for _ in range(0, count, _LANES)] for _ in range(powers)]
+
+            def of(value: int) -> Any:
+                return ir.Constant(number.type, value)
+
+            def place(start: Any, first: Any, n: int) -> Any:
+                each = builder.gep(start, [builder.add(first, of(n * _LANES))])
+                return builder.bitcast(each, vector.as_pointer())
+
+            for line in sums:
+                for each in line:
+                    builder.store(ir.Constant(vector, [0.0] * _LANES), each)
+            with cgutils.for_range(builder, number) as loop:
+                column = builder.load(builder.gep(chosen.data, [loop.index]))
+                first, values = builder.mul(column, width), []
+                for n in range(len(sums[0])):
+                    values.append(builder.load(place(of_pixels.data, first, n)))
+                    values[-1].align = 4
+                for k, line in enumerate(sums):
+                    at = builder.add(builder.mul(column, of(powers)), of(k))
+                    weight = builder.load(builder.gep(of_columns.data, [at]))
+                    weight = builder.shuffle_vector(builder.insert_element(undefined, weight, zero), undefined, every)
+                    for value, each in zip(values, line, strict=True):
+                        product = builder.fmul(weight, value, flags=("contract",))
+                        builder.store(builder.fadd(builder.load(each), product, flags=("contract",)), each)
+            for k, line in enumerate(sums):
+                for n, each in enumerate(line):
+                    builder.store(builder.load(each), place(target.data, builder.mul(stride, of(k)), n)).align = 4
+            return context.get_dummy_value()
+
+        return types.void(products, columns, weights, out), generate
+
+    return summed
+
+
+@_jit
+def _by_column(window: Any, powers: int) -> Any:
+    """Return the weights of a window by column, in groups of powers of the distance: (group, column, power)."""
+    out = np.zeros((-(-POWERS // powers), window.shape[1], powers), window.dtype)
+    for k in range(POWERS):
+        out[k // powers, :, k % powers] = window[k]
+    return out
+
+
 # Points that the parameters of a window displace by less than this share of the largest displacement have no other
 # residual.
 _CLOSE = 0.1
+# Powers of the distance whose sums, and those of squares of weights, are in registers together.
+_TOGETHER, _SQUARES_TOGETHER = 4, 3
+# Numbers of products with and without acceleration, and of those that are elements of M, in whole vectors.
+_COUNT, _PAIRS, _ALL_COUNT, _ALL_PAIRS = 24, 16, 48, 40
+# Functions in a closure would prevent caching.
+_sum_products, _sum_pairs = _compiled_sums(_COUNT, _TOGETHER), _compiled_sums(_PAIRS, _SQUARES_TOGETHER)
+_sum_all_products, _sum_all_pairs = _compiled_sums(_ALL_COUNT, _TOGETHER), _compiled_sums(_ALL_PAIRS, _SQUARES_TOGETHER)
 
 
 def _compiled(several: int) -> Any:
-    # Products that are elements of M, in whole vectors.
-    pairs = 16 if several == STEADY else 40
+    # Constants, so that loops over them are vector instructions.
+    count, pairs = (_COUNT, _PAIRS) if several == STEADY else (_ALL_COUNT, _ALL_PAIRS)
+    accelerated = several != STEADY
 
     @_jit
     def compiled(
@@ -274,17 +355,16 @@ def _compiled(several: int) -> Any:
         rows, width = limit.shape
         around = weights.shape[2] // 2
         window, squared = weights[0].astype(products.dtype), weights[1].astype(products.dtype)
-        count = products.shape[2]
+        by_column, squared_by_column = _by_column(window, _TOGETHER), _by_column(squared, _SQUARES_TOGETHER)
         moments, seconds = np.zeros((count * POWERS**2, 1)), np.zeros((count * POWERS**2, 1))
-        # One power of the distance after another, so that the products of a pixel are read together.
-        sums, second_sums = np.empty((POWERS, count), products.dtype), np.empty((POWERS, count), products.dtype)
-        # By powers of the distance along y and along x.
+        # Sums of a row by powers of the distance along x, and of the window by those along y and along x.
+        sums, second_sums = np.empty((8, count), products.dtype), np.empty((6, count), products.dtype)
         total, second_total = (
             np.empty((POWERS, POWERS, count), products.dtype),
             np.empty((POWERS, POWERS, count), products.dtype),
         )
-        work, step = work_space(), np.empty(several)
-        theta, own, every = np.empty(len(fit.theta)), np.empty(several), np.empty(2 * around + 1)
+        work, theta, every = work_space(), np.empty(len(fit.theta)), np.empty(2 * around + 1)
+        columns = np.empty(2 * around + 1, dtype=np.int64)
         powers = 4 if model.gradient > 0 and model.surface > 1 else 3
         fewer = 3
         if model.surface == CURVED:
@@ -301,47 +381,56 @@ def _compiled(several: int) -> Any:
             row = y - first_row
             first, last = max(x - around, 0), min(x + around + 1, width)
             moved = every[: last - first]
+            # Columns of the window begin left of the image at its edge.
+            skipped = first - x + around
             for v in range(max(row - around, 0), min(row + around + 1, rows)):
                 _displacements(several, theta, first - x, v - row, fields, v + first_row, first, reach, moved)
-                sums[:], second_sums[:] = 0.0, 0.0
-                met = False
-                for u in range(first, last):
-                    if not moved[u - first] < reach[3] or products[v, u, _IN_USE] == 0.0:
+                used = 0
+                for n in range(moved.size):
+                    u = first + n
+                    if not moved[n] < reach[3] or products[v, u, _IN_USE] == 0.0:
                         continue
                     if not products[v, u, 14] <= limit[v, u] * products[v, u, 15]:
                         continue
-                    if moved[u - first] > _CLOSE * reach[3]:
-                        for k in range(several):
-                            own[k] = fields[k, v + first_row, u]
-                        if not _belongs(several, theta, u - x, v - row, own, products, v, u, limit[v, u], reach, step):
+                    if moved[n] > _CLOSE * reach[3]:
+                        square = _square_after_step(
+                            several, theta, u - x, v - row, fields, v + first_row, u, products[v, u]
+                        )
+                        if not square <= limit[v, u] * products[v, u, 15]:
                             continue
-                    met = True
-                    of_pixel = products[v, u]
-                    for j in range(powers):
-                        w, line = window[j, u - x + around], sums[j]
-                        for n in range(count):
-                            line[n] += w * of_pixel[n]
-                    for j in range(fewer):
-                        w, line = squared[j, u - x + around], second_sums[j]
-                        for n in range(pairs):
-                            line[n] += w * of_pixel[n]
-                if not met:
+                    columns[used] = n
+                    used += 1
+                if used == 0:
                     continue
+                line, chosen = products[v, first:last], columns[:used]
+                for group in range(-(-powers // _TOGETHER)):
+                    of_columns, of_group = by_column[group, skipped:], sums[group * _TOGETHER :]
+                    if accelerated:
+                        _sum_all_products(line, chosen, of_columns, of_group)
+                    else:
+                        _sum_products(line, chosen, of_columns, of_group)
+                for group in range(-(-fewer // _SQUARES_TOGETHER)):
+                    of_columns, of_group = squared_by_column[group, skipped:], second_sums[group * _SQUARES_TOGETHER :]
+                    if accelerated:
+                        _sum_all_pairs(line, chosen, of_columns, of_group)
+                    else:
+                        _sum_pairs(line, chosen, of_columns, of_group)
                 at = v - row + around
                 for k in range(powers):
                     for j in range(powers - k):
-                        w, line, out = window[k, at], sums[j], total[k, j]
+                        w, sum_of_row, out = window[k, at], sums[j], total[k, j]
                         for n in range(count):
-                            out[n] += w * line[n]
+                            out[n] += w * sum_of_row[n]
                 for k in range(fewer):
                     for j in range(fewer - k):
-                        w, line, out = squared[k, at], second_sums[j], second_total[k, j]
+                        w, sum_of_row, out = squared[k, at], second_sums[j], second_total[k, j]
                         for n in range(pairs):
-                            out[n] += w * line[n]
+                            out[n] += w * sum_of_row[n]
             for n in range(count):
                 for k in range(powers):
                     for j in range(powers - k):
                         moments[(n * POWERS + j) * POWERS + k, 0] = total[k, j, n]
+            for n in range(pairs):
                 for k in range(fewer):
                     for j in range(fewer - k):
                         seconds[(n * POWERS + j) * POWERS + k, 0] = second_total[k, j, n]
