@@ -187,10 +187,6 @@ def _asked(models: Any, count: int) -> Any:
     return curved, turning, bent
 
 
-# Index of the number of valid channels among the products.
-_IN_USE = 16
-
-
 @_jit
 def _square_after_step(several: int, theta: Any, x: float, y: float, fields: Any, v: int, u: int, of_pixel: Any) -> Any:
     """Return the squares of a pixel at (x, y) from a window centre if it had the parameters of the window.
