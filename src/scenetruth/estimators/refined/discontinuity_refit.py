@@ -106,6 +106,8 @@ _BLENDED_PX = 3
 # Windows with two surfaces fit a steep one between them, and leave a residual. Near outlines: largest tangent of the
 # tilt; and largest product of it and the residual, relative to noise, if the residual exceeds this ratio.
 _STEEPEST, _STEEP, _RESIDUAL_OF_STEEP = 3.0, 2.5, 1.5
+# Ratio of the residuals of full and smaller windows from which on the smaller ones explain the images better.
+_REDUCED = 1.2
 # A steep surface that is observed continues on both sides: distance in standard deviations of the full window, and
 # largest difference from the extrapolated disparity, relative to the change that the slope predicts.
 _CONTINUED_AT, _CONTINUED = 1.5, 0.3
@@ -167,6 +169,10 @@ def refit_discontinuities(
     # Strong gradients of an outline would explain any residual of a weak texture next to it.
     with np.errstate(invalid="ignore"):
         fitted = refined.fit.residual[0] <= (settings.max_residual_ratio * noise) ** 2
+        # Without a discontinuity within reach, residuals that smaller windows leave, too, have other causes, as texture
+        # finer than the pixels.
+        other = refined.fit.residual[0] <= _REDUCED**2 * fit.residual[0]
+        fitted |= other & ~around(find_discontinuities(images, whole), reach)
     surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma))
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
     final = chosen_fit(where, fit, refined.fit)
