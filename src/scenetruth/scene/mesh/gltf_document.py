@@ -160,6 +160,13 @@ class GltfDocument:
             msg = f'has {what} in the file "{uri}", which cannot be read: {error}'
             raise MeshFileError(msg) from error
 
+    def list_references(self) -> list[Path]:
+        """Return the files of buffers and pictures."""
+        entries = [entry for kind in ("buffers", "images") for entry in _list(self.tree, kind)]
+        names = [entry.get("uri") for entry in entries if isinstance(entry, dict)]
+        plain = [name for name in names if isinstance(name, str) and not name.startswith("data:")]
+        return [self.file.parent / unquote(name) for name in plain]
+
     def _buffer(self, index: Any) -> bytes:
         if not hasattr(self, "_buffers"):
             self._buffers: dict[int, bytes] = {}

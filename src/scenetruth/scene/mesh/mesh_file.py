@@ -15,6 +15,7 @@ from scenetruth.input_files import InputFile
 from scenetruth.scene.mesh.appearance import MeshAppearance
 from scenetruth.scene.mesh.cutouts import weld
 from scenetruth.scene.mesh.file_preflight import count_elements, refuse_mesh_file
+from scenetruth.scene.mesh.gltf_document import GltfDocument
 from scenetruth.scene.mesh.gltf_file import read_gltf
 from scenetruth.scene.mesh.mesh_model import (
     CREASE_DEG,
@@ -24,14 +25,14 @@ from scenetruth.scene.mesh.mesh_model import (
     find_shared_sides,
     index_positions,
 )
-from scenetruth.scene.mesh.obj_file import read_obj
-from scenetruth.scene.mesh.ply_file import read_ply
+from scenetruth.scene.mesh.obj_file import list_obj_references, read_obj
+from scenetruth.scene.mesh.ply_file import list_ply_references, read_ply
 from scenetruth.scene.mesh.polygon_mesh import MeshFileError, PolygonMesh, Triangulation, triangulate
 from scenetruth.scene.mesh.stl_off_files import read_off, read_stl
 from scenetruth.scene.mesh.topology_repair import describe_content, repair_topology
 from scenetruth.validated_model import Positive
 
-__all__ = ["FileMesh", "load_mesh_file"]
+__all__ = ["FileMesh", "list_referenced_files", "load_mesh_file"]
 
 
 _SAME_DEG = 1.0  # angle below which normals count as equal, allowing for rounding in the file
@@ -103,6 +104,23 @@ _READERS: dict[str, Callable[[Path], PolygonMesh]] = {
     ".glb": read_gltf,
     ".gltf": read_gltf,
 }
+
+
+_REFERENCES: dict[str, Callable[[Path], list[Path]]] = {
+    ".obj": list_obj_references,
+    ".ply": list_ply_references,
+    ".glb": lambda file: GltfDocument(file).list_references(),
+    ".gltf": lambda file: GltfDocument(file).list_references(),
+}
+
+
+def list_referenced_files(file: Path) -> list[Path]:
+    """Return the files that a mesh file refers to: material libraries, pictures and buffers; empty if it is invalid."""
+    reader = _REFERENCES.get(file.suffix.lower())
+    try:
+        return [] if reader is None else reader(file)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):  # reported when the mesh is read
+        return []
 
 
 def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:

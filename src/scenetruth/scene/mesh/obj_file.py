@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS, read_checked_bytes
 from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
 
-__all__ = ["read_obj"]
+__all__ = ["list_obj_references", "read_obj"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -272,6 +272,27 @@ def find_beside(file: Path, name: str) -> Path | None:
     return None
 
 
+def list_obj_references(file: Path) -> list[Path]:
+    """Return the material libraries of an OBJ file and their pictures, missing ones by their name."""
+    text = read_text(read_checked_bytes(file))
+    named = [line.split(None, 1) for line in text.splitlines() if line.lstrip().startswith("mtllib")]
+    libraries = [
+        path
+        for words in named
+        for path in _library_files(file, words[-1].strip()) or [file.parent / word for word in words[-1].split()]
+    ]
+    pictures = []
+    for library in libraries:
+        if not library.is_file():
+            continue
+        for line in read_text(read_checked_bytes(library)).splitlines():
+            words = line.split(None, 1)
+            if len(words) == 2 and words[0].lower() in ("map_kd", "map_ka"):
+                name = _split_options(words[1].strip())[1]
+                pictures.append(find_beside(library, name) or library.parent / name)
+    return [*libraries, *pictures]
+
+
 def _read_libraries(file: Path, libraries: list[str]) -> dict[str, Material]:
     """Return the materials of all libraries by name."""
     found: dict[str, Material] = {}
@@ -363,6 +384,9 @@ _OPTIONS = {
     "-blendu": _Option(1, 1, _ignore),
     "-blendv": _Option(1, 1, _ignore),
     "-boost": _Option(1, 1, _ignore),
+    "-clamp": _Option(1, 1, _ignore),
+    "-s": _Option(1, 3, _ignore),
+    "-o": _Option(1, 3, _ignore),
     "-texres": _Option(1, 1, _ignore),
     "-bm": _Option(1, 1, _ignore),
     "-cc": _Option(1, 1, _refuse_unless(["off"])),
@@ -373,15 +397,26 @@ _OPTIONS = {
 }
 
 
+def _split_options(statement: str) -> tuple[list[tuple[str, list[str]]], str]:
+    """Return the options of a texture map with their arguments, and the name of its picture."""
+    options = []
+    rest = statement
+    while rest.startswith("-"):
+        option, _, after = rest.replace("\t", " ").partition(" ")
+        if option not in _OPTIONS:
+            break
+        least, most, _ = _OPTIONS[option]
+        words, rest = _take_words(after.strip(), least, most)
+        options.append((option, words))
+    return options, rest
+
+
 def _texture_map(library: Path, statement: str) -> TextureMap:
     """Return the picture of map_Kd with its options."""
     scale, offset, wrap = (1.0, 1.0), (0.0, 0.0), "repeat"
-    rest = statement
-    while rest.startswith("-"):
-        option, _, rest = rest.partition(" ")
-        rest = rest.strip()
+    options, rest = _split_options(statement)
+    for option, words in options:
         if option in ("-s", "-o"):
-            words, rest = _take_words(rest, 1, 3)
             values = [float(word) for word in words]
             values += [(1.0 if option == "-s" else 0.0)] * (3 - len(values))
             if option == "-s":
@@ -389,18 +424,12 @@ def _texture_map(library: Path, statement: str) -> TextureMap:
             else:
                 offset = (values[0], values[1])
         elif option == "-clamp":
-            words, rest = _take_words(rest, 1, 1)
             wrap = "clamp" if words == ["on"] else "repeat"
-        elif option in _OPTIONS:
-            least, most, check = _OPTIONS[option]
-            words, rest = _take_words(rest, least, most)
-            try:
-                check(words)
-            except ValueError as error:
-                msg = f"map_Kd {option}: {error}"
-                raise ValueError(msg) from error
-        else:
-            break
+        try:
+            _OPTIONS[option].check(words)
+        except ValueError as error:
+            msg = f"map_Kd {option}: {error}"
+            raise ValueError(msg) from error
     found = find_beside(library, rest)
     if found is None:
         msg = f'its picture "{rest}" is missing in its folder'

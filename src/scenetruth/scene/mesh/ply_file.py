@@ -14,7 +14,7 @@ from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS, read_checked_byte
 from scenetruth.scene.mesh.obj_file import find_beside
 from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
 
-__all__ = ["read_ply"]
+__all__ = ["list_ply_references", "read_ply"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -269,6 +269,18 @@ def read_ply(file: Path) -> PolygonMesh:
     return _assemble(file, tables, comments, ignored)
 
 
+def _picture_names(comments: list[str]) -> list[str]:
+    return [
+        line.split(None, 1)[1] for line in comments if line.lower().startswith("texturefile") and len(line.split()) > 1
+    ]
+
+
+def list_ply_references(file: Path) -> list[Path]:
+    """Return the pictures of a PLY file, missing ones by their name."""
+    names = _picture_names(_header(read_checked_bytes(file))[2])
+    return [find_beside(file, name) or file.parent / name for name in names]
+
+
 def _assemble(file: Path, tables: dict[str, Table], comments: list[str], ignored: list[str]) -> PolygonMesh:
     vertex = tables.get("vertex", {})
     if "tristrips" in tables:
@@ -307,9 +319,7 @@ def _assemble(file: Path, tables: dict[str, Table], comments: list[str], ignored
         colours = colours[corners]
     elif (of_faces := _colours(face)) is not None:
         colours = np.repeat(of_faces, counts, axis=0)
-    pictures = [
-        line.split(None, 1)[1] for line in comments if line.lower().startswith("texturefile") and len(line.split()) > 1
-    ]
+    pictures = _picture_names(comments)
     materials: tuple[Material, ...] = ()
     material_of = np.full(len(counts), -1, dtype=np.int64)
     if pictures:
