@@ -174,7 +174,10 @@ class MeshAppearance:
     def _check_colours_beside_pictures(self) -> None:
         if self.colours is None or (self.colours == 1.0).all():
             return
-        msg = "has colours of vertices that multiply a picture, which is not shown; bake them into the picture"
+        if self.srgb_pictures is None:
+            msg = "has colours of vertices and a picture, and does not say which of them counts; remove one of them"
+        else:
+            msg = "has colours of vertices that multiply a picture, which is not shown; bake them into the picture"
         raise MeshFileError(msg)
 
     def _one(self, number: int, encoding: str | None, *, alone: bool) -> LaidPicture:

@@ -29,7 +29,7 @@ from scenetruth.scene.mesh.obj_file import list_obj_references, read_obj
 from scenetruth.scene.mesh.ply_file import list_ply_references, read_ply
 from scenetruth.scene.mesh.polygon_mesh import MeshFileError, PolygonMesh, Triangulation, triangulate
 from scenetruth.scene.mesh.stl_off_files import read_off, read_stl
-from scenetruth.scene.mesh.topology_repair import describe_content, repair_topology
+from scenetruth.scene.mesh.topology_repair import describe_content, find_repeated_polygons, repair_topology
 from scenetruth.validated_model import Positive
 
 __all__ = ["FileMesh", "list_referenced_files", "load_mesh_file"]
@@ -149,11 +149,14 @@ def _as_triangles(
     mesh: PolygonMesh, made: Triangulation, file: Path, unit_mm: float, crease_deg: float | None
 ) -> TriangleMesh:
     """Return the triangles of polygons, oriented consistently, without those that stand twice or are cut out."""
+    repeated = find_repeated_polygons(mesh.vertices, mesh.corners, mesh.starts)
+    once = ~repeated[made.polygon]
+    made = made._replace(corners=made.corners[once], polygon=made.polygon[once])
     topology = repair_topology(mesh.vertices, mesh.corners[made.corners])
     corners, owner = made.corners[topology.kept], made.polygon[topology.kept]
     corners[topology.turned] = corners[topology.turned][:, ::-1]
     of_file, points = mesh.corners[corners], mesh.vertices * unit_mm
-    notes = describe_content(mesh, made, topology)
+    notes = describe_content(mesh, made, topology, int(np.count_nonzero(repeated)))
     appearance = MeshAppearance(
         None if mesh.colours is None else mesh.colours[corners],
         None if mesh.uv is None else mesh.uv[corners],

@@ -58,12 +58,12 @@ Table = dict[str, "NDArray[Any] | _List"]
 
 def _header(content: bytes) -> tuple[str, list[_Element], list[str], bytes]:
     """Return format, elements, comments, and the data behind the header."""
-    match = re.match(rb"ply[ \t]*\r?\n(.*?)\bend_header[ \t]*(\r\n|\r|\n)", content, re.DOTALL)
+    match = re.match(rb"ply[ \t]*(\r\n|\r|\n)(.*?)\bend_header[ \t]*\1", content, re.DOTALL)
     if match is None:
         msg = "has no header of a PLY file"
         raise MeshFileError(msg)
     kind, elements, comments = "", list[_Element](), list[str]()
-    for line in match[1].decode("utf-8", errors="replace").splitlines():
+    for line in match[2].decode("utf-8", errors="replace").splitlines():
         words = line.split()
         if not words:
             continue
@@ -276,7 +276,7 @@ def _picture_names(comments: list[str]) -> list[str]:
 
 
 def list_ply_references(file: Path) -> list[Path]:
-    """Return the pictures of a PLY file, missing ones by their name."""
+    """Return the pictures of a PLY file, including those that are missing."""
     names = _picture_names(_header(read_checked_bytes(file))[2])
     return [find_beside(file, name) or file.parent / name for name in names]
 
@@ -315,6 +315,13 @@ def _assemble(file: Path, tables: dict[str, Table], comments: list[str], ignored
     if {"nx", "ny", "nz"} <= {*vertex}:
         normals = _columns(vertex, ("nx", "ny", "nz"))[corners]
     colours = _colours(vertex)
+    for table, name in ((vertex, "vertices"), (face, "faces")):
+        alpha = table.get("alpha")
+        if (
+            isinstance(alpha, np.ndarray)
+            and (alpha < (1 if alpha.dtype.kind == "f" else np.iinfo(alpha.dtype).max)).any()
+        ):
+            ignored.append(f"opacity of {name} (alpha): the surface is opaque")
     if colours is not None:
         colours = colours[corners]
     elif (of_faces := _colours(face)) is not None:
