@@ -396,10 +396,22 @@ _PLY = (
         "line ends of Windows in a binary file",
         LITTLE + FOUR + FACES,
         packed("<", POINTS, [(0, 1, 2, 3)]),
-        "assimp cube_binary_header_with_RN_newline.ply",
+        "assimp issue 2534",
         "\r\n",
         area=1,
         polygons=1,
+    ),
+    FileFeature(
+        "PLY",
+        "line ends of Windows in the first line only",
+        {
+            "mesh.ply": b"ply\r\n"
+            + f"{LITTLE}{FOUR}{FACES}\nend_header\n".encode()
+            + packed("<", POINTS, [(0, 1, 2, 3)])
+        },
+        "assimp cube_binary_header_with_RN_newline.ply",
+        1,
+        1,
     ),
     ply(
         "line ends of a carriage return",

@@ -58,12 +58,14 @@ Table = dict[str, "NDArray[Any] | _List"]
 
 def _header(content: bytes) -> tuple[str, list[_Element], list[str], bytes]:
     """Return format, elements, comments, and the data behind the header."""
-    match = re.match(rb"ply[ \t]*(\r\n|\r|\n)(.*?)\bend_header[ \t]*\1", content, re.DOTALL)
+    # Lines end in a carriage return alone if the first one does: binary data may begin with any byte.
+    ends = rb"\r" if re.match(rb"ply[ \t]*\r(?!\n)", content) else rb"\r?\n"
+    match = re.match(rb"ply[ \t]*" + ends + rb"(.*?)\bend_header[ \t]*" + ends, content, re.DOTALL)
     if match is None:
         msg = "has no header of a PLY file"
         raise MeshFileError(msg)
     kind, elements, comments = "", list[_Element](), list[str]()
-    for line in match[2].decode("utf-8", errors="replace").splitlines():
+    for line in match[1].decode("utf-8", errors="replace").splitlines():
         words = line.split()
         if not words:
             continue
