@@ -580,12 +580,30 @@ GLTF_FEATURES = (
         rejected="transparent everywhere",
     ),
     one(
-        "alphaMode BLEND",
+        "alphaMode BLEND of an opaque picture",
         pictured({**BASE, "alphaMode": "BLEND"}),
         "Sample Assets AlphaBlendModeTest",
         area=1,
         rejected="alphaMode BLEND",
         of_colours=True,
+    ),
+    one(
+        "alphaMode BLEND of a transparent picture",
+        pictured({**BASE, "alphaMode": "BLEND"}, RAMP),
+        rejected="alphaMode BLEND",
+    ),
+    one(
+        "hidden nodes (KHR_node_visibility)",
+        nodes(
+            {"children": [1], "extensions": {"KHR_node_visibility": {"visible": False}}},
+            NODE,
+            {**NODE, "translation": [3, 0, 0]},
+            roots=[0, 2],
+            extensionsUsed=["KHR_node_visibility"],
+        ),
+        "Sample Assets CubeVisibility",
+        area=1,
+        polygons=2,
     ),
     one(
         "card of two faces",

@@ -279,6 +279,21 @@ _MTL = (
         area=1,
         shades=(((0.5, 0.4), RED),),
     ),
+    mtl(
+        "map of opacity (map_d)",
+        "newmtl leaf\nKd 1 1 1\nmap_Kd a.png\nmap_d a.png\n",
+        "tinyobjloader texture-options-issue-85.mtl",
+        {"a.png": GREYS},
+        rejected="map_d",
+    ),
+    mtl(
+        "diffuse colour of zero times picture",
+        "newmtl leaf\nKd 0 0 0\nmap_Kd a.png\n",
+        files={"a.png": GREYS},
+        area=1,
+        rejected="Kd 0 0 0",
+        of_colours=True,
+    ),
     mtl("spectral colours", "newmtl leaf\nKd spectral file.rfl\n", area=1, rejected="spectral", of_colours=True),
     mtl(
         "material that the library does not have",

@@ -80,6 +80,10 @@ class MeshAppearance:
         left = np.ones(count, dtype=np.bool_)
         for n in self.used:
             material = self.materials[n]
+            if material.outline_problem is not None and (
+                material.picture is None or decode(material).alpha is not None
+            ):
+                raise MeshFileError(material.outline_problem)
             # In formats without a mode of opacity, transparent texels are cut out.
             limit = _HALF if material.alpha_cutoff is None and self.srgb_pictures is None else material.alpha_cutoff
             if limit is None or material.problem is not None:

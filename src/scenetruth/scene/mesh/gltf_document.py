@@ -41,6 +41,7 @@ READ_EXTENSIONS = frozenset(
         "KHR_materials_pbrSpecularGlossiness",
         "EXT_texture_webp",
         "KHR_lights_punctual",
+        "KHR_node_visibility",
         "KHR_xmp_json_ld",
     }
 )
@@ -273,6 +274,9 @@ class GltfDocument:
                 msg = f"has node {index} below two others, or below itself"
                 raise MeshFileError(msg)
             seen.add(index)
+            if node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible") is False:
+                # Nodes below it are hidden, too.
+                continue
             matrix = above @ _local(node, index)
             found.append((index, matrix))
             stack += [(child, matrix) for child in reversed(_list(node, "children"))]

@@ -351,7 +351,9 @@ def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> M
     cutoff = None
     if mode == "BLEND":
         remedy = "use alphaMode MASK, which cuts the surface out, or OPAQUE"
-        return Material(name, problem=f"{where} is translucent (alphaMode BLEND), which is not shown: {remedy}")
+        message = f"{where} is translucent (alphaMode BLEND), which is not shown: {remedy}"
+        # A transparent picture also hides parts of the surface, whose outline is not defined.
+        return Material(name, picture=picture, problem=message, outline_problem=None if picture is None else message)
     if mode == "MASK":
         cutoff = float(entry.get("alphaCutoff", _OPAQUE_ALPHA))
         cutoff = cutoff / colour[3] if colour[3] > 0 else math.inf

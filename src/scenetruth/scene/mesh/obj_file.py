@@ -351,9 +351,13 @@ def _material(library: Path, name: str, statements: dict[str, str]) -> Material:
         if opacity is not None and opacity < 1.0:
             return Material(name, problem=f"{where} is translucent (opacity {opacity:g}), which is not shown")
         if "map_d" in statements:
-            return Material(name, problem=f"{where} has a map of opacity (map_d); put it into the alpha of map_Kd")
+            message = f"{where} has a map of opacity (map_d), which is not read; put it into the alpha of map_Kd"
+            return Material(name, problem=message, outline_problem=message)
         if "map_kd" not in statements:
             return Material(name, colour)
+        if not any(colour):
+            msg = "Kd 0 0 0 multiplies the picture by zero; set Kd 1 1 1"
+            raise ValueError(msg)
         return Material(name, colour, _texture_map(library, statements["map_kd"]))
     except ValueError as error:
         return Material(name, problem=f"{where}: {error}")

@@ -50,6 +50,8 @@ class Material:
     """Opacity of the picture below which the surface is cut out; None for an opaque surface."""
     problem: str | None = None
     """Why the material cannot be shown; matters only if the scene asks for the colours of the file."""
+    outline_problem: str | None = None
+    """Why the outline of the surface is undefined, if the picture has a transparent texel or there is no picture."""
 
 
 @dataclass(frozen=True, eq=False)
