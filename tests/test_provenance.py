@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.provenance import own_release, scene_hash
+from scenetruth.provenance import content_hash, own_release, scene_hash
 from scenetruth.schema import check_same_run
 from tests.helpers.scenes import SCENES, cube
 
@@ -121,3 +121,35 @@ def test_made_estimates_are_told_apart_by_what_they_hold() -> None:
         st.make_estimate(recording=recording, depth=np.full((8, 8), z)).attrs["estimate_hash"] for z in (1.0, 2.0, 1.0)
     ]
     assert hashes[0] == hashes[2] != hashes[1]
+
+
+MTL = "newmtl m\nKd 1 1 1\n{}\n"
+REFERENCES: dict[str, tuple[str, dict[str, str], str]] = {
+    "plain": ("a.obj", {"a.obj": "mtllib a.mtl\n", "a.mtl": MTL.format("map_Kd p.png")}, "p.png"),
+    "library": ("a.obj", {"a.obj": "mtllib a.mtl\n"}, "a.mtl"),
+    "library with spaces": ("a.obj", {"a.obj": "\tmtllib my own.mtl\n"}, "my own.mtl"),
+    "options": (
+        "a.obj",
+        {"a.obj": "mtllib a.mtl\n", "a.mtl": MTL.format("\tmap_Kd -s 2 2 -clamp on p q.png")},
+        "p q.png",
+    ),
+    "quotes": ("a.obj", {"a.obj": "mtllib a.mtl\n", "a.mtl": MTL.format('map_Kd "p q.png"')}, "p q.png"),
+    "percent": ("a.obj", {"a.obj": "mtllib a.mtl\n", "a.mtl": MTL.format("map_Kd p%20q.png")}, "p q.png"),
+    "PLY": ("a.ply", {"a.ply": "ply\nformat ascii 1.0\ncomment TextureFile p q.png\nend_header\n"}, "p q.png"),
+    "glTF buffer": ("a.gltf", {"a.gltf": '{"asset":{"version":"2.0"},"buffers":[{"uri":"p%20q.bin"}]}'}, "p q.bin"),
+    "glTF picture": ("a.gltf", {"a.gltf": '{"asset":{"version":"2.0"},"images":[{"uri":"p.png"}]}'}, "p.png"),
+}
+
+
+@pytest.mark.parametrize("way", REFERENCES)
+def test_files_that_a_mesh_file_refers_to_count(tmp_path: Path, way: str) -> None:
+    first, texts, last = REFERENCES[way]
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    found = [content_hash(tmp_path / first)]
+    for content in ("one", "two"):
+        (tmp_path / last).write_text(content)
+        found.append(content_hash(tmp_path / first))
+    (tmp_path / "other.png").write_text("unnamed")
+    assert content_hash(tmp_path / first) == found[-1]
+    assert len(set(found)) == 3

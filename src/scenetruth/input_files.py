@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,6 +18,7 @@ __all__ = [
     "bundled_files",
     "bundled_folder",
     "collect_input_files",
+    "describe_missing",
     "regular_file_size",
     "validation_context",
 ]
@@ -67,6 +69,11 @@ _MARK = _NamesAFile()
 
 
 def _absolute(value: str, info: ValidationInfo) -> str:
+    # Names may contain other separators, such as a no-break space.
+    if any(ord(letter) < ord(" ") for letter in value):
+        msg = r"contains a tab, a line break or another control character; use / in paths, because \ begins a special "
+        msg += "character in double quotes"
+        raise ValueError(msg)
     folder = (info.context or {}).get(_FOLDER)
     return value if folder is None else str(folder / value)
 
@@ -80,6 +87,13 @@ InputFile = Annotated[str, _MARK, AfterValidator(_absolute)]
 """Path of an input file; relative paths are resolved against the directory in the validation context."""
 SceneFile = Annotated[str, _MARK, AfterValidator(_of_scene)]
 """Path of a scene file; a bundled scene is also accepted by name if no such file exists."""
+
+
+def describe_missing(path: str | Path, message: str) -> str:
+    """Return the message for a missing file, with a remedy for paths of another system."""
+    if os.name != "nt" and re.search(r"(^|/)[A-Za-z]:[\\/]|\\", str(path)):
+        return f"{message}; it is a path of Windows: use / and a path relative to the directory of the file"
+    return message
 
 
 def regular_file_size(path: Path) -> int:

@@ -18,7 +18,6 @@ import xarray as xr
 
 from scenetruth.camera import Schedule, build_sensor_chain
 from scenetruth.input_files import collect_input_files
-from scenetruth.plain_data import parse_json
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.scene_models import Scene
 from scenetruth.schema import Intrinsics, blank_map, digest, label, tolerance_attributes
@@ -167,30 +166,7 @@ def content_hash(path: Path) -> str:
 
 
 def _referred_to(path: Path) -> list[Path]:
-    """Return the files referenced by a mesh file: materials of an OBJ and their images, buffers of a glTF."""
-    suffix = path.suffix.lower()
-    if not os.path.isfile(path):
-        return []
-    if suffix == ".obj":
-        materials = [path.parent / name for name in _names_after(path, ("mtllib",))]
-        images = [
-            file.parent / name for file in materials if os.path.isfile(file) for name in _names_after(file, _MAPS)
-        ]
-        return [*materials, *images]
-    if suffix == ".gltf":
-        try:
-            parts = parse_json(path.read_bytes())
-            named = [*parts.get("buffers", ()), *parts.get("images", ())]
-            return [path.parent / item["uri"] for item in named if not item.get("uri", "data:").startswith("data:")]
-        except (ValueError, AttributeError, TypeError):
-            return []
-    return []
+    """Return the files referenced by a mesh file."""
+    from scenetruth.scene.mesh.mesh_file import list_referenced_files
 
-
-_MAPS = ("map_Kd", "map_Ka")
-
-
-def _names_after(file: Path, words: tuple[str, ...]) -> list[str]:
-    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-    split = [line.split() for line in lines if line.startswith(words)]
-    return [parts[-1] for parts in split if len(parts) > 1]
+    return list_referenced_files(path) if path.suffix.lower() in (".obj", ".ply", ".gltf", ".glb") else []

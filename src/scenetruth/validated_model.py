@@ -161,12 +161,48 @@ class FrozenModel(BaseModel):
         return schema
 
 
+def _has_boolean(given: Any) -> bool:
+    return isinstance(given, bool) or (isinstance(given, list | tuple) and any(map(_has_boolean, given)))
+
+
+def _booleans_as_text(given: Any) -> Any:
+    if isinstance(given, bool):
+        return "true" if given else "false"
+    return [_booleans_as_text(each) for each in given] if isinstance(given, list | tuple) else given
+
+
+@lru_cache(maxsize=1024)
+def _number_fields(model: type[BaseModel]) -> frozenset[str]:
+    """Return the fields that accept numbers, also in lists, and neither booleans nor arbitrary values."""
+    found = set()
+    for name, field in model.model_fields.items():
+        types = set(_plain_types(field.annotation))
+        if types & {int, float} and not types & {bool, Any, object}:
+            found.add(name)
+    return frozenset(found)
+
+
+def _plain_types(annotation: Any) -> Iterator[Any]:
+    """Yield the types of which an annotation consists."""
+    parts = get_args(annotation)
+    if get_origin(annotation) is Literal or not parts:
+        yield bool if any(isinstance(part, bool) for part in parts) else annotation
+        return
+    for part in parts:
+        yield from _plain_types(part)
+
+
 _FURTHER = re.compile(r"\n\n(?:See Also|Examples)\n---")
 
 
-def _as_declared(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[str, str]:
-    """Return the declared spelling of literal values given in another case."""
-    changed = {}
+def _as_declared(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the declared spelling of literal values given in another case, and booleans given for numbers as text."""
+    # Otherwise, ``width: yes`` would be 1.
+    changed: dict[str, Any] = {
+        name: _booleans_as_text(given[name])
+        for name in _number_fields(model)
+        if name in given and _has_boolean(given[name])
+    }
     for name, words in _words_of_fields(model).items():
         value = given.get(name)
         if isinstance(value, str) and value not in words.values() and value.casefold() in words:

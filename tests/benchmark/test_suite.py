@@ -60,6 +60,15 @@ def test_a_method_that_writes_to_its_images_is_named_and_harms_no_other() -> Non
     assert rows[0] == rows[1] != []
 
 
+def test_fresh_measures_what_is_there_again(tmp_path: Path) -> None:
+    stamps = []
+    for fresh in (False, False, True):
+        compare(nearest, output=tmp_path / "c", **QUICK, fresh=fresh)
+        (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
+        stamps.append(kept.stat().st_mtime_ns)
+    assert stamps[0] == stamps[1] < stamps[2]
+
+
 def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     found = compare([nearest, failing], output=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
@@ -93,7 +102,9 @@ def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_pat
     again = compare(nearest, output=tmp_path / "c", **QUICK)
     assert kept.stat().st_mtime_ns == before
     assert again.rows == found.rows
-    assert messages == ["reused: 1 of 1 scenes; 0 remaining"]
+    assert messages[0] == "reused: 1 of 1 scenes; 0 remaining"
+    assert "--fresh" in messages[1]
+    assert len(messages) == 2
 
 
 def test_what_an_installed_method_refuses_is_not_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

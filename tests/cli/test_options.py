@@ -25,7 +25,7 @@ ARGUMENTS = {
     "report": "run figures figure_formats allow_mismatch",
     "export": "path format output method row overwrite workers scheduler",
     "verify": "path regenerate seed",
-    "compare": "methods suite cases levels seeds limits output workers scheduler",
+    "compare": "methods suite cases levels seeds limits output workers scheduler fresh",
     "dataset check": "recipe overrides limits",
     "dataset preview": "recipe overrides samples output overwrite workers scheduler",
     "dataset run": "recipe output overrides partition retries threads scheduler max_tasks_per_worker extend limits "

@@ -169,3 +169,38 @@ def test_a_table_that_changes_is_read_again(tmp_path: Path) -> None:
         table.write_text(f"z\n{depth}\n", encoding="utf-8")
         drawn.append(recipe(parameters={"depth": column}).sampler().draw(0).values["depth"])
     assert drawn == [100, 10555]
+
+
+@pytest.mark.parametrize("way", ["distribution", "table", "paired", "set"])
+def test_relative_file_names_refer_to_the_directory_of_the_recipe(
+    tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The working directory has files of the same names, which are not meant."""
+    for place in (tmp_path / "recipe", tmp_path / "elsewhere"):
+        place.mkdir()
+        for name in ("one.obj", "two.obj"):
+            quad(place / name, 9)
+    (tmp_path / "recipe" / "files.csv").write_text("file\none.obj\ntwo.obj\n")
+    base = copy.deepcopy(RECIPE["base"][0]["scene"])
+    base["objects"][1]["mesh"] = {"kind": "file", "file": "one.obj"}
+    field, files = f"{MESH}.file", ["one.obj", "two.obj"]
+    ways: dict[str, dict[str, Any]] = {
+        "distribution": {"distributions": {field: {"kind": "sequence", "values": files}}},
+        "table": {"distributions": {field: {"kind": "table", "file": "files.csv", "column": "file"}}},
+        "paired": {"distributions": {}, "paired_factors": {field: ["two.obj"]}, "samples": 1},
+        "set": {"distributions": {}, "set": {field: "two.obj"}, "samples": 1},
+    }
+    plain = {**RECIPE, "samples": 2, **ways[way], "base": base}
+    file = tmp_path / "recipe" / "recipe.yaml"
+    file.write_text(json.dumps(plain), encoding="utf-8")
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    run_dataset(st.load_recipe(file), output="new")
+    monkeypatch.chdir(tmp_path)
+    found = [sample.scene.to_dict()["objects"][1]["mesh"]["file"] for sample in st.open_dataset("elsewhere/new")]
+    expected = ["two.obj"] if way == "set" else files
+    assert found == [str(tmp_path / "recipe" / name) for name in expected]
+    assert verify_dataset(tmp_path / "elsewhere" / "new") == []
+    # The data set can be moved, and its recipe is read from anywhere; the files are those of its begin.
+    quad(tmp_path / "recipe" / "two.obj", 12)
+    with pytest.raises(MismatchError, match=r"two\.obj"):
+        run_dataset(None, output=tmp_path / "elsewhere" / "new")

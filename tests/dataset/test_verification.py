@@ -102,6 +102,30 @@ def test_records_and_catalogue_are_under_checksums(made: Path, tmp_path: Path) -
     assert catalogue.read_bytes() == former
 
 
+@pytest.mark.parametrize("name", ["score.json", "score.csv"])
+def test_scores_in_the_directories_of_samples_are_under_checksums(made: Path, tmp_path: Path, name: str) -> None:
+    if made.name != "folder":
+        pytest.skip("of the other layouts")
+    folder = tmp_path / "copy"
+    shutil.copytree(made, folder)
+    assert verify_dataset(folder, regenerate=0) == []
+    file = DatasetFolder(folder).sample(1) / name
+    former = file.read_bytes()
+    digit = next(place for place in range(len(former) - 1, 0, -1) if former[place : place + 1] in b"12345678")
+    file.write_bytes(former[:digit] + b"9" + former[digit + 1 :])
+    (found,) = verify_dataset(folder, regenerate=0)
+    assert (found.number, found.problem.partition(" ")[0]) == (1, name)
+    file.unlink()
+    assert [one.problem.partition(":")[0] for one in verify_dataset(folder, regenerate=0)] == [f"{name} cannot be read"]
+    file.write_bytes(former)
+    file.with_suffix(".sha256").unlink()
+    assert {one.number for one in verify_dataset(folder, regenerate=0)} == {1}
+    (record,) = folder.glob("scores/*/00000/00000001.json")
+    record.unlink()
+    st.estimate_dataset(folder)
+    assert verify_dataset(folder, regenerate=0) == []
+
+
 def test_the_catalogue_is_rebuilt_from_the_samples(made: Path, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(made, folder)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import functools
 import importlib
+import shutil
 import sys
+import types
 from collections.abc import Iterator
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any
 
@@ -118,3 +121,36 @@ def test_what_lies_in_a_folder_of_results_counts(here: Path) -> None:
     assert compute_code_fingerprint(method) == before
     write(here, {"results/key/depth.npy": "10"})
     assert compute_code_fingerprint(method) != before
+
+
+def test_compiled_modules_and_modules_of_other_folders_count(here: Path) -> None:
+    write(
+        here,
+        {
+            "own_d.py": "import own_elsewhere\nimport own_fast\n" + METHOD,
+            "other/own_elsewhere.py": "from own_folder.part import something\n",
+            "other/own_folder/__init__.py": "",
+            "other/own_folder/part.py": "something = 1\n",
+            "other/not_imported.py": "",
+        },
+    )
+    sys.path.insert(0, str(here / "other"))
+    compiled = here / f"own_fast{EXTENSION_SUFFIXES[0]}"
+    shutil.copy(str(importlib.import_module("_ctypes").__file__), compiled)
+    sys.modules["own_fast"] = types.ModuleType("own_fast")
+    sys.modules["own_fast"].__file__ = str(compiled)
+    method: Any = importlib.import_module("own_d").f
+    known = {compute_code_fingerprint(method)}
+    with (here / "other/not_imported.py").open("ab") as opened:
+        opened.write(b"\n")
+    assert compute_code_fingerprint(method) in known
+    for name in (compiled.name, "other/own_elsewhere.py", "other/own_folder/__init__.py", "other/own_folder/part.py"):
+        with (here / name).open("ab") as opened:
+            opened.write(b"\n")
+        # The old code is loaded: no result of this process is reused.
+        assert compute_code_fingerprint(method) != compute_code_fingerprint(method)
+        importlib.reload(sys.modules["own_d"])
+        method = sys.modules["own_d"].f
+        assert compute_code_fingerprint(method) not in known
+        known.add(compute_code_fingerprint(method))
+        assert compute_code_fingerprint(method) in known

@@ -52,6 +52,7 @@ def read_everything(folder: Path) -> list[Any]:
             record = json.loads((places.sample(sample.number) / "sample.json").read_text(encoding="utf-8"))
             found.append(record)
             stores += [st.open_store(path) for path in places.sample(sample.number).glob("estimate*")]
+            found += [path.read_bytes() for path in sorted(places.sample(sample.number).glob("score.[jc]s*"))]
         for store in stores:
             found.append({name: str(value) for name, value in store.attrs.items()})
             found.append({name: (one.dims, one.dtype, one.values.tobytes()) for name, one in store.variables.items()})

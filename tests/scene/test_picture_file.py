@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from typing import Any
 
 import imageio.v3 as imageio
@@ -90,19 +92,63 @@ def test_numbers_without_a_known_meaning_are_refused(content: bytes, reason: str
     assert reason in str(caught.value)
 
 
-def test_16_bit_colours_are_not_cut_to_8_bits() -> None:
-    # Pillow does not write them: a PNG of 1 x 1 pixel by hand.
-    import struct
-    import zlib
+def png_16_bits(colour_type: int, *values: int, **chunks: bytes) -> bytes:
+    """Return a PNG of 1 x 1 pixel, which Pillow does not write."""
 
     def chunk(name: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
-    head = struct.pack(">IIBBBBB", 1, 1, 16, 2, 0, 0, 0)
-    line = b"\0" + struct.pack(">HHH", 1000, 2000, 3000)
-    content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(line)) + chunk(b"IEND", b"")
-    with pytest.raises(PictureFileError, match="16 bits per channel in colour"):
+    head = struct.pack(">IIBBBBB", 1, 1, 16, colour_type, 0, 0, 0)
+    line = b"\0" + struct.pack(f">{len(values)}H", *values)
+    parts = [(b"IHDR", head), *((name.encode(), data) for name, data in chunks.items()), (b"IDAT", zlib.compress(line))]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*part) for part in (*parts, (b"IEND", b"")))
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (png_16_bits(2, 1000, 2000, 3000), "16 bits per channel in colour"),
+        (png_16_bits(6, 1000, 2000, 3000, 4000), "16 bits per channel in colour"),
+        (png_16_bits(4, 1000, 2000), "16 bits per channel in grey with opacity"),
+        (png_16_bits(0, 1000, tRNS=struct.pack(">H", 1000)), "transparent value among 16-bit"),
+    ],
+)
+def test_16_bit_values_are_not_cut_to_8_bits(content: bytes, reason: str) -> None:
+    assert radiances(png_16_bits(0, 1000))[0, 0] == pytest.approx(1000 / 65535)
+    with pytest.raises(PictureFileError, match=reason):
         radiances(content)
+
+
+@pytest.mark.parametrize("shape", [(1, 5), (5, 1), (1, 1)])
+@pytest.mark.parametrize("colour", [False, True])
+def test_tiff_files_of_one_row_or_column(shape: tuple[int, int], colour: bool) -> None:
+    values = np.random.default_rng(3).integers(0, 256, (*shape, 3), dtype=np.uint8)
+    content = tiff(values, photometric="rgb") if colour else tiff(values[..., 0])
+    expected = values / 255 @ [0.2126, 0.7152, 0.0722] if colour else values[..., 0] / 255
+    np.testing.assert_allclose(radiances(content), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("samples", "options", "reason"),
+    [
+        (3, {"photometric": "minisblack"}, "grey with 3 samples"),
+        (4, {"photometric": "minisblack"}, "grey with 4 samples"),
+        (4, {"photometric": "rgb", "extrasamples": ["unspecified"]}, "unspecified (ExtraSamples 0)"),
+        (5, {"photometric": "rgb", "extrasamples": ["unassalpha", "unspecified"]}, "colour with 5 samples"),
+    ],
+)
+def test_further_channels_of_a_tiff_file_are_no_opacity(samples: int, options: dict[str, Any], reason: str) -> None:
+    """As infrared or masks, which would cut a surface out."""
+    values = np.random.default_rng(4).integers(1, 255, (4, 6, samples), dtype=np.uint8)
+    with pytest.raises(PictureFileError) as caught:
+        radiances(tiff(values, planarconfig="contig", **options))
+    assert reason in str(caught.value)
+
+
+def test_an_unspecified_channel_of_full_values_is_opaque() -> None:
+    values = np.dstack([COLOUR, np.full_like(GREY, 255)])
+    content = tiff(values, photometric="rgb", extrasamples=["unspecified"])
+    np.testing.assert_allclose(radiances(content), LUMINANCE, atol=1e-6)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -137,6 +183,12 @@ def png_info(**chunks: bytes) -> PngImagePlugin.PngInfo:
     return info
 
 
+def exif(colour_space: int) -> Image.Exif:
+    found = Image.Exif()
+    found[0x8769] = {0xA001: colour_space}
+    return found
+
+
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
@@ -149,6 +201,10 @@ SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
         (saved(Image.fromarray(COLOUR), icc_profile=SRGB), "srgb"),
         (saved(Image.fromarray(COLOUR), "JPEG", icc_profile=SRGB), "srgb"),
         (saved(Image.fromarray(COLOUR), "TIFF", icc_profile=SRGB), "srgb"),
+        (saved(Image.fromarray(GREY), pnginfo=png_info(cICP=bytes([1, 13, 0, 1]))), "srgb"),
+        (saved(Image.fromarray(GREY), pnginfo=png_info(cICP=bytes([1, 8, 0, 1]))), "linear"),
+        (saved(Image.fromarray(COLOUR), "JPEG", exif=exif(1)), "srgb"),
+        (saved(Image.fromarray(COLOUR), "JPEG", exif=exif(65535)), None),
         (saved(Image.fromarray(GREY)), None),
     ],
 )
@@ -166,6 +222,10 @@ def test_files_that_state_their_encoding(content: bytes, stated: str | None) -> 
 
 
 def test_other_encodings_are_refused() -> None:
+    with pytest.raises(PictureFileError, match=r"transfer function 16 \(cICP\)"):
+        decode_picture(saved(Image.fromarray(GREY), pnginfo=png_info(cICP=bytes([9, 16, 0, 1]))))
+    with pytest.raises(PictureFileError, match="Adobe RGB"):
+        decode_picture(saved(Image.fromarray(COLOUR), "JPEG", exif=exif(2)))
     with pytest.raises(PictureFileError, match=r"gamma of 0\.5"):
         decode_picture(saved(Image.fromarray(GREY), pnginfo=png_info(gAMA=(50000).to_bytes(4, "big"))))
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes()

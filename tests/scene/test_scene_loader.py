@@ -71,6 +71,37 @@ def test_what_is_wrong_is_named(override: str, message: str) -> None:
     assert len(caught.value.problems) == 1
 
 
+@pytest.mark.parametrize(
+    ("path", "changes"),
+    [
+        ("stage.baseline_mm", {"stage": {"baseline_mm": True}}),
+        ("camera.width", {"camera": {"width": True}}),
+        ("camera.principal_point_px.1", {"camera": {"principal_point_px": [3, False]}}),
+        ("sensor.noise_std", {"sensor": {"noise_std": False}}),
+        ("seed", {"seed": True}),
+    ],
+)
+def test_booleans_are_no_numbers(path: str, changes: dict[str, Any]) -> None:
+    with pytest.raises(st.SceneError) as caught:
+        cube(**changes)
+    assert f"{path}: must be a number, not a boolean; YAML reads yes, no, on and off" in str(caught.value)
+    assert not cube(lighting={"shadows": False}).lighting.shadows
+
+
+def test_paths_of_windows_have_a_remedy(tmp_path: Path) -> None:
+    text = yaml.safe_dump(cube().to_dict())
+    plain = yaml.safe_load(text)
+    plain["objects"][0]["mesh"] = {"kind": "file", "file": "NAME"}
+    for name, message in (
+        (r'"C:\temp\new.obj"', "contains a tab, a line break or another control character; use / in paths"),
+        (r"C:\data\leaf.obj", "it is a path of Windows: use / and a path relative to the directory of the file"),
+    ):
+        (tmp_path / "scene.yaml").write_text(yaml.safe_dump(plain).replace("NAME", name))
+        with pytest.raises(st.SceneError) as caught:
+            st.simulate(tmp_path / "scene.yaml")
+        assert message in str(caught.value)
+
+
 def test_decimal_commas_are_named() -> None:
     plain = cube().to_dict()
     plain["camera"]["focal_length_px"] = "5016,5"

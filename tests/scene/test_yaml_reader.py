@@ -39,6 +39,23 @@ def test_what_yaml_wrote_is_read_again(tree: object, flow: bool) -> None:
 
 
 # Of mixed lengths, plain and quoted: the library's own rules are the yardstick.
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1:30", "in base 60"),
+        ("-12:30:45", "in base 60"),
+        ("1:30.5", "in base 60"),
+        ("0060", "leading zeros in base 8"),
+        ("010", "leading zeros in base 8"),
+        (r'"C:\Users\me"', r"in double quotes, \ begins a special character"),
+    ],
+)
+def test_numbers_and_paths_that_mean_something_else_are_refused(text: str, message: str) -> None:
+    (problem,) = read_yaml(f"value: {text}")[1]
+    assert message in problem.message
+    assert read_yaml(f"value: '{text}'")[1] == []
+
+
 @given(text=some.text("0123456789abcdefxon:._+-~ '\"[]{},", max_size=12))
 def test_words_mean_what_they_mean_to_the_library(text: str) -> None:
     value, problems = read_yaml(text)

@@ -293,7 +293,22 @@ def test_missing_images_are_named_by_position_and_frame() -> None:
         st.make_recording(rows, 100.0, 5.0)
     with pytest.raises(st.RecordingError, match="cannot be made into an array"):
         st.make_recording([[image, image], [image]], 100.0, 5.0)
+    with pytest.raises(st.RecordingError, match=r"number of images \(t\) .* most have 3, and s = 1 has 2\. Fill"):
+        st.make_recording([[image] * 3, [image] * 2, [image] * 3], 100.0, 5.0)
     assert st.make_recording([[image, image], [image, image]], 100.0, 5.0)["image"].shape == (2, 2, 4, 5)
+
+
+def test_16_bit_images_of_fewer_bits_are_asked_for_their_full_scale(recwarn: pytest.WarningsRecorder) -> None:
+    images = np.zeros((2, 2, 48, 64), dtype=np.uint16)
+    for largest in (4094, 65535):
+        images[0, 0, 0, 0] = largest
+        st.make_recording(images, 500.0, 5.0)
+    images[0, 0, 0, 0] = 4095
+    st.make_recording(images, 500.0, 5.0, full_scale=4095)
+    assert not recwarn.list
+    images[0, 0, 0, 0] = 4095
+    with pytest.warns(st.SceneWarning, match="largest value of 12 bits; .* specify full_scale=4095"):
+        st.make_recording(images, 500.0, 5.0)
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, all_cases
-from scenetruth.benchmark.design_point import DesignPoint, PointResult, measure, write_error_maps
+from scenetruth.benchmark.design_point import (
+    DesignPoint,
+    PointResult,
+    hash_called_code,
+    measure,
+    write_error_maps,
+)
 from scenetruth.errors import SceneError
 from scenetruth.estimators.method_specs import MethodSpec
+from scenetruth.estimators.process_files import have_changed
 from scenetruth.input_files import collect_input_files
 from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task
 from scenetruth.provenance import content_hash
@@ -31,13 +39,14 @@ _REMEDY = "run the comparison again"
 
 @dataclass(frozen=True)
 class BenchmarkTask:
-    """What a worker needs: result directory, design points, methods, versions, and resource limits."""
+    """Inputs of a worker: result directory, design points, methods, versions, limits, and start time in s."""
 
     folder: str
     points: tuple[DesignPoint, ...]
     contestants: tuple[MethodSpec, ...]
     versions: tuple[tuple[str, str], ...]
     limits: Limits | None = None
+    started: float = field(default_factory=time.time)
 
     @property
     def store(self) -> ResultStore:
@@ -56,7 +65,10 @@ class BenchmarkTask:
     def is_done(self, number: int) -> bool:
         """Return whether a matching result exists and contains no failure that should be retried."""
         name = self.name(number)
-        return self.store.path(name).exists() and self.store.is_done(name, compute_point_key(self, number))
+        key = compute_point_key(self, number)
+        if not (self.store.path(name).exists() and self.store.is_done(name, key)):
+            return False
+        return not have_changed((self.store.find(name, key) or {}).get("called", {}))
 
 
 def list_design_points(
@@ -113,6 +125,7 @@ def measure_point(job: BenchmarkTask, number: int) -> TaskResult:
             "rows": [row.to_dict() for row in found.rows],
             "failures": found.failures,
             "settled": found.settled,
+            "called": hash_called_code(job.contestants, job.started),
             "convention_mismatches": {
                 label: entries for label, entries in found.convention_mismatches.items() if entries
             },

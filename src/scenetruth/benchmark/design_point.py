@@ -21,8 +21,13 @@ from numpy.typing import NDArray
 from scenetruth.benchmark.cases.case import BOUND, METHOD_VALID, BenchmarkRecord, Case, CaseEstimates, all_cases
 from scenetruth.benchmark.error_statistics import compute_statistic_records
 from scenetruth.errors import EstimateError, EstimateWarning, SceneWarning, ScoreError
-from scenetruth.estimators import prepare
+from scenetruth.estimators import find_method, prepare
+from scenetruth.estimators.code_dependencies import with_called_code
+from scenetruth.estimators.code_fingerprint import find_code_files
+from scenetruth.estimators.external import CommandMethod
 from scenetruth.estimators.method_specs import MethodSpec
+from scenetruth.estimators.process_files import compute_hashes, list_process_code
+from scenetruth.estimators.user_code import with_imported
 from scenetruth.jobs.results import refuse_damaged, write_arrays
 from scenetruth.random_streams import generator_for
 from scenetruth.resources import Limits
@@ -39,6 +44,7 @@ __all__ = [
     "PeakMemory",
     "PointResult",
     "add_noise",
+    "hash_called_code",
     "ignore_scene_warnings",
     "measure",
     "read_error_maps",
@@ -229,6 +235,22 @@ def measure(
             if case.bounded and noise_std:
                 measured.rows += _bound_rows(case, value, whole, ideal, noise_std)
     return measured
+
+
+def hash_called_code(contestants: Sequence[MethodSpec], started: float) -> dict[str, str]:
+    """Return the hashes of the code that user-defined methods call, without what was written since ``started``."""
+    methods = [one.method for one in contestants if one.fingerprint]
+    if not methods:
+        return {}
+    own = {file for method in methods for file in find_code_files(method)}
+    called = with_called_code(own, Path.cwd())
+    commands = [found for found in map(find_method, methods) if isinstance(found, CommandMethod)]
+    for command in commands:
+        called |= command.called_code
+    if len(commands) < len(methods):
+        called |= list_process_code()
+    # What they import is part of the fingerprint.
+    return compute_hashes(called.difference(*map(with_imported, own)), started, own)
 
 
 def add_noise(ideal: xr.Dataset, noise_std: float, *keys: Any) -> xr.Dataset:

@@ -33,6 +33,10 @@ INDEX = "comparison.json"
 """File that identifies the directory of a comparison."""
 _FOLDER = JobFolder(INDEX, "a comparison", "points")
 _MAX_SEEDS = 1000
+_NOT_CHECKED = (
+    "not checked for changes: data files, installed packages and services of user-defined methods; "
+    "--fresh (fresh=True) measures all scenes again"
+)
 
 
 def compare(
@@ -46,6 +50,7 @@ def compare(
     output: str | Path | None = None,
     workers: int = 1,
     scheduler: str | None = None,
+    fresh: bool = False,
     progress: Progress | None = None,
 ) -> BenchmarkResult:
     """Run methods on the benchmark suite and return their error statistics.
@@ -77,6 +82,9 @@ def compare(
     scheduler
         Address of a Dask scheduler, whose workers are used instead. They require access to the output directory under
         the same path.
+    fresh
+        Measure all scenes again instead of reusing results: required after a change that is not detected, which is
+        one of data files, installed packages or services that a user-defined method uses.
     progress
         Called with (what, done, total).
 
@@ -130,10 +138,12 @@ def compare(
             tuple(sorted(collect_versions().items())),
             limits,
         )
-        missing = [number for number in range(len(points)) if not job.is_done(number)]
+        missing = [number for number in range(len(points)) if fresh or not job.is_done(number)]
         if len(missing) < len(points):
             kept = len(points) - len(missing)
             say(f"reused: {kept} of {len(points)} scenes; {len(missing)} remaining")
+            if any(one.fingerprint for one in contestants):
+                say(_NOT_CHECKED)
         done = for_each(
             missing,
             measure_point,

@@ -320,6 +320,8 @@ Scheduler = Annotated[
     option("--scheduler", metavar="ADDRESS", help="Dask scheduler, for example tcp://HOST:8786, or its file."),
 ]
 
+Fresh = Annotated[bool, flag("--fresh", help="New measurement of all scenes; existing results are not reused.")]
+
 Retries = Annotated[
     int, typer.Option("--retries", metavar="N", min=0, max=100, help="Number of repetitions of a failed sample.")
 ]

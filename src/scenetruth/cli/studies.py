@@ -39,6 +39,7 @@ def compare(
     write_recordings: design_options.WriteRecordings = False,
     workers: options.Workers = 1,
     scheduler: options.Scheduler = None,
+    fresh: options.Fresh = False,
 ) -> None:
     """Run methods on the benchmark suite and report error statistics with their lower bounds."""
     from scenetruth.benchmark import compare as compare_methods
@@ -73,6 +74,7 @@ def compare(
             output=output,
             workers=workers,
             scheduler=scheduler,
+            fresh=fresh,
             progress=reporter,
         )
     _print_summary(found)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scenetruth.dataset.catalogue import flatten_score, score_file, write_scores
-from scenetruth.dataset.checksums import dump_record, list_path
+from scenetruth.dataset.checksums import dump_record, list_path, write_checksums
 from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
 from scenetruth.dataset.generation import DatasetRunResult
 from scenetruth.dataset.layout import DatasetFolder, compute_shard_number, extract_sample
@@ -187,7 +187,10 @@ def try_estimate(folder: str, choice: str, per_shard: int, anew: bool, number: i
             with extract_sample(shard, number) as files:
                 score = _scored(files, chosen, anew)
         else:
-            score = _scored(places.sample(number), chosen, anew)
+            sample = places.sample(number)
+            score = _scored(sample, chosen, anew)
+            own = RunDirectory(sample).paths(chosen.method)
+            write_checksums(list_path(own.score_json), [own.score_json, own.score_csv])
         target = score_file(places, chosen.method, number)
         target.parent.mkdir(parents=True, exist_ok=True)
         row = {"sample": number, "seconds": time.perf_counter() - start, **flatten_score(score)}

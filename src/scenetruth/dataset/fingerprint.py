@@ -16,7 +16,7 @@ from scenetruth.dataset.checksums import list_path, write_with_checksums
 from scenetruth.dataset.distributions import LinkedDistribution
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.recipe_loader import Recipe
-from scenetruth.dataset.sampler import Sampler, VariedField
+from scenetruth.dataset.sampler import Sampler, VariedField, build_drawn_scene
 from scenetruth.errors import MachineError, MismatchError, Problem, RecipeError, SceneError, StoreError
 from scenetruth.input_files import collect_input_files
 from scenetruth.jobs.worker_setup import collect_versions
@@ -39,8 +39,9 @@ __all__ = [
     "refuse_changed_files",
 ]
 
-_WORDS = ("name", "description", "licence", "citation", "creators", "format", "samples", "set")
-"""Fields without effect on samples: descriptions and counts; shared settings are part of the base scenes."""
+_WORDS = ("name", "description", "licence", "citation", "creators", "format", "samples", "set", "folder")
+"""Fields without effect on samples: descriptions and counts; shared settings are part of the base scenes, and files are
+hashed by content."""
 _STORED = ("description", "estimate", "score", "storage")
 """Sections of a scene without effect on images that are stored in the files of every sample."""
 FORMAT = 2
@@ -115,6 +116,7 @@ def _list_tables(sampler: Sampler) -> list[Path]:
 def _list_drawn_files(sampler: Sampler) -> tuple[Path, ...]:
     """Return the files that values of distributions and paired factors name, in scenes with these values."""
     found: set[Path] = set()
+    folder = sampler.recipe.folder
     tried = [(places, value) for _, places, value in sampler.ladders]
     tried += [(item.places, value) for item in sampler.varied for value in _trial_values(sampler, item)]
     # Tables repeat values.
@@ -126,7 +128,9 @@ def _list_drawn_files(sampler: Sampler) -> tuple[Path, ...]:
             try:
                 for place in places:
                     assign(plain, place, copy.deepcopy(value))
-                found.update(path for _, path in collect_input_files(Scene.from_dict(plain)) if path not in known)
+                found.update(
+                    path for _, path in collect_input_files(build_drawn_scene(plain, folder)) if path not in known
+                )
             except (PathError, SceneError):
                 # Values that give no scene with this base are reported by the validation of the recipe.
                 continue
@@ -180,7 +184,7 @@ def select_backend(sampler: Sampler) -> tuple[str, str]:
 
     found = []
     for number in range(len(sampler.bases)):
-        scene = Scene.from_dict(sampler.middle(number))
+        scene = build_drawn_scene(sampler.middle(number), sampler.recipe.folder)
         choice = choose_renderer(scene, build_scene(scene, painted=False))
         with choice.renderer as renderer:
             found.append(renderer.name)

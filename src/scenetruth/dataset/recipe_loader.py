@@ -96,6 +96,10 @@ class Recipe(RecipeModel):
         problems = plain_problems(values)
         if problems:
             raise RecipeError(problems, source=source)
+        named = values.get("folder")
+        if folder is not None and (named is None or isinstance(named, str)):
+            # Absolute, because the recipe of a data set is read elsewhere.
+            values = {**values, "folder": str((folder / (named or "")).resolve())}
         try:
             recipe = cls.model_validate(dict(values), context=validation_context(folder))
         except ValidationError as error:
@@ -185,7 +189,7 @@ def _base(recipe: RecipeModel, number: int, folder: Path | None, problems: list[
     where = f"base.{number}"
     try:
         scene = load_scene(given) if isinstance(given, str) else Scene.from_dict(given, folder=folder)
-        return _changed(scene, recipe.set)
+        return _changed(scene, recipe)
     except SceneError as error:
         for one in error.problems:
             path = one.path if one.path.startswith("set.") else ".".join(filter(None, (where, one.path)))
@@ -220,12 +224,12 @@ def _no_such_scene(given: str) -> str:
     return f"no such file or bundled scene{question} `scenetruth list scenes` lists all"
 
 
-def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    if not changes:
+def _changed(scene: Scene, recipe: RecipeModel) -> Scene:
+    if not recipe.set:
         return scene
     plain = scene.to_dict()
     problems = []
-    for path, value in changes.items():
+    for path, value in recipe.set.items():
         try:
             for place in expand(plain, path):
                 assign(plain, place, value)
@@ -233,7 +237,7 @@ def _changed(scene: Scene, changes: Mapping[str, Any]) -> Scene:
             problems.append(Problem(f"set.{path}", str(error), value))
     if problems:
         raise SceneError(problems)
-    return Scene.from_dict(plain)
+    return Scene.from_dict(plain, folder=None if recipe.folder is None else Path(recipe.folder))
 
 
 def _build_problems(error: ValidationError, plain: Mapping[str, Any]) -> Sequence[Problem]:

@@ -107,6 +107,9 @@ class RecipeModel(FrozenModel):
     """Seed of all draws."""
     scene_seed: Literal["per_sample", "as_in_scene"] = "per_sample"
     """Whether the seed of textures, noise and stage errors differs between samples or is that of the base scene."""
+    folder: str | None = None
+    """Directory of relative file names among the values of ``set``, ``distributions`` and ``paired_factors``, and in
+    columns of tables; default: the directory of the recipe."""
     parameters: dict[FieldPath, AnyDistribution] = Field(default_factory=dict, json_schema_extra=_also_formulas)
     """Distributions of named values for formulas; they are not assigned to fields themselves."""
     distributions: dict[FieldPath, AnyDistribution] = Field(default_factory=dict, json_schema_extra=_also_formulas)

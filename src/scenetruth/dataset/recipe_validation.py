@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from scenetruth.dataset.distributions import DerivedDistribution
-from scenetruth.dataset.sampler import Draw, Sampler
+from scenetruth.dataset.sampler import Draw, Sampler, build_drawn_scene
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.jobs.executors import ordered_map
 from scenetruth.progress import Progress
 from scenetruth.random_streams import generator_for
-from scenetruth.scene import Scene
 from scenetruth.scene.field_paths import PathError, assign
 
 __all__ = ["AcceptedDraws", "DrawReport", "draw_samples", "refuse_recipe", "select_numbers", "try_draws"]
@@ -63,11 +62,12 @@ def range_problems(sampler: Sampler) -> list[Problem]:
     def add(where: str, message: str, value: Any) -> None:
         problems.setdefault((where, message), Problem(where, message, value))
 
+    folder = sampler.recipe.folder
     for number in range(len(sampler.bases)):
         of = f" (in base {number})" if len(sampler.bases) > 1 else ""
         try:
             middle = sampler.middle(number)
-            known = {(one.path, one.message) for one in _scene_problems(middle)}
+            known = {(one.path, one.message) for one in _scene_problems(middle, folder)}
         except SceneError as error:
             for one in error.problems:
                 add(one.path, f"{one.message}{of}", one.value)
@@ -81,12 +81,12 @@ def range_problems(sampler: Sampler) -> list[Problem]:
         tried += [(f"paired_factors.{path}", places, value) for path, places, value in sampler.ladders]
         entries = set[tuple[str, str]]()
         for where, places, value in tried:
-            for one in _problems_with(middle, places, value):
+            for one in _problems_with(middle, places, value, folder):
                 own = any(_is_inside(one.path, place) for place in places)
                 if own or (one.path, one.message) not in known:
                     add(where, f"{one.message if one.path in places else f'{one.path}: {one.message}'}{of}", one.value)
                     entries.add((one.path, one.message))
-        for one in _scene_problems(middle):
+        for one in _scene_problems(middle, folder):
             if (one.path, one.message) not in entries:
                 add(one.path, f"{one.message}, with every value in the middle of its range{of}", one.value)
     return list(problems.values())[:_MAX_LISTED]
@@ -132,23 +132,25 @@ def _drawn(sampler: Sampler, draw: int) -> Draw | RecipeError | SceneError:
         return error
 
 
-def _problems_with(middle: Mapping[str, Any], places: tuple[str, ...], value: Any) -> tuple[Problem, ...]:
+def _problems_with(
+    middle: Mapping[str, Any], places: tuple[str, ...], value: Any, folder: str | None
+) -> tuple[Problem, ...]:
     plain = copy.deepcopy(dict(middle))
     try:
         for place in places:
             assign(plain, place, copy.deepcopy(value))
     except PathError as error:
         return (Problem(places[0], str(error), value),)
-    return _scene_problems(plain)
+    return _scene_problems(plain, folder)
 
 
 def _is_inside(path: str, place: str) -> bool:
     return path == place or path.startswith(f"{place}.")
 
 
-def _scene_problems(plain: Mapping[str, Any]) -> tuple[Problem, ...]:
+def _scene_problems(plain: Mapping[str, Any], folder: str | None) -> tuple[Problem, ...]:
     try:
-        Scene.from_dict(plain)
+        build_drawn_scene(plain, folder)
     except SceneError as error:
         return error.problems
     return ()

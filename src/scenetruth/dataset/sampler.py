@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 from scenetruth.scene.field_paths import PathError, assign, expand
 
-__all__ = ["HELD_OUT", "Draw", "Sampler", "UniformDraws", "VariedField"]
+__all__ = ["HELD_OUT", "Draw", "Sampler", "UniformDraws", "VariedField", "build_drawn_scene"]
 
 
 # SciPy cannot advance a longer sequence.
@@ -135,7 +136,8 @@ class Draw:
 
     ``draw``: Number of the draw; all steps of a paired series share it. ``step``: 0 for the sample as drawn, then the
     steps of the paired series. ``factor``: Factor changed by the step; empty for step 0. ``base``: Index of the base
-    scene. ``attempts``: Number of draws until acceptance. ``split``: Its split; empty if there are none.
+    scene. ``attempts``: Number of draws until acceptance. ``split``: Its split; empty if there are none. ``folder``:
+    Directory of relative file names in ``plain``.
     """
 
     number: int
@@ -148,10 +150,16 @@ class Draw:
     rejected: tuple[str, ...]
     split: str
     plain: Mapping[str, Any] = field(repr=False)
+    folder: str | None = field(default=None, repr=False, compare=False)
 
     def scene(self) -> Scene:
         """Return the scene."""
-        return Scene.from_dict(self.plain)
+        return build_drawn_scene(self.plain, self.folder)
+
+
+def build_drawn_scene(plain: Mapping[str, Any], folder: str | None) -> Scene:
+    """Return the scene of drawn values, whose relative file names refer to the directory of the recipe."""
+    return Scene.from_dict(plain, folder=None if folder is None else Path(folder))
 
 
 class Sampler:
@@ -199,7 +207,8 @@ class Sampler:
         if self.recipe.scene_seed == "per_sample" and "seed" not in values:
             plain["seed"] = int(generator_for(self.recipe.seed, "scene", draw, attempt).integers(2**63))
         number = draw * self.recipe.steps
-        return Draw(number, draw, 0, "", base, values, attempt + 1, (), self._draw_split(draw, named), plain)
+        split, folder = self._draw_split(draw, named), self.recipe.folder
+        return Draw(number, draw, 0, "", base, values, attempt + 1, (), split, plain, folder)
 
     def middle(self, base: int) -> dict[str, Any]:
         """Return a scene as plain values, with every varied field at the centre of its distribution."""

@@ -33,6 +33,7 @@ from scenetruth.storage import verify_store
 __all__ = ["VerificationFailure", "rebuild_catalogue", "verify_dataset"]
 
 _AGAIN = "remove the sample, and run the data set again"
+_SCORE_AGAIN = "remove it and the record of its sample in scores/, and estimate the data set again"
 _OLD = (
     "has the format of an earlier version, without checksums of sample.json, catalogue and card: they were compared "
     "with each other only; generate the data set again for checksums"
@@ -157,6 +158,7 @@ def _check_sample(
             record = _read_record(files, sampler, number, checked, problems)
             problems += _unlike_files(files, record)
             problems += _damaged_estimates(files)
+            problems += _unlike_scores(files, checked)
             return record
     except ScenetruthError as error:
         problems.append(str(error))
@@ -199,6 +201,16 @@ def _damaged_estimates(folder: Path) -> Iterator[str]:
             verify_store(estimate)
         except StoreError as error:
             yield f"{estimate.name} {error.message}; remove it, and estimate again"
+
+
+def _unlike_scores(folder: Path, checked: bool) -> Iterator[str]:
+    """Yield the problems of the files of scores in the directory of a sample."""
+    tables = sorted(file for suffix in ("json", "csv") for file in folder.glob(f"score*.{suffix}"))
+    for listed in sorted({*map(list_path, tables), *folder.glob("score*.sha256")}):
+        if checked or listed.exists():
+            files = [file for file in tables if list_path(file) == listed]
+            for name, problem in check_listed(listed, files, _SCORE_AGAIN):
+                yield f"{name} {problem}"
 
 
 def _unlike_row(record: Mapping[str, Any], sampler: Sampler, row: Mapping[str, Any] | None) -> list[str]:

@@ -15,23 +15,22 @@ from scenetruth.estimators.external import CommandMethod, ResultsFolder
 from scenetruth.estimators.registry import find_method
 from scenetruth.estimators.user_code import FunctionMethod, is_user_file, with_imported
 
-__all__ = ["compute_code_fingerprint"]
+__all__ = ["compute_code_fingerprint", "find_code_files"]
 
 
 def compute_code_fingerprint(method: Any) -> str:
     """Return a hash of the source code of a user-defined method; empty for installed methods.
 
-    The hash covers the file that defines a function or class and the modules in its folder that it imports; the files
-    named by a command; or the contents of a results folder. A function typed into an interactive session is
-    represented by its source text.
+    The hash covers the file that defines a function or class, or the files that a command names, with all modules of
+    the user that they import; or the contents of a results folder. A function typed into an interactive session is
+    represented by its source text. Other code that they call is followed by `scenetruth.estimators.code_dependencies`.
     >>> compute_code_fingerprint("structure_tensor")
     ''
     """
     found = find_method(method)
-    named = method.partition(":")[0] if isinstance(method, str) and ":" in method else ""
     files, texts = set[Path](), list[str]()
     code = _find_defining_code(found)
-    for module in dict.fromkeys([named, getattr(code, "__module__", "")]):
+    for module in _list_modules(method, code):
         file = getattr(sys.modules.get(module), "__file__", None)
         if file and is_user_file(file):
             mine = with_imported(Path(file))
@@ -54,18 +53,35 @@ def compute_code_fingerprint(method: Any) -> str:
     return values.hexdigest()[:16]
 
 
-_LOADED: dict[str, tuple[Any, list[bytes]]] = {}
+def find_code_files(method: Any) -> list[Path]:
+    """Return the files of the user that define a method or that its command names, without those that they call."""
+    found = find_method(method)
+    if isinstance(found, CommandMethod):
+        return found.named_files()
+    modules = _list_modules(method, _find_defining_code(found))
+    files = [str(getattr(sys.modules.get(module), "__file__", None) or "") for module in modules]
+    return [Path(file) for file in files if file and is_user_file(file)]
+
+
+def _list_modules(method: Any, code: Any) -> list[str]:
+    named = method.partition(":")[0] if isinstance(method, str) and ":" in method else ""
+    return list(dict.fromkeys([named, getattr(code, "__module__", "")]))
+
+
+_LOADED: dict[str, tuple[Any, dict[Path, bytes]]] = {}
 
 
 def _is_outdated(module: str, files: list[Path]) -> bool:
     """Return whether files have changed since their module was loaded: its results must then not be reused."""
-    pieces = [_compute_file_hash(file) for file in files]
+    pieces = {file: _compute_file_hash(file) for file in files}
     spec = getattr(sys.modules.get(module), "__spec__", None)
-    seen, before = _LOADED.get(module, (None, []))
+    seen, before = _LOADED.get(module, (None, {}))
     if spec is None or spec is not seen:
         _LOADED[module] = spec, pieces
         return False
-    return pieces != before
+    # Files that are imported later are new, not changed.
+    _LOADED[module] = spec, pieces | before
+    return any(before.get(file, piece) != piece for file, piece in pieces.items())
 
 
 def _find_defining_code(found: Any) -> Any:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import ast
 import difflib
+import importlib.util
 import inspect
+import sys
 import sysconfig
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -19,7 +22,7 @@ from scenetruth.estimators.protocol import Method, MethodSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import make_estimate
 
-__all__ = ["FunctionMethod", "is_user_file", "locate_exception", "with_imported"]
+__all__ = ["FunctionMethod", "is_user_file", "list_imported", "locate_exception", "with_imported"]
 
 
 _OURS = Path(__file__).resolve().parents[1]
@@ -50,36 +53,60 @@ def locate_exception(error: BaseException) -> str:
 
 
 def with_imported(file: Path) -> list[Path]:
-    """Return a file and all modules in its folder or package that it imports, directly or indirectly, sorted."""
+    """Return a file and all modules of the user that it imports, directly or indirectly, sorted."""
     first = file.resolve()
     found, left = {first}, [first]
-    # Module names of a package start at the parent of its outermost folder.
-    root = next(folder for folder in first.parents if not (folder / "__init__.py").is_file())
     while left:
-        here = left.pop()
-        for one in _imported(here, root):
-            if one not in found and is_user_file(one):
+        for one in list_imported(left.pop()):
+            if one not in found:
                 found.add(one)
                 left.append(one)
     return sorted(found)
 
 
-def _imported(file: Path, root: Path) -> Iterator[Path]:
+def list_imported(file: Path) -> list[Path]:
+    """Return the modules of the user that a Python file imports itself, also compiled modules and those elsewhere."""
     if file.suffix != ".py":
-        return
+        return []
+    # Module names of a package start at the parent of its outermost folder.
+    root = next(folder for folder in file.parents if not (folder / "__init__.py").is_file())
+    found = set[Path]()
+    for level, parts in _read_imports(file):
+        if level:
+            folders = {file.parents[level - 1]} if level <= len(file.parents) else set()
+        else:
+            folders = {file.parent, root, *_find_module_folder(parts[0])}
+        found.update(filter(is_user_file, _list_defining_files(list(parts), folders)))
+    return sorted(found)
+
+
+def _read_imports(file: Path) -> list[tuple[int, tuple[str, ...]]]:
+    """Return the level and the dotted name of every import; a level above 0 is relative."""
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, ValueError, SyntaxError):  # reported when the file is run
-        return
+        return []
+    found: list[tuple[int, tuple[str, ...]]] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield from _list_defining_files(alias.name.split("."), {file.parent, root})
+            found += [(0, tuple(alias.name.split("."))) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            folders = {file.parents[node.level - 1]} if 0 < node.level <= len(file.parents) else {file.parent, root}
-            parts = node.module.split(".") if node.module else []
-            for alias in node.names:
-                yield from _list_defining_files([*parts, alias.name], folders)
+            parts = tuple(node.module.split(".")) if node.module else ()
+            found += [(node.level, (*parts, alias.name)) for alias in node.names]
+    return list(dict.fromkeys(found))
+
+
+def _find_module_folder(name: str) -> Iterator[Path]:
+    """Yield the folder that contains a module or package of the user on the search path of modules."""
+    if name in sys.stdlib_module_names or name == _OURS.name:
+        return
+    try:
+        spec = importlib.util.find_spec(name)  # which runs no code
+    except (ImportError, ValueError, AttributeError):
+        return
+    if spec is not None and spec.origin is not None and is_user_file(spec.origin):
+        origin = Path(spec.origin)
+        yield origin.parents[1] if origin.stem == "__init__" else origin.parent
 
 
 def _list_defining_files(parts: list[str], folders: set[Path]) -> Iterator[Path]:
@@ -88,6 +115,7 @@ def _list_defining_files(parts: list[str], folders: set[Path]) -> Iterator[Path]
         for count in range(len(parts) + 1):
             base = folder.joinpath(*parts[:count])
             names = [base / "__init__.py", *([base.with_name(f"{base.name}.py")] if count else [])]
+            names += [base.with_name(base.name + suffix) for suffix in EXTENSION_SUFFIXES] if count else []
             yield from (one.resolve() for one in names if one.is_file())
 
 

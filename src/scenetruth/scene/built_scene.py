@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, SceneError
-from scenetruth.input_files import collect_input_files
+from scenetruth.input_files import collect_input_files, describe_missing
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.deformation import DeformationModel, DeformationStep, Surroundings
 from scenetruth.scene.mesh import TriangleMesh
@@ -307,7 +307,11 @@ def add_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> li
     files = [
         (f"{path}.{where}", folder / file) for path, item in scene.parts for where, file in collect_input_files(item)
     ]
-    missing = [Problem(where, "no such file", str(file)) for where, file in files if not os.path.exists(file)]
+    missing = [
+        Problem(where, describe_missing(file, "no such file"), str(file))
+        for where, file in files
+        if not os.path.exists(file)
+    ]
     return [*problems, *(problem for problem in missing if problem.path not in values)]
 
 

@@ -18,6 +18,7 @@ _REC_709 = np.array([0.2126, 0.7152, 0.0722])
 _PART_OF_TEXELS = 1_000_000
 _SRGB_GAMMA = 0.45455
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_PNG = b"\x89PNG\r\n\x1a\n"
 _MODES = {"1", "L", "LA", "La", "P", "PA", "RGB", "RGBA", "RGBa", "I;16", "I;16B", "I;16L", "I", "F"}
 _ONE_PICTURE = "must be a single grey or colour image"
 
@@ -110,6 +111,8 @@ def decode_picture(content: bytes, *, obey_metadata: bool = True, most_pixels: i
     PictureFileError
         If the bytes are no picture, or its numbers are not grey values or colours without doubt.
     """
+    from PIL import UnidentifiedImageError
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -118,6 +121,9 @@ def decode_picture(content: bytes, *, obey_metadata: bool = True, most_pixels: i
             return _decode_other(content, most_pixels, obey_metadata=obey_metadata)
         except PictureFileError:
             raise
+        except UnidentifiedImageError as error:
+            msg = "cannot be read as an image: its format is not recognised; save it as PNG, TIFF or JPEG"
+            raise PictureFileError(msg) from error
         except Exception as error:  # decoders raise various exceptions
             text = " ".join(str(error).split())[:200] or type(error).__name__
             msg = f"cannot be read as an image: {text}"
@@ -151,10 +157,11 @@ def _decode_tiff(content: bytes, most: int) -> DecodedPicture:
             kind = "CMYK" if photometric == 5 else f"of photometric interpretation {page.photometric.name}"
             msg = f"is {kind}; convert it to grey or RGB"
             raise PictureFileError(msg)
-        values = np.asarray(page.asarray()).squeeze()
+        values, axes = np.asarray(page.asarray()), str(page.axes)
         colours = page.colormap if photometric == 3 else None
-        planes = page.axes.startswith("S") and values.ndim == 3
-    values = np.moveaxis(values, 0, -1) if planes else values
+    values = _image_axes(values, axes)
+    samples = values.shape[2] if values.ndim == 3 else 1
+    _check_samples(values, samples, photometric, extra)
     if colours is not None:
         # Entries have 16 bits, of which only the upper eight are the same for all writers.
         values, bits = np.asarray(colours)[:, values.astype(np.int64)].transpose(1, 2, 0) >> 8, 8
@@ -168,6 +175,34 @@ def _decode_tiff(content: bytes, most: int) -> DecodedPicture:
     encoding, says = _profile(profile)
     premultiplied = bool(extra) and extra[0] == 1
     return _made(_upright(values, orientation), bits, encoding, says, premultiplied=premultiplied)
+
+
+def _image_axes(values: NDArray[Any], axes: str) -> NDArray[Any]:
+    """Return rows, columns and samples, without axes of length 1 other than rows and columns."""
+    kept = [n for n, axis in enumerate(axes) if axis in "YXS"]
+    if len(axes) != values.ndim or any(values.shape[n] != 1 for n in range(values.ndim) if n not in kept):
+        msg = f"{_ONE_PICTURE}; its shape is {values.shape}"
+        raise PictureFileError(msg)
+    order = sorted(kept, key=lambda n: "YXS".index(axes[n]))
+    rest = [n for n in range(values.ndim) if n not in kept]
+    return np.transpose(values, (*rest, *order)).reshape([values.shape[n] for n in order])
+
+
+def _check_samples(values: NDArray[Any], samples: int, photometric: int, extra: tuple[int, ...]) -> None:
+    """Raise PictureFileError for samples that are neither grey, colour, nor an opacity."""
+    colours = 3 if photometric == 2 else 1
+    if samples > colours + 1 or (samples == colours + 1 and len(extra) != 1) or samples < colours:
+        kind = "colour" if colours == 3 else "grey"
+        msg = f"{_ONE_PICTURE}; it is {kind} with {samples} samples per pixel"
+        raise PictureFileError(msg)
+    if samples == colours + 1 and extra[0] not in (1, 2):
+        opaque = np.iinfo(values.dtype).max if values.dtype.kind in "ui" else 1.0
+        if not (values[..., -1] == opaque).all():
+            msg = (
+                f"has {samples} samples per pixel, of which the last is unspecified (ExtraSamples 0); remove it, "
+                "or declare it as unassociated alpha"
+            )
+            raise PictureFileError(msg)
 
 
 def _upright(values: NDArray[Any], orientation: int) -> NDArray[Any]:
@@ -192,11 +227,10 @@ def _decode_other(content: bytes, most: int, *, obey_metadata: bool) -> DecodedP
             kind = {"CMYK": "CMYK", "LAB": "L*a*b*", "YCbCr": "YCbCr", "HSV": "HSV"}.get(mode, f"of mode {mode}")
             msg = f"is {kind}; convert it to grey or RGB"
             raise PictureFileError(msg)
-        if content[:8] == b"\x89PNG\r\n\x1a\n" and content[24] == 16 and content[25] in (2, 6):
-            msg = "has 16 bits per channel in colour, of which only 8 could be read; save it as TIFF, or as 16-bit grey"
-            raise PictureFileError(msg)
+        if content[:8] == _PNG and content[24] == 16:
+            _check_16_bits(content[25], "transparency" in picture.info)
         orientation = int(picture.getexif().get(274, 1)) if obey_metadata else 1
-        encoding, says = _stated_encoding(picture) if obey_metadata else (None, "")
+        encoding, says = _stated_encoding(picture, content) if obey_metadata else (None, "")
         converted: Image.Image = picture
         if mode in ("P", "PA"):
             transparent = "transparency" in picture.info or mode == "PA"
@@ -219,15 +253,60 @@ def _decode_other(content: bytes, most: int, *, obey_metadata: bool) -> DecodedP
     return _made(_upright(values, orientation), bits, encoding, says, premultiplied=mode in ("La", "RGBa"))
 
 
-def _stated_encoding(picture: Any) -> tuple[str | None, str]:
+def _check_16_bits(colour_type: int, transparent: bool) -> None:
+    """Raise PictureFileError for PNG files of 16 bits that Pillow reduces to 8, or whose transparent value it omits."""
+    if colour_type in (2, 4, 6):
+        kind = "grey with opacity" if colour_type == 4 else "colour"
+        msg = f"has 16 bits per channel in {kind}, of which only 8 could be read; save it as TIFF, or as 16-bit grey"
+        raise PictureFileError(msg)
+    if transparent:
+        msg = "has a transparent value among 16-bit grey values (tRNS); save it as TIFF with opacity, or without it"
+        raise PictureFileError(msg)
+
+
+_CICP_TRANSFER = {8: "linear", 13: "srgb"}
+_EXIF, _COLOUR_SPACE, _INTEROPERABILITY = 0x8769, 0xA001, 0xA005
+
+
+def _coding_points(content: bytes) -> tuple[str | None, str]:
+    """Return the encoding that the chunk cICP of a PNG file states, by its transfer function (ITU-T H.273)."""
+    found, at = b"", len(_PNG)
+    while at + 8 <= len(content) and content[at + 4 : at + 8] != b"IDAT":
+        size = int.from_bytes(content[at : at + 4], "big")
+        if content[at + 4 : at + 8] == b"cICP":
+            found = content[at + 8 : at + 8 + size]
+        at += 12 + size
+    if len(found) < 2:
+        return None, ""
+    if found[1] not in _CICP_TRANSFER:
+        msg = f"has the transfer function {found[1]} (cICP), neither linear (8) nor that of sRGB (13); convert it"
+        raise PictureFileError(msg)
+    return _CICP_TRANSFER[found[1]], "chunk cICP"
+
+
+def _exif_encoding(picture: Any) -> tuple[str | None, str]:
+    """Return the encoding that the Exif data of a picture states."""
+    exif = picture.getexif()
+    space = exif.get_ifd(_EXIF).get(_COLOUR_SPACE)
+    if space == 2 or str(exif.get_ifd(_INTEROPERABILITY).get(1, "")).startswith("R03"):
+        msg = "is in Adobe RGB (Exif), which is neither sRGB nor linear; convert it to sRGB"
+        raise PictureFileError(msg)
+    return ("srgb", "Exif ColorSpace 1") if space == 1 else (None, "")
+
+
+def _stated_encoding(picture: Any, content: bytes) -> tuple[str | None, str]:
     """Return the encoding that a file states, and how."""
+    if content[:8] == _PNG:
+        stated = _coding_points(content)
+        if stated[0] is not None:
+            return stated
     if "icc_profile" in picture.info:
         return _profile(picture.info["icc_profile"])
     if "srgb" in picture.info:
         return "srgb", "chunk sRGB"
     gamma = picture.info.get("gamma")
     if gamma is None:
-        return None, ""
+        return _exif_encoding(picture)
     if abs(gamma - 1.0) < 0.01:
         return "linear", "gAMA of 1"
     if abs(gamma - _SRGB_GAMMA) < 0.01:

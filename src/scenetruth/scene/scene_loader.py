@@ -271,6 +271,8 @@ def _build_message(entry: ErrorDetails, path: str) -> str:
             )
         case "float_parsing" | "int_parsing" | "int_from_float" if _has_decimal_comma(value):
             return f"must be a number with a decimal point: {str(value).strip().replace(',', '.')}"
+        case "float_parsing" | "int_parsing" if value in ("true", "false"):
+            return "must be a number, not a boolean; YAML reads yes, no, on and off as booleans, too"
         case "too_long" if isinstance(value, list | tuple) and all(isinstance(each, int | float) for each in value):
             return f"{message[:1].lower()}{message[1:]}; a decimal comma separates items: write 0.5, not 0,5"
         case "literal_error":

@@ -21,6 +21,7 @@ MAX_YAML_BYTES = 4_000_000
 _LONGEST_WORD = 400
 """Length beyond which plain scalars are text, without the YAML rules for numbers and dates."""
 _MAX_PROBLEMS = 50
+_LEADING_ZEROS = re.compile(r"[+-]?0[0-9_]+")
 _PREFIX = "tag:yaml.org,2002:"
 _READ_AS = {"null": "null", "bool": "a boolean", "int": "an integer", "float": "a number"}
 
@@ -76,8 +77,8 @@ def read_yaml(text: str) -> tuple[Any, list[Problem]]:
     r"""Return the values of a YAML text, and its problems.
 
     Numbers, words and merged keys are interpreted as by ``yaml.safe_load``. Rejected are duplicate and non-text keys,
-    dates and other tags, numbers of more than 64 bits, recursive aliases, and more than `MAX_VALUES` values, counted
-    with each use of an alias. Aliases are copied.
+    dates and other tags, numbers in base 60 or 8, numbers of more than 64 bits, recursive aliases, and more than
+    `MAX_VALUES` values, counted with each use of an alias. Aliases are copied.
 
     >>> read_yaml("a: &size [1, 2.5]\nb: *size\nc: off")
     ({'a': [1, 2.5], 'b': [1, 2.5], 'c': False}, [])
@@ -125,7 +126,8 @@ def _remedy(message: str, text: str, index: int, column: int) -> str:
         return "; indent with spaces, not tabs"
     if "cannot start any token" in message:
         return f"; quote text that begins with {at}" if at.isprintable() else ""
-    if "unknown escape character" in message or "expected escape sequence" in message:
+    escapes = ("unknown escape character", "expected escape sequence", "hexdecimal", "hexadecimal")
+    if any(words in message for words in escapes):
         return r"; in double quotes, \ begins a special character: use / in paths, or single quotes"
     if "mapping values are not allowed" in message:
         quoted = "quote text that contains a colon"
@@ -296,6 +298,10 @@ class _Builder:
         if tag == "timestamp":
             return None, "YAML reads this as a date, which no field accepts: quote it if it is text"
         make = getattr(self._constructor, f"construct_yaml_{tag}", None) if tag in _READ_AS else None
+        if tag in ("int", "float") and ":" in text:
+            return None, "YAML reads this as a number in base 60: quote it if it is text, or write a single number"
+        if tag == "int" and _LEADING_ZEROS.fullmatch(text):
+            return None, "YAML reads numbers with leading zeros in base 8: remove them, or quote it if it is text"
         if make is None:
             return None, f"the tag {_format_tag(tag)} is not supported; remove it"
         try:

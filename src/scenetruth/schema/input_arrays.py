@@ -107,6 +107,9 @@ def _differing_images(images: Any, depth: int) -> str:
     for name in names:
         if not all(isinstance(each, list | tuple) for _, each in entries):
             return ""
+        lengths = [len(each) for _, each in entries]
+        if len(set(lengths)) > 1:
+            return _differing_lengths(name, [place for place, _ in entries], lengths)
         entries = [(f"{place}{', ' if place else ''}{name} = {n}", own)
                    for place, each in entries for n, own in enumerate(each)]  # fmt: skip
     shapes = [() if image is None else np.shape(image) if _is_regular(image) else None for _, image in entries]
@@ -119,6 +122,18 @@ def _differing_images(images: Any, depth: int) -> str:
     return (
         f"must all have the same shape; most have {usual}, and the one at {listed}. Fill missing images with NaN, or "
         "with zeros and an exclusion_mask that is True"
+    )
+
+
+def _differing_lengths(name: str, places: list[str], lengths: list[int]) -> str:
+    """Return which of several lists have fewer or more images than most."""
+    usual = max(set(lengths), key=lambda length: (lengths.count(length), length))
+    wrong = [f"{place or 'one'} has {length}" for place, length in zip(places, lengths, strict=True) if length != usual]
+    listed = "; ".join(wrong[:5]) + (f"; and {len(wrong) - 5} more" if len(wrong) > 5 else "")
+    what = "images (t)" if name == "t" else "positions (s)"
+    return (
+        f"cannot be made into an array: their number of {what} must be the same everywhere; most have {usual}, and "
+        f"{listed}. Fill missing images with NaN, or with zeros and an exclusion_mask that is True"
     )
 
 

@@ -164,6 +164,8 @@ def make_recording(
     if problems:
         raise RecordingError(problems, source="images of a recording")
     warn_of_units(focal, baseline, width, height)
+    if scale is None and copy and values.dtype.kind == "u" and values.dtype.itemsize == _ASKED_BYTES:
+        _warn_of_fewer_bits(int(values.max()))
     if scale is None:
         scale = float(np.iinfo(values.dtype).max) if np.issubdtype(values.dtype, np.integer) else 1.0
     dataset = label(
@@ -202,6 +204,17 @@ def warn_of_units(focal_px: float, baseline_mm: float, width: int, height: int) 
         unit = "µm" if abs(baseline_mm) > _LONGEST_MM else "m"
         message = f"baseline_mm: {baseline_mm:g} mm between two positions of a camera is unusual; is it in {unit}?"
         warnings.warn(message, SceneWarning, stacklevel=3)
+
+
+def _warn_of_fewer_bits(largest: int) -> None:
+    """Warn of 16-bit images whose largest value is that of a sensor with fewer bits."""
+    for bits in (10, 12, 14):
+        if largest == 2**bits - 1:
+            message = (
+                f"images: are of 16 bits and reach {largest:,}, the largest value of {bits} bits; if the sensor has "
+                f"{bits} bits, specify full_scale={largest}, by which saturated pixels are recognised"
+            )
+            warnings.warn(message, SceneWarning, stacklevel=3)
 
 
 def _either(one: xr.Variable, other: xr.Variable) -> xr.Variable:

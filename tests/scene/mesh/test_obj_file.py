@@ -163,7 +163,7 @@ def test_options_move_and_clamp_a_picture(tmp_path: Path) -> None:
         ("newmtl leaf\nmap_Kd -mm 0 2 grey.png\n", "-mm"),
         ("newmtl leaf\nKd 0.5 0.5 0.5\nd 0.5\n", "translucent (opacity 0.5)"),
         ("newmtl leaf\nKd 2 0 0\n", "is not a colour"),
-        ("newmtl leaf\nKd 1 1 1\nmap_Kd grey.png\nmap_d grey.png\n", "map_d"),
+        ("newmtl leaf\nKd 0 0 0\nmap_Kd grey.png\n", "Kd 0 0 0"),
     ],
 )
 def test_materials_that_cannot_be_shown_say_why_when_they_are_wanted(
@@ -179,6 +179,13 @@ def test_materials_that_cannot_be_shown_say_why_when_they_are_wanted(
     assert mesh.appearance is not None
     with pytest.raises(ValueError, match=reason.replace("(", r"\(").replace(")", r"\)")):
         mesh.appearance.lay(None) if mesh.appearance.has_pictures else mesh.appearance.radiances(None)
+
+
+def test_a_map_of_opacity_is_refused_because_it_outlines_the_surface(tmp_path: Path) -> None:
+    grey_picture(tmp_path, "grey.png")
+    (tmp_path / "m.mtl").write_text("newmtl leaf\nKd 1 1 1\nmap_Kd grey.png\nmap_d grey.png\n")
+    found = refusal(tmp_path / "square.obj", "mtllib m.mtl\n" + SQUARE + UV + "usemtl leaf\n" + FACE)
+    assert "(map_d), which is not read; put it into the alpha of map_Kd" in found
 
 
 def test_colours_of_materials_and_vertices(tmp_path: Path) -> None:

@@ -243,6 +243,7 @@ class CommandMethod(Method):
         self._keep_in = None if keep_in is None else Path(keep_in).absolute()
         self._base = Path.cwd()
         self._has_kept = False
+        self.called_code = set[Path]()
         self._given = {
             **checked.model_dump(),
             "name": self.name,
@@ -282,6 +283,7 @@ class CommandMethod(Method):
         try:
             write_recording(recording, place.recording, settings.images, progress=progress)
             ended, problems = _run(words, place, settings, progress)
+            self.called_code |= {file for file in ended.code_files if not file.is_relative_to(place.folder)}
             if not problems:
                 found = read_results(place.output, recording)
         except EstimateError as error:

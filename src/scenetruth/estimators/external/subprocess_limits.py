@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Literal
 
 from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.process_files import list_process_code
 from scenetruth.progress import Progress
 
 __all__ = ["ProcessResult", "ProcessTree", "can_list_processes", "last_lines", "run_program"]
@@ -44,6 +45,7 @@ class ProcessTree:
     These are the processes of its group and its session, the children of all processes detected earlier, and, on
     termination, those that have inherited its mark.
 
+    ``code_files``: The libraries, programs and scripts that they ran whenever their memory was measured.
     ``leader``: Process id; the process must not be reaped while this object is in use, so that its id stays unique.
     """
 
@@ -52,6 +54,7 @@ class ProcessTree:
         self._mark = f"{MARK}={mark}".encode()
         # Start time by process id, because ids are reused.
         self._seen: dict[int, str] = {}
+        self.code_files = set[Path]()
 
     def look(self) -> set[int]:
         """Return the ids of all processes that are alive."""
@@ -76,7 +79,9 @@ class ProcessTree:
 
     def memory_mb(self) -> float:
         """Return the resident memory of all processes in MB (1e6 bytes), with shared memory counted once."""
-        return sum(map(_resident_bytes, self.look())) / 1e6
+        alive = self.look()
+        self.code_files.update(*map(list_process_code, alive))
+        return sum(map(_resident_bytes, alive)) / 1e6
 
     def kill(self) -> None:
         """Kill all processes; return when they are dead, or after 5 s."""
@@ -153,12 +158,15 @@ class ProcessResult:
     ``code``: Exit code; minus the signal number if terminated by a signal.
     ``reason``: Exceeded limit: ``"time"`` or ``"memory"``; empty if the program ended by itself.
     ``peak_memory_mb``: Largest measured resident memory of all its processes together.
+    ``code_files``: The user's libraries, programs and scripts that its processes ran; those of processes shorter than
+      0.1 s may be missing.
     """
 
     code: int
     reason: Literal["", "time", "memory"]
     seconds: float
     peak_memory_mb: float
+    code_files: frozenset[Path] = frozenset()
 
 
 def run_program(
@@ -188,7 +196,7 @@ def run_program(
         finally:
             tree.kill()
             code = process.wait()
-    return ProcessResult(code, reason, seconds, peak)
+    return ProcessResult(code, reason, seconds, peak, frozenset(tree.code_files))
 
 
 def _started(

@@ -80,6 +80,10 @@ class MeshAppearance:
         left = np.ones(count, dtype=np.bool_)
         for n in self.used:
             material = self.materials[n]
+            if material.outline_problem is not None and (
+                material.picture is None or decode(material).alpha is not None
+            ):
+                raise MeshFileError(material.outline_problem)
             # In formats without a mode of opacity, transparent texels are cut out.
             limit = _HALF if material.alpha_cutoff is None and self.srgb_pictures is None else material.alpha_cutoff
             if limit is None or material.problem is not None:
@@ -174,7 +178,10 @@ class MeshAppearance:
     def _check_colours_beside_pictures(self) -> None:
         if self.colours is None or (self.colours == 1.0).all():
             return
-        msg = "has colours of vertices that multiply a picture, which is not shown; bake them into the picture"
+        if self.srgb_pictures is None:
+            msg = "has colours of vertices and a picture, and does not say which of them counts; remove one of them"
+        else:
+            msg = "has colours of vertices that multiply a picture, which is not shown; bake them into the picture"
         raise MeshFileError(msg)
 
     def _one(self, number: int, encoding: str | None, *, alone: bool) -> LaidPicture:

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from scenetruth.errors import Problem, SceneError
-from scenetruth.input_files import regular_file_size
+from scenetruth.input_files import describe_missing, regular_file_size
 
 __all__ = [
     "MAX_ELEMENTS",
@@ -105,6 +105,7 @@ def check_file_size(file: Path, most: int, missing: str) -> int:
     except ValueError as error:
         raise SceneError([Problem("file", str(error), str(file))]) from error
     except OSError as error:
+        missing = describe_missing(file, missing)
         values = (
             missing if isinstance(error, FileNotFoundError | NotADirectoryError) else f"{missing}: {error.strerror}"
         )

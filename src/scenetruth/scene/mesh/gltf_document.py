@@ -41,6 +41,7 @@ READ_EXTENSIONS = frozenset(
         "KHR_materials_pbrSpecularGlossiness",
         "EXT_texture_webp",
         "KHR_lights_punctual",
+        "KHR_node_visibility",
         "KHR_xmp_json_ld",
     }
 )
@@ -160,11 +161,21 @@ class GltfDocument:
             msg = f'has {what} in the file "{uri}", which cannot be read: {error}'
             raise MeshFileError(msg) from error
 
+    def list_references(self) -> list[Path]:
+        """Return the files of buffers and pictures."""
+        entries = [entry for kind in ("buffers", "images") for entry in _list(self.tree, kind)]
+        names = [entry.get("uri") for entry in entries if isinstance(entry, dict)]
+        plain = [name for name in names if isinstance(name, str) and not name.startswith("data:")]
+        return [self.file.parent / unquote(name) for name in plain]
+
     def _buffer(self, index: Any) -> bytes:
         if not hasattr(self, "_buffers"):
             self._buffers: dict[int, bytes] = {}
         if index not in self._buffers:
             uri = self.entry("buffers", index).get("uri")
+            if uri is None and index != 0:
+                msg = f"has buffer {index} without a uri; only the first may be that of the binary container"
+                raise MeshFileError(msg)
             self._buffers[index] = self._binary if uri is None else self.named_bytes(str(uri), f"buffer {index}")
         return self._buffers[index]
 
@@ -191,11 +202,14 @@ class GltfDocument:
         rows = np.lib.stride_tricks.as_strided(raw, (count, element), (stride, 1))
         return np.ascontiguousarray(rows).view(dtype)
 
-    def accessor(self, index: Any, kinds: tuple[str, ...], components: tuple[int, ...], what: str) -> NDArray[Any]:
+    def accessor(
+        self, index: Any, kinds: tuple[str, ...], components: tuple[int, ...], what: str, *, normalized: bool = False
+    ) -> NDArray[Any]:
         """Return the values of an accessor of one of the types, shape (count, size), as float64 if normalised or float.
 
         ``kinds``: Allowed types, such as VEC3.
         ``components``: Allowed component types; integers that are not normalised stay integers.
+        ``normalized``: Whether integers are normalised by the definition of the attribute, whatever the entry says.
         """
         entry = self.entry("accessors", index)
         kind, component, count = entry.get("type"), entry.get("componentType"), entry.get("count")
@@ -217,7 +231,7 @@ class GltfDocument:
             values = np.zeros((count, size), dtype)
         if "sparse" in entry:
             values = self._replaced(entry["sparse"], values, what)
-        if entry.get("normalized") is True and dtype.kind in "iu":
+        if (normalized or entry.get("normalized") is True) and dtype.kind in "iu":
             return np.maximum(values.astype(np.float64) / np.iinfo(dtype).max, -1.0)
         return values.astype(np.float64) if dtype.kind == "f" else values
 
@@ -260,6 +274,9 @@ class GltfDocument:
                 msg = f"has node {index} below two others, or below itself"
                 raise MeshFileError(msg)
             seen.add(index)
+            if node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible") is False:
+                # Nodes below it are hidden, too.
+                continue
             matrix = above @ _local(node, index)
             found.append((index, matrix))
             stack += [(child, matrix) for child in reversed(_list(node, "children"))]

@@ -140,6 +140,10 @@ def _add_primitive(
     allowed = _ANY_SIZE if quantised else (_FLOAT,)
     position = document.accessor(attributes["POSITION"], ("VEC3",), allowed, "POSITION").astype(np.float64)
     count = len(position)
+    finite = np.isfinite(position).all(axis=1)
+    if not finite.all():
+        msg = f"has {np.count_nonzero(~finite)} vertices that are not finite"
+        raise MeshFileError(msg)
     normal = None
     if "NORMAL" in attributes:
         normal = document.accessor(attributes["NORMAL"], ("VEC3",), allowed, "NORMAL").astype(np.float64)
@@ -161,11 +165,12 @@ def _add_primitive(
     parts.normals.append(normal)
     colour = None
     if "COLOR_0" in attributes:
-        colour = document.accessor(attributes["COLOR_0"], ("VEC3", "VEC4"), _UNIT, "COLOR_0").astype(np.float64)
+        # Integers are always normalised; some exporters omit to say so.
+        kinds = ("VEC3", "VEC4")
+        colour = document.accessor(attributes["COLOR_0"], kinds, _UNIT, "COLOR_0", normalized=True).astype(np.float64)
         _check_count(colour, count, "COLOR_0")
-        kind = document.entry("accessors", attributes["COLOR_0"])
-        if kind.get("componentType") != _FLOAT and kind.get("normalized") is not True:
-            msg = "has COLOR_0 in integers that are not normalized"
+        if colour.shape[1] == 4 and (colour[:, 3] < 1).any() and _mode_of(document, primitive) == "MASK":
+            msg = "has opacities of vertices (COLOR_0) in a material of alphaMode MASK; put them into its picture"
             raise MeshFileError(msg)
         colour = colour[:, :3]
         if not ((colour >= 0) & (colour <= 1)).all():
@@ -175,6 +180,12 @@ def _add_primitive(
     for name in attributes:
         if name.startswith(("COLOR_", "TEXCOORD_")) and name not in ("COLOR_0", "TEXCOORD_0"):
             parts.ignored.setdefault(f"attribute {name}, unless a texture uses it", None)
+
+
+def _mode_of(document: GltfDocument, primitive: Plain) -> str:
+    """Return the alphaMode of the material of a primitive."""
+    own = primitive.get("material")
+    return "OPAQUE" if own is None else str(document.entry("materials", own).get("alphaMode", "OPAQUE"))
 
 
 def _check_count(values: NDArray[Any], count: int, what: str) -> None:
@@ -322,6 +333,9 @@ def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> M
             ignored[key] = None
     ignored.update({f"material extension {key}": None for key in entry.get("extensions", {})
                     if key not in ("KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness")})  # fmt: skip
+    metallic = entry.get("pbrMetallicRoughness", {})
+    if metallic.get("metallicFactor", 0) != 0 or "metallicRoughnessTexture" in metallic:
+        ignored["metallic reflection: the base colour is diffuse"] = None
     mode = entry.get("alphaMode", "OPAQUE")
     try:
         glossy = entry.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
@@ -337,7 +351,9 @@ def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> M
     cutoff = None
     if mode == "BLEND":
         remedy = "use alphaMode MASK, which cuts the surface out, or OPAQUE"
-        return Material(name, problem=f"{where} is translucent (alphaMode BLEND), which is not shown: {remedy}")
+        message = f"{where} is translucent (alphaMode BLEND), which is not shown: {remedy}"
+        # A transparent picture also hides parts of the surface, whose outline is not defined.
+        return Material(name, picture=picture, problem=message, outline_problem=None if picture is None else message)
     if mode == "MASK":
         cutoff = float(entry.get("alphaCutoff", _OPAQUE_ALPHA))
         cutoff = cutoff / colour[3] if colour[3] > 0 else math.inf

@@ -15,6 +15,7 @@ from scenetruth.input_files import InputFile
 from scenetruth.scene.mesh.appearance import MeshAppearance
 from scenetruth.scene.mesh.cutouts import weld
 from scenetruth.scene.mesh.file_preflight import count_elements, refuse_mesh_file
+from scenetruth.scene.mesh.gltf_document import GltfDocument
 from scenetruth.scene.mesh.gltf_file import read_gltf
 from scenetruth.scene.mesh.mesh_model import (
     CREASE_DEG,
@@ -24,14 +25,14 @@ from scenetruth.scene.mesh.mesh_model import (
     find_shared_sides,
     index_positions,
 )
-from scenetruth.scene.mesh.obj_file import read_obj
-from scenetruth.scene.mesh.ply_file import read_ply
+from scenetruth.scene.mesh.obj_file import list_obj_references, read_obj
+from scenetruth.scene.mesh.ply_file import list_ply_references, read_ply
 from scenetruth.scene.mesh.polygon_mesh import MeshFileError, PolygonMesh, Triangulation, triangulate
 from scenetruth.scene.mesh.stl_off_files import read_off, read_stl
-from scenetruth.scene.mesh.topology_repair import describe_content, repair_topology
+from scenetruth.scene.mesh.topology_repair import describe_content, find_repeated_polygons, repair_topology
 from scenetruth.validated_model import Positive
 
-__all__ = ["FileMesh", "load_mesh_file"]
+__all__ = ["FileMesh", "list_referenced_files", "load_mesh_file"]
 
 
 _SAME_DEG = 1.0  # angle below which normals count as equal, allowing for rounding in the file
@@ -105,6 +106,23 @@ _READERS: dict[str, Callable[[Path], PolygonMesh]] = {
 }
 
 
+_REFERENCES: dict[str, Callable[[Path], list[Path]]] = {
+    ".obj": list_obj_references,
+    ".ply": list_ply_references,
+    ".glb": lambda file: GltfDocument(file).list_references(),
+    ".gltf": lambda file: GltfDocument(file).list_references(),
+}
+
+
+def list_referenced_files(file: Path) -> list[Path]:
+    """Return the files that a mesh file refers to: material libraries, pictures and buffers; empty if it is invalid."""
+    reader = _REFERENCES.get(file.suffix.lower())
+    try:
+        return [] if reader is None else reader(file)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):  # reported when the mesh is read
+        return []
+
+
 def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
     """Load the polygons of a mesh file as triangles; the unit of the file is ``unit_mm``."""
     refuse_mesh_file(file)
@@ -131,11 +149,14 @@ def _as_triangles(
     mesh: PolygonMesh, made: Triangulation, file: Path, unit_mm: float, crease_deg: float | None
 ) -> TriangleMesh:
     """Return the triangles of polygons, oriented consistently, without those that stand twice or are cut out."""
+    repeated = find_repeated_polygons(mesh.vertices, mesh.corners, mesh.starts)
+    once = ~repeated[made.polygon]
+    made = made._replace(corners=made.corners[once], polygon=made.polygon[once])
     topology = repair_topology(mesh.vertices, mesh.corners[made.corners])
     corners, owner = made.corners[topology.kept], made.polygon[topology.kept]
     corners[topology.turned] = corners[topology.turned][:, ::-1]
     of_file, points = mesh.corners[corners], mesh.vertices * unit_mm
-    notes = describe_content(mesh, made, topology)
+    notes = describe_content(mesh, made, topology, int(np.count_nonzero(repeated)))
     appearance = MeshAppearance(
         None if mesh.colours is None else mesh.colours[corners],
         None if mesh.uv is None else mesh.uv[corners],

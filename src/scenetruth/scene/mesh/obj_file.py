@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS, read_checked_bytes
 from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
 
-__all__ = ["read_obj"]
+__all__ = ["list_obj_references", "read_obj"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -155,6 +155,10 @@ def _corner_indices(lines: _Lines) -> tuple[Indices, Indices]:
     before = np.repeat(np.array(lines.before, dtype=np.int64).reshape(-1, 3), counts, axis=0)
     total = np.array([len(lines.positions), len(lines.texture), len(lines.normals)])
     absolute = np.where(out < 0, before + out + 1, out)
+    if not total[2] and given[:, 2].any():
+        # Some exporters omit the normals, but not the references; they matter for shading only.
+        given = given & (np.arange(3) != 2)
+        lines.ignored["reference to a normal (vn), of which there are none"] = int(np.count_nonzero(out[:, 2]))
     for k, name in enumerate(("vertex", "texture coordinate", "normal")):
         wrong = given[:, k] & ((absolute[:, k] < 1) | (absolute[:, k] > total[k]))
         if wrong.any():
@@ -216,7 +220,11 @@ def read_obj(file: Path) -> PolygonMesh:
     names = list(dict.fromkeys(name for name in lines.material_of if name is not None))
     libraries = _read_libraries(file, lines.libraries) if names else {}
     materials = tuple(
-        libraries.get(name, Material(name, problem=_missing(name, file, lines.libraries))) for name in names
+        # Names may contain a number sign, as "Material #25", or precede a comment.
+        libraries.get(name)
+        or libraries.get(name.partition("#")[0].strip())
+        or Material(name, problem=_missing(name, file, lines.libraries))
+        for name in names
     )
     numbers = {name: n for n, name in enumerate(names)}
     return PolygonMesh(
@@ -252,24 +260,47 @@ def _missing(name: str, file: Path, libraries: list[str]) -> str:
 
 
 def _library_files(file: Path, names: str) -> list[Path]:
-    """Return the files of an mtllib statement: a single name, possibly with spaces, or several."""
-    whole = find_beside(file, names)
-    if whole is not None:
-        return [whole]
-    found = [find_beside(file, name) for name in names.split()]
-    return [each for each in found if each is not None] if None not in found else []
+    """Return the existing files of an mtllib statement: a single name, possibly with spaces, or several."""
+    for text in dict.fromkeys((names, names.partition("#")[0])):
+        whole = find_beside(file, text)
+        if whole is not None:
+            return [whole]
+    found = [find_beside(file, name) for name in re.split(r"(?<!\\)\s+", names)]
+    return [each for each in found if each is not None]
 
 
 def find_beside(file: Path, name: str) -> Path | None:
     """Return the file of a name in another file: as it stands, without quotes, or with %20 and backslashes resolved."""
     plain = name.strip().strip("\"'")
-    for each in dict.fromkeys((name.strip(), plain, unquote(plain), unquote(plain).replace("\\", "/"))):
+    spaced = plain.replace("\\ ", " ")
+    for each in dict.fromkeys((name.strip(), plain, unquote(plain), spaced, unquote(spaced).replace("\\", "/"))):
         try:
             if each and (file.parent / each).is_file():
                 return file.parent / each
         except (OSError, ValueError):
             continue
     return None
+
+
+def list_obj_references(file: Path) -> list[Path]:
+    """Return the material libraries of an OBJ file and their pictures, including those that are missing."""
+    text = read_text(read_checked_bytes(file))
+    named = [line.split(None, 1) for line in text.splitlines() if line.lstrip().startswith("mtllib")]
+    libraries = [
+        path
+        for words in named
+        for path in _library_files(file, words[-1].strip()) or [file.parent / word for word in words[-1].split()]
+    ]
+    pictures = []
+    for library in libraries:
+        if not library.is_file():
+            continue
+        for line in read_text(read_checked_bytes(library)).splitlines():
+            words = line.split(None, 1)
+            if len(words) == 2 and words[0].lower() in ("map_kd", "map_ka"):
+                name = _split_options(words[1].strip())[1]
+                pictures.append(find_beside(library, name) or library.parent / name)
+    return [*libraries, *pictures]
 
 
 def _read_libraries(file: Path, libraries: list[str]) -> dict[str, Material]:
@@ -295,12 +326,14 @@ def _entries(text: str) -> Iterator[tuple[str, dict[str, str]]]:
         if not words or words[0].startswith("#"):
             continue
         rest = words[1].strip() if len(words) > 1 else ""
-        if words[0] == "newmtl":
+        # Exporters differ in the case of statements.
+        keyword = words[0].lower()
+        if keyword == "newmtl":
             if name is not None:
                 yield name, statements
             name, statements = rest, {}
         else:
-            statements[words[0]] = rest
+            statements[keyword] = rest
     if name is not None:
         yield name, statements
 
@@ -309,17 +342,23 @@ def _material(library: Path, name: str, statements: dict[str, str]) -> Material:
     """Return a material; what cannot be shown is its problem, which matters only if its colours are wanted."""
     where = f'material "{name}" of {library.name}'
     try:
-        colour = _colour(statements.get("Kd", "1 1 1" if "map_Kd" in statements else "0.8 0.8 0.8"))
+        colour = _colour(statements.get("kd", "1 1 1" if "map_kd" in statements else "0.8 0.8 0.8"))
         opacity = float(statements.get("d", "1").split()[-1]) if "d" in statements else None
-        if opacity is None and "Tr" in statements:
-            opacity = 1.0 - float(statements["Tr"].split()[-1])
+        if opacity is None and "tr" in statements:
+            opacity = 1.0 - float(statements["tr"].split()[-1])
+            # MeshLab writes 1 for opaque surfaces; an entire surface that cannot be seen is not meant.
+            opacity = 1.0 if opacity == 0.0 else opacity
         if opacity is not None and opacity < 1.0:
             return Material(name, problem=f"{where} is translucent (opacity {opacity:g}), which is not shown")
         if "map_d" in statements:
-            return Material(name, problem=f"{where} has a map of opacity (map_d); put it into the alpha of map_Kd")
-        if "map_Kd" not in statements:
+            message = f"{where} has a map of opacity (map_d), which is not read; put it into the alpha of map_Kd"
+            return Material(name, problem=message, outline_problem=message)
+        if "map_kd" not in statements:
             return Material(name, colour)
-        return Material(name, colour, _texture_map(library, statements["map_Kd"]))
+        if not any(colour):
+            msg = "Kd 0 0 0 multiplies the picture by zero; set Kd 1 1 1"
+            raise ValueError(msg)
+        return Material(name, colour, _texture_map(library, statements["map_kd"]))
     except ValueError as error:
         return Material(name, problem=f"{where}: {error}")
 
@@ -363,6 +402,10 @@ _OPTIONS = {
     "-blendu": _Option(1, 1, _ignore),
     "-blendv": _Option(1, 1, _ignore),
     "-boost": _Option(1, 1, _ignore),
+    "-clamp": _Option(1, 1, _ignore),
+    "-colorspace": _Option(1, 1, _refuse_unless()),
+    "-s": _Option(1, 3, _ignore),
+    "-o": _Option(1, 3, _ignore),
     "-texres": _Option(1, 1, _ignore),
     "-bm": _Option(1, 1, _ignore),
     "-cc": _Option(1, 1, _refuse_unless(["off"])),
@@ -373,15 +416,26 @@ _OPTIONS = {
 }
 
 
+def _split_options(statement: str) -> tuple[list[tuple[str, list[str]]], str]:
+    """Return the options of a texture map with their arguments, and the name of its picture."""
+    options = []
+    rest = statement
+    while rest.startswith("-"):
+        option, _, after = rest.replace("\t", " ").partition(" ")
+        if option not in _OPTIONS:
+            break
+        least, most, _ = _OPTIONS[option]
+        words, rest = _take_words(after.strip(), least, most)
+        options.append((option, words))
+    return options, rest
+
+
 def _texture_map(library: Path, statement: str) -> TextureMap:
     """Return the picture of map_Kd with its options."""
     scale, offset, wrap = (1.0, 1.0), (0.0, 0.0), "repeat"
-    rest = statement
-    while rest.startswith("-"):
-        option, _, rest = rest.partition(" ")
-        rest = rest.strip()
+    options, rest = _split_options(statement)
+    for option, words in options:
         if option in ("-s", "-o"):
-            words, rest = _take_words(rest, 1, 3)
             values = [float(word) for word in words]
             values += [(1.0 if option == "-s" else 0.0)] * (3 - len(values))
             if option == "-s":
@@ -389,18 +443,12 @@ def _texture_map(library: Path, statement: str) -> TextureMap:
             else:
                 offset = (values[0], values[1])
         elif option == "-clamp":
-            words, rest = _take_words(rest, 1, 1)
             wrap = "clamp" if words == ["on"] else "repeat"
-        elif option in _OPTIONS:
-            least, most, check = _OPTIONS[option]
-            words, rest = _take_words(rest, least, most)
-            try:
-                check(words)
-            except ValueError as error:
-                msg = f"map_Kd {option}: {error}"
-                raise ValueError(msg) from error
-        else:
-            break
+        try:
+            _OPTIONS[option].check(words)
+        except ValueError as error:
+            msg = f"map_Kd {option}: {error}"
+            raise ValueError(msg) from error
     found = find_beside(library, rest)
     if found is None:
         msg = f'its picture "{rest}" is missing in its folder'

@@ -14,7 +14,7 @@ from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS, read_checked_byte
 from scenetruth.scene.mesh.obj_file import find_beside
 from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
 
-__all__ = ["read_ply"]
+__all__ = ["list_ply_references", "read_ply"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -58,7 +58,9 @@ Table = dict[str, "NDArray[Any] | _List"]
 
 def _header(content: bytes) -> tuple[str, list[_Element], list[str], bytes]:
     """Return format, elements, comments, and the data behind the header."""
-    match = re.match(rb"ply[ \t]*\r?\n(.*?)\bend_header[ \t]*(\r\n|\r|\n)", content, re.DOTALL)
+    # Lines end in a carriage return alone if the first one does: binary data may begin with any byte.
+    ends = rb"\r" if re.match(rb"ply[ \t]*\r(?!\n)", content) else rb"\r?\n"
+    match = re.match(rb"ply[ \t]*" + ends + rb"(.*?)\bend_header[ \t]*" + ends, content, re.DOTALL)
     if match is None:
         msg = "has no header of a PLY file"
         raise MeshFileError(msg)
@@ -269,6 +271,18 @@ def read_ply(file: Path) -> PolygonMesh:
     return _assemble(file, tables, comments, ignored)
 
 
+def _picture_names(comments: list[str]) -> list[str]:
+    return [
+        line.split(None, 1)[1] for line in comments if line.lower().startswith("texturefile") and len(line.split()) > 1
+    ]
+
+
+def list_ply_references(file: Path) -> list[Path]:
+    """Return the pictures of a PLY file, including those that are missing."""
+    names = _picture_names(_header(read_checked_bytes(file))[2])
+    return [find_beside(file, name) or file.parent / name for name in names]
+
+
 def _assemble(file: Path, tables: dict[str, Table], comments: list[str], ignored: list[str]) -> PolygonMesh:
     vertex = tables.get("vertex", {})
     if "tristrips" in tables:
@@ -303,13 +317,18 @@ def _assemble(file: Path, tables: dict[str, Table], comments: list[str], ignored
     if {"nx", "ny", "nz"} <= {*vertex}:
         normals = _columns(vertex, ("nx", "ny", "nz"))[corners]
     colours = _colours(vertex)
+    for table, name in ((vertex, "vertices"), (face, "faces")):
+        alpha = table.get("alpha")
+        if (
+            isinstance(alpha, np.ndarray)
+            and (alpha < (1 if alpha.dtype.kind == "f" else np.iinfo(alpha.dtype).max)).any()
+        ):
+            ignored.append(f"opacity of {name} (alpha): the surface is opaque")
     if colours is not None:
         colours = colours[corners]
     elif (of_faces := _colours(face)) is not None:
         colours = np.repeat(of_faces, counts, axis=0)
-    pictures = [
-        line.split(None, 1)[1] for line in comments if line.lower().startswith("texturefile") and len(line.split()) > 1
-    ]
+    pictures = _picture_names(comments)
     materials: tuple[Material, ...] = ()
     material_of = np.full(len(counts), -1, dtype=np.int64)
     if pictures:

@@ -50,6 +50,8 @@ class Material:
     """Opacity of the picture below which the surface is cut out; None for an opaque surface."""
     problem: str | None = None
     """Why the material cannot be shown; matters only if the scene asks for the colours of the file."""
+    outline_problem: str | None = None
+    """Why the outline of the surface is undefined, if the picture has a transparent texel or there is no picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +161,7 @@ def triangulate(mesh: PolygonMesh) -> Triangulation:
         owners.append(np.repeat(polygons[convex], len(fan)))
         for n in np.flatnonzero(~convex):
             cut = _clip_ears(points[n], normal[polygons[n]])
+            _check_corners(points[n], cut, int(polygons[n]), len(size))
             corners.append(places[n][cut])
             owners.append(np.full(len(cut), polygons[n]))
     if not corners:
@@ -200,6 +203,17 @@ def _clip_ears(points: Floats, normal: Floats) -> Indices:
     turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0
     triangles[turned] = triangles[turned][:, ::-1]
     return triangles
+
+
+def _check_corners(points: Floats, cut: Indices, polygon: int, polygons: int) -> None:
+    """Raise MeshFileError for corners that are no corner of a triangle, unless they lie on a side of the polygon."""
+    unused = np.setdiff1d(np.arange(len(points)), cut)
+    before, after = points[unused - 1], points[(unused + 1) % len(points)]
+    across = np.linalg.norm(np.cross(points[unused] - before, after - points[unused]), axis=1)
+    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).sum()
+    if (across > _SAME_AREA * length**2).any():
+        msg = f"face {polygon + 1} of {polygons} is far from plane, and concave as seen along its normal; divide it"
+        raise MeshFileError(msg)
 
 
 def _check_areas(

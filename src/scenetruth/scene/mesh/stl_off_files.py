@@ -28,7 +28,7 @@ def read_stl(file: Path) -> PolygonMesh:
     MeshFileError
         If a facet is cut off, or is not a triangle.
     """
-    content = read_checked_bytes(file)
+    content = read_checked_bytes(file).removeprefix(b"\xef\xbb\xbf")
     ignored: tuple[str, ...] = ()
     count = int.from_bytes(content[80:84], "little") if len(content) >= _STL_HEAD else -1
     end = _STL_HEAD + _STL_FACET * count
@@ -133,6 +133,9 @@ def read_off(file: Path) -> PolygonMesh:
     corners, counts, colours = _faces(lines[1 + vertices : 1 + vertices + faces])
     check_indices(corners, counts, vertices)
     left = len(lines) - 1 - vertices - faces
+    ignored = [f"{left:,} lines behind the last face"] if left else []
+    if colours is None and any(len(words) > 1 + int(words[0]) for words in lines[1 + vertices : 1 + vertices + faces]):
+        ignored.append("values behind the corners of faces, which are not red, green and blue of every face")
     if coloured:
         at = 3 + 3 * normal
         colours = _in_unit(values[:, at : at + 3], rows, at)[corners]
@@ -146,7 +149,7 @@ def read_off(file: Path) -> PolygonMesh:
         values[:, 3:6][corners] if normal else None,
         colours,
         material_of=np.full(faces, -1, dtype=np.int64),
-        ignored=(f"{left:,} lines behind the last face",) if left else (),
+        ignored=tuple(ignored),
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scenetruth.scene.mesh.mesh_model import find_shared_sides, index_positions
 from scenetruth.scene.mesh.polygon_mesh import PolygonMesh, Triangulation
 
-__all__ = ["MeshTopology", "describe_content", "repair_topology"]
+__all__ = ["MeshTopology", "describe_content", "find_repeated_polygons", "repair_topology"]
 
 Indices = NDArray[np.int64]
 
@@ -32,6 +32,31 @@ class MeshTopology(NamedTuple):
     """Number of edges of more than two triangles, which are creases."""
     one_sided: int
     """Number of components that have no two sides, such as a Möbius strip."""
+
+
+def find_repeated_polygons(vertices: NDArray[np.float64], corners: Indices, starts: Indices) -> NDArray[np.bool_]:
+    """Return which polygons have the same outline as an earlier one, in either direction and from any corner.
+
+    The triangles of such polygons can differ, because they depend on the first corner.
+    """
+    counts = np.diff(starts)
+    repeated = np.zeros(len(counts), dtype=np.bool_)
+    if not (counts > 3).any():
+        # Triangles are compared by `repair_topology`.
+        return repeated
+    place = index_positions(vertices)[corners]
+    for count in np.unique(counts[counts > 3]):
+        polygons = np.flatnonzero(counts == count)
+        outline = place[starts[polygons][:, None] + np.arange(count)]
+        lowest = np.argmin(outline, axis=1)[:, None]
+        forwards = np.take_along_axis(outline, (lowest + np.arange(count)) % count, axis=1)
+        backwards = np.take_along_axis(outline, (lowest - np.arange(count)) % count, axis=1)
+        # The direction whose second corner is lower.
+        turned = backwards[:, 1] < forwards[:, 1]
+        same = np.where(turned[:, None], backwards, forwards)
+        _, first = np.unique(same, axis=0, return_index=True)
+        repeated[np.delete(polygons, first)] = True
+    return repeated
 
 
 def repair_topology(vertices: NDArray[np.float64], triangles: Indices) -> MeshTopology:
@@ -91,16 +116,21 @@ def _orient(
     return np.asarray(turned), int(components), len(one_sided)
 
 
-def describe_content(mesh: PolygonMesh, made: Triangulation, topology: MeshTopology) -> tuple[str, ...]:
+def describe_content(
+    mesh: PolygonMesh, made: Triangulation, topology: MeshTopology, repeated: int = 0
+) -> tuple[str, ...]:
     """Return lines for people on what a file has: polygons, components, area, and what was ignored or changed."""
     size = float(np.linalg.norm(mesh.area_vectors(), axis=1).sum())
     polygons = len(mesh.starts) - 1
     what = f"{polygons:,} polygons, {len(topology.kept):,} triangles, {len(mesh.vertices):,} vertices"
-    closed = "closed" if topology.open_edges == 0 and topology.crowded_edges == 0 else (
-        f"open ({topology.open_edges:,} edges of one triangle)")  # fmt: skip
+    if topology.open_edges:
+        closed = f"open ({topology.open_edges:,} edges of one triangle)"
+    else:
+        closed = "no manifold" if topology.crowded_edges else "closed"
     lines = [f"{what}; {topology.components:,} components, {closed}; area {size:.6g} in squares of its unit"]
     changed = [
         (made.empty, "polygons without area, ignored"),
+        (repeated, "polygons that stand twice, of which one is kept"),
         (topology.duplicates, "triangles that stand twice, of which one is kept"),
         (int(np.count_nonzero(topology.turned)), "triangles turned to the orientation of their component"),
         (made.bent, "polygons that are not plane, as fans around their first corner"),
