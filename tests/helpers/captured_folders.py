@@ -17,7 +17,7 @@ from scenetruth.camera import EmvaSensor, LinearImage
 from scenetruth.camera.sensor import OpenSensor
 from scenetruth.random_streams import generator_for
 
-__all__ = ["CapturedFolder", "write_capture"]
+__all__ = ["CapturedFolder", "read", "store", "texture", "write_capture"]
 
 DISPARITY_PX, FLOW_PX = 3.3, 0.4
 

@@ -320,11 +320,13 @@ def nearest_patterns(pattern: FilePattern, names: Sequence[str], most: int = 2) 
 _MOST_COMPARED, _LEAST_LIKE = 200, 0.4
 
 
-def expected_indices(present: Collection[int], count: int | None, *, signed: bool = False) -> tuple[list[int], str]:
+def expected_indices(
+    present: Collection[int], count: int | None, *, signed: bool = False, first: int | None = None
+) -> tuple[list[int], str]:
     """Return the indices that files of ``count`` positions or frames should have, or why they are ambiguous.
 
-    Indices run from 0 or 1 upwards, or, if they are ``signed``, symmetrically with 0 at the reference. Without a count
-    they run from the smallest to the largest.
+    Indices run from ``first``; without it from 0 or 1 upwards, or, if they are ``signed``, symmetrically with 0 at the
+    reference. Without a count they run from the smallest to the largest.
 
     >>> expected_indices({-1, 1, 2}, 5, signed=True)
     ([-2, -1, 0, 1, 2], '')
@@ -334,6 +336,10 @@ def expected_indices(present: Collection[int], count: int | None, *, signed: boo
     if not present:
         return [], "do not occur"
     low, high = min(present), max(present)
+    if first is not None:
+        last = high if count is None else first + count - 1
+        outside = f"run from {low} to {high}, beyond {first} to {last}"
+        return (list(range(first, last + 1)), "") if first <= low and high <= last else ([], outside)
     if count is None or high - low == count - 1:
         return list(range(low, high + 1)), ""
     if high - low >= count:

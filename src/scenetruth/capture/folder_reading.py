@@ -210,6 +210,8 @@ def open_capture(capture: CaptureLike) -> CaptureFolder:
             rows=capture.stage.rows,
             positions=capture.stage.positions,
             frames=capture.frames.count,
+            first_position=files.first_position,
+            first_frame=files.first_frame,
             size=size,
             path="files.images",
             names=names,

@@ -167,8 +167,11 @@ def _tiff_header(stream: Any) -> ImageHeader:
         assert isinstance(page, tifffile.TiffPage)
         exif = page.tags.valueof(34665, {})
         exif = exif if isinstance(exif, dict) else {}
+        # TIFF/EP has these tags among those of the image, Exif in a directory of its own.
+        tags = page.tags
         taken, resolution = _time_of(
-            exif.get("DateTimeOriginal") or page.tags.valueof(_DATE_TIME), exif.get("SubsecTimeOriginal")
+            exif.get("DateTimeOriginal") or tags.valueof(_TAKEN) or tags.valueof(_DATE_TIME),
+            exif.get("SubsecTimeOriginal") or tags.valueof(_SUBSECONDS),
         )
         return ImageHeader(
             int(page.imagewidth),
@@ -177,7 +180,7 @@ def _tiff_header(stream: Any) -> ImageHeader:
             int(page.samplesperpixel),
             int(page.tags.valueof(_ORIENTATION, 1)),
             lossy=int(page.compression) in (6, 7),
-            exposure_time_s=_ratio(exif.get("ExposureTime")),
+            exposure_time_s=_ratio(exif.get("ExposureTime") or tags.valueof(_EXPOSURE)),
             taken_s=taken,
             resolution_s=resolution,
         )

@@ -163,6 +163,8 @@ def collect_images(
     rows: int | None = None,
     positions: int | None = None,
     frames: int | None = None,
+    first_position: int | None = None,
+    first_frame: int | None = None,
     size: tuple[int, int] | None = None,
     path: str = "pattern",
     names: Sequence[str] | None = None,
@@ -170,6 +172,7 @@ def collect_images(
     """Return the images of a folder whose names match a pattern, after a check of all names and headers.
 
     ``rows``, ``positions``, ``frames``: Their numbers; None if the names define them.
+    ``first_position``, ``first_frame``: Their first indices in the names; None if the names define them.
     ``size``: Width and height; None if the first image defines them.
     ``path``: Path of the pattern in messages.
     ``names``: Image files of the folder, if they are listed already.
@@ -196,9 +199,12 @@ def collect_images(
         signed = any(
             part == name and spec.startswith("+") for part, spec in zip(pattern.fields, pattern.specs, strict=True)
         )
-        ranges[name], why = expected_indices(values, count, signed=signed)
+        start = {"s": first_position, "t": first_frame}.get(name)
+        ranges[name], why = expected_indices(values, count, signed=signed, first=start)
         if why:
-            problems.append(Problem(path, f"the indices {{{name}}} of the files {why}", pattern.text))
+            remedy = {"s": ": give first_position", "t": ": give first_frame"}.get(name, "")
+            message = f"the indices {{{name}}} of the files {why}{remedy if 'open' in why else ''}"
+            problems.append(Problem(path, message, pattern.text))
     if problems:
         raise CaptureError(problems, source=folder)
     files: dict[Index, MatchedFile] = {}
@@ -358,6 +364,8 @@ def read_images(
     *,
     positions: int | None = None,
     frames: int | None = None,
+    first_position: int | None = None,
+    first_frame: int | None = None,
     bit_depth: int | None = None,
     encoding: Encoding = "linear",
     gamma: float = 2.2,
@@ -382,6 +390,9 @@ def read_images(
         V_X, the camera displacement in mm per step of s; positive if larger s is further to the right.
     positions, frames
         Number of camera positions and of frames; default: from the smallest to the largest index of the names.
+    first_position, first_frame
+        Index of the first position and of the first frame in the names, where their files may be missing; default: 0 or
+        1, or symmetrically around 0 for indices with a sign.
     bit_depth
         Bits of a digital number of the camera, which define saturation: 12 for 12 bits in files of 16 bits. Default:
         the bits of the files.
@@ -455,7 +466,14 @@ def read_images(
 
     grid = geometry.get("stage_y_mm")
     series = collect_images(
-        folder, read, pixels_of, rows=None if grid is None else np.size(grid), positions=positions, frames=frames
+        folder,
+        read,
+        pixels_of,
+        rows=None if grid is None else np.size(grid),
+        positions=positions,
+        frames=frames,
+        first_position=first_position,
+        first_frame=first_frame,
     )
     if grid is None and len(series.rows) > 1:
         message = f"the names have {len(series.rows)} rows: give their positions"
