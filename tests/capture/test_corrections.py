@@ -25,7 +25,7 @@ def recorded(images: NDArray[Any], **more: Any) -> xr.Dataset:
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([8, 12, 16]))
 def test_fixed_patterns_vanish(seed: int, bits: int) -> None:
-    """A sensor without noise: offset + sensitivity x light; corrected images are the light times the mean sensitivity."""
+    """Without noise, images are offset + sensitivity x light; corrected, they are light times the mean sensitivity."""
     draw = np.random.default_rng(seed)
     full = 2**bits - 1
     offset = draw.uniform(0.01, 0.05, SHAPE) * full

@@ -111,10 +111,10 @@ def test_unreadable_files_say_why(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "d.tif", GREY8.astype(np.float32))
     tifffile.imwrite(tmp_path / "e.tif", np.stack([GREY8, GREY8]))
     for name in ("a.png", "b.tif", "c.png", "none.png"):
-        with pytest.raises(ValueError, match="cannot be read|must be a single image"):
+        with pytest.raises(ValueError, match=r"cannot be read|must be a single image"):
             read_header(tmp_path / name)
     for name in ("a.png", "c.png", "none.png", "d.tif"):
-        with pytest.raises(ValueError, match="cannot be read|radiances|floating-point"):
+        with pytest.raises(ValueError, match=r"cannot be read|radiances|floating-point"):
             read_pixels(tmp_path / name)
     with pytest.raises(ValueError, match="2 pages"):
         read_header(tmp_path / "e.tif")

@@ -119,8 +119,8 @@ def test_wrong_pattern_gets_the_nearest(tmp_path: Path) -> None:
     write_all(tmp_path, stack())
     with pytest.raises(CaptureError, match=r"nearest: pos\{s\}_t\{t:03d\}.tif \(12 files\)"):
         scenetruth.read_images(tmp_path / "pos{s}_t{t:02d}.tif", 500, 5)
+    (tmp_path / "empty").mkdir()
     with pytest.raises(CaptureError, match="no image files"):
-        (tmp_path / "empty").mkdir()
         scenetruth.read_images(tmp_path / "empty" / "pos{s}_t{t}.tif", 500, 5)
     with pytest.raises(CaptureError, match="folder does not exist"):
         scenetruth.read_images(tmp_path / "nothing" / "pos{s}_t{t}.tif", 500, 5)

@@ -17,7 +17,7 @@ from scenetruth.camera import EmvaSensor, LinearImage
 from scenetruth.camera.sensor import OpenSensor
 from scenetruth.random_streams import generator_for
 
-__all__ = ["CapturedFolder", "read", "store", "texture", "write_capture"]
+__all__ = ["CapturedFolder", "fall_off", "read", "store", "texture", "write_capture"]
 
 DISPARITY_PX, FLOW_PX = 3.3, 0.4
 
@@ -46,6 +46,12 @@ def texture(shape: tuple[int, int], seed: int, wavelength_px: float = 6.0) -> ND
     """Return smooth noise of mean 0.45 and standard deviation 0.13, at least 0.04."""
     noise = gaussian_filter(np.random.default_rng(seed).standard_normal(shape), wavelength_px / 4, mode="wrap")
     return np.asarray(np.clip(0.45 + 0.13 * noise / noise.std(), 0.04, 0.9))
+
+
+def fall_off(shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the light of the flat fields, which falls off by 20 % in the corners."""
+    y, x = np.indices(shape)
+    return np.asarray(1 - 0.4 * ((x / shape[1] - 0.5) ** 2 + (y / shape[0] - 0.5) ** 2))
 
 
 def write_capture(
@@ -96,7 +102,6 @@ def write_capture(
             name = f"images/s{s:+d}_t{t:03d}.tif"
             made.names[s, t] = name
             store(folder / name, read(opened, exposure * seen(s, t - (frames - 1) // 2), s, t))
-    fall_off = 1 - 0.2 * ((x / width - 0.5) ** 2 + (y / height - 0.5) ** 2) / 0.5
     if "dark" in sets:
         plain["files"]["dark"] = "dark/*.tif"
         for n in range(count):
@@ -106,7 +111,7 @@ def write_capture(
         plain["files"]["exposure_times_s"] = [sensor.exposure_time_s / 2, sensor.exposure_time_s]
         for level, share in enumerate((0.35, 0.7)):
             for n in range(count):
-                store(folder / f"flat/e{level}_{n:02d}.tif", read(opened, share * fall_off, 102 + level, n))
+                store(folder / f"flat/e{level}_{n:02d}.tif", read(opened, share * fall_off(shape), 102 + level, n))
     if "static" in sets:
         plain["files"]["static"] = "static/*.tif"
         for n in range(count):

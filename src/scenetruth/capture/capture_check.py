@@ -197,7 +197,7 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
         findings += saturated
         findings += _brightness(folder, statistics)
         findings += _encodings(folder)
-        if text := series.describe_bits():
+        if not saturated and (text := series.describe_bits()):
             findings.append(CaptureFinding("bit_depth", "warning", text))
         level, dark = _dark(folder, statistics)
         noise, gamma, more = _response(folder, usable=not saturated and not dark)

@@ -211,7 +211,8 @@ class CaptureFiles(FrozenModel):
     images: _pattern_type("s", "t", "row", TIME_FIELD)  # type: ignore[valid-type]
     """Images of the measurement: ``images/s{s:+d}_t{t:+d}.tif``. Positions s increase along the stage."""
     first_position: int | None = None
-    """Index of the first position in the names, where its images may be missing; null for 0, 1, or symmetric around 0."""
+    """Index of the first position in the names, where its images may be missing; null for 0, 1, or symmetric
+    around 0."""
     first_frame: int | None = None
     """Index of the first frame in the names, likewise."""
     board: _pattern_type("pose", "s", "row", required=("pose",)) | None = None  # type: ignore[valid-type]

@@ -307,7 +307,7 @@ def _spec_of(texts: Sequence[str]) -> str:
 
 def nearest_patterns(pattern: FilePattern, names: Sequence[str], most: int = 2) -> list[GuessedPattern]:
     """Return the patterns of a folder's names that are most like one that matches nothing."""
-    guesses = guess_patterns(names, tuple(name for name in pattern.fields if name in INDEX_FIELDS) or INDEX_FIELDS)
+    guesses = guess_patterns(names, tuple(name for name in pattern.fields if name in INDEX_FIELDS))
     wanted = _FIELD.sub("0", pattern.text).lower()
 
     def likeness(guess: GuessedPattern) -> float:

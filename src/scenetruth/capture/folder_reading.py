@@ -34,7 +34,7 @@ from scenetruth.output import check_output, write_atomically
 from scenetruth.progress import Progress
 from scenetruth.scene.picture_file import PictureFileError
 from scenetruth.schema import tolerance_attributes
-from scenetruth.storage import RECORDING, StoreWriter, claim_store, open_store, save_store
+from scenetruth.storage import RECORDING, StoreWriter, claim_store, open_store, save_store, store_name
 
 __all__ = ["CaptureFolder", "FrameSet", "import_capture", "open_capture"]
 
@@ -509,7 +509,7 @@ def import_capture(
     >>> recording.image[:, 0, 0, 0].values.tolist()
     [91.0, 92.0, 93.0]
     """
-    store = None if output is None else Path(output) / RECORDING
+    store = None if output is None else Path(output) / store_name(RECORDING, zipped=False)
     folder = open_capture(capture)
     if store is not None:
         check_output(store, overwrite=overwrite, claim=claim_store)

@@ -96,7 +96,7 @@ def import_(
     """Read the images of a capture into a run directory, as a recording."""
     from scenetruth.capture import import_capture
     from scenetruth.cli.console import reporting
-    from scenetruth.storage import RECORDING
+    from scenetruth.storage import RECORDING, store_name
 
     with reporting() as reporter:
         recording = import_capture(
@@ -104,5 +104,6 @@ def import_(
         )
     sizes = recording["image"].sizes
     count = sizes["s"] * sizes["t"] * sizes.get("s_y", 1)
-    print_wrote(Path(output) / RECORDING, f"{count:,} images of {sizes['x']} x {sizes['y']} px")
+    store = Path(output) / store_name(RECORDING, zipped=False)
+    print_wrote(store, f"{count:,} images of {sizes['x']} x {sizes['y']} px")
     print_message(f"next: scenetruth estimate {output} --method refined")
