@@ -438,7 +438,13 @@ def _response(
             found.append(CaptureFinding("gamma", "warning", message))
         else:
             found.append(CaptureFinding("gamma", "error", f"{message}: {_GAMMA_REMEDY}"))
-    if decisive is None and not _flat_exposures(folder):
+    elif decisive is None and (exponent := _exponent_of_dark(folder, fits)) is not None:
+        message = (
+            f"noise of frames at rest and mean of the dark frames agree on an exponent of {exponent:.2f} of the "
+            f"response, which is 1 for linear values: {_GAMMA_REMEDY}"
+        )
+        found.append(CaptureFinding("gamma", "error", message))
+    elif decisive is None and not _flat_exposures(folder):
         message = (
             "the linearity is not tested: add static frames with dark frames (files.static, three at least), or flat "
             "fields of two exposure times (files.flat with {level})"
@@ -461,6 +467,22 @@ def _fits_of_gamma(folder: CaptureFolder) -> list[GammaFit]:
         for each in moments
         if each.count > 2 and each.mean.ndim == 2
     ]
+
+
+def _exponent_of_dark(folder: CaptureFolder, fits: Sequence[GammaFit]) -> float | None:
+    """Return the exponent that turns the black level into the dark frames, if that of the noise is the same.
+
+    The noise alone may leave two exponents, of which one agrees with the dark frames.
+    """
+    full, black = folder.images.pixels.full_scale, folder.capture.camera.black_level_dn
+    if folder.dark is None or black <= 0 or folder.dark.mean.mean() <= 0:
+        return None
+    level = float(np.log(folder.dark.mean.mean() / full) / np.log(black / full))
+    agree = [fit for fit in fits if abs(fit.exponent - level) < _SAME_EXPONENT]
+    return level if agree and level < 1 - _LEAST_ENCODING else None
+
+
+_SAME_EXPONENT, _LEAST_ENCODING = 0.05, 0.2
 
 
 def _explains_dark(folder: CaptureFolder, fit: GammaFit) -> bool:
