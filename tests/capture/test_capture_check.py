@@ -122,6 +122,42 @@ def test_bright_uniform_surface_is_not_saturated(tmp_path: Path) -> None:
     assert "saturated" not in mistakes(made)
 
 
+@pytest.mark.parametrize("with_flats", [True, False])
+@pytest.mark.parametrize("cut", [True, False])
+def test_uniform_background_of_a_quiet_camera_is_told_from_values_that_are_cut_off(
+    tmp_path: Path, with_flats: bool, cut: bool
+) -> None:
+    """A background of 230 DN with a noise of 2 DN: narrow as a plateau, but as wide as its shot noise."""
+    draw = np.random.default_rng(1)
+    gain, black = 4 / 210, 20
+
+    def shown(light: NDArray[np.float64]) -> NDArray[np.uint8]:
+        noise = np.sqrt(gain * light + 0.6**2) * draw.standard_normal(light.shape)
+        values = black + light + noise
+        return np.rint(np.clip(np.minimum(values, 228) if cut else values, 0, 255)).astype(np.uint8)
+
+    light = np.full((64, 80), 215.0 if cut else 210.0)
+    light[20:44, 20:60] = draw.uniform(20, 150, (24, 40))
+    plain: dict[str, Any] = {
+        "camera": {"width": 80, "height": 64, "focal_length_px": 100},
+        "stage": {"positions": 3, "baseline_mm": 5},
+        "frames": {"count": 3},
+        "files": {"images": "s{s}_t{t}.tif"},
+    }
+    for s, t in np.ndindex(3, 3):
+        store(tmp_path / f"s{s}_t{t}.tif", shown(light))
+    if with_flats:
+        plain["files"] |= {"dark": "dark/*.tif", "flat": "flat/*.tif"}
+        for n in range(6):
+            store(tmp_path / f"dark/{n}.tif", shown(np.zeros((64, 80))))
+            store(tmp_path / f"flat/{n}.tif", shown(np.full((64, 80), 120.0)))
+    made = CapturedFolder(tmp_path, None, plain)  # type: ignore[arg-type]
+    made.write()
+    report = check_capture(tmp_path)
+    assert ("saturated" in report.mistakes("error")) == (cut and with_flats)
+    assert ("saturated" in report.mistakes("warning")) == (not with_flats)
+
+
 def test_dark_images_are_an_error(tmp_path: Path) -> None:
     assert mistakes(captured(tmp_path, exposure=0.01, sets=())) == ["exposure"]
 

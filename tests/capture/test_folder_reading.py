@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 import scenetruth
-from scenetruth.capture import import_capture, open_capture
+from scenetruth.capture import check_capture, import_capture, open_capture
 from scenetruth.errors import CaptureError, CaptureWarning, OutputExistsError
 from tests.helpers.captured_folders import CapturedFolder, fall_off, store, write_capture
 
@@ -200,3 +200,52 @@ def test_missing_focal_length_is_found_before_work(captured: CapturedFolder, tmp
     captured.write()
     with pytest.raises(CaptureError, match=r"camera\.focal_length_px"):
         import_capture(captured.folder, output=tmp_path / "run")
+
+
+@pytest.mark.parametrize("form", ["colour", "plane", "gamma", "grid"])
+def test_other_forms_of_images_are_corrected_and_checked_alike(tmp_path: Path, form: str) -> None:
+    """Images, dark frames and flat fields are brought into one form before the correction."""
+    draw = np.random.default_rng(1)
+    shape = (20, 30, 3) if form == "colour" else (20, 30)
+    rows = 2 if form == "grid" else 1
+    images = draw.integers(400, 3000, (rows, 3, 2, *shape)).astype(np.uint16)
+    dark = draw.integers(10, 20, (5, *shape)).astype(np.uint16)
+    flat = draw.integers(1500, 2500, (5, *shape)).astype(np.uint16)
+    plain: dict[str, Any] = {
+        "camera": {"width": 30, "height": 20, "bit_depth": 12, "focal_length_px": 100},
+        "stage": {"positions": 3, "baseline_mm": 5},
+        "frames": {"count": 2},
+        "files": {"images": "r{row}_s{s}_t{t}.tif", "dark": "dark/*.tif", "flat": "flat/*.tif"},
+    }
+    if form == "plane":
+        plain["camera"] |= {"bayer": "gbrg", "plane": "red"}
+    if form == "gamma":
+        plain["camera"] |= {"encoding": "gamma", "gamma": 2.0}
+    if form == "grid":
+        plain["stage"] |= {"rows": 2, "row_spacing_mm": 4}
+    for row, s, t in np.ndindex(rows, 3, 2):
+        store(tmp_path / f"r{row}_s{s}_t{t}.tif", images[row, s, t])
+    for n in range(5):
+        store(tmp_path / f"dark/{n}.tif", dark[n])
+        store(tmp_path / f"flat/{n}.tif", flat[n])
+    made = CapturedFolder(tmp_path, None, plain)  # type: ignore[arg-type]
+    made.write()
+
+    def light(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        values = values[..., 1::2, 0::2] if form == "plane" else values
+        return (values / 4095.0) ** 2 if form == "gamma" else values.astype(np.float64)
+
+    low, high = light(dark).mean(axis=0), light(flat).mean(axis=0)
+    # Each colour has its own mean responsivity.
+    axes = (0, 1) if form == "colour" else None
+    expected = (light(images) - low) / (high - low) * (high - low).mean(axis=axes)
+    found = import_capture(made.folder)
+    values = found.image.values if form == "grid" else found.image.values[None]
+    finite = np.isfinite(values)
+    # Random frames make some pixels of unusual sensitivity, which are marked.
+    assert finite.mean() > 0.9
+    assert np.allclose(values[finite], expected[finite], rtol=2e-5, atol=1e-6)
+    assert found.attrs["full_scale"] == pytest.approx((1 if form == "gamma" else 4095) - low.mean())
+    report = check_capture(made.folder)
+    assert report.image_count == 6 * rows
+    assert "files" not in report.mistakes("error")

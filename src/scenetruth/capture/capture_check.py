@@ -26,6 +26,7 @@ Severity = Literal["error", "warning", "note"]
 _SATURATED = 1e-3  # share of the pixels of an image
 _PLATEAU = 5.0  # ratio of the number of pixels at the largest value to the number at the values below
 _UPPER, _ABOVE = 0.8, 0.02
+_PART_OF_NOISE = 0.5
 _BRIGHTNESS = 0.02
 _GAMMA_OF_EXPOSURES = 0.05
 _SIGMAS = 4.0
@@ -184,6 +185,7 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
     except CaptureError as error:
         return CaptureReport(tuple(_in_files(error.problems)), 0)
     findings: list[CaptureFinding] = []
+    noise, gamma = None, None
     series = folder.images
     if series.missing:
         message = f"{len(series.missing):,} images are missing and will be invalid: {list_missing(series.missing)}"
@@ -193,14 +195,15 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
         findings.append(CaptureFinding("files", "note", message))
     try:
         statistics = _read_images(folder, progress)
-        saturated = _saturation(folder, statistics)
+        noise = _noise(folder)
+        saturated = _saturation(statistics, folder.dark, noise)
         findings += saturated
         findings += _brightness(folder, statistics)
         findings += _encodings(folder)
         if not saturated and (text := series.describe_bits()):
             findings.append(CaptureFinding("bit_depth", "warning", text))
         level, dark = _dark(folder, statistics)
-        noise, gamma, more = _response(folder, usable=not saturated and not dark)
+        gamma, more = _response(folder, usable=not saturated and not dark)
         findings += [*dark, *more]
         if not any(finding.mistake == "gamma" and finding.severity == "error" for finding in more):
             # An encoding also changes the level of dark frames.
@@ -208,7 +211,6 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
         findings += _flat(folder)
     except CaptureError as error:
         findings += _in_files(error.problems)
-        noise, gamma = None, None
     findings += _missing_boards(folder)
     order = ("error", "warning", "note")
     findings.sort(key=lambda finding: order.index(finding.severity))
@@ -251,7 +253,9 @@ def _read_images(folder: CaptureFolder, progress: Progress | None) -> _ImageStat
     return statistics
 
 
-def _saturation(folder: CaptureFolder, statistics: _ImageStatistics) -> list[CaptureFinding]:
+def _saturation(
+    statistics: _ImageStatistics, dark: FrameMoments | None, noise: SensorNoise | None
+) -> list[CaptureFinding]:
     """Return saturated images, images that saturate below full scale, and images that show nothing."""
     shares = {name: share for name, share in statistics.saturated.items() if share > _SATURATED}
     if shares:
@@ -268,19 +272,28 @@ def _saturation(folder: CaptureFolder, statistics: _ImageStatistics) -> list[Cap
     if top < _MAX_DIM * (len(counts) - 1):
         message = f"no pixel exceeds {top} of {len(counts) - 1}: the images are dark; lengthen the exposure"
         return [CaptureFinding("exposure", "error", message)]
-    level, share = _plateau(counts, folder.dark)
-    if share > _SATURATED:
-        message = (
-            f"{100 * share:.3g} % of all pixels lie within the read noise of {level} DN, the largest value, which is "
-            f"below the full scale of {len(counts) - 1}: the camera saturates there, or the values are cut off. "
-            "Shorten the exposure, and correct bit_depth"
-        )
-        return [CaptureFinding("saturated", "error", message)]
-    return []
+    level, share, spread = _plateau(counts, dark)
+    if share <= _SATURATED:
+        return []
+    message = (
+        f"{100 * share:.3g} % of all pixels have nearly the same value of {level} DN (± {spread:.2g}), the largest of "
+        f"all, which is below the full scale of {len(counts) - 1}"
+    )
+    if noise is None or not np.isfinite(noise.gain_dn_per_e):
+        message += ": the camera saturates there, or shows a bright uniform surface"
+        return [CaptureFinding("saturated", "warning", message)]
+    expected = float(np.sqrt(noise.variance_dn2(level)))
+    if spread > _PART_OF_NOISE * expected:
+        return []
+    message += (
+        f", with less than the noise of {expected:.2g} DN that light of this level has: the camera saturates there. "
+        "Shorten the exposure, and correct bit_depth"
+    )
+    return [CaptureFinding("saturated", "error", message)]
 
 
-def _plateau(counts: NDArray[np.int64], dark: FrameMoments | None) -> tuple[int, float]:
-    """Return the level at which values pile up, and their share; 0 if they do not.
+def _plateau(counts: NDArray[np.int64], dark: FrameMoments | None) -> tuple[int, float, float]:
+    """Return the level at which values pile up, their share (0 if they do not), and their standard deviation.
 
     Light that is not cut off has shot noise and an unlimited tail, so that few values lie within the read noise of the
     largest of them.
@@ -294,8 +307,11 @@ def _plateau(counts: NDArray[np.int64], dark: FrameMoments | None) -> tuple[int,
     before = near[max(level - 2 * window, 0)]
     above = int(counts[level + window :].sum())
     if near[level] < _PLATEAU * max(before, 1) or above > _ABOVE * near[level]:
-        return level, 0.0
-    return level, float(near[level] / counts.sum())
+        return level, 0.0, 0.0
+    places = np.arange(max(level - window, 0), min(level + window + 1, len(counts)))
+    weights = counts[places] / counts[places].sum()
+    spread = np.sqrt(np.sum(weights * (places - np.sum(weights * places)) ** 2))
+    return level, float(near[level] / counts.sum()), float(spread)
 
 
 def _brightness(folder: CaptureFolder, statistics: _ImageStatistics) -> list[CaptureFinding]:
@@ -414,16 +430,14 @@ def _fine(values: Floats) -> Floats:
     return np.asarray(values - uniform_filter(values, _SMALL_PX))
 
 
-def _response(
-    folder: CaptureFolder, *, usable: bool
-) -> tuple[SensorNoise | None, GammaFit | None, list[CaptureFinding]]:
-    """Return noise and exponent of the response, and what they show.
+def _response(folder: CaptureFolder, *, usable: bool) -> tuple[GammaFit | None, list[CaptureFinding]]:
+    """Return the exponent of the response, and what it shows.
 
     ``usable``: Whether the noise of the frames can be used: they are not saturated, and the dark frames belong to them.
     """
     if folder.images.pixels.encoding != "linear":
         message = f"images are made linear by camera.encoding {folder.images.pixels.encoding}, which is not tested"
-        return None, None, [CaptureFinding("gamma", "note", message)]
+        return None, [CaptureFinding("gamma", "note", message)]
     found = _exposures(folder)
     fits = _fits_of_gamma(folder) if usable and not any(each.mistake == "dark" for each in found) else []
     decisive = min((fit for fit in fits if fit.linear is not None), key=lambda fit: fit.std, default=None)
@@ -450,7 +464,7 @@ def _response(
             "fields of two exposure times (files.flat with {level})"
         )
         found.append(CaptureFinding("gamma", "note", message))
-    return _noise(folder), decisive or next(iter(fits), None), found
+    return decisive or next(iter(fits), None), found
 
 
 def _fits_of_gamma(folder: CaptureFolder) -> list[GammaFit]:
