@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from scenetruth.capture import CAPTURE_FILE, Capture, load_capture
 from scenetruth.errors import CaptureError
@@ -97,8 +99,8 @@ def test_empty_fields_are_to_be_filled_in() -> None:
 def test_file_is_loaded_from_its_folder_with_overrides(tmp_path: Path) -> None:
     file = tmp_path / CAPTURE_FILE
     file.write_text(yaml.safe_dump(changed(files__mask="mask.png")), encoding="utf-8")
-    for given in (tmp_path, file, str(file)):
-        capture = load_capture(given)
+    for place in (tmp_path, file, str(file)):
+        capture = load_capture(place)
         assert capture.folder == tmp_path
         assert capture.files.mask == str(tmp_path / "mask.png")
     assert load_capture(tmp_path, overrides=["camera.bit_depth=10"]).camera.bit_depth == 10
@@ -118,3 +120,43 @@ def test_problems_of_a_file_name_it(tmp_path: Path) -> None:
         load_capture(tmp_path)
     with pytest.raises(CaptureError, match="cannot be read"):
         load_capture(tmp_path / "none.yaml")
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**70), 2**70) | st.floats() | st.text(max_size=6),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+def paths_in(plain: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    items = plain.items() if isinstance(plain, dict) else enumerate(plain) if isinstance(plain, list) else ()
+    found = [path]
+    for key, value in items:
+        found += paths_in(value, (*path, key))
+    return found
+
+
+WHOLE = yaml.safe_load(EXAMPLE.read_text(encoding="utf-8"))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from(paths_in(WHOLE)[1:]), VALUES)
+def test_any_value_anywhere_is_accepted_or_a_problem_with_a_path(path: tuple[Any, ...], value: Any) -> None:
+    plain = copy.deepcopy(WHOLE)
+    place = plain
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    try:
+        capture = Capture.from_dict(plain)
+    except CaptureError as error:
+        found = error
+    else:
+        assert Capture.from_dict(capture.to_dict()) == capture
+        return
+    # The problem lies at the value or in the section that it belongs to.
+    for problem in found.problems:
+        keys = problem.path.split(".") if problem.path else []
+        common = [str(key) for key in path][: len(keys)]
+        assert keys[: len(common)] == common or keys == [str(path[0])] or problem.path in ("", "files", "board")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,15 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
 import scenetruth
-from scenetruth.capture import PixelFormat, average_frames, frame_moments, read_header, read_pixels
+from scenetruth.capture import ImageHeader, PixelFormat, average_frames, frame_moments, read_header, read_pixels
 from scenetruth.capture.image_reading import header_problems
 from scenetruth.errors import CaptureError
+from scenetruth.scene.picture_file import PictureFileError
 
 DRAW = np.random.default_rng(3)
 GREY8 = DRAW.integers(0, 256, (31, 40)).astype(np.uint8)
@@ -186,3 +188,42 @@ def test_average_of_files_is_their_mean_and_problems_come_together(tmp_path: Pat
         average_frames(tmp_path / "flat_*.tif")
     with pytest.raises(CaptureError, match=re.escape("its folder does not exist")):
         average_frames(tmp_path / "nothing" / "*.tif")
+
+
+def written_files() -> dict[str, bytes]:
+    """Return small valid files by suffix."""
+    import io
+
+    found = {}
+    for suffix, form in (("png", "PNG"), ("jpg", "JPEG"), ("bmp", "BMP"), ("tif", "TIFF")):
+        stream = io.BytesIO()
+        Image.fromarray(GREY8).save(stream, format=form, exif=exif(1))
+        found[suffix] = stream.getvalue()
+    stream = io.BytesIO()
+    tifffile.imwrite(stream, RGB16)
+    found["tiff"] = stream.getvalue()
+    return found
+
+
+WRITTEN = written_files()
+
+
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    st.sampled_from(sorted(WRITTEN)),
+    st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), max_size=6),
+    st.integers(0, 4000) | st.none(),
+)
+def test_damaged_files_are_refused_or_read_and_nothing_else(
+    tmp_path: Path, suffix: str, changes: list[tuple[int, int]], length: int | None
+) -> None:
+    content = bytearray(WRITTEN[suffix])
+    for place, value in changes:
+        content[place % len(content)] = value
+    file = tmp_path / f"a.{suffix}"
+    file.write_bytes(bytes(content[:length]))
+    for read in (read_header, read_pixels):
+        with contextlib.suppress(PictureFileError):
+            found = read(file)
+            assert isinstance(found, ImageHeader | np.ndarray)
+            assert isinstance(found, ImageHeader) or found.dtype in (np.uint8, np.uint16)

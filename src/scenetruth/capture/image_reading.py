@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -141,7 +142,8 @@ def read_header(file: Path) -> ImageHeader:
         If it cannot be read as an image.
     """
     try:
-        with file.open("rb") as stream:
+        with file.open("rb") as stream, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             head = stream.read(32)
             stream.seek(0)
             return _tiff_header(stream) if head[:4] in _TIFF else _other_header(stream, head)
@@ -282,7 +284,7 @@ def read_pixels(file: Path) -> NDArray[Any]:
     except OSError as error:
         msg = f"cannot be read: {error.strerror or error}"
         raise PictureFileError(msg) from error
-    if content[:8] == _PNG and content[24] == 16 and content[25] == 2:
+    if content[:8] == _PNG and content[24:26] == b"\x10\x02":
         return _read_deep_colours(content)
     picture = decode_picture(content, obey_metadata=False)
     if picture.values.dtype.kind == "f":
