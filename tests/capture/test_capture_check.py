@@ -134,7 +134,7 @@ def test_uniform_background_of_a_quiet_camera_is_told_from_values_that_are_cut_o
     def shown(light: NDArray[np.float64]) -> NDArray[np.uint8]:
         noise = np.sqrt(gain * light + 0.6**2) * draw.standard_normal(light.shape)
         values = black + light + noise
-        return np.rint(np.clip(np.minimum(values, 228) if cut else values, 0, 255)).astype(np.uint8)
+        return np.asarray(np.rint(np.clip(np.minimum(values, 228) if cut else values, 0, 255)), dtype=np.uint8)
 
     light = np.full((64, 80), 215.0 if cut else 210.0)
     light[20:44, 20:60] = draw.uniform(20, 150, (24, 40))
