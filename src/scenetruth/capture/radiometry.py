@@ -163,8 +163,8 @@ def measure_noise(
         notes.append(f"{100 * clipped:.3g} % of the dark pixels reach 0: the black level is too low, noise is cut off")
     blocks = _block_numbers(without.mean.shape)
     good = without.highest < full_scale
-    black = _jackknife(lambda keep: float(without.mean[keep].mean()), blocks, good)
-    dark_variance = _jackknife(lambda keep: float(without.variance[keep].mean()), blocks, good)
+    black = _jackknife(lambda means: means[0], blocks, good, without.mean)
+    dark_variance = _jackknife(lambda means: means[0], blocks, good, without.variance)
     gain, prnu = (np.nan, np.nan), (np.nan, np.nan)
     if lit is not None:
         good &= lit.highest < full_scale
@@ -188,11 +188,7 @@ def measure_noise(
         noise_e = float(np.sqrt(dark_variance[0] - QUANTISATION_VARIANCE)) / gain[0]
         relative = np.hypot(0.5 * dark_variance[1] / (dark_variance[0] - QUANTISATION_VARIANCE), gain[1] / gain[0])
         temporal = (noise_e, noise_e * float(relative))
-    dsnu = _root(
-        _jackknife(
-            lambda keep: float(without.mean[keep].var() - without.variance[keep].mean() / without.count), blocks, good
-        )
-    )
+    dsnu = _root(_spatial_variance(without.mean - black[0], without.variance / without.count, blocks, good))
     dsnu_e = dsnu[0] / gain[0]
     dsnu_std = dsnu_e * float(np.hypot(dsnu[1] / dsnu[0], gain[1] / gain[0])) if dsnu[0] > 0 else np.nan
     return SensorNoise(
@@ -225,18 +221,31 @@ def _block_numbers(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 def _jackknife(
-    function: Callable[[Mask], float], blocks: NDArray[np.int64], good: Mask
-) -> tuple[float, float]:  # fmt: skip
-    """Return a statistic of the good pixels, and its standard uncertainty from leaving out one block at a time."""
-    whole = function(good)
-    parts = []
-    for number in range(_BLOCKS**2):
-        keep = good & (blocks != number)
-        if keep.any():
-            parts.append(function(keep))
+    function: Callable[[Floats], Any], blocks: NDArray[np.int64], good: Mask, *maps: Floats
+) -> tuple[float, float]:
+    """Return a statistic of the means of maps over the good pixels, and its standard uncertainty.
+
+    ``function``: Statistic of the means, one for each map.
+
+    The uncertainty follows from leaving out one block at a time.
+    """
+    numbers = blocks[good]
+    counts = np.bincount(numbers, minlength=_BLOCKS**2)
+    sums = np.stack([np.bincount(numbers, each[good], minlength=_BLOCKS**2) for each in maps])
+    whole = function(sums.sum(axis=1) / counts.sum())
+    rest = counts.sum() - counts
+    without = (sums.sum(axis=1)[:, None] - sums) / np.maximum(rest, 1)
+    parts = np.array([float(function(without[:, number])) for number in np.flatnonzero((counts > 0) & (rest > 0))])
     count = len(parts)
-    spread = np.sqrt((count - 1) / count * np.sum((np.array(parts) - np.mean(parts)) ** 2))
+    spread = np.sqrt((count - 1) / count * np.sum((parts - parts.mean()) ** 2)) if count else np.nan
     return float(whole), float(spread)
+
+
+def _spatial_variance(
+    values: Floats, noise: Floats, blocks: NDArray[np.int64], good: Mask
+) -> tuple[float, float]:  # fmt: skip
+    """Return the variance between pixels of values near 0, less that of their noise, and its standard uncertainty."""
+    return _jackknife(lambda means: means[1] - means[0] ** 2 - means[2], blocks, good, values, values**2, noise)
 
 
 def _root(value: tuple[float, float]) -> tuple[float, float]:
@@ -252,15 +261,11 @@ def _from_flats(
     """Return gain and PRNU with their standard uncertainties."""
     light = flat.mean - dark.mean
     variance = flat.variance - _flicker(flat, dark) * light**2
-    gain = _jackknife(
-        lambda keep: float((variance[keep].mean() - dark.variance[keep].mean()) / light[keep].mean()), blocks, good
-    )
+    gain = _jackknife(lambda means: (means[0] - means[1]) / means[2], blocks, good, variance, dark.variance, light)
     smooth = _smooth_field(light, good)
-    ratio = light / smooth
     # Noise that remains in the means of the frames.
     rest = (variance / flat.count + dark.variance / dark.count) / smooth**2
-    prnu = _jackknife(lambda keep: float(ratio[keep].var() - rest[keep].mean()), blocks, good)
-    return gain, _root(prnu)
+    return gain, _root(_spatial_variance(light / smooth - 1, rest, blocks, good))
 
 
 def _flicker(flat: FrameMoments, dark: FrameMoments) -> float:
