@@ -63,6 +63,7 @@ MAY_IMPORT = {
     },
     "estimators": {*LEAVES, "schema"},
     "scoring": {*LEAVES, "results", "schema"},
+    "capture": {*LEAVES, "scene", "camera", "schema", "estimators", "output", "storage"},
     "pipeline": {
         *LEAVES,
         *("scene", "camera", "provenance", "resources", "schema", "estimators", "scoring", "output", "storage"),

@@ -11,6 +11,7 @@ from scenetruth.lazy_exports import export_lazily
 if TYPE_CHECKING:
     from scenetruth.benchmark import BenchmarkResult, compare
     from scenetruth.bound import cramer_rao_bound
+    from scenetruth.capture import average_frames, correct_images, read_images, undistort_images
     from scenetruth.dataset.dataset_estimation import estimate_dataset
     from scenetruth.dataset.dataset_export import export, verify
     from scenetruth.dataset.generation import check_recipe, run_dataset
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from scenetruth.errors import (
         ArgumentError,
         BackendUnavailableError,
+        CaptureError,
+        CaptureWarning,
         DesignSpecError,
         EstimateError,
         EstimateWarning,
@@ -59,15 +62,16 @@ if TYPE_CHECKING:
 keep_compiled_code()
 
 __all__ = [
-    "ArgumentError", "BackendUnavailableError", "BenchmarkResult", "Budget", "DesignResult", "DesignSpecError",
-    "EstimateError", "EstimateWarning", "ExportError", "Limits", "MachineError", "MismatchError", "OutputExistsError",
-    "Prediction", "Problem", "Recipe", "RecipeError", "RecordingError", "RenderError", "RunDirectory", "Scene",
-    "SceneError", "SceneWarning", "ScenetruthError", "Score", "ScoreError", "Simulation", "StoreError", "Sweep",
-    "assess_pattern", "budget", "check_recipe", "compare", "compute_growth_rate", "cramer_rao_bound",
-    "detect_convention_mismatches", "estimate", "estimate_dataset", "export", "export_formats", "generate_pattern",
-    "load_recipe", "load_scene", "load_store", "make_estimate", "make_recording", "make_truth", "open_dataset",
-    "open_store", "optimise", "predict", "preview_dataset", "run_dataset", "run_scene", "save_store", "score",
-    "simulate", "sweep", "track_points", "verify", "write_card", "write_report",
+    "ArgumentError", "BackendUnavailableError", "BenchmarkResult", "Budget", "CaptureError", "CaptureWarning",
+    "DesignResult", "DesignSpecError", "EstimateError", "EstimateWarning", "ExportError", "Limits", "MachineError",
+    "MismatchError", "OutputExistsError", "Prediction", "Problem", "Recipe", "RecipeError", "RecordingError",
+    "RenderError", "RunDirectory", "Scene", "SceneError", "SceneWarning", "ScenetruthError", "Score", "ScoreError",
+    "Simulation", "StoreError", "Sweep", "assess_pattern", "average_frames", "budget", "check_recipe", "compare",
+    "compute_growth_rate", "correct_images", "cramer_rao_bound", "detect_convention_mismatches", "estimate",
+    "estimate_dataset", "export", "export_formats", "generate_pattern", "load_recipe", "load_scene", "load_store",
+    "make_estimate", "make_recording", "make_truth", "open_dataset", "open_store", "optimise", "predict",
+    "preview_dataset", "read_images", "run_dataset", "run_scene", "save_store", "score", "simulate", "sweep",
+    "track_points", "undistort_images", "verify", "write_card", "write_report",
 ]  # fmt: skip
 
 _import_name, _list_names = export_lazily(
@@ -75,6 +79,7 @@ _import_name, _list_names = export_lazily(
     {
         "benchmark": "BenchmarkResult compare",
         "bound": "cramer_rao_bound",
+        "capture": "average_frames correct_images read_images undistort_images",
         "dataset.dataset_estimation": "estimate_dataset",
         "dataset.dataset_export": "export verify",
         "dataset.generation": "check_recipe run_dataset",
@@ -88,9 +93,9 @@ _import_name, _list_names = export_lazily(
         "design.sweeps": "Sweep sweep",
         "design.uncertainty": "Budget budget",
         "errors": (
-            "ArgumentError BackendUnavailableError DesignSpecError EstimateError EstimateWarning ExportError "
-            "MachineError MismatchError OutputExistsError Problem RecipeError RecordingError RenderError SceneError "
-            "SceneWarning ScenetruthError ScoreError StoreError"
+            "ArgumentError BackendUnavailableError CaptureError CaptureWarning DesignSpecError EstimateError "
+            "EstimateWarning ExportError MachineError MismatchError OutputExistsError Problem RecipeError "
+            "RecordingError RenderError SceneError SceneWarning ScenetruthError ScoreError StoreError"
         ),
         "estimators": "estimate",
         "exporters": "export_formats",
@@ -105,7 +110,7 @@ _import_name, _list_names = export_lazily(
     },
 )
 
-_NAMESPACES = ("bound", "camera", "dataset", "design", "errors", "estimators", "testing")
+_NAMESPACES = ("bound", "camera", "capture", "dataset", "design", "errors", "estimators", "testing")
 """Public subpackages, imported on access."""
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
-    "ArgumentError", "BackendUnavailableError", "DesignSpecError", "EstimateError", "EstimateWarning", "ExportError",
-    "MachineError", "MismatchError", "OutputExistsError", "Problem", "RecipeError", "RecordingError", "RenderError",
-    "SceneError", "SceneWarning", "ScenetruthError", "ScoreError", "StoreError", "visible",
+    "ArgumentError", "BackendUnavailableError", "CaptureError", "CaptureWarning", "DesignSpecError", "EstimateError",
+    "EstimateWarning", "ExportError", "MachineError", "MismatchError", "OutputExistsError", "Problem", "RecipeError",
+    "RecordingError", "RenderError", "SceneError", "SceneWarning", "ScenetruthError", "ScoreError", "StoreError",
+    "visible",
 ]  # fmt: skip
 
 
@@ -217,6 +218,26 @@ class DesignSpecError(RecipeError):
     """
 
     _noun = "design specification"
+
+
+class CaptureError(_ProblemListError):
+    """A folder of real images, or its capture file, that cannot be used; lists every problem with its path.
+
+    See Also
+    --------
+    scenetruth.read_images, scenetruth.capture.load_capture : Raise it.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> try:
+    ...     st.read_images("no_such_folder/s{s}_t{t}.png", focal_length_px=500, baseline_mm=5)
+    ... except st.CaptureError as error:
+    ...     print(error.problems[0].path)
+    pattern
+    """
+
+    _noun = "capture"
 
 
 class ArgumentError(_ProblemListError, ValueError):
@@ -525,4 +546,23 @@ class EstimateWarning(UserWarning):
     ...     warnings.warn("a single frame contains no motion", EstimateWarning)
     >>> [str(one.message) for one in caught]
     ['a single frame contains no motion']
+    """
+
+
+class CaptureWarning(UserWarning):
+    """Real images that can be used, but are incomplete or impaired.
+
+    See Also
+    --------
+    SceneWarning : Warns of a scene.
+    scenetruth.read_images : Warns with it.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always", CaptureWarning)
+    ...     warnings.warn("s1_t0.png: is missing", CaptureWarning)
+    >>> [str(one.message) for one in caught]
+    ['s1_t0.png: is missing']
     """

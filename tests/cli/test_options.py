@@ -26,6 +26,9 @@ ARGUMENTS = {
     "export": "path format output method row overwrite workers scheduler",
     "verify": "path regenerate seed",
     "compare": "methods suite cases levels seeds limits output workers scheduler fresh",
+    "capture init": "folder focal_length_px baseline_mm",
+    "capture check": "capture",
+    "capture import": "capture output overwrite correct undistort",
     "dataset check": "recipe overrides limits",
     "dataset preview": "recipe overrides samples output overwrite workers scheduler",
     "dataset run": "recipe output overrides partition retries threads scheduler max_tasks_per_worker extend limits "
@@ -138,12 +141,13 @@ def test_the_commands_are_those_of_the_reference() -> None:
 
 
 GROUPS = {
+    "capture": {"init", "check", "import"},
     "dataset": {"check", "preview", "run", "sample", "status", "estimate", "catalogue", "card"},
     "design": {"predict", "budget", "sweep", "optimise", "pattern"},
     "validation": {"paper-figure2", "emva1288", "rendering"},
 }
 OUTPUT_REQUIRED = {
-    *("run", "render", "export", "compare", "dataset preview", "dataset run", "dataset sample"),
+    *("run", "render", "export", "compare", "capture import", "dataset preview", "dataset run", "dataset sample"),
     *("design sweep", "design optimise", "design pattern", *(f"validation {name}" for name in GROUPS["validation"])),
 }
 

@@ -19,6 +19,7 @@ from pydantic import BaseModel
 
 import scenetruth
 import scenetruth.testing
+from scenetruth.capture import Capture
 from scenetruth.cli.app import app
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.design.optimisation import DesignSpec
@@ -169,7 +170,9 @@ def test_the_schema_has_no_model_that_is_not_described() -> None:
         assert names <= set(models_of(schema))
 
 
-@pytest.mark.parametrize(("file", "model"), [("scene", Scene), ("recipe", Recipe), ("design", DesignSpec)])
+@pytest.mark.parametrize(
+    ("file", "model"), [("scene", Scene), ("recipe", Recipe), ("design", DesignSpec), ("capture", Capture)]
+)
 def test_examples_are_valid_and_show_every_model(file: str, model: type[BaseModel]) -> None:
     source = DOCS / "reference" / "examples" / f"{file}.yaml"
     documents = list(yaml.safe_load_all(source.read_text(encoding="utf-8")))

@@ -25,6 +25,27 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "scenetruth.camera": ("two_point_correction",),
     },
+    "capture": {
+        "scenetruth": ("read_images", "average_frames", "correct_images", "undistort_images"),
+        "scenetruth.capture": (
+            "load_capture",
+            "Capture",
+            "write_capture_file",
+            "capture_text",
+            "check_capture",
+            "CaptureReport",
+            "CaptureFinding",
+            "import_capture",
+            "measure_noise",
+            "SensorNoise",
+            "find_defects",
+            "fit_gamma",
+            "GammaFit",
+            "measure_linearity",
+            "Linearity",
+            "compare_exposures",
+        ),
+    },
     "data": {"scenetruth": ("make_recording", "make_estimate", "save_store", "load_store", "open_store")},
     "estimation": {
         "scenetruth": ("estimate",),
@@ -116,6 +137,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "SceneError",
             "RecipeError",
             "RecordingError",
+            "CaptureError",
             "EstimateError",
             "ScoreError",
             "MismatchError",
@@ -127,13 +149,14 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "ExportError",
             "SceneWarning",
             "EstimateWarning",
+            "CaptureWarning",
         )
     },
 }
 """Pages, each with modules and their public names."""
 
 
-_FILES = {"Scene": "scene_file/scene", "DesignSpec": "design_specification"}
+_FILES = {"Scene": "scene_file/scene", "DesignSpec": "design_specification", "Capture": "capture_file"}
 """Models of files, and the pages that describe their fields."""
 
 

@@ -1,4 +1,4 @@
-"""The three documented file types: scenes, recipes of data sets, design specifications."""
+"""The documented file types: scenes, recipes of data sets, design specifications, captures."""
 
 from __future__ import annotations
 
@@ -53,6 +53,12 @@ def _design() -> Schema:
     return DesignSpec.model_json_schema()
 
 
+def _capture() -> Schema:
+    from scenetruth.capture import Capture
+
+    return Capture.model_json_schema()
+
+
 DESCRIBED = {
     "scene": DescribedFile(
         _scene,
@@ -80,6 +86,8 @@ DESCRIBED = {
     ),
     "recipe": DescribedFile(_recipe, {"": "recipe"}, "scenes/datasets/*.yaml"),
     "design": DescribedFile(_design, {"": "design"}, "scenes/designs/*.yaml"),
+    # No capture is bundled: the examples are those of the reference.
+    "capture": DescribedFile(_capture, {"": "capture"}, "scenes/captures/*.yaml"),
 }
 """File types by name."""
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from scenetruth.cli import commands, data_sets, design_synthesis, scene_templates, studies
+from scenetruth.cli import captures, commands, data_sets, design_synthesis, scene_templates, studies
 
 __all__ = ["app", "run_app"]
 
@@ -61,6 +61,7 @@ for register in (
     commands.register_runs,
     commands.register_info,
     scene_templates.register,
+    captures.register,
     data_sets.register,
     commands.register_export,
     studies.register_compare,

@@ -420,14 +420,16 @@ def list_(kind: options.Listed, *, as_json: options.Json = False) -> None:
 
 
 def schema(kind: options.SchemaOf = options.SchemaKind.scene) -> None:
-    """Print the JSON Schema of scenes, recipes or design specifications."""
+    """Print the JSON Schema of scenes, recipes, design specifications or captures."""
     model: type[BaseModel]
     if kind is options.SchemaKind.scene:
         from scenetruth.scene import Scene as model
     elif kind is options.SchemaKind.recipe:
         from scenetruth.dataset.recipe_loader import Recipe as model
-    else:
+    elif kind is options.SchemaKind.design:
         from scenetruth.design.optimisation import DesignSpec as model
+    else:
+        from scenetruth.capture import Capture as model
     typer.echo(json.dumps(model.model_json_schema(), indent=2))
 
 

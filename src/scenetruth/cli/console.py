@@ -29,7 +29,7 @@ from rich.progress import (
 
 from scenetruth.cli.messages import Verbosity, verbosity
 from scenetruth.compilation import announced_compilation, check_environment
-from scenetruth.errors import EstimateWarning, ScenetruthError, SceneWarning, visible
+from scenetruth.errors import CaptureWarning, EstimateWarning, ScenetruthError, SceneWarning, visible
 from scenetruth.progress import LOGGER
 
 if TYPE_CHECKING:
@@ -307,7 +307,11 @@ def _show_warning(
     file: object = None,
     line: object = None,
 ) -> None:
-    text = str(message) if issubclass(category, SceneWarning | EstimateWarning) else f"{category.__name__}: {message}"
+    text = (
+        str(message)
+        if issubclass(category, SceneWarning | EstimateWarning | CaptureWarning)
+        else f"{category.__name__}: {message}"
+    )
     print_warning(text)
 
 

@@ -141,7 +141,7 @@ SobolPoints = Annotated[
 ]
 
 FocalLengthPx = Annotated[
-    float | None, option("--focal-length-px", metavar="PX", help="Focal length of a rig without a scene, in px.")
+    float | None, option("--focal-length-px", metavar="PX", help="Focal length where no scene defines it, in px.")
 ]
 
 SurfaceDistanceMm = Annotated[

@@ -115,6 +115,7 @@ class SchemaKind(StrEnum):
     scene = "scene"
     recipe = "recipe"
     design = "design"
+    capture = "capture"
 
 
 def _name_required(path: Path | None) -> Path | None:

@@ -104,7 +104,8 @@ def luminance_of(colours: Floats) -> Floats:
 def decode_picture(content: bytes, *, obey_metadata: bool = True, most_pixels: int = 170_000_000) -> DecodedPicture:
     """Decode a picture from the bytes of its file.
 
-    ``obey_metadata``: Whether orientation, profile and gamma count; glTF defines that they do not.
+    ``obey_metadata``: Whether orientation, profile and gamma count; glTF defines that they do not, and images of a
+      measuring camera are read as they were taken.
 
     Raises
     ------
@@ -117,7 +118,7 @@ def decode_picture(content: bytes, *, obey_metadata: bool = True, most_pixels: i
         warnings.simplefilter("ignore")
         try:
             if content[:4] in _TIFF:
-                return _decode_tiff(content, most_pixels)
+                return _decode_tiff(content, most_pixels, obey_metadata=obey_metadata)
             return _decode_other(content, most_pixels, obey_metadata=obey_metadata)
         except PictureFileError:
             raise
@@ -139,7 +140,7 @@ def _check_size(width: int, height: int, pages: int, most: int) -> None:
         raise PictureFileError(msg)
 
 
-def _decode_tiff(content: bytes, most: int) -> DecodedPicture:
+def _decode_tiff(content: bytes, most: int, *, obey_metadata: bool) -> DecodedPicture:
     """Decode a TIFF file."""
     import tifffile
 
@@ -148,7 +149,7 @@ def _decode_tiff(content: bytes, most: int) -> DecodedPicture:
         assert isinstance(page, tifffile.TiffPage)
         _check_size(int(page.imagewidth), int(page.imagelength), len(file.pages), most)
         photometric = int(page.photometric)
-        orientation = int(page.tags.valueof(274, 1))
+        orientation = int(page.tags.valueof(274, 1)) if obey_metadata else 1
         extra = tuple(int(each) for each in page.extrasamples)
         profile = page.tags.valueof(34675)
         bits = page.bitspersample
@@ -172,7 +173,7 @@ def _decode_tiff(content: bytes, most: int) -> DecodedPicture:
             msg = "has white as zero in numbers that are not unsigned integers"
             raise PictureFileError(msg)
         values = (2**bits - 1 - values.astype(np.int64)).astype(values.dtype)
-    encoding, says = _profile(profile)
+    encoding, says = _profile(profile) if obey_metadata else (None, "")
     premultiplied = bool(extra) and extra[0] == 1
     return _made(_upright(values, orientation), bits, encoding, says, premultiplied=premultiplied)
 

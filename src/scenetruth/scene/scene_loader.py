@@ -12,13 +12,13 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from scenetruth.errors import EstimateError, Problem, RecipeError, SceneError
+from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.input_files import bundled_file, validation_context
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.suggestions import collect_keys, list_kinds, suggest_key, suggest_setting, suggest_word
-from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, read_file, read_yaml
+from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, InputProblemError, read_file, read_yaml
 
 __all__ = ["Overrides", "SceneLike", "apply_overrides", "load_scene", "read_input"]
 
@@ -27,8 +27,6 @@ SceneLike = Scene | Mapping[str, Any] | str | PathLike[str]
 """A scene, its values as in a file, the path of its file, or the name of a bundled scene."""
 Overrides = Mapping[str, Any] | Sequence[str]
 """Overrides of fields: values by path, or assignments ``path=value`` with the value in YAML."""
-
-InputProblemError = type[SceneError] | type[RecipeError]
 
 
 def load_scene(scene: SceneLike, *, overrides: Overrides = ()) -> Scene:

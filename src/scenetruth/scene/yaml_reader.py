@@ -9,11 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenetruth.errors import Problem, RecipeError, SceneError
+from scenetruth.errors import CaptureError, Problem, RecipeError, SceneError
 from scenetruth.input_files import regular_file_size
 from scenetruth.plain_data import MAX_DEPTH, MAX_VALUES, scalar_problem
 
-__all__ = ["MAX_YAML_BYTES", "read_file", "read_yaml"]
+__all__ = ["MAX_YAML_BYTES", "InputProblemError", "read_file", "read_yaml"]
+
+InputProblemError = type[SceneError] | type[RecipeError] | type[CaptureError]
+"""Errors of input files."""
 
 MAX_YAML_BYTES = 4_000_000
 """Maximum size of a scene or recipe file; bundled files have some thousand bytes."""
@@ -26,7 +29,7 @@ _PREFIX = "tag:yaml.org,2002:"
 _READ_AS = {"null": "null", "bool": "a boolean", "int": "an integer", "float": "a number"}
 
 
-def read_file(file: str | Path, what: str, refused: type[SceneError] | type[RecipeError]) -> tuple[Any, Path]:
+def read_file(file: str | Path, what: str, refused: InputProblemError) -> tuple[Any, Path]:
     """Return the values of a YAML file, and the base directory of its relative paths."""
     try:
         path = Path(file)

@@ -1,7 +1,14 @@
 """Sensor model: a chain of effects from radiance to digital numbers, each with its own random stream."""
 
 from scenetruth.camera.sensor.chain import AnyEffect, OpenSensor, SensorChain
-from scenetruth.camera.sensor.characterisation import PhotonTransfer, photon_transfer, two_point_correction
+from scenetruth.camera.sensor.characterisation import (
+    QUANTISATION_VARIANCE,
+    PhotonTransfer,
+    fit_response_line,
+    photon_transfer,
+    spatial_variance,
+    two_point_correction,
+)
 from scenetruth.camera.sensor.effects import (
     BayerFilter,
     BayerOrder,
@@ -36,9 +43,10 @@ from scenetruth.camera.sensor.sensor_types import (
 )
 
 __all__ = [
-    "PRESETS", "AnyEffect", "AnySensor", "BayerFilter", "BayerOrder", "DarkCurrent", "DarkSignalNonuniformity",
-    "Effect", "EmvaSensor", "Exposure", "FullScaleGain", "FullWell", "Gain", "Gamma", "GaussianNoise", "GaussianSensor",
-    "ImageLag", "LinearImage", "OpenSensor", "PhotoResponseNonuniformity", "PhotonConversion", "PhotonTransfer",
-    "PresetName", "Quantisation", "QuantumEfficiency", "RadiometricScale", "ReadoutNoise", "SensorChain", "ShotNoise",
-    "build_sensor_chain", "photon_transfer", "two_point_correction",
+    "PRESETS", "QUANTISATION_VARIANCE", "AnyEffect", "AnySensor", "BayerFilter", "BayerOrder", "DarkCurrent",
+    "DarkSignalNonuniformity", "Effect", "EmvaSensor", "Exposure", "FullScaleGain", "FullWell", "Gain", "Gamma",
+    "GaussianNoise", "GaussianSensor", "ImageLag", "LinearImage", "OpenSensor", "PhotoResponseNonuniformity",
+    "PhotonConversion", "PhotonTransfer", "PresetName", "Quantisation", "QuantumEfficiency", "RadiometricScale",
+    "ReadoutNoise", "SensorChain", "ShotNoise", "build_sensor_chain", "fit_response_line", "photon_transfer",
+    "spatial_variance", "two_point_correction",
 ]  # fmt: skip

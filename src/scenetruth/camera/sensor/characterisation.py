@@ -7,12 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["PhotonTransfer", "photon_transfer", "two_point_correction"]
+__all__ = [
+    "QUANTISATION_VARIANCE",
+    "PhotonTransfer",
+    "fit_response_line",
+    "photon_transfer",
+    "spatial_variance",
+    "two_point_correction",
+]
 
 
 Array = NDArray[np.float64]
 
-_QUANTISATION_VARIANCE = 1 / 12
+QUANTISATION_VARIANCE = 1 / 12
+"""Variance in DN² that rounding adds to a digital number."""
+
 # The standard fits the gain up to 70 % of saturation and evaluates linearity from 5 % to 95 %.
 _GAIN_RANGE = 0.7
 _LINEAR_RANGE = (0.05, 0.95)
@@ -88,10 +97,10 @@ def photon_transfer(
     # The ratio of sums weights levels by 1 / mean, a compromise between the scatter of bright variances and the readout
     # noise of dark levels.
     gain = float(np.sum(variances[steep]) / np.sum(means[steep]))
-    slope, deviation = _line(light[straight], means[straight])
+    slope, deviation = fit_response_line(light[straight], means[straight])
     return PhotonTransfer(
         gain_dn_per_e=gain,
-        temporal_dark_noise_e=float(np.sqrt(max(bias_variance - _QUANTISATION_VARIANCE, 0.0))) / gain,
+        temporal_dark_noise_e=float(np.sqrt(max(bias_variance - QUANTISATION_VARIANCE, 0.0))) / gain,
         dsnu_e=float(np.sqrt(max(bias_spatial, 0.0))) / gain,
         prnu=float(np.sqrt(max(flat_spatial - dark_spatial, 0.0))) / (flat_mean - dark_mean),
         quantum_efficiency=slope / gain,
@@ -125,10 +134,15 @@ def _moments(stack: NDArray[np.generic]) -> tuple[float, float, float]:
     values = stack.astype(np.float64)
     mean_image = values.mean(axis=0)
     temporal = float(values.var(axis=0, ddof=1).mean())
-    return float(mean_image.mean()), temporal, float(mean_image.var()) - temporal / len(values)
+    return float(mean_image.mean()), temporal, spatial_variance(mean_image, temporal, len(values))
 
 
-def _line(light: Array, means: Array) -> tuple[float, float]:
+def spatial_variance(mean_image: Array, temporal: float, count: int) -> float:
+    """Return the variance between pixels of a mean of ``count`` images, less the temporal noise that remains in it."""
+    return float(mean_image.var()) - temporal / count
+
+
+def fit_response_line(light: Array, means: Array) -> tuple[float, float]:
     """Fit a line by minimising relative deviations; return its slope and the largest deviation."""
     columns = np.stack([light, np.ones_like(light)], axis=1) / means[:, None]
     (slope, offset), *_ = np.linalg.lstsq(columns, np.ones_like(means), rcond=None)

@@ -1,0 +1,71 @@
+"""Real images: capture files, reading of image files, radiometry and corrections, import as recordings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from scenetruth.lazy_exports import export_lazily
+
+if TYPE_CHECKING:
+    from scenetruth.capture.capture_check import CaptureFinding, CaptureReport, check_capture
+    from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
+    from scenetruth.capture.capture_template import capture_text, write_capture_file
+    from scenetruth.capture.corrections import FixedPatternCorrection, correct_images, undistort_images
+    from scenetruth.capture.file_patterns import (
+        FilePattern,
+        GuessedPattern,
+        expected_indices,
+        guess_patterns,
+        list_names,
+        nearest_patterns,
+        read_pattern,
+    )
+    from scenetruth.capture.folder_reading import CaptureFolder, import_capture, open_capture
+    from scenetruth.capture.image_reading import (
+        FrameMoments,
+        ImageHeader,
+        PixelFormat,
+        average_frames,
+        frame_moments,
+        read_header,
+        read_pixels,
+    )
+    from scenetruth.capture.ingest import read_images
+    from scenetruth.capture.radiometry import (
+        GammaFit,
+        Linearity,
+        SensorNoise,
+        compare_exposures,
+        find_defects,
+        fit_gamma,
+        measure_linearity,
+        measure_noise,
+    )
+
+__all__ = [
+    "CAPTURE_FILE", "Capture", "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "FilePattern",
+    "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "Linearity", "PixelFormat",
+    "SensorNoise", "average_frames", "capture_text", "check_capture", "compare_exposures", "correct_images",
+    "expected_indices", "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names",
+    "load_capture", "measure_linearity", "measure_noise", "nearest_patterns", "open_capture", "read_header",
+    "read_images", "read_pattern", "read_pixels", "undistort_images", "write_capture_file",
+]  # fmt: skip
+
+__getattr__, __dir__ = export_lazily(
+    __name__,
+    {
+        "capture_check": "CaptureFinding CaptureReport check_capture",
+        "capture_file": "CAPTURE_FILE Capture CaptureLike load_capture",
+        "capture_template": "capture_text write_capture_file",
+        "corrections": "FixedPatternCorrection correct_images undistort_images",
+        "file_patterns": (
+            "FilePattern GuessedPattern expected_indices guess_patterns list_names nearest_patterns read_pattern"
+        ),
+        "folder_reading": "CaptureFolder import_capture open_capture",
+        "image_reading": ("FrameMoments ImageHeader PixelFormat average_frames frame_moments read_header read_pixels"),
+        "ingest": "read_images",
+        "radiometry": (
+            "GammaFit Linearity SensorNoise compare_exposures find_defects fit_gamma measure_linearity measure_noise"
+        ),
+    },
+)

@@ -1,0 +1,470 @@
+"""The model of a capture file: a folder of real images, with camera, stage, frames and file names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from scenetruth.camera import Camera, Distortion, Frames, Stage
+from scenetruth.capture.file_patterns import TIME_FIELD, read_pattern
+from scenetruth.capture.image_reading import PixelFormat
+from scenetruth.errors import CaptureError, Problem
+from scenetruth.input_files import InputFile, validation_context
+from scenetruth.plain_data import plain_problems
+from scenetruth.scene import Overrides, read_input
+from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
+
+__all__ = [
+    "CAPTURE_FILE",
+    "BoardSection",
+    "Capture",
+    "CaptureCamera",
+    "CaptureFiles",
+    "CaptureFrames",
+    "CaptureLike",
+    "CaptureStage",
+    "StripSection",
+    "load_capture",
+]
+
+CAPTURE_FILE = "capture.yaml"
+"""Name of the capture file in the folder of a capture."""
+
+
+def _pattern_type(*allowed: str, required: tuple[str, ...] = ()) -> Any:
+    """Return the type of a file pattern with certain fields."""
+
+    def check(value: str) -> str:
+        read_pattern(value, allowed, required)
+        return value
+
+    return Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(check)]
+
+
+class CaptureCamera(FrozenModel):
+    """Camera: size and format of the images, and intrinsics as far as they are given in advance."""
+
+    width: Annotated[int, Field(ge=1, le=32768)]
+    """Image width W in px."""
+    height: Annotated[int, Field(ge=1, le=32768)]
+    """Image height H in px."""
+    bit_depth: Annotated[int, Field(ge=8, le=16)] = 8
+    """Bits per digital number of the camera, which may be fewer than those of the files."""
+    encoding: Literal["linear", "srgb", "gamma"] = "linear"
+    """Relation of digital numbers to radiance: proportional, sRGB, or full scale (x / full scale)^(1 / gamma)."""
+    gamma: Annotated[float, Field(ge=0.2, le=5)] = 2.2
+    """Exponent of the encoding ``gamma``."""
+    black_level_dn: NonNegative = 0.0
+    """Digital number without light; dark frames replace it where they exist."""
+    bayer: Literal["rggb", "grbg", "gbrg", "bggr"] | None = None
+    """Colours of a Bayer mosaic in row-major order from the upper left; null for grey or RGB images."""
+    plane: Literal["mosaic", "red", "green", "blue"] = "mosaic"
+    """Pixels of a mosaic that are used: all, or those of one colour at half the resolution."""
+    exposure_time_s: Positive | None = None
+    """Exposure time of the images in s; null if it is not stated."""
+    line_time_s: NonNegative = 0.0
+    """Time in s between the exposures of consecutive rows (rolling shutter); 0 for a global shutter."""
+    focal_length_px: Positive | None = None
+    """Focal length f in px; from a data sheet it is the start of a calibration."""
+    focal_length_mm: Positive | None = None
+    """Focal length in mm; requires ``pixel_pitch_um``."""
+    pixel_pitch_um: Positive | None = None
+    """Pixel pitch of the sensor in µm."""
+    principal_point_px: tuple[Finite, Finite] | None = None
+    """(c_x, c_y) in pixel indices; default: the image centre ((W-1)/2, (H-1)/2)."""
+    distortion: Distortion | None = None
+    """Lens distortion; null for an ideal pinhole."""
+    focal_length_std_px: NonNegative | None = None
+    """Standard deviation of the focal length in px; null if it is not stated."""
+    principal_point_std_px: NonNegative | None = None
+    """Standard deviation of both coordinates of the principal point in px; null if it is not stated."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.plane != "mosaic" and self.bayer is None:
+            msg = "`plane` needs the order of the mosaic: set `bayer`"
+            raise ValueError(msg)
+        if self.black_level_dn >= 2**self.bit_depth - 1:
+            msg = f"`black_level_dn` must be below full scale, {2**self.bit_depth - 1} at {self.bit_depth} bits"
+            raise ValueError(msg)
+        if self.focal_length_px is None and self.focal_length_mm is None and self.pixel_pitch_um is None:
+            return self
+        self.to_camera()
+        return self
+
+    @property
+    def pixels(self) -> PixelFormat:
+        """Format of the pixels."""
+        return PixelFormat(self.bit_depth, self.encoding, self.gamma, self.bayer, self.plane)
+
+    def to_camera(self) -> Camera:
+        """Return the camera model; raises ValueError without a focal length."""
+        names = ("width", "height", "focal_length_px", "focal_length_mm", "pixel_pitch_um", "principal_point_px")
+        try:
+            return Camera(**{name: getattr(self, name) for name in names}, distortion=self.distortion)
+        except ValidationError as error:
+            raise ValueError(error.errors()[0]["msg"].removeprefix("Value error, ")) from error
+
+
+class CaptureStage(Stage):
+    """Linear stage: positions, order of the scan, and tolerances."""
+
+    step_std: NonNegative = 1e-4
+    """Relative standard deviation of the step length (scale of the stage)."""
+    positions_file: InputFile | None = None
+    """CSV file with measured positions, columns ``s`` (as in the file names) and ``x_mm``; null for the planned
+    positions."""
+
+
+class CaptureFrames(Frames):
+    """Frame times."""
+
+    times: Literal["planned", "name", "exif", "file"] = "planned"
+    """Source of the time of every image: plan of the stage, field ``{time:FORMAT}`` of the names, Exif, or
+    ``times_file``."""
+    times_file: InputFile | None = None
+    """CSV file with times, columns ``s``, ``t`` (as in the file names), ``time_s``, and ``row`` for a grid."""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.times == "file") != (self.times_file is not None):
+            msg = "`times_file` belongs to `times: file`: give both or neither"
+            raise ValueError(msg)
+        return self
+
+
+class BoardSection(FrozenModel):
+    """Calibration board: grid of squares or dots, and tolerances of its print."""
+
+    kind: Literal["charuco", "checkerboard", "dots", "asymmetric_dots"]
+    """Type of the board."""
+    squares: tuple[Annotated[int, Field(ge=2, le=500)], Annotated[int, Field(ge=2, le=500)]] | None = None
+    """Columns and rows of squares of a ``charuco`` or ``checkerboard``."""
+    square_mm: Positive | None = None
+    """Side of a square in mm."""
+    marker_mm: Positive | None = None
+    """Side of a marker of a ``charuco`` board in mm."""
+    dictionary: Annotated[str, Field(pattern=r"^[A-Z0-9]+(_[A-Z0-9a-z]+)*$", max_length=40)] | None = None
+    """ArUco dictionary of a ``charuco`` board, such as ``4X4_250``."""
+    legacy: bool = False
+    """Pattern of ``charuco`` boards with an even number of rows as before OpenCV 4.6."""
+    dots: tuple[Annotated[int, Field(ge=2, le=500)], Annotated[int, Field(ge=2, le=500)]] | None = None
+    """Columns and rows of dots of a ``dots`` or ``asymmetric_dots`` board."""
+    spacing_mm: Positive | None = None
+    """Distance of neighbouring dots in mm."""
+    scale_std: Positive = 1e-3
+    """Relative standard deviation of the size of the board: 1e-3 printed, 1e-4 measured."""
+    warp_mm: NonNegative = 0.2
+    """Standard deviation of the deviation from a plane in mm: 0.02 glass, 0.2 paper on a plate."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        squared, dotted = ("squares", "square_mm"), ("dots", "spacing_mm")
+        charuco = ("marker_mm", "dictionary")
+        required = {"charuco": squared + charuco, "checkerboard": squared}.get(self.kind, dotted)
+        lacking = [name for name in required if getattr(self, name) is None]
+        extra = [
+            name for name in (*squared, *charuco, *dotted) if name not in required and getattr(self, name) is not None
+        ]
+        problems = [f"lacks {', '.join(lacking)}"] if lacking else []
+        problems += [f"must not have {', '.join(extra)}"] if extra else []
+        if self.marker_mm is not None and self.square_mm is not None and self.marker_mm >= self.square_mm:
+            problems.append(f"has markers of {self.marker_mm:g} mm, which do not fit into squares")
+        if problems:
+            msg = f"a board of this type ({self.kind}) {' and '.join(problems)}"
+            raise ValueError(msg)
+        return self
+
+
+class StripSection(FrozenModel):
+    """Fiducial strip: points in the image at every visit of the stage."""
+
+    file: InputFile
+    """CSV file of its points, columns ``x_mm``, ``y_mm``, ``z_mm``."""
+    scale_std: Positive = 1e-4
+    """Relative standard deviation of its size."""
+
+
+class CaptureFiles(FrozenModel):
+    """Patterns of the image files, relative to the folder of the capture file.
+
+    Fields in braces are integers: ``{s}`` camera position, ``{t}`` frame, ``{row}`` row of a grid, ``{pose}`` pose of a
+    board, ``{level}`` exposure level. ``{s:+d}`` or ``{t:03d}`` match numbers of this form only; ``*`` and ``?`` match
+    any text.
+    """
+
+    images: _pattern_type("s", "t", "row", TIME_FIELD)  # type: ignore[valid-type]
+    """Images of the measurement: ``images/s{s:+d}_t{t:+d}.tif``. Positions s increase along the stage."""
+    first_position: int | None = None
+    """Index of the first position in the names, where its images may be missing; null for 0, 1, or symmetric
+    around 0."""
+    first_frame: int | None = None
+    """Index of the first frame in the names, likewise."""
+    board: _pattern_type("pose", "s", "row", required=("pose",)) | None = None  # type: ignore[valid-type]
+    """Images of the calibration board: ``board/p{pose:02d}_s{s:+d}.tif``."""
+    dark: _pattern_type("level") | None = None  # type: ignore[valid-type]
+    """Images without light: ``dark/*.tif``."""
+    flat: _pattern_type("level") | None = None  # type: ignore[valid-type]
+    """Images of a uniformly bright surface: ``flat/*.tif``, or ``flat/e{level}_*.tif`` at several exposures."""
+    static: _pattern_type("level") | None = None  # type: ignore[valid-type]
+    """Images of a scene at rest, with the stage at rest, for the noise: ``static/*.tif``."""
+    mask: InputFile | None = None
+    """Image of the pixels that must not be used: not 0 where a pixel is excluded."""
+    exposure_times_s: tuple[Positive, ...] = ()
+    """Exposure times in s of the levels of flats and darks, in increasing order of ``{level}``."""
+
+
+class Capture(FrozenModel):
+    """Capture: a folder of real images, with its camera and stage.
+
+    See Also
+    --------
+    load_capture : Load a capture from its folder.
+    scenetruth.read_images : Read images without a capture file.
+
+    Examples
+    --------
+    >>> plain = {"camera": {"width": 640, "height": 480, "bit_depth": 12, "focal_length_px": 5000}}
+    >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "frames": {"count": 9, "frame_interval_s": 60}}
+    >>> capture = Capture.from_dict({**plain, "files": {"images": "images/s{s:+d}_t{t:+d}.tif"}})
+    >>> capture.camera.bit_depth, capture.stage.x_mm.tolist()
+    (12, [-10.0, -5.0, 0.0, 5.0, 10.0])
+    """
+
+    # Replaces the docstring in the JSON schema.
+    model_config = ConfigDict(json_schema_extra={"description": "A folder of real images, with its camera and stage."})
+
+    format: Literal[1] = 1
+    """Version of the capture format."""
+    description: Annotated[str, Field(max_length=10_000)] = ""
+    """Description of the measurement."""
+    camera: CaptureCamera
+    """Camera."""
+    stage: CaptureStage
+    """Linear stage."""
+    frames: CaptureFrames
+    """Frames and their times."""
+    files: CaptureFiles
+    """Patterns of the image files."""
+    board: BoardSection | None = None
+    """Calibration board; null for none."""
+    strip: StripSection | None = None
+    """Fiducial strip; null for none."""
+    distance_mm: Positive | None = None
+    """Distance of the surface in mm, as measured with a ruler; null if it is not measured."""
+
+    _folder: Path | None = PrivateAttr(default=None)
+
+    @field_validator("files")
+    @classmethod
+    def _fields_of_images(cls, value: CaptureFiles, info: ValidationInfo) -> CaptureFiles:
+        fields = read_pattern(value.images, ("s", "t", "row", TIME_FIELD)).fields
+        given = info.data
+        counts = {
+            "s": given["stage"].positions if "stage" in given else 1,
+            "row": given["stage"].rows if "stage" in given else 1,
+            "t": given["frames"].count if "frames" in given else 1,
+        }
+        lacking = [f"{{{name}}} for {count}" for name, count in counts.items() if count > 1 and name not in fields]
+        if lacking:
+            msg = f"`images` lacks {', '.join(lacking)}"
+            raise ValueError(msg)
+        if "frames" in given and given["frames"].times == "name" and TIME_FIELD not in fields:
+            msg = "`images` lacks {time:FORMAT}, from which `frames.times: name` takes the times"
+            raise ValueError(msg)
+        return value
+
+    @model_validator(mode="after")
+    def _board_and_files(self) -> Self:
+        if (self.board is None) != (self.files.board is None):
+            msg = "`board` describes the images of `files.board`: give both or neither"
+            raise ValueError(msg)
+        return self
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the files."""
+        return Path() if self._folder is None else self._folder
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the capture as plain values, without default values."""
+        return self.model_dump(mode="json", exclude_defaults=True)
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], *, source: str | Path | None = None, folder: Path | None = None
+    ) -> Capture:
+        """Validate a capture given as plain values.
+
+        Parameters
+        ----------
+        values
+            The values, as in a file.
+        source
+            Origin of the values, for messages.
+        folder
+            Directory of the image files; default: the current directory.
+
+        Returns
+        -------
+        Capture
+            The capture; image files are not read.
+
+        Raises
+        ------
+        CaptureError
+            If the values are invalid; lists every problem with its path.
+
+        See Also
+        --------
+        load_capture : Load a capture from its folder.
+
+        Examples
+        --------
+        >>> import scenetruth as st
+        >>> try:
+        ...     Capture.from_dict({"camera": {"width": 640, "hight": 480}})
+        ... except st.CaptureError as error:
+        ...     print(error.problems[0])
+        camera.hight: unknown key; did you mean 'height'? (got 480)
+        """
+        if not isinstance(values, Mapping):
+            raise CaptureError([Problem("", "must be a mapping of camera, stage, frames, files", values)], source)
+        problems = plain_problems(values)
+        if problems:
+            raise CaptureError(problems, source)
+        try:
+            capture = cls.model_validate(dict(values), context=validation_context(folder))
+        except ValidationError as error:
+            raise CaptureError(_build_problems(error, values), source) from error
+        capture._folder = folder
+        return capture
+
+
+CaptureLike = Capture | Mapping[str, Any] | str | PathLike[str]
+"""A capture, its values, its folder, or the path of its file."""
+
+
+def load_capture(capture: CaptureLike, *, overrides: Overrides = ()) -> Capture:
+    """Load a capture: the file ``capture.yaml`` of a folder of real images.
+
+    Parameters
+    ----------
+    capture
+        Folder that contains ``capture.yaml``, or the path of such a file. File patterns refer to its folder. Also a
+        mapping of values, or a capture.
+    overrides
+        Overrides of fields, as for `scenetruth.load_scene`.
+
+    Returns
+    -------
+    Capture
+        The capture; image files are not read.
+
+    Raises
+    ------
+    CaptureError
+        If the file cannot be read or is invalid; lists every problem with its path.
+
+    See Also
+    --------
+    scenetruth.capture.check_capture : Checks the image files of a capture.
+    scenetruth.capture.import_capture : Reads them as a recording.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> text = '''
+    ... camera: {width: 640, height: 480, bit_depth: 12, focal_length_px: 5000}
+    ... stage: {positions_mm: [-10, -5, 0, 5, 10]}
+    ... frames: {count: 9, frame_interval_s: 60}
+    ... files: {images: "images/s{s:+d}_t{t:+d}.tif"}
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "capture.yaml").write_text(text)
+    ...     load_capture(folder).stage.positions
+    5
+    """
+    if isinstance(capture, Capture) and not overrides:
+        return capture
+    if isinstance(capture, Capture):
+        folder, given = capture._folder, capture.to_dict()
+        plain, source, _ = read_input(given, "a capture file", CaptureError, overrides=overrides)
+        return Capture.from_dict(plain, source=source, folder=folder)
+    if isinstance(capture, str | PathLike) and Path(capture).is_dir():
+        file = Path(capture) / CAPTURE_FILE
+        if not file.exists():
+            message = f"has no {CAPTURE_FILE}; write one: scenetruth capture init {capture}"
+            raise CaptureError([Problem("FOLDER", message, str(capture))])
+        capture = file
+    plain, source, folder = read_input(capture, "a capture file", CaptureError, overrides=overrides)
+    return Capture.from_dict(plain, source=source, folder=folder)
+
+
+_MOST_PROBLEMS = 100
+
+
+def _build_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
+    """Return the problems of a validation, unknown keys first, because other keys are missing for their sake."""
+    found: dict[tuple[str, str], Problem] = {}
+    for entry in error.errors(include_url=False)[:_MOST_PROBLEMS]:
+        path = _path_in(plain, entry["loc"])
+        message = entry["msg"].removeprefix("Value error, ")
+        if entry["type"] == "extra_forbidden":
+            message = "unknown key" + _suggest(entry["loc"])
+        elif entry["type"] == "missing":
+            message = "is missing"
+        value = entry.get("input")
+        if value is None and entry["type"] != "missing" and path:
+            message = "is empty; fill it in"
+        shown = None if entry["type"] == "missing" or isinstance(value, Mapping | BaseModel) else value
+        found.setdefault((path, message), Problem(path, message[:1].lower() + message[1:], shown))
+    return sorted(found.values(), key=lambda problem: not problem.message.startswith("unknown key"))
+
+
+def _path_in(plain: Any, loc: Sequence[Any]) -> str:
+    """Return a location as a path in the file, without the parts that name alternatives of a type."""
+    keys, here = list[str](), plain
+    for place, key in enumerate(loc):
+        inside = isinstance(here, Mapping) and key in here
+        listed = isinstance(here, list | tuple) and isinstance(key, int) and key < len(here)
+        if inside or listed:
+            here = here[key]
+        elif not (isinstance(here, Mapping) and place == len(loc) - 1):
+            continue
+        keys.append(str(key))
+    return ".".join(keys)
+
+
+def _suggest(loc: Sequence[Any]) -> str:
+    """Return the nearest valid key at a location."""
+    models: list[type[BaseModel]] = [Capture]
+    for key in loc[:-1]:
+        fields = [model.model_fields[key].annotation for model in models if key in model.model_fields]
+        models = [inner for annotation in fields for inner in _models_in(annotation)] or models
+    names = sorted({name for model in models for name in model.model_fields})
+    near = difflib.get_close_matches(str(loc[-1]), names, n=1, cutoff=0.5)
+    return f"; did you mean '{near[0]}'?" if near else f"; valid keys: {', '.join(names)}"
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif get_origin(annotation) is not None or isinstance(annotation, type(Union[int, str])):  # noqa: UP007
+        for part in get_args(annotation):
+            yield from _models_in(part)

@@ -1,0 +1,537 @@
+"""The folder of a capture: all its image files, their correction and geometry, and its import as a recording."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.camera import StageErrors
+from scenetruth.capture.capture_file import Capture, CaptureLike, load_capture
+from scenetruth.capture.corrections import FixedPatternCorrection, correction_problems, undistort_images
+from scenetruth.capture.file_patterns import IMAGE_SUFFIXES, TIME_FIELD, FilePattern, list_names, read_pattern
+from scenetruth.capture.image_reading import (
+    FrameMoments,
+    ImageHeader,
+    PixelFormat,
+    frame_moments,
+    header_problems,
+    read_header,
+    read_pixels,
+)
+from scenetruth.capture.ingest import ImageSeries, RecordingPlan, collect_images, no_match_message, times_of
+from scenetruth.capture.radiometry import find_defects
+from scenetruth.errors import CaptureError, Problem
+from scenetruth.output import check_output, write_atomically
+from scenetruth.progress import Progress
+from scenetruth.scene.picture_file import PictureFileError
+from scenetruth.schema import tolerance_attributes
+from scenetruth.storage import RECORDING, StoreWriter, claim_store, open_store, save_store, store_name
+
+__all__ = ["CaptureFolder", "FrameSet", "import_capture", "open_capture"]
+
+Floats = NDArray[np.float64]
+
+_SETS = ("dark", "flat", "static")
+_DEFECT_FRAMES = 4
+_HALF = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSet:
+    """Repeated frames without light, of a flat field or of a static scene, by exposure level.
+
+    ``levels``: Names of the files of each level; level 0 if the pattern has none.
+    ``headers``: Headers by the name of the file.
+    ``exposure_times_s``: Exposure time of each level, if it is stated.
+    """
+
+    folder: Path
+    levels: Mapping[int, tuple[str, ...]]
+    headers: Mapping[str, ImageHeader]
+    pixels: PixelFormat
+    exposure_times_s: Mapping[int, float] = field(default_factory=dict)
+    _moments: dict[int, FrameMoments] = field(default_factory=dict, repr=False)
+
+    def frames(self, level: int) -> Iterator[NDArray[Any]]:
+        """Yield the frames of a level."""
+        for name in self.levels[level]:
+            try:
+                yield self.pixels.convert(read_pixels(self.folder / name))
+            except PictureFileError as error:
+                raise CaptureError([Problem(name, str(error))], source=self.folder) from error
+
+    def moments(self, level: int) -> FrameMoments:
+        """Return the moments of the frames of a level, which are read once."""
+        if level not in self._moments:
+            self._moments[level] = frame_moments(self.frames(level))
+        return self._moments[level]
+
+    def exposure_time_s(self, level: int) -> float | None:
+        """Return the exposure time of a level: stated, or that of its files."""
+        if level in self.exposure_times_s:
+            return self.exposure_times_s[level]
+        times = {self.headers[name].exposure_time_s for name in self.levels[level]}
+        return times.pop() if len(times) == 1 else None
+
+    def level_at(self, time_s: float | None) -> int:
+        """Return the level of an exposure time; the only one, or the nearest in the logarithm of the time."""
+        times = {level: self.exposure_time_s(level) for level in self.levels}
+        if len(times) == 1 or time_s is None:
+            return next(iter(times))
+        return min(times, key=lambda level: abs(math.log((times[level] or 1e9) / time_s)))
+
+
+@dataclass(frozen=True, eq=False)
+class CaptureFolder:
+    """All image files of a capture, with headers that were checked.
+
+    ``board``: Files of the calibration board by (pose, row, s).
+    """
+
+    capture: Capture
+    images: ImageSeries
+    sets: Mapping[str, FrameSet]
+    board: Mapping[tuple[int, int, int], str]
+
+    @cached_property
+    def exposure_time_s(self) -> float | None:
+        """Exposure time of the images: that of the capture file, or of all their headers."""
+        if self.capture.camera.exposure_time_s is not None:
+            return self.capture.camera.exposure_time_s
+        times = {header.exposure_time_s for header in self.images.headers.values()}
+        return times.pop() if len(times) == 1 else None
+
+    @cached_property
+    def dark(self) -> FrameMoments | None:
+        """Moments of the dark frames of the exposure of the images."""
+        dark = self.sets.get("dark")
+        return None if dark is None else dark.moments(dark.level_at(self.exposure_time_s))
+
+    def black(self) -> Floats:
+        """Return the mean dark frame, or the black level everywhere."""
+        if self.dark is not None:
+            return self.dark.mean
+        level = self.capture.camera.black_level_dn
+        return np.full(self.images.shape, level * self.images.pixels.full_scale / (2**self.images.pixels.bit_depth - 1))
+
+    def light_of_flat(self, level: int) -> Floats:
+        """Return the mean flat field of a level less the dark frame of its exposure."""
+        flat, dark = self.sets["flat"], self.sets.get("dark")
+        black = (
+            self.black() if dark is None else dark.moments(dark.level_at(flat.exposure_time_s(level))).mean
+        )  # fmt: skip
+        return np.asarray(flat.moments(level).mean - black)
+
+    def flat_level(self) -> int | None:
+        """Return the level of the brightest flat field that is not saturated, None if there is none."""
+        flat = self.sets.get("flat")
+        if flat is None:
+            return None
+        full = self.images.pixels.full_scale
+        usable = [level for level in flat.levels if float(np.mean(flat.moments(level).highest >= full)) == 0.0]
+        return max(usable, key=lambda level: float(flat.moments(level).mean.mean()), default=None)
+
+    def correction(self) -> FixedPatternCorrection | None:
+        """Return the correction by dark frames and flat fields; None without both.
+
+        Raises
+        ------
+        CaptureError
+            If they do not serve for a correction.
+        """
+        flat_level = self.flat_level()
+        if self.dark is None and "flat" not in self.sets:
+            return None
+        full, dark = self.images.pixels.full_scale, self.black()
+        flat = None if flat_level is None else self.light_of_flat(flat_level) + dark
+        problems = correction_problems(dark, flat, full)
+        if "flat" in self.sets and flat_level is None:
+            problems.append(Problem("files.flat", "every flat field is saturated; take them with a shorter exposure"))
+        if problems:
+            raise CaptureError(problems, source=self.capture.folder)
+        return FixedPatternCorrection(dark, flat, full, self._defects(flat_level))
+
+    def _defects(self, flat_level: int | None) -> NDArray[np.bool_] | None:
+        """Return the defective pixels; None without enough dark frames."""
+        if self.dark is None or self.dark.count < _DEFECT_FRAMES or self.dark.mean.ndim != 2:
+            return None
+        moments = None if flat_level is None else self.sets["flat"].moments(flat_level)
+        mosaic = self.images.pixels.bayer is not None and self.images.pixels.plane == "mosaic"
+        # The colours of a mosaic differ in sensitivity.
+        usable = moments is not None and moments.count >= _DEFECT_FRAMES and not mosaic
+        return find_defects(self.dark, moments if usable else None)
+
+    def plan(self, *, correct: bool = True) -> RecordingPlan:
+        """Return the recording that the folder makes.
+
+        Raises
+        ------
+        CaptureError
+            If the focal length is missing, or a table of positions or times does not fit; lists every problem.
+        """
+        problems: list[Problem] = []
+        geometry = _geometry(self, problems)
+        if problems:
+            raise CaptureError(problems, source=self.capture.folder)
+        return RecordingPlan(self.images, geometry, self.correction() if correct else None)
+
+
+def open_capture(capture: CaptureLike) -> CaptureFolder:
+    """Return the files of a capture after a check of their names and headers.
+
+    Raises
+    ------
+    CaptureError
+        If files are missing as a whole, or any of them cannot be used; lists every problem.
+    """
+    capture = load_capture(capture)
+    folder, files = capture.folder, capture.files
+    try:
+        names = list_names(folder, suffixes=IMAGE_SUFFIXES) if folder.is_dir() else []
+    except (OSError, ValueError) as error:
+        raise CaptureError([Problem("", f"the folder cannot be used: {error}")], source=folder) from error
+    size, pixels = (capture.camera.width, capture.camera.height), capture.camera.pixels
+    problems: list[Problem] = []
+    images = None
+    try:
+        images = collect_images(
+            folder,
+            read_pattern(files.images, ("s", "t", "row", TIME_FIELD)),
+            pixels,
+            rows=capture.stage.rows,
+            positions=capture.stage.positions,
+            frames=capture.frames.count,
+            first_position=files.first_position,
+            first_frame=files.first_frame,
+            size=size,
+            path="files.images",
+            names=names,
+        )
+    except CaptureError as error:
+        problems += error.problems
+    sets = {}
+    for name in _SETS:
+        text = getattr(files, name)
+        if text is not None:
+            found = _frame_set(name, folder, read_pattern(text, ("level",)), names, capture, problems)
+            if found is not None:
+                sets[name] = found
+    board: dict[tuple[int, int, int], str] = {}
+    if files.board is not None:
+        pattern = read_pattern(files.board, ("pose", "s", "row"))
+        matched = pattern.matches(names)
+        if not matched:
+            problems.append(Problem("files.board", no_match_message(pattern, names), files.board))
+        _, found_problems = _checked_headers(folder, [one.name for one in matched], pixels, size)
+        problems += found_problems
+        for one in matched:
+            pose, row, s = one.index("pose", "row", "s")
+            board[pose, row, s] = one.name
+    if problems or images is None:
+        raise CaptureError(problems, source=folder)
+    return CaptureFolder(capture, images, sets, board)
+
+
+def _frame_set(
+    name: str, folder: Path, pattern: FilePattern, names: Sequence[str], capture: Capture, problems: list[Problem]
+) -> FrameSet | None:
+    matched = pattern.matches(names)
+    path = f"files.{name}"
+    if not matched:
+        problems.append(Problem(path, no_match_message(pattern, names), pattern.text))
+        return None
+    levels: dict[int, list[str]] = {}
+    for one in matched:
+        levels.setdefault(one.indices.get("level", 0), []).append(one.name)
+    stated = capture.files.exposure_times_s
+    times = {}
+    if stated and len(levels) > 1:
+        if len(stated) != len(levels):
+            message = f"has {len(stated)} times for the {len(levels)} levels of {path}"
+            problems.append(Problem("files.exposure_times_s", message, list(stated)))
+        times = dict(zip(sorted(levels), stated, strict=False))
+    size, pixels = (capture.camera.width, capture.camera.height), capture.camera.pixels
+    headers, found = _checked_headers(folder, [one.name for one in matched], pixels, size)
+    problems += found
+    return FrameSet(folder, {level: tuple(files) for level, files in sorted(levels.items())}, headers, pixels, times)
+
+
+def _checked_headers(
+    folder: Path, names: Sequence[str], pixels: PixelFormat, size: tuple[int, int]
+) -> tuple[dict[str, ImageHeader], list[Problem]]:
+    headers, problems = {}, []
+    for name in names:
+        try:
+            headers[name] = read_header(folder / name)
+            problems += header_problems(name, headers[name], pixels, size)
+        except PictureFileError as error:
+            problems.append(Problem(name, str(error)))
+    return headers, problems
+
+
+def _geometry(folder: CaptureFolder, problems: list[Problem]) -> dict[str, Any]:
+    """Return the arguments of `make_recording` that a capture states."""
+    capture, images = folder.capture, folder.images
+    camera, stage, frames = capture.camera, capture.stage, capture.frames
+    grid = stage.rows > 1
+    given: dict[str, Any] = {
+        "baseline_mm": stage.baseline_mm,
+        "frame_interval_s": frames.frame_interval_s,
+        "line_time_s": camera.line_time_s,
+        "stage_x_mm": _positions(folder, problems),
+        "stage_y_mm": stage.y_mm if grid else None,
+    }
+    if camera.focal_length_px is None and camera.focal_length_mm is None:
+        message = "is missing: give focal_length_px, or focal_length_mm with pixel_pitch_um"
+        problems.append(Problem("camera.focal_length_px", message))
+    else:
+        lens = camera.to_camera()
+        given["focal_length_px"] = lens.focal_px
+        given["principal_point_px"] = lens.principal_point
+        if lens.distortion is not None:
+            given["distortion"] = list(lens.distortion.coefficients)
+    std = {"focal_length_std_px": camera.focal_length_std_px, "principal_point_std_px": camera.principal_point_std_px}
+    given["lens_tolerances"] = {name: value for name, value in std.items() if value}
+    given["stage_tolerances"] = _tolerances(capture)
+    given["planned_time_s"] = _times(folder, problems)
+    if capture.files.mask is not None:
+        given["exclusion_mask"] = _mask(Path(capture.files.mask), images, problems)
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _tolerances(capture: Capture) -> dict[str, float]:
+    errors = capture.stage.errors or StageErrors()
+    found = errors.model_dump(exclude={"preset"})
+    if capture.stage.scan == "unidirectional":
+        # All positions are approached from the same side.
+        del found["backlash_um"]
+    found["scale_ppm"] = 1e6 * capture.stage.step_std
+    assert set(tolerance_attributes(found))
+    return {name: value for name, value in found.items() if value > 0}
+
+
+def _positions(folder: CaptureFolder, problems: list[Problem]) -> Floats | None:
+    """Return the camera positions: measured, or planned where they are not equidistant."""
+    stage, images = folder.capture.stage, folder.images
+    if stage.positions_file is None:
+        return stage.x_mm if stage.positions_mm is not None else None
+    file = Path(stage.positions_file)
+    rows = _table(file, ("s", "x_mm"), "stage.positions_file", problems)
+    listed = {int(row["s"]): row["x_mm"] for row in rows}
+    lacking = [str(s) for s in images.positions if s not in listed]
+    if rows and lacking:
+        message = f"lacks the positions s = {', '.join(lacking)} of the images"
+        problems.append(Problem("stage.positions_file", message, str(file)))
+    if not rows or lacking:
+        return None
+    x_mm = np.array([listed[s] for s in images.positions])
+    x_mm -= x_mm[(len(x_mm) - 1) // 2]
+    far = np.abs(x_mm - stage.x_mm)
+    if (far > 0.5 * abs(stage.baseline_mm)).any():
+        worst = int(far.argmax())
+        message = (
+            f"position s = {images.positions[worst]} is {x_mm[worst]:g} mm from the reference, but "
+            f"{stage.x_mm[worst]:g} mm are planned: correct positions_mm, or the unit or order of the table"
+        )
+        problems.append(Problem("stage.positions_file", message, str(file)))
+    return x_mm
+
+
+def _times(folder: CaptureFolder, problems: list[Problem]) -> Floats | None:
+    """Return the time of every image, 0 at the reference; None if all images of a frame are simultaneous."""
+    capture, images = folder.capture, folder.images
+    stage, frames = capture.stage, capture.frames
+    grid = stage.rows > 1
+    if frames.times == "planned":
+        if stage.time_per_position_s == 0:
+            return None
+        times = np.array(
+            [
+                [
+                    [
+                        t * frames.frame_interval_s
+                        + (stage.number_in_scan(s, t, row) - stage.number_in_scan(0, t)) * stage.time_per_position_s
+                        for t in frames.t.tolist()
+                    ]
+                    for s in stage.s.tolist()
+                ]
+                for row in stage.s_y.tolist()
+            ]
+        )
+        return times if grid else times[0]
+    stamps: dict[tuple[int, int, int], float | None]
+    if frames.times == "file":
+        assert frames.times_file is not None
+        names = ("row", "s", "t", "time_s") if grid else ("s", "t", "time_s")
+        rows = _table(Path(frames.times_file), names, "frames.times_file", problems)
+        stamps = {(int(row.get("row", 0)), int(row["s"]), int(row["t"])): row["time_s"] for row in rows}
+    elif frames.times == "name":
+        stamps = {index: file.time_s for index, file in images.files.items()}
+    else:
+        stamps = {index: images.headers[file.name].taken_s for index, file in images.files.items()}
+        resolution = max(images.headers[file.name].resolution_s for file in images.files.values())
+        if resolution > _MOST_RESOLUTION * frames.frame_interval_s:
+            message = (
+                f"the times of the files have a resolution of {resolution:g} s, which is too coarse for frames every "
+                f"{frames.frame_interval_s:g} s: use names, a table, or the plan"
+            )
+            problems.append(Problem("frames.times", message, "exif"))
+    if problems:
+        return None
+    try:
+        return times_of(images, stamps, grid=grid)
+    except CaptureError as error:
+        problems += error.problems
+        return None
+
+
+_MOST_RESOLUTION = 0.1
+
+
+def _mask(file: Path, images: ImageSeries, problems: list[Problem]) -> NDArray[np.bool_] | None:
+    try:
+        values = read_pixels(file)
+    except PictureFileError as error:
+        problems.append(Problem("files.mask", str(error), str(file)))
+        return None
+    expected = (images.header.height, images.header.width)
+    if values.shape != expected:
+        message = f"must be a grey image of {expected[1]} x {expected[0]} px"
+        problems.append(Problem("files.mask", message, values.shape[::-1]))
+        return None
+    return np.asarray(values != 0)
+
+
+def _table(file: Path, columns: Sequence[str], path: str, problems: list[Problem]) -> list[dict[str, float]]:
+    """Return the rows of a CSV file as numbers; empty after appending a problem."""
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream)
+            heads = [(name or "").strip() for name in reader.fieldnames or ()]
+            lacking = [name for name in columns if name not in heads]
+            if lacking:
+                message = f"lacks the columns {', '.join(lacking)}; it has {', '.join(heads) or 'none'}"
+                problems.append(Problem(path, message, str(file)))
+                return []
+            rows = [dict(zip(heads, row.values(), strict=False)) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        problems.append(Problem(path, f"cannot be read: {getattr(error, 'strerror', None) or error}", str(file)))
+        return []
+    found = []
+    for number, row in enumerate(rows):
+        values = {}
+        for name in columns:
+            text = str(row.get(name) or "").strip()
+            try:
+                values[name] = float(text)
+            except ValueError:
+                values[name] = math.nan
+            whole = name in ("row", "s", "t")
+            if not math.isfinite(values[name]) or (whole and values[name] != int(values[name])):
+                kind = "an integer" if whole else "a number"
+                problems.append(Problem(path, f"line {number + 2}: {name} must be {kind} with a decimal point", text))
+                return []
+        found.append(values)
+    if not found:
+        problems.append(Problem(path, "has no rows", str(file)))
+    return found
+
+
+def import_capture(
+    capture: CaptureLike,
+    *,
+    output: str | Path | None = None,
+    overwrite: bool = False,
+    correct: bool = True,
+    undistort: bool = False,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Read the images of a capture as a recording.
+
+    Parameters
+    ----------
+    capture
+        Folder with a ``capture.yaml``, the path of such a file, or a capture.
+    output
+        Run directory, in which ``recording.zarr`` is written image by image; default: the recording is in memory.
+    overwrite
+        Replace an existing recording.
+    correct
+        Correct the images with the dark frames and flat fields of the capture.
+    undistort
+        Remove the distortion of the lens, see `scenetruth.undistort_images`; method ``refined`` needs no such step.
+    progress
+        Called with the number of images read.
+
+    Returns
+    -------
+    xarray.Dataset
+        The recording; with ``output`` it is read lazily from the store. Missing images are NaN, and listed in the
+        attribute ``missing_images``.
+
+    Raises
+    ------
+    CaptureError
+        If the files do not fit the capture; lists every problem.
+    OutputExistsError, StoreError
+        If the recording exists already, or cannot be written.
+
+    Warns
+    -----
+    CaptureWarning
+        If images are missing, or the bit depth is unlikely.
+
+    See Also
+    --------
+    scenetruth.read_images : Reads images without a capture file.
+    scenetruth.capture.check_capture : Checks the images in advance.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import imageio.v3 as imageio
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 100}, "frames": {"count": 1}}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "files": {"images": "s{s:+d}.png", "dark": "dark.png"}}
+    >>> with TemporaryDirectory() as folder:
+    ...     for s in (-1, 0, 1):
+    ...         imageio.imwrite(f"{folder}/s{s:+d}.png", np.full((30, 40), 100 + s, dtype=np.uint8))
+    ...     imageio.imwrite(f"{folder}/dark.png", np.full((30, 40), 8, dtype=np.uint8))
+    ...     recording = import_capture(Capture.from_dict(plain, folder=Path(folder)))
+    >>> recording.image[:, 0, 0, 0].values.tolist()
+    [91.0, 92.0, 93.0]
+    """
+    store = None if output is None else Path(output) / store_name(RECORDING, zipped=False)
+    folder = open_capture(capture)
+    if store is not None:
+        check_output(store, overwrite=overwrite, claim=claim_store)
+    plan = folder.plan(correct=correct)
+    if undistort and "distortion" not in plan.geometry:
+        message = "is missing: there is no distortion to remove"
+        raise CaptureError([Problem("camera.distortion", message)], source=folder.capture.folder)
+    if store is None or undistort:
+        recording = plan.load(progress)
+        recording = undistort_images(recording) if undistort else recording
+        if store is not None:
+            save_store(recording, store, overwrite=overwrite)
+            recording = open_store(store, kind="recording")
+    else:
+        blank = plan.blank()
+        with (
+            write_atomically(store, overwrite=overwrite, claim=claim_store) as partial,
+            StoreWriter(partial, blank) as writer,
+        ):
+            plan.fill(writer.put, progress)
+            if "exclusion_mask" in blank:
+                writer.put("exclusion_mask", {}, blank["exclusion_mask"].values)
+        recording = open_store(store, kind="recording")
+    plan.warn()
+    return recording

@@ -1,0 +1,109 @@
+"""The commands under `capture`: real images from a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenetruth.cli import design_options, options
+from scenetruth.cli.messages import echo, print_message, print_wrote
+
+__all__ = ["register"]
+
+_EXIT_MISTAKES = 1
+
+CapturePath = Annotated[
+    Path,
+    typer.Argument(metavar="FOLDER", help="Folder of images with a capture.yaml, or such a file.", show_default=False),
+]
+
+ImageFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of images.", show_default=False)]
+
+BaselineMm = Annotated[
+    float | None,
+    options.option(
+        "--baseline-mm", metavar="MM", help="Displacement of the camera between neighbouring positions, in mm."
+    ),
+]
+
+Correct = Annotated[
+    bool, typer.Option("--correct/--no-correct", help="Correction with the dark frames and flat fields of the capture.")
+]
+
+Undistort = Annotated[bool, options.flag("--undistort", help="Resampling to images without lens distortion.")]
+
+app = typer.Typer(name="capture", help="Read and check real images.", no_args_is_help=True)
+
+
+def register(parent: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    options.add_command(app, init)
+    options.add_command(app, check)
+    options.add_command(app, import_, "import")
+    parent.add_typer(app)
+
+
+def init(
+    folder: ImageFolder,
+    focal_length_px: design_options.FocalLengthPx = None,
+    baseline_mm: BaselineMm = None,
+) -> None:
+    """Write a commented capture.yaml for a folder of images, from their names."""
+    from scenetruth.capture import write_capture_file
+
+    file = write_capture_file(folder, focal_length_px=focal_length_px, baseline_mm=baseline_mm)
+    for line in file.read_text(encoding="utf-8").splitlines():
+        text, _, comment = line.partition("#")
+        if text.strip().startswith(("images:", "board:", "dark:", "flat:", "static:", "mask:")) and comment:
+            echo(f"{text.strip()}  {comment.strip()}")
+    print_wrote(file)
+    print_message(f"next: fill in {file}, then scenetruth capture check {folder}")
+
+
+def check(capture: CapturePath, *, as_json: options.Json = False) -> None:
+    """Check the images of a capture for mistakes that they show by themselves."""
+    from scenetruth.capture import check_capture
+    from scenetruth.cli.console import reporting
+
+    with reporting() as reporter:
+        report = check_capture(capture, progress=reporter)
+    if as_json:
+        typer.echo(json.dumps(report.to_dict(), indent=2))
+    else:
+        for finding in report.findings:
+            echo(str(finding))
+        if report.noise is not None:
+            for line in report.noise.describe():
+                echo(f"noise: {line}")
+        count = len(report.mistakes("error"))
+        missing = f", {len(report.missing):,} missing" if report.missing else ""
+        echo(f"{report.image_count:,} images{missing}; " + (f"{count} mistakes" if count else "no mistakes"))
+    if not report.usable:
+        raise typer.Exit(_EXIT_MISTAKES)
+
+
+def import_(
+    capture: CapturePath,
+    output: options.Output,
+    *,
+    correct: Correct = True,
+    undistort: Undistort = False,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Read the images of a capture into a run directory, as a recording."""
+    from scenetruth.capture import import_capture
+    from scenetruth.cli.console import reporting
+    from scenetruth.storage import RECORDING, store_name
+
+    with reporting() as reporter:
+        recording = import_capture(
+            capture, output=output, overwrite=overwrite, correct=correct, undistort=undistort, progress=reporter
+        )
+    sizes = recording["image"].sizes
+    count = sizes["s"] * sizes["t"] * sizes.get("s_y", 1)
+    store = Path(output) / store_name(RECORDING, zipped=False)
+    print_wrote(store, f"{count:,} images of {sizes['x']} x {sizes['y']} px")
+    print_message(f"next: scenetruth estimate {output} --method refined")

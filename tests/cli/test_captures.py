@@ -1,0 +1,71 @@
+"""The commands of real images: what they print, what they write, and how they end."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import scenetruth as st
+from tests.helpers.captured_folders import CapturedFolder, write_capture
+from tests.helpers.command_line import scenetruth
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> CapturedFolder:
+    return write_capture(tmp_path / "lab", 2, shape=(48, 64), positions=3, frames=3)
+
+
+def test_from_a_folder_to_a_recording(made: CapturedFolder, tmp_path: Path) -> None:
+    (made.folder / "capture.yaml").unlink()
+    done = scenetruth("capture", "init", made.folder, "--focal-length-px", "1000", "--baseline-mm", "2")
+    assert done.returncode == 0, done.stderr
+    assert 'images: "images/s{s:+d}_t{t:03d}.tif"  9 files' in done.stdout
+    assert "wrote" in done.stdout
+    done = scenetruth("capture", "check", made.folder)
+    assert done.returncode == 0, done.stdout
+    assert "noise: gain K: 0.3" in done.stdout
+    assert "9 images; no mistakes" in done.stdout
+    done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert "9 images of 64 x 48 px" in done.stdout
+    recording = st.load_store(tmp_path / "run" / "recording.zarr")
+    assert recording.image.dtype == np.float32
+    done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "run")
+    assert done.returncode == 2
+    assert "--overwrite" in done.stderr
+    done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "run", "--overwrite", "--no-correct")
+    assert done.returncode == 0, done.stderr
+    assert st.load_store(tmp_path / "run" / "recording.zarr").image.dtype == np.uint16
+
+
+def test_check_ends_with_1_for_mistakes_and_2_for_an_invalid_file(made: CapturedFolder) -> None:
+    (made.folder / made.names[1, 1]).unlink()
+    made.plain["camera"]["width"] = 48
+    made.plain["camera"]["height"] = 64
+    made.write()
+    done = scenetruth("capture", "check", made.folder, "--json")
+    assert done.returncode == 1
+    assert {finding["mistake"] for finding in json.loads(done.stdout)["findings"]} == {"turned"}
+    done = scenetruth("capture", "check", made.folder)
+    assert done.returncode == 1
+    assert "error: turned: images/s-1_t000.tif" in done.stdout
+    (made.folder / "capture.yaml").write_text("camera: 3", encoding="utf-8")
+    assert scenetruth("capture", "check", made.folder).returncode == 2
+
+
+def test_missing_images_are_told_and_the_rest_is_imported(made: CapturedFolder, tmp_path: Path) -> None:
+    (made.folder / made.names[1, 1]).unlink()
+    done = scenetruth("capture", "check", made.folder)
+    assert done.returncode == 0
+    assert "8 images, 1 missing; no mistakes" in done.stdout
+    done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "run")
+    assert done.returncode == 0
+    assert "1 image is missing and invalid (NaN): images/s+1_t001.tif" in done.stderr
+
+
+def test_schema_of_captures_is_printed() -> None:
+    schema = json.loads(scenetruth("schema", "capture").stdout)
+    assert {"camera", "stage", "frames", "files"} <= set(schema["properties"])
