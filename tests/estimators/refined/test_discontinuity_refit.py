@@ -8,8 +8,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined import continues_on_both_sides
+from scenetruth.estimators.refined import continues_on_both_sides, fill_beyond_images
 from scenetruth.schema import make_recording
+from scenetruth.schema.variables import MOTION_AFFINE
+from tests.helpers.shifted_stack import shifted_parameters, shifted_stack
 from tests.helpers.wavy_plane import MovingPlane
 
 Array = NDArray[np.float64]
@@ -157,3 +159,32 @@ def test_a_tilted_plane_continues_and_a_slope_between_two_surfaces_does_not(angl
     steep = slope > 0.3 * slope.max()
     assert not continues_on_both_sides(between, sigma)[steep].any()
     assert not continues_on_both_sides(np.full_like(plane, np.nan), sigma).any()
+
+
+def test_invalid_pixels_where_the_images_end_are_filled_and_holes_are_not() -> None:
+    """Of three cameras with a disparity of 7 px, one does not show the first 7 columns."""
+    images, theta = shifted_stack(lambda x, y: np.sin(x) * np.cos(y)), shifted_parameters()
+    theta[0, :, 10:] += 0.5
+    theta[:, :, :10], theta[:, 30:40, 40:50] = np.nan, np.nan
+    found = fill_beyond_images(images, theta, 3)
+    filled = np.isfinite(found[0]) & np.isnan(theta[0])
+    # Fewer than half of the images show columns, and rows, 0 and 1, and 3 px around them are filled.
+    assert filled[:, :5].all()
+    assert not filled[6:-6, 5:].any()
+    np.testing.assert_array_equal(found[:, 36, :5], np.repeat(theta[:, 36, 10:11], 5, axis=1))
+
+
+def test_anisotropic_growth_at_the_edges_of_the_images() -> None:
+    """Windows at the edges are one-sided: the plain model would displace their velocities, by 1.6 deviations here."""
+    tangents = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, -0.2]])
+    along, across = (np.outer(tangents[k], np.linalg.pinv(tangents)[:, k]) for k in (0, 1))
+    plane = MovingPlane(size=(96, 128), gradient=0.01 * across - 0.004 * along, velocity_mm=(0.2, 0.1, 0.3))
+    recording = plane.recording(noise_std=0.001, seed=3)
+    found = st.estimate(recording, "refined", window_sigma_px=4.0, acceleration=False).isel(t=0)
+    edge = np.ones((96, 128), dtype=np.bool_)
+    edge[8:-8, 8:-8] = False
+    valid = found["status"].values == 2
+    error = (found["velocity"].values - plane.truth()["velocity"]) / found["velocity_std"].values
+    for where in (valid & edge, valid & ~edge):
+        assert (np.sqrt(np.mean(error[:, where] ** 2, axis=1)) < 1.35).all()
+    assert np.mean(found["motion_model"].values[valid & edge] == MOTION_AFFINE) > 0.5

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     )
     from scenetruth.estimators.refined.discontinuity_refit import (
         continues_on_both_sides,
+        fill_beyond_images,
         find_hidden,
         is_supported,
         is_surrounded,
@@ -92,14 +93,15 @@ __all__ = [
     "blank_fit", "choose_tiles", "compare_growth", "compute_calibration_effect", "compute_common_variance",
     "compute_jacobian", "compute_normal_flow", "compute_phase_error_px", "compute_point_derivatives",
     "compute_pose_effect", "continues_on_both_sides", "corrected", "derive_priors", "distort", "enlarge_variances",
-    "enlarged", "estimate_variance", "every_other", "extrapolation_share", "fill_defects", "fill_holes",
-    "find_ambiguous", "find_aperture", "find_bare_areas", "find_chance_fits", "find_dead_pixels", "find_far",
-    "find_hidden", "find_saturated_runs", "fine_contrast", "fit_bare_surfaces", "fit_round", "image_motion",
-    "initial_parameters", "interpolation_error", "is_supported", "is_surrounded", "lattice_step", "lens_problems",
-    "list_spans", "margin_px", "match_views", "maximise_likelihood", "near_bare_surfaces", "nearest_node",
-    "of_nearest_node", "photon_transfer_variance", "place_of", "polynomial_bias", "read_calibration_uncertainty",
-    "read_schedule", "recede", "refine", "remove_delay_bias", "sees_second_camera", "select_blocks", "select_models",
-    "smooth_velocity", "spline_transfer", "spread_defects", "spread_regions", "straightened", "undistort", "with_bias",
+    "enlarged", "estimate_variance", "every_other", "extrapolation_share", "fill_beyond_images", "fill_defects",
+    "fill_holes", "find_ambiguous", "find_aperture", "find_bare_areas", "find_chance_fits", "find_dead_pixels",
+    "find_far", "find_hidden", "find_saturated_runs", "fine_contrast", "fit_bare_surfaces", "fit_round",
+    "image_motion", "initial_parameters", "interpolation_error", "is_supported", "is_surrounded", "lattice_step",
+    "lens_problems", "list_spans", "margin_px", "match_views", "maximise_likelihood", "near_bare_surfaces",
+    "nearest_node", "of_nearest_node", "photon_transfer_variance", "place_of", "polynomial_bias",
+    "read_calibration_uncertainty", "read_schedule", "recede", "refine", "remove_delay_bias", "sees_second_camera",
+    "select_blocks", "select_models", "smooth_velocity", "spline_transfer", "spread_defects", "spread_regions",
+    "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -112,6 +114,7 @@ __getattr__, __dir__ = export_lazily(
         "bare_surfaces": "find_bare_areas fit_bare_surfaces",
         "common_uncertainty": "CalibrationUncertainty compute_common_variance read_calibration_uncertainty",
         "discontinuity_refit": "continues_on_both_sides find_hidden is_supported is_surrounded",
+        "discontinuity_refit": "fill_beyond_images find_hidden is_supported is_surrounded",
         "fallback": "Sources fill_holes near_bare_surfaces recede",
         "fit_maps": "between blank_fit every_other initial_parameters nearest_node with_bias",
         "element_uncertainty": "compute_calibration_effect compute_pose_effect",

@@ -41,6 +41,7 @@ from scenetruth.estimators.refined.kernels.member_lattice import interpolate_mem
 from scenetruth.estimators.refined.kernels.photo_consistency import (
     hide,
 )
+from scenetruth.estimators.refined.kernels.warp import REACH
 from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import solve_members
 from scenetruth.estimators.refined.motion_model_selection import (
@@ -58,6 +59,7 @@ from scenetruth.estimators.refined.row_bands import (
     bands,
     window_weights,
 )
+from scenetruth.schema.variables import MOTION_PLAIN
 from scenetruth.threads import in_threads
 
 __all__ = [
@@ -65,6 +67,7 @@ __all__ = [
     "DiscontinuityContext",
     "continues_on_both_sides",
     "empty_discontinuity_context",
+    "fill_beyond_images",
     "find_hidden",
     "is_supported",
     "is_surrounded",
@@ -87,6 +90,8 @@ _DISTANCES = (1.6, 1.0, 0.5, 1 / 6)
 _ROUNDS = 2
 # Largest ratio of the times of two stages of small windows, by which errors of the velocity displace points farther.
 _FARTHER = 4.0
+# Distance from the corner of the images up to which half of a window is outside, in standard deviations.
+_OF_CORNER = 0.6
 # Largest displacement between the models of adjacent pixels that belong to one surface, and between fits to its pixels
 # that vary smoothly, in px.
 _ONE_SURFACE_PX, _SMOOTH_PX = 0.25, 0.05
@@ -149,7 +154,12 @@ def refit_discontinuities(
     sigma = settings.window_sigma_px
     whole = refined.fit.theta
     reach = window_weights(sigma).shape[2] // 2
-    where = around(_unexplained(refined.seen, noise) | find_discontinuities(images, whole), reach) | refined.uneven
+    shown = fill_beyond_images(images, whole, math.ceil(_OF_CORNER * sigma))
+    # Full windows of these pixels lie outside, smaller windows do not; those around them contain a single surface.
+    beyond = np.isnan(whole[0]) & np.isfinite(shown[0])
+    outlines = find_discontinuities(images, shown)
+    doubtful = (_unexplained(refined.seen, noise) & ~beyond) | outlines
+    where = around(doubtful, reach) | beyond | refined.uneven
     # Windows without texture determine no surface.
     contrast = noise / spline_transfer(images.spline)
     where &= textured(refined.fit.residual[1], contrast, images.count, images.spline) | np.isnan(whole[0])
@@ -172,7 +182,7 @@ def refit_discontinuities(
         # Without a discontinuity within reach, residuals that smaller windows leave, too, have other causes, as texture
         # finer than the pixels.
         other = refined.fit.residual[0] <= _REDUCED**2 * fit.residual[0]
-        fitted |= other & ~around(find_discontinuities(images, whole), reach)
+        fitted |= other & ~around(outlines, reach)
     surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma))
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
     final = chosen_fit(where, fit, refined.fit)
@@ -193,10 +203,37 @@ def refit_discontinuities(
         sound &= is_supported(final, sound | (~where & np.isfinite(final.theta[0])))
     lit = where & _unevenly_lit(images, np.where(where, final.theta, whole), seen, noise, sigma)
     final = _add_light_bias(images, final, lit, noise)
+    final = _add_contradicted_motion(final, refined, beyond & where & (motion == MOTION_PLAIN), images)
     motion = np.where(where, motion, refined.motion)
     where |= ~surrounded
     result = replace(refined, fit=final, curved=refined.curved & ~where, motion=motion)
     return result, DiscontinuityContext(where, sound)
+
+
+def fill_beyond_images(images: ImageStack, theta: Map, distance: int) -> Map:
+    """Return parameters with those of the nearest valid pixel where most images end, as far as they have no lens.
+
+    Next to these invalid pixels there is no other surface.
+
+    ``distance``: Largest distance in px of an invalid pixel from those that fewer than half of the images show: in the
+      corners, half of a window is outside.
+    """
+    valid = np.asarray(np.isfinite(theta).all(axis=0))
+    if images.lens is not None or valid.all() or not valid.any():
+        return theta
+    filled, view = fill_gaps(theta, valid), images.view()
+    d, q_x, q_y, q_z = extract_fields(filled)[:4]
+    y, x = np.mgrid[: images.shape[0], : images.shape[1]].astype(np.float64)
+    x, y = x - images.centre[0], y - images.centre[1]
+    left, top, right, bottom = np.array(images.bounds) + np.array([REACH, REACH, -REACH, -REACH])
+    shown = np.zeros(images.shape)
+    for s, s_y, t in zip(view.s, view.s_y, view.t, strict=True):
+        scale = 1.0 / (1.0 + t * d * q_z / images.focal)
+        at_x = (x + d * (t * q_x - s)) * scale + images.centre[0]
+        at_y = (y + d * (t * q_y - s_y)) * scale + images.centre[1]
+        shown += (at_x >= left) & (at_x <= right) & (at_y >= top) & (at_y <= bottom)
+    beyond = shown < 0.5 * len(view.s)
+    return np.where(~valid & around(beyond, distance), filled, theta)
 
 
 def _is_steep(theta: Map, focal: float, square: NDArray[Any]) -> Mask:
@@ -249,6 +286,31 @@ def _add_light_bias(images: ImageStack, fit: Fit, where: Mask, noise: float) -> 
         error = shift / (fit.theta[0] ** 2 * np.mean(images.times**2))
     variance = fit.variance.copy()
     variance[3:5] += np.where(where & np.isfinite(error), error, 0.0)
+    return fit._replace(variance=variance)
+
+
+def _add_contradicted_motion(fit: Fit, refined: RefinedState, where: Mask, images: ImageStack) -> Fit:
+    """Return a fit with the difference of its velocities from those of the nearest full window, in its variances.
+
+    At the edges of the images, windows are one-sided, so that a velocity gradient that the plain model does not contain
+    displaces their velocities. Its variances are enlarged where the nearest full window has another model.
+
+    ``where``: Pixels of the plain model beyond which the images end.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    valid = np.isfinite(refined.fit.theta).all(axis=0)
+    if not where.any() or not valid.any():
+        return fit
+    rows, columns = np.nonzero(where)
+    at = distance_transform_edt(~valid, return_distances=False, return_indices=True)[:, rows, columns]
+    own, down, right = refined.fit.theta[:, at[0], at[1]], rows - at[0], columns - at[1]
+    other = refined.motion[at[0], at[1]] != MOTION_PLAIN
+    variance = fit.variance.copy()
+    for k, place in enumerate(STEADY_PLACES[1:]):
+        change = own[place] + own[place + 1] * right + own[place + 2] * down - fit.theta[place, rows, columns]
+        added = np.where(other, (spline_transfer(images.spline) * change) ** 2, 0.0)
+        variance[3 + k, rows, columns] += added
     return fit._replace(variance=variance)
 
 
