@@ -92,6 +92,22 @@ def test_each_surface_model_is_interpolated_between_its_own_nodes(monkeypatch: p
     assert np.sqrt(np.nanmean(scaled**2)) < 0.1
 
 
+def test_start_values_are_near_the_fits_of_all_rows() -> None:
+    """A third of the rows: standard deviations are larger by the root of three, and so are differences."""
+    images = plane_images()
+    start = initial_parameters(PLANE.start(), accelerated=False)
+    models = select_models(images, RefinedSettings(surface="plane"))
+    assert lattice_step(4.5) == 3
+    (whole,) = fit_round(images, start, models, 4.5, gains=True, variances=6)
+    (draft,) = fit_round(images, start, models, 4.5, gains=True, coarse=True, draft=True)
+    some = (slice(None, None, 3), slice(None, None, 3))
+    known = np.isfinite(whole.theta[0])
+    assert (np.isfinite(draft.theta[0]) == known)[some].mean() > 0.97
+    for place, number in ((0, 0), (6, 3), (9, 4), (12, 5)):
+        scaled = ((draft.theta[place] - whole.theta[place]) / np.sqrt(whole.variance[number]))[some]
+        assert 0.3 < np.sqrt(np.nanmean(scaled**2)) < 2.0
+
+
 def test_bands_do_not_change_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows wait for the lattices below them; rounding depends on the first row of a band."""
     images = plane_images()

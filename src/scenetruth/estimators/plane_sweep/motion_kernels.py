@@ -43,7 +43,7 @@ class NeighbourFrame(NamedTuple):
     """Row of the principal point."""
 
 
-@_jit
+@numba.njit(inline="always")
 def _cost(later: Any, y: int, x: int, qx: float, qy: float, qz: float) -> float:
     """Return the mean number of bits that differ for motion q, mainly of the better frame and of its better side."""
     height, width = later.reference.shape
@@ -90,19 +90,29 @@ def _cost(later: Any, y: int, x: int, qx: float, qy: float, qz: float) -> float:
     return 0.75 * best + 0.25 * sum_of_times / times
 
 
-@_jit
-def _unlike(later: Any, q: Any, y: int, x: int, motion: Any, same: float, most: float) -> float:
-    """Return the difference of a motion, in px, from those of the four neighbours on the same surface."""
+@numba.njit(inline="always")
+def _collect_neighbours(later: Any, q: Any, y: int, x: int, same: float, near: Any) -> int:
+    """Write the motions of the four neighbours on the same surface; return their number."""
     height, width = later.reference.shape
-    d = later.disparity[y, x]
-    total = 0.0
+    d, count = later.disparity[y, x], 0
     for n in range(4):
         i, j = y + (1 if n == 0 else (-1 if n == 1 else 0)), x + (1 if n == 2 else (-1 if n == 3 else 0))
         if 0 <= i < height and 0 <= j < width and abs(later.disparity[i, j] - d) < same:
-            rate = d * (q[2, i, j] - motion[2]) / later.focal
-            apart = abs(d * (q[0, i, j] - motion[0]) - (x - later.centre_x) * rate)
-            apart += abs(d * (q[1, i, j] - motion[1]) - (y - later.centre_y) * rate)
-            total += min(apart + later.farthest * abs(d * rate), most)
+            near[count, 0], near[count, 1], near[count, 2] = q[0, i, j], q[1, i, j], q[2, i, j]
+            count += 1
+    return count
+
+
+@numba.njit(inline="always")
+def _unlike(later: Any, y: int, x: int, motion: Any, near: Any, count: int, most: float) -> float:
+    """Return the difference of a motion, in px, from those of the neighbours, up to a limit for each."""
+    d = later.disparity[y, x]
+    total = 0.0
+    for n in range(count):
+        rate = d * (near[n, 2] - motion[2]) / later.focal
+        apart = abs(d * (near[n, 0] - motion[0]) - (x - later.centre_x) * rate)
+        apart += abs(d * (near[n, 1] - motion[1]) - (y - later.centre_y) * rate)
+        total += min(apart + later.farthest * abs(d * rate), most)
     return total
 
 
@@ -136,7 +146,7 @@ def search(later: Any, q: Any, sweeps: int, changes: int, reach: float, smooth: 
     deep = np.isfinite(later.focal)
     costs = np.empty((height, width))
     costs_of(later, q, 0.0, 0.0, costs)
-    motion = np.empty(3)
+    motion, near = np.empty(3), np.empty((4, 3))
     state = np.uint64(seed * 2 + 88172645463325252)
     for sweep in range(sweeps):
         forth = sweep % 2 == 0
@@ -146,17 +156,18 @@ def search(later: Any, q: Any, sweeps: int, changes: int, reach: float, smooth: 
             for column in range(width):
                 x = column if forth else width - 1 - column
                 d = later.disparity[y, x]
-                motion[:] = q[:, y, x]
+                count = _collect_neighbours(later, q, y, x, same, near)
+                motion[0], motion[1], motion[2] = q[0, y, x], q[1, y, x], q[2, y, x]
                 own = costs[y, x]
-                total = own + weight * _unlike(later, q, y, x, motion, same, most)
+                total = own + weight * _unlike(later, y, x, motion, near, count, most)
                 for trial in range(2 + changes):
                     n = trial if trial < 2 else 2 + (sweep + x + y + trial) % 3
                     if n == 0 and 0 <= x + step < width:
-                        motion[:] = q[:, y, x + step]
+                        motion[0], motion[1], motion[2] = q[0, y, x + step], q[1, y, x + step], q[2, y, x + step]
                     elif n == 1 and 0 <= y + step < height:
-                        motion[:] = q[:, y + step, x]
+                        motion[0], motion[1], motion[2] = q[0, y + step, x], q[1, y + step, x], q[2, y + step, x]
                     elif n >= 2:
-                        motion[:] = q[:, y, x]
+                        motion[0], motion[1], motion[2] = q[0, y, x], q[1, y, x], q[2, y, x]
                         for i in range(3):
                             # xorshift64
                             state ^= state << np.uint64(13)
@@ -176,13 +187,13 @@ def search(later: Any, q: Any, sweeps: int, changes: int, reach: float, smooth: 
                     if motion[0] == q[0, y, x] and motion[1] == q[1, y, x] and motion[2] == q[2, y, x]:
                         continue
                     # The difference from the neighbours takes less time than the images, and is often too large.
-                    unlike = weight * _unlike(later, q, y, x, motion, same, most)
+                    unlike = weight * _unlike(later, y, x, motion, near, count, most)
                     if unlike >= total:
                         continue
                     cost = _cost(later, y, x, motion[0], motion[1], motion[2])
                     tried = cost + unlike
                     if tried < total:
                         total, own = tried, cost
-                        q[:, y, x] = motion
+                        q[0, y, x], q[1, y, x], q[2, y, x] = motion[0], motion[1], motion[2]
                 costs[y, x] = own
         reach *= 0.5

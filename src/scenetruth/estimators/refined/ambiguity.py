@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.aperture import ApertureContext
 from scenetruth.estimators.refined.fit_maps import extract_fields
 from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack
-from scenetruth.estimators.refined.kernels.ambiguity import COSTS, add_similarity, compare_rivals
+from scenetruth.estimators.refined.kernels.ambiguity import COSTS, add_similarity, compare_rivals, compare_windows
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.threads import in_threads
 
@@ -295,25 +295,27 @@ def _similarity(
     by = [
         (
             _block_weights(at[0] // block - first, shape[1], windows.sigma / block),
-            np.ascontiguousarray(_block_weights(at[1] // block, shape[2], windows.sigma / block).T),
+            _block_weights(at[1] // block, shape[2], windows.sigma / block),
         )
         for windows in wanted
     ]
     # Every other row of a block, two displacements, and two images.
     by_noise = 2.0 * block * -(-block // 2) * variance
     inside = [_insides(axis, weights, block, first, plain.shape) for weights in by]
+    bands = [tuple(_band(weights) for weights in pair) for pair in by]
 
     def work(part: tuple[int, int]) -> None:
+        sums = np.empty(shape, dtype=np.float32)
         for n in range(*part):
-            sums = np.zeros(shape, dtype=np.float32)
+            sums[:] = 0.0
             right, down = (int(each) for each in axis.offsets[n])
             add_similarity(plain, right, down, block, first, sums)
             add_similarity(plain, -right, -down, block, first, sums)
-            for (vertical, horizontal), (of_rows, of_columns), values in zip(by, inside, out, strict=True):
-                cross, power = vertical @ sums @ horizontal
-                share = sum(np.multiply.outer(of_rows[k * down], of_columns[k * right]) for k in (1, -1))
-                unlike = 1.0 - 2.0 * cross / np.maximum(power - by_noise * share, 0.1 * power + 1e-30)
-                values[n] = np.where(share > _LEAST_INSIDE, unlike, 1.0)
+            for pair, (of_rows, of_columns), values in zip(bands, inside, out, strict=True):
+                shares = [
+                    np.stack([of[k * step] for k in (1, -1)]) for of, step in ((of_rows, down), (of_columns, right))
+                ]
+                compare_windows(sums, *pair, *shares, by_noise, _LEAST_INSIDE, values[n])
 
     if wanted:
         in_threads(work, [(n, min(n + 8, len(axis.offsets))) for n in range(0, len(axis.offsets), 8)])
@@ -331,7 +333,7 @@ def _insides(
     down, right = (sorted({*axis.offsets[:, k].tolist(), *(-axis.offsets[:, k]).tolist()}) for k in (1, 0))
     return (
         {n: _inside(weights[0], n, block, first, shape[0]) for n in down},
-        {n: _inside(weights[1].T, n, block, 0, shape[1]) for n in right},
+        {n: _inside(weights[1], n, block, 0, shape[1]) for n in right},
     )
 
 
@@ -340,6 +342,14 @@ def _block_weights(centres: NDArray[np.int64], count: int, sigma_blocks: float) 
     distance = np.arange(count) - centres[:, None]
     weights = np.exp(-0.5 * (distance / sigma_blocks) ** 2) * (np.abs(distance) <= 2.0 * sigma_blocks)
     return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float32)
+
+
+def _band(weights: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return the first block of every window and the weights from there on, shapes (windows,) and (windows, taps)."""
+    used = weights > 0
+    count = int(used.sum(axis=1).max())
+    first = np.minimum(used.argmax(axis=1), weights.shape[1] - count).astype(np.int64)
+    return first, np.take_along_axis(weights, first[:, None] + np.arange(count), axis=1)
 
 
 def _inside(weights: NDArray[np.float32], offset: int, block: int, first: int, size: int) -> NDArray[np.float32]:

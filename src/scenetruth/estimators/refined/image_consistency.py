@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from scenetruth.errors import EstimateWarning
 from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.kernels.agreement import correlate_images
 from scenetruth.estimators.refined.kernels.warp import warp_rows
 from scenetruth.threads import in_threads
 
@@ -83,9 +84,13 @@ def correlate_blocks(images: ImageStack, fields: Map, sigma_px: float, *, even: 
         warped = np.empty((count, edge, width), dtype=np.float32)
         gradient = np.empty((2, edge, width), dtype=np.float32)
         warp_rows(stack, view, fields, np.zeros((0, 0, 0), np.uint8), bad, row, warped, gradient, (0, edge))
-        blocks = [_correlations(warped[:, :, left : left + edge].reshape(count, -1)) for left in columns]
-        found, contrast = zip(*blocks, strict=True)
-        parts[number] = np.array(found), np.array(contrast)
+        found, contrast = (np.empty((len(columns), count)) for _ in range(2))
+        for place, left in enumerate(columns):
+            correlate_images(warped, (left, left + edge), _LEAST_SHARE, found[place], contrast[place])
+        shown = np.isfinite(contrast).any(axis=1)
+        middle = np.zeros(len(columns))
+        middle[shown] = np.nanmedian(contrast[shown], axis=1)
+        parts[number] = found, middle
 
     in_threads(work, range(len(jobs)))
     found, contrasts = zip(*(parts[n] for n in range(len(jobs))), strict=True)
@@ -153,36 +158,6 @@ def find_inconsistent_of_regions(
             off |= low
     found |= {(int(n) // cameras, int(n) % cameras) for n in np.flatnonzero(off)}
     return frozenset(found)
-
-
-def _correlations(values: NDArray[np.float32]) -> tuple[Map, float]:
-    """Return the correlation of every image (n, pixels) with the mean of the others, and the median contrast."""
-    known = np.isfinite(values)
-    counts = known.sum(axis=1)
-    shown = counts >= _LEAST_SHARE * values.shape[1]
-    known &= shown[:, None]
-    counts = np.maximum(known.sum(axis=1), 1)
-    plain = np.where(known, values, 0.0).astype(np.float64)
-    means = plain.sum(axis=1) / counts
-    plain = np.where(known, plain - means[:, None], 0.0)
-    contrast = np.sqrt((plain**2).sum(axis=1) / counts)
-    # Rounding errors of a constant image are not contrast.
-    some = contrast > 1e-6 * np.abs(means) + 1e-30
-    plain[some] /= contrast[some, None]
-    plain[~some] = 0.0
-    sums, used = plain.sum(axis=0), (known & some[:, None]).sum(axis=0)
-    out = np.full(len(values), np.nan)
-    for n in np.flatnonzero(shown):
-        # An image without contrast is inconsistent.
-        if not some[n]:
-            out[n] = 0.0
-            continue
-        own = known[n]
-        others = (sums[own] - plain[n, own]) / np.maximum(used[own] - 1, 1)
-        others -= others.mean()
-        square = float(others @ others)
-        out[n] = plain[n, own] @ others / np.sqrt(square * counts[n]) if square > 0 else np.nan
-    return out, float(np.median(contrast[shown])) if shown.any() else 0.0
 
 
 def fine_contrast(images: ImageStack, sigma_px: float) -> Map:

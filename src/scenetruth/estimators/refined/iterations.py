@@ -24,7 +24,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL
-from scenetruth.estimators.refined.lattice import WindowLattice, WindowNodes
+from scenetruth.estimators.refined.lattice import COARSE_STEP, WindowLattice, WindowNodes, lattice_step
 from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
     estimate_noise,
@@ -58,6 +58,8 @@ _STEADY_VARIANCES = 6  # number of variances of the smaller windows: disparity, 
 # light and small unsteady motion.
 _LEAST_STILL, _NOISE_MARGIN = 3, 1.5
 _FULL_ITERATIONS = 2  # iterations with all pixels
+# Change, in tolerances, from which on these two iterations suffice: each leaves less than a third of a change.
+_DRAFT_TOLERANCE = 10.0
 
 Map = NDArray[np.float64]
 
@@ -117,7 +119,9 @@ def refine(
         shifts = None if cameras is None or settled else ShiftObservations.blank(images.shape, len(part.view().s))
         varying = settings.noise == "estimated" and images.noise is None and model is models[0]
         evidence = PixelEvidence.blank(images.shape) if varying else None
-        (fit,) = fit_round(part, state, [model], sigma, gains=gains, shifts=shifts, seen=evidence, coarse=True)
+        (fit,) = fit_round(
+            part, state, [model], sigma, gains=gains, shifts=shifts, seen=evidence, coarse=True, draft=True
+        )
         if evidence is not None:
             images = replace(images, variance=_estimated_variance(images, evidence))
         before, state = state, fill_invalid_parameters(state, fit.theta)
@@ -129,7 +133,11 @@ def refine(
         done += 1
         if report is not None:
             report(done)
-        if model is models[0] and settled and _still(before, state, fit, images, settings.tolerance_px):
+        if (
+            model is models[0]
+            and settled
+            and _still(before, state, fit, images, _DRAFT_TOLERANCE * settings.tolerance_px)
+        ):
             break
     images = images.without(find_inconsistent_images(images, extract_fields(state), sigma, images))
     images = replace(images, noise_limit=_limit_noise(images, state, settings))
@@ -157,7 +165,7 @@ def _limit_noise(images: ImageStack, state: Map, settings: RefinedSettings) -> f
     models = select_models(still, settings.model_copy(update={"acceleration": False}))
     gains = settings.photometric_model == "per_image"
     begun = state[:FULL]
-    (fit, *_) = fit_round(still, begun, models[:1], settings.window_sigma_px, gains=gains, coarse=True)
+    (fit, *_) = fit_round(still, begun, models[:1], settings.window_sigma_px, gains=gains, coarse=True, draft=True)
     found = estimate_noise(np.sqrt(fit.residual[0]))
     return _NOISE_MARGIN * found if np.isfinite(found) and found > 0 else np.inf
 
@@ -174,7 +182,8 @@ def fit_surface(
     sigma, gains = settings.window_sigma_px, settings.photometric_model == "per_image"
     wanted = np.ones(images.shape, dtype=np.bool_) if where is None else where
     every = np.where(wanted, EVERY_MODEL, NO_MODEL).astype(np.int8)
-    fits = fit_round(images, state, models, sigma, gains=gains, variances=len(models) - 1, chosen=every, smooth=smooth)
+    fitted = partial(fit_round, images, state, models, sigma, gains=gains, chosen=every, smooth=smooth)
+    fits = fitted(variances=len(models) - 1, draft=True)
     if len(models) == 1:
         curved, theta = np.full(images.shape, models[0].surface == _CURVED), fits[0].theta
         return theta, curved, np.where(wanted, 0, NO_MODEL).astype(np.int8)
@@ -247,12 +256,14 @@ def fit_round(
     seen: PixelEvidence | None = None,
     shifts: ShiftObservations | None = None,
     coarse: bool = False,
+    draft: bool = False,
     smooth: Map | None = None,
 ) -> list[Fit]:
     """Warp all images by the current parameters, NaN to skip a pixel, and fit each model, or the selected model.
 
     ``finer``: Standard deviation of smaller windows, their distance, and the fit in them.
     ``coarse``: Whether only every other row is warped, and windows are fitted at every other pixel of these.
+    ``draft``: Whether parameters of a coarse fit are start values only: fewer rows and windows suffice.
     ``smooth``: Velocity that is removed before affine models are fitted, as in `smooth_velocity`.
     """
     chosen = np.full(images.shape, EVERY_MODEL, dtype=np.int8) if chosen is None else chosen
@@ -264,10 +275,14 @@ def fit_round(
         fits = [blank_fit(begun, variances=variances > 0, element=variances == EVERY_VARIANCE)] * len(models)
     fields, least_share = extract_fields(state), _LEAST_SHARE
     if coarse:
-        fields[:, 1::2] = np.nan
-        least_share /= 2
+        # Blocks of the pose corrections require every other row.
+        every = max(COARSE_STEP, lattice_step(sigma_px) if draft and shifts is None else 0)
+        fields[:, np.arange(fields.shape[1]) % every != 0] = np.nan
+        least_share /= every
     lattice = partial(WindowLattice, images, models, sigma_px, fits, chosen)
-    windows: list[WindowLattice | WindowNodes] = [lattice(least_share=least_share, variances=variances, coarse=coarse)]
+    windows: list[WindowLattice | WindowNodes] = [
+        lattice(least_share=least_share, variances=variances, coarse=coarse, draft=draft)
+    ]
     if finer is not None:
         small, step, nodes = finer
         of_nodes = partial(WindowNodes, images, models, small, nodes, np.ascontiguousarray(chosen[::step, ::step]))

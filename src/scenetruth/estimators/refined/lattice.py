@@ -22,6 +22,8 @@ __all__ = ["WindowLattice", "WindowNodes", "lattice_step"]
 
 # Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
 _ERROR_PX = 5e-4
+# Or, of start values, below the steps of the iterations that follow.
+_DRAFT_ERROR_PX = 0.02
 # Or smaller than this fraction of the standard deviation of the fit, whose square it increases by 1 % at most.
 _ERROR_SHARE = 0.1
 _VARIANCES = (0, 3, 4, 5, 6, 7, 8)  # numbers of the variances of disparity, velocity and acceleration
@@ -31,8 +33,8 @@ _LEAST_NODES = 5  # smallest number of nodes along an axis with a fourth differe
 # Number of rows of nodes that a cell depends on, below its own, + 1; and distance in nodes at which nodes are required.
 _ROWS_BELOW, _REQUIRED = 4, 3
 _NO_FIT = -128
-# Distance of the windows of coarse fits: as of their rows, and smaller than narrow objects.
-_COARSE_STEP = 2
+COARSE_STEP = 2
+"""Distance of the windows of coarse fits: as of their rows, and smaller than narrow objects."""
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,11 +46,12 @@ def lattice_step(sigma_px: float) -> int:
     return max(1, int(FIT_LIMITS.lattice_step * sigma_px))
 
 
-def _lattice_steps(sigma_px: float, *, coarse: bool) -> list[int]:
+def _lattice_steps(sigma_px: float, *, coarse: bool, draft: bool) -> list[int]:
     """Return the distances of the windows of all lattices, the widest first."""
-    if coarse:
-        return [_COARSE_STEP]
-    step, each = lattice_step(sigma_px), 1
+    step = lattice_step(sigma_px)
+    each = COARSE_STEP if coarse or (draft and step >= 2 * COARSE_STEP) else 1
+    if step <= each or (coarse and not draft):
+        return [each]
     finer: list[int] = []
     while 2 * each <= step:
         finer.insert(0, each)
@@ -119,6 +122,7 @@ class WindowLattice:
     ``least_share``: Smallest valid fraction of a window.
     ``variances``: Number of variances.
     ``coarse``: Whether windows are fitted at every other pixel only.
+    ``draft``: Whether the results of coarse fits are start values, which may be interpolated with a larger error.
     """
 
     def __init__(
@@ -132,12 +136,16 @@ class WindowLattice:
         least_share: float,
         variances: int,
         coarse: bool = False,
+        draft: bool = False,
     ) -> None:
         windows = _Windows(images, models, sigma_px, least_share, variances)
-        steps = _lattice_steps(sigma_px, coarse=coarse)
+        steps = _lattice_steps(sigma_px, coarse=coarse, draft=draft)
+        error_px = _DRAFT_ERROR_PX if coarse and draft else _ERROR_PX
         left = [chosen.copy(), *(np.full_like(chosen, NO_MODEL) for _ in steps[1:])]
         levels = enumerate(zip(steps, left, strict=True))
-        self._levels = [_Level(windows, fits, each, step, last=n == len(steps) - 1) for n, (step, each) in levels]
+        self._levels = [
+            _Level(windows, fits, each, step, error_px, last=n == len(steps) - 1) for n, (step, each) in levels
+        ]
 
     @property
     def behind(self) -> int:
@@ -161,8 +169,11 @@ class _Level:
     ``last``: Whether it provides all of them.
     """
 
-    def __init__(self, windows: _Windows, fits: Sequence[Fit], left: Chosen, step: int, *, last: bool) -> None:
+    def __init__(
+        self, windows: _Windows, fits: Sequence[Fit], left: Chosen, step: int, error_px: float, *, last: bool
+    ) -> None:
         self._windows, self._fits, self.left, self._step, self._last = windows, fits, left, step, last
+        self._error_px = error_px
         self._ready = self._done = 0
         # From the initial parameters, which the fits of a wider lattice replace later.
         self._nodes = [] if step == 1 else [windows.blank(_every_nth(fit, step)) for fit in fits]
@@ -249,7 +260,7 @@ class _Level:
             for place, number in enumerate(_VARIANCES[: len(fields)]):
                 if number < self._windows.variances:
                     std[place] = np.sqrt(nodes.variance[number, near])
-            limit = np.fmax(_ERROR_PX, _ERROR_SHARE * images.moved_px(fields, fields + std))
+            limit = np.fmax(self._error_px, _ERROR_SHARE * images.moved_px(fields, fields + std))
             # Without texture, fits are of noise alone, and no values are wanted.
             noise = np.sqrt(residual[0]) / spline_transfer(images.spline)
             clear = textured(residual[1], noise, images.count, images.spline)

@@ -20,7 +20,7 @@ from scenetruth.estimators.refined.kernels.warp import (
     place_of,
 )
 
-__all__ = ["COSTS", "add_similarity", "compare_rivals", "sum_members"]
+__all__ = ["COSTS", "add_similarity", "compare_rivals", "compare_windows", "sum_members"]
 
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -110,6 +110,53 @@ def add_similarity(
                 b += power[x]
             out[0, place, column] += a
             out[1, place, column] += b
+
+
+@_jit
+def compare_windows(
+    sums: NDArray[np.float32],
+    rows: tuple[NDArray[np.int64], NDArray[np.float32]],
+    columns: tuple[NDArray[np.int64], NDArray[np.float32]],
+    insides: NDArray[np.float32],
+    inside_columns: NDArray[np.float32],
+    by_noise: float,
+    least_inside: float,
+    out: NDArray[np.float32],
+) -> None:
+    """Compute the dissimilarities of windows to those at a displacement from sums over blocks.
+
+    ``sums``: Sums of `add_similarity`, shape (2, rows of blocks, columns of blocks).
+    ``rows``, ``columns``: First block and weights of the windows along an axis, shapes (m,) and (m, taps).
+    ``insides``, ``inside_columns``: Fractions of the windows inside the image along either axis, after the displacement
+      and its opposite, shapes (2, rows) and (2, columns).
+    ``by_noise``: Part of the second sum due to noise, for windows inside the image.
+    ``least_inside``: Smallest fraction of both displaced windows inside the image, of 2; with less, windows are
+      unrelated.
+    ``out``: Output: 0 for equal windows, 1 for unrelated ones, shape (rows, columns).
+    """
+    first_rows, row_weights = rows
+    first_columns, column_weights = columns
+    lines = np.empty((2, sums.shape[2]), dtype=np.float32)
+    taps, small = column_weights.shape[1], np.float32(1e-30)
+    for y in range(out.shape[0]):
+        for side in range(2):
+            line = lines[side]
+            line[:] = np.float32(0.0)
+            for k in range(row_weights.shape[1]):
+                weight, values = row_weights[y, k], sums[side, first_rows[y] + k]
+                for x in range(line.size):
+                    line[x] += weight * values[x]
+        for x in range(out.shape[1]):
+            share = insides[0, y] * inside_columns[0, x] + insides[1, y] * inside_columns[1, x]
+            if not share > least_inside:
+                out[y, x] = np.float32(1.0)
+                continue
+            cross, power = np.float32(0.0), np.float32(0.0)
+            for k in range(taps):
+                cross += column_weights[x, k] * lines[0, first_columns[x] + k]
+                power += column_weights[x, k] * lines[1, first_columns[x] + k]
+            expected = max(power - np.float32(by_noise) * share, np.float32(0.1) * power + small)
+            out[y, x] = np.float32(1.0) - np.float32(2.0) * cross / expected
 
 
 COSTS = 5

@@ -73,7 +73,7 @@ def find_jumps(
 
     ``theta``: Parameters of the fits, shape (15 or 18, y, x), NaN where invalid.
     ``arms``: Displacement in px by a unit of disparity, and by one of velocity at a disparity of 1, shape (4 or 7,).
-    ``offset``: Columns and rows from the neighbour to the pixel; pixels without a neighbour in the image are not marked.
+    ``offset``: Columns and rows from the neighbour to the pixel; pixels without a neighbour are not marked.
     ``limit``: Displacement in px.
     ``found``: Set where marked, shape (y, x).
     """

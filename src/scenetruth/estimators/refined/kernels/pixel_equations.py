@@ -394,21 +394,29 @@ def _estimate_brightness(sums: Any, window: Any, step: int, nodes: Any) -> None:
 
 
 @_jit
-def _along_row(above: Any, below: Any, down: float, step: int, out: Any) -> None:
+def _along_row(nodes: Any, step: int, out: Any) -> None:
     """Interpolate the values of nodes linearly along a row."""
-    width, count = out.size, above.size
-    last = (1.0 - down) * above[0] + down * below[0]
+    width, count = out.size, nodes.size
     if count == 1:
-        out[:] = last
+        out[:] = nodes[0]
     for node in range(count - 1):
-        first, start = last, node * step
+        first, start = nodes[node], node * step
         end = min(start + step, width - 1)
-        last = (1.0 - down) * above[node + 1] + down * below[node + 1]
-        each = (last - first) / (end - start)
+        each = (nodes[node + 1] - first) / (end - start)
         for x in range(start, end):
             out[x] = first + each * (x - start)
         if end == width - 1:
-            out[end] = last
+            out[end] = nodes[node + 1]
+
+
+@_jit
+def _remove_brightness(source: Any, above: Any, below: Any, down: Any, target: Any) -> None:
+    """Remove gain and offset, shape (2, width) each, interpolated between the rows above and below."""
+    gain, offset, second_gain, second_offset = above[0], above[1], below[0], below[1]
+    for x in range(source.size):
+        own_gain = gain[x] + down * (second_gain[x] - gain[x])
+        own_offset = offset[x] + down * (second_offset[x] - offset[x])
+        target[x] = (source[x] - own_offset) / own_gain
 
 
 @_jit
@@ -437,7 +445,9 @@ def correct_brightness(
     ring = 2 * reach // step + 3
     sums = np.zeros((ring, 5, width + 2 * reach), dtype=np.float32)
     terms = np.empty((5, width), dtype=np.float32)
-    nodes = np.empty((rows.size, 2, (width - 1 + step - 1) // step + 1))
+    nodes = np.empty((2, (width - 1 + step - 1) // step + 1))
+    # Gain and offset of all pixels of the rows with nodes.
+    lines = np.empty((rows.size, 2, width), dtype=np.float32)
     begun, done = 0, 0
     for y in range(height):
         some[y] = False
@@ -456,9 +466,10 @@ def correct_brightness(
                     for k in range(5):
                         add_row(sums[node % ring, k, reach : reach + width], weight, terms[k])
         while done < begun and (rows[done] + reach <= y or y == height - 1):
-            _estimate_brightness(sums[done % ring], window, step, nodes[done])
+            _estimate_brightness(sums[done % ring], window, step, nodes)
+            for k in range(2):
+                _along_row(nodes[k], step, lines[done, k])
             done += 1
-    gain, offset = np.empty(width, dtype=np.float32), np.empty(width, dtype=np.float32)
     place = 0
     for y in range(height):
         if not some[y]:
@@ -468,9 +479,4 @@ def correct_brightness(
             place += 1
         top, bottom = rows[place], rows[min(place + 1, rows.size - 1)]
         down = (y - top) / (bottom - top) if bottom > top else 0.0
-        above, below = nodes[place], nodes[min(place + 1, rows.size - 1)]
-        _along_row(above[0], below[0], down, step, gain)
-        _along_row(above[1], below[1], down, step, offset)
-        source, target = image[y], out[y]
-        for x in range(width):
-            target[x] = (source[x] - offset[x]) / gain[x]
+        _remove_brightness(image[y], lines[place], lines[min(place + 1, rows.size - 1)], np.float32(down), out[y])

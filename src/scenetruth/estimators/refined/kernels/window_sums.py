@@ -33,6 +33,9 @@ __all__ = ["EVERY_MODEL", "NO_MODEL", "solve_members", "solve_rows"]
 EVERY_MODEL, NO_MODEL = -1, -2
 """Values that select all models, or none, at a pixel."""
 
+# Index of the number of valid channels among the products.
+_IN_USE = 16
+
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
@@ -58,9 +61,24 @@ def _degree(product: int, curved: bool, turning: bool, bent: bool) -> int:
 
 
 @_jit
-def _sums_along_y(products: Any, pairs_only: bool, window: Any, y: int, ends: Any, asked: Any, lines: Any) -> None:
+def _find_used_rows(products: Any, first: int, last: int) -> Any:
+    """Return which rows of a range have pixels in use; products of the others are 0, as of start values."""
+    used = np.zeros(products.shape[1], dtype=np.bool_)
+    for v in range(max(first, 0), min(last, used.size)):
+        for x in range(products.shape[2]):
+            if products[_IN_USE, v, x] != 0.0:
+                used[v] = True
+                break
+    return used
+
+
+@_jit
+def _sums_along_y(
+    products: Any, pairs_only: bool, window: Any, y: int, used: Any, ends: Any, asked: Any, lines: Any
+) -> None:
     """Sum products along the columns of the windows of a row, times powers of the distance: (numbered, x).
 
+    ``used``: Rows with pixels in use.
     ``ends``: First and last column + 1 of the sums.
     ``lines``: Output, with a margin of the half-width of a window on both sides.
     """
@@ -75,7 +93,8 @@ def _sums_along_y(products: Any, pairs_only: bool, window: Any, y: int, ends: An
             out = lines[n * POWERS + k, first + reach : last + reach]
             out[:] = 0.0
             for v in range(max(y - reach, 0), min(y + reach + 1, height)):
-                add_row(out, window[k, v - y + reach], products[n, v, first:last])
+                if used[v]:
+                    add_row(out, window[k, v - y + reach], products[n, v, first:last])
 
 
 @_jit
@@ -130,6 +149,7 @@ def solve_rows(
     whole = window[0].sum() ** 2
     asked = _asked(models, count)
     plain = (asked[0], asked[1], False)
+    used = _find_used_rows(products, rows[0] * step - first_row - reach, rows[1] * step - first_row + reach)
     for row in range(rows[0], rows[1]):
         y = row * step
         first, last = width, 0
@@ -140,9 +160,9 @@ def solve_rows(
         if last == 0:
             continue
         ends = (max(first - reach, 0), min(last + reach, width))
-        _sums_along_y(products, False, window, y - first_row, ends, asked, lines)
+        _sums_along_y(products, False, window, y - first_row, used, ends, asked, lines)
         if told > 0:
-            _sums_along_y(products, True, squared, y - first_row, ends, plain, second_lines)
+            _sums_along_y(products, True, squared, y - first_row, used, ends, plain, second_lines)
         for column in range(first // step, (last - 1) // step + 1):
             if chosen[row, column] < EVERY_MODEL:
                 continue
@@ -165,10 +185,6 @@ def _asked(models: Any, count: int) -> Any:
         turning = turning or models[m].gradient > 0
         bent = bent or (models[m].gradient > 0 and models[m].surface > 1)
     return curved, turning, bent
-
-
-# Index of the number of valid channels among the products.
-_IN_USE = 16
 
 
 @_jit
