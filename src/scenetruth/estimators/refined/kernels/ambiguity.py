@@ -132,7 +132,7 @@ def compare_windows(
     ``by_noise``: Part of the second sum due to noise, for windows inside the image.
     ``least_inside``: Smallest fraction of both displaced windows inside the image, of 2; with less, windows are
       unrelated.
-    ``out``: Output: 0 for equal windows, 1 for unrelated ones, shape (rows, columns).
+    ``out``: Output: 0 if equal, 1 if unrelated, shape (rows, columns).
     """
     first_rows, row_weights = rows
     first_columns, column_weights = columns
