@@ -88,8 +88,6 @@ _SAME_PX = 0.75
 # Distances over which models are tried at other pixels, in standard deviations of the full window.
 _DISTANCES = (1.6, 1.0, 0.5, 1 / 6)
 _ROUNDS = 2
-# Largest ratio of the times of two stages of small windows, by which errors of the velocity displace points farther.
-_FARTHER = 4.0
 # Distance from the corner of the images up to which half of a window is outside, in standard deviations.
 _OF_CORNER = 0.6
 # Largest displacement between the models of adjacent pixels that belong to one surface, and between fits to its pixels
@@ -395,9 +393,7 @@ def _small_windows(images: ImageStack, start: Map, where: Mask, settings: Refine
     sigma, gains = max(_LEAST_SIGMA_PX, _SMALL * settings.window_sigma_px), settings.photometric_model == "per_image"
     state = initial_parameters(start, accelerated=settings.accelerated)
     steady = model._replace(accelerated=False)
-    # A stage between is required only if all frames are far beyond the first one.
-    reaches = STAGES if images.longest > _FARTHER * STAGES[0] else STAGES[:1]
-    stages = [(images.within(reach), steady) for reach in reaches if reach < images.longest]
+    stages = [(images.within(reach), steady) for reach in STAGES if reach < images.longest]
     fit = None
     for part, each in [*stages, (images.few(), model)]:
         (fit,) = fit_round(part, np.where(where, state, np.nan), [each], sigma, gains=gains, coarse=True)

@@ -122,7 +122,7 @@ def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[n
 
 _SIDE_COST = 1.05  # ratio by which the images of one side must agree better than all images
 _LEAST_JUDGED_SHARE = 0.3  # smallest fraction of the neighbourhood of a pixel with a valid cost
-_SAME_MODEL_PX = 0.06  # models that displace a point by less than this in all images lead to the same fit
+_SAME_MODEL_PX = 0.03  # models that displace a point by less than this in all images lead to the same fit
 _BETTER = 0.03  # decrease of the residual, in squares of the noise, below which the earlier of two models remains
 _JUDGED_PIXELS = 4000  # number of pixels per thread task
 
