@@ -109,7 +109,7 @@ _BLENDED_PX = 3
 # Windows with two surfaces fit a steep one between them, and leave a residual. Near outlines: largest tangent of the
 # tilt; and largest product of it and the residual, relative to noise, if the residual exceeds this ratio.
 _STEEPEST, _STEEP, _RESIDUAL_OF_STEEP = 3.0, 2.5, 1.5
-# Ratio of the residuals of full and smaller windows from which on the smaller ones explain the images better.
+# Ratio of the residuals of full and smaller windows from which on the latter explain the images better.
 _REDUCED = 1.2
 # A steep surface that is observed continues on both sides: distance in standard deviations of the full window, and
 # largest difference from the extrapolated disparity, relative to the change that the slope predicts.
