@@ -203,15 +203,17 @@ class Scene(FrozenModel):
     @classmethod
     def _long_enough(cls, value: Frames, info: ValidationInfo) -> Frames:
         stage = info.data.get("stage")
-        if stage is None or value.count == 1:
+        if stage is None:
             return value
+        problems = [stage.visit_problem(value.count)]
         needed = stage.scan_interval_s
-        if needed > value.frame_interval_s * (1 + 1e-9):
-            msg = (
+        if value.count > 1 and needed > value.frame_interval_s * (1 + 1e-9):
+            problems.append(
                 f"the stage needs {needed:g} s per frame, more than frame_interval_s = "
                 f"{value.frame_interval_s:g} s: increase it, or reduce stage.time_per_position_s"
             )
-            raise ValueError(msg)
+        if any(problems):
+            raise ValueError("; ".join(filter(None, problems)))
         return value
 
     @field_validator("objects")
