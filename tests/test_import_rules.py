@@ -86,6 +86,10 @@ MAY_IMPORT = {
         *("scene", "camera", "raycast", "render", "truth", "resources", "provenance", "schema", "output"),
         *("simulation", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark"),
     },
+    "capture": {
+        *LEAVES,
+        *("scene", "camera", "render", "truth", "resources", "provenance", "schema", "output", "storage", "jobs"),
+    },
     "testing": {
         *LEAVES,
         *(

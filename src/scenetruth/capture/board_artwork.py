@@ -13,9 +13,11 @@ from pydantic import Field, ValidationError, model_validator
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.validated_model import FrozenModel, Positive
 
-__all__ = ["BoardArtwork", "BoardPrint", "draw_board", "draw_dots", "read_board_print"]
+__all__ = ["BoardArtwork", "BoardKind", "BoardPrint", "draw_board", "draw_dots", "read_board_print"]
 
 Array = NDArray[np.float64]
+BoardKind = Literal["charuco", "checkerboard", "dots", "asymmetric_dots"]
+"""Types of boards."""
 Count = Annotated[int, Field(ge=2, le=100)]
 
 _CORNERS_OF_DISC = 512
@@ -25,7 +27,7 @@ _LARGEST_DOT = 0.8  # largest diameter relative to the distance of neighbouring 
 class BoardPrint(FrozenModel):
     """Printed calibration board: its type and its nominal lengths, as in the section ``board`` of a capture file."""
 
-    kind: Literal["charuco", "checkerboard", "dots", "asymmetric_dots"] = "charuco"
+    kind: BoardKind
     """Type of the board."""
     squares: tuple[Count, Count] | None = None
     """Columns and rows of squares of a ``charuco`` or ``checkerboard``."""
@@ -84,7 +86,7 @@ def read_board_print(values: BoardPrint | Mapping[str, Any]) -> BoardPrint:
         problems = [
             Problem(
                 ".".join(("board", *map(str, entry["loc"]))),
-                entry["msg"].removeprefix("Value error, "),
+                "is missing" if entry["type"] == "missing" else entry["msg"].removeprefix("Value error, "),
                 None if entry["type"] in ("missing", "value_error") else entry.get("input"),
             )
             for entry in error.errors(include_url=False)

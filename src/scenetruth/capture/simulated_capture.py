@@ -355,7 +355,7 @@ def describe_capture(plan: CapturePlan) -> dict[str, Any]:
         "files": files,
         "distance_mm": float(f"{plan.distance_mm:.3g}"),
     }
-    if settings.board is not None and plan.boards:
+    if plan.boards and not isinstance(settings.board, str):
         files["board"] = f"board/p{{pose:02d}}_{row}s{{s:+d}}.{_SUFFIX}"
         board = settings.board.model_dump(mode="json", exclude_none=True, exclude={"margin_mm"})
         if settings.board.kind != "charuco":

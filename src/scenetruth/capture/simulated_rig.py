@@ -15,9 +15,17 @@ from pydantic import Field, ValidationError
 from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Frames, Schedule, Stage, StagePose, Viewpoint, build_sensor_chain
-from scenetruth.capture.board_artwork import BoardArtwork, BoardPrint, draw_board, draw_dots, read_board_print
+from scenetruth.capture.board_artwork import (
+    BoardArtwork,
+    BoardKind,
+    BoardPrint,
+    draw_board,
+    draw_dots,
+    read_board_print,
+)
 from scenetruth.capture.board_rendering import BoardLight, PlacedBoard, project_points
 from scenetruth.errors import ArgumentError, Problem, SceneError, SceneWarning
+from scenetruth.provenance import build_schedule
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 from scenetruth.truth import make_truth
@@ -39,7 +47,7 @@ _COLUMNS, _LEAST_ROWS = 12, 5
 _EDGE_PX = 4.0
 _PAPER, _FLAT, _INK_SHARE, _BACKGROUND_SHARE = 0.8, 0.7, 0.06, 0.25
 _DATA_SHEET_STD = 0.005
-_STRIP_POINTS, _STRIP_TURN_RAD, _STRIP_NEARER, _STRIP_DOT_PX = 17, 5e-3, 0.02, 12.0
+_STRIP_POINTS, _LEAST_STRIP_POINTS, _STRIP_TURN_RAD, _STRIP_NEARER, _STRIP_DOT_PX = 17, 5, 5e-3, 0.02, 12.0
 
 
 class BoardPose(FrozenModel):
@@ -57,8 +65,8 @@ class CaptureSimulation(FrozenModel):
     Draws of the board, the strip and the step length have the stated standard deviations.
     """
 
-    board: BoardPrint | None = None
-    """Calibration board; default: a ChArUco board that fills the field of view."""
+    board: BoardPrint | BoardKind = "charuco"
+    """Calibration board, or only its type: then its size follows from the field of view."""
     poses: Annotated[int, Field(ge=0, le=200)] | Annotated[tuple[BoardPose, ...], Field(max_length=200)] = 8
     """Number of drawn poses of the board, or the poses; 0 for no board."""
     scale_std: Positive = 1e-4
@@ -82,8 +90,8 @@ class CaptureSimulation(FrozenModel):
 def read_settings(values: Mapping[str, Any]) -> CaptureSimulation:
     """Return validated settings; raises `ArgumentError` with every problem."""
     problems, plain = list[Problem](), dict(values)
-    board = plain.pop("board", None)
-    if board is not None:
+    board = plain.get("board")
+    if isinstance(board, Mapping):
         try:
             plain["board"] = read_board_print(board)
         except ArgumentError as error:
@@ -282,12 +290,12 @@ def _field_mm(scene: Scene, distance_mm: float) -> Array:
     return np.array([scene.camera.width, scene.camera.height]) / scene.camera.focal_px * distance_mm
 
 
-def _default_board(scene: Scene, kind: str, distance_mm: float, share: float = 1.0) -> BoardPrint:
+def _default_board(scene: Scene, kind: BoardKind, distance_mm: float) -> BoardPrint:
     """Return a board of round lengths for the field of view."""
     width, height = _field_mm(scene, distance_mm)
     rows = max(round(_COLUMNS * height / width), _LEAST_ROWS)
     travel = float(np.ptp(scene.stage.x_mm)) if kind != "charuco" else 0.0
-    square = share * _FILLED.get(kind, _FILLED_WHOLE) * min((width - travel) / _COLUMNS, height / rows)
+    square = _FILLED.get(kind, _FILLED_WHOLE) * min((width - travel) / _COLUMNS, height / rows)
     square = float(f"{square:.2g}")
     if kind == "charuco":
         return BoardPrint(
@@ -307,8 +315,9 @@ def _place_boards(
     """Return the settings with their board, and the board in all poses."""
     count = settings.poses if isinstance(settings.poses, int) else len(settings.poses)
     if count == 0:
-        return settings.model_copy(update={"board": None}), ()
-    board = settings.board or _default_board(scene, "charuco", distance_mm)
+        return settings, ()
+    given = settings.board
+    board = _default_board(scene, given, distance_mm) if isinstance(given, str) else given
     artwork, generator = draw_board(board), draw("board")
     scale = settings.scale_std * float(generator.standard_normal())
     warp = tuple((settings.warp_mm * generator.standard_normal(3)).tolist())
@@ -354,7 +363,8 @@ def _check_points(plan: CapturePlan) -> None:
     """Raise if points that must be visible are outside an image."""
     problems, scene = [], plan.scene
     places = [(s_y, s) for s_y in scene.stage.s_y.tolist() for s in scene.stage.s.tolist()]
-    whole = plan.settings.board is not None and plan.settings.board.kind != "charuco"
+    board_print = plan.settings.board
+    whole = not isinstance(board_print, str) and board_print.kind != "charuco"
     for number, board in enumerate(plan.boards):
         inside = [_inside(scene, project_points(scene.camera, plan.board_viewpoint(number, s, s_y), board))
                   for s_y, s in places]  # fmt: skip
@@ -363,6 +373,13 @@ def _check_points(plan: CapturePlan) -> None:
             need = "all" if whole else "a quarter"
             message = f"must have {need} of its points inside all images; {100 * worst:.0f} % are in one of them"
             problems.append(Problem(f"poses.{number}", f"{message}; use a smaller board or another pose"))
+    if plan.strip is not None:
+        schedule = build_schedule(scene)
+        views = [schedule.moment(s, t, s_y).viewpoint for s_y, s in places for t in scene.frames.t.tolist()]
+        pixels = [project_points(scene.camera, view, plan.strip.placed) for view in views]
+        if not all(_inside(scene, each).all() for each in pixels):
+            message = "has points outside an image; use a weaker lens distortion, or no strip"
+            problems.append(Problem("strip", message, True))
     if problems:
         raise ArgumentError(problems, source="a simulated capture")
 
@@ -384,12 +401,12 @@ def _make_strip(
     reach = [
         (size - 1) / 2 - shift - 2 * dot for size, shift in zip((camera.width, camera.height), travel, strict=True)
     ]
-    step = 2 * reach[0] / (_STRIP_POINTS - 1)
-    if step < 2 * dot or reach[1] < 4 * dot:
-        message = f"does not fit into all images: {_STRIP_POINTS} dots of {dot:g} px need more width than all "
-        message += "positions of the stage have in common; use a larger image, a shorter stage, or no strip"
+    count = min(_STRIP_POINTS, int(max(reach[0], 0.0) / dot) + 1)
+    if count < _LEAST_STRIP_POINTS or reach[1] < 4 * dot:
+        message = f"does not fit into all images: {_LEAST_STRIP_POINTS} dots of {dot:g} px in a row need more width "
+        message += "than all positions of the stage have in common; use a larger image, a shorter stage, or no strip"
         raise ArgumentError([Problem("strip", message, True)], source="a simulated capture")
-    columns = np.linspace(-reach[0], reach[0], _STRIP_POINTS) / per_mm
+    columns = np.linspace(-reach[0], reach[0], count) / per_mm
     rows = np.array([-reach[1], reach[1]]) / per_mm
     flat = np.array([[x, y] for y in rows for x in columns])
     # Nominal lengths are measured to 1 µm.

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from scenetruth.cli import commands, data_sets, design_synthesis, scene_templates, studies
+from scenetruth.cli import capture_simulation, commands, data_sets, design_synthesis, scene_templates, studies
 
 __all__ = ["app", "run_app"]
 
@@ -65,6 +65,7 @@ for register in (
     commands.register_export,
     studies.register_compare,
     design_synthesis.register,
+    capture_simulation.register,
     studies.register_validation,
 ):
     register(app)
