@@ -84,7 +84,7 @@ MAY_IMPORT = {
         *LEAVES,
         "results",
         *("scene", "camera", "raycast", "render", "truth", "resources", "provenance", "schema", "output"),
-        *("simulation", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark"),
+        *("simulation", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark", "capture"),
     },
     "capture": {
         *LEAVES,

@@ -50,7 +50,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def read(path: Path) -> Array:
-    return np.asarray(Image.open(path)).astype(np.float64)
+    with Image.open(path) as image:
+        return np.asarray(image, dtype=np.float64)
 
 
 def parameters(folder: Path) -> dict[str, Any]:
@@ -75,7 +76,7 @@ def centroid(image: Array, place: Array, radius: float, paper: float) -> Array:
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     near = np.hypot(x - place[0], y - place[1]) < radius
     weights = paper - image[near]
-    return np.array([(weights * x[near]).sum(), (weights * y[near]).sum()]) / weights.sum()
+    return np.asarray(np.array([(weights * x[near]).sum(), (weights * y[near]).sum()]) / weights.sum())
 
 
 def test_folder_holds_what_its_file_describes(folder: Path) -> None:

@@ -24,6 +24,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "verify",
         ),
         "scenetruth.camera": ("two_point_correction",),
+        "scenetruth.capture": ("simulate_capture", "CaptureSimulation"),
     },
     "data": {"scenetruth": ("make_recording", "make_estimate", "save_store", "load_store", "open_store")},
     "estimation": {
@@ -89,6 +90,8 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         "scenetruth.design.optimisation": ("load_design_spec", "DesignSpec"),
         "scenetruth.design.optimisation.report.design_report": ("write_design_page",),
         "scenetruth.design.patterns": (
+            "generate_board",
+            "export_board",
             "export_pattern",
             "Pattern",
             "PatternRig",

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.validated_model import FrozenModel, Positive
 
-__all__ = ["BoardArtwork", "BoardKind", "BoardPrint", "draw_board", "draw_dots", "read_board_print"]
+__all__ = ["BoardArtwork", "BoardKind", "BoardPrint", "default_board", "draw_board", "draw_dots", "read_board_print"]
 
 Array = NDArray[np.float64]
 BoardKind = Literal["charuco", "checkerboard", "dots", "asymmetric_dots"]
@@ -74,6 +74,34 @@ class BoardPrint(FrozenModel):
             msg = f"a board of this type ({self.kind}) {' and '.join(problems)}"
             raise ValueError(msg)
         return self
+
+
+# Share of the field of view that a board fills; boards whose points must all be visible fill less.
+_FILLED, _FILLED_WHOLE = 0.9, 0.7
+_COLUMNS, _LEAST_ROWS = 12, 5
+
+
+def default_board(kind: BoardKind, field_mm: tuple[float, float], travel_mm: float = 0.0) -> BoardPrint:
+    """Return a board with lengths of two digits for a field of view and a travel of the stage along X.
+
+    >>> default_board("charuco", (84.0, 63.0)).square_mm
+    6.3
+    """
+    width, height = field_mm
+    rows = max(round(_COLUMNS * height / width), _LEAST_ROWS)
+    # A part of a ChArUco board is sufficient.
+    free = width if kind == "charuco" else max(width - travel_mm, 0.1 * width)
+    filled = _FILLED if kind == "charuco" else _FILLED_WHOLE
+    square = float(f"{filled * min(free / _COLUMNS, height / rows):.2g}")
+    if kind == "charuco":
+        lengths: dict[str, Any] = {"square_mm": square, "marker_mm": 0.75 * square, "dictionary": "4X4_250"}
+        return BoardPrint(kind=kind, squares=(_COLUMNS, rows), **lengths)
+    if kind == "checkerboard":
+        # One even and one odd number of squares make the orientation unique.
+        return BoardPrint(kind=kind, squares=(_COLUMNS, rows - 1 + rows % 2), square_mm=square)
+    if kind == "dots":
+        return BoardPrint(kind=kind, dots=(_COLUMNS, rows), spacing_mm=square, diameter_mm=0.5 * square)
+    return BoardPrint(kind=kind, dots=(4, 11), spacing_mm=2 * square, diameter_mm=0.6 * square)
 
 
 def read_board_print(values: BoardPrint | Mapping[str, Any]) -> BoardPrint:

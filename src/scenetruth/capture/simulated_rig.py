@@ -19,6 +19,7 @@ from scenetruth.capture.board_artwork import (
     BoardArtwork,
     BoardKind,
     BoardPrint,
+    default_board,
     draw_board,
     draw_dots,
     read_board_print,
@@ -41,9 +42,6 @@ _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 _TILT_DEG, _TILT_SPREAD_DEG, _FRONTAL_DEG, _FRONTAL_EVERY = 37.5, 2.5, 6.0, 4
 _TURN_DEG = 25.0
 _DEPTH_SHARE, _LATERAL_SHARE = 0.05, 0.06
-_FILLED = {"charuco": 0.9}
-_FILLED_WHOLE = 0.7  # share of the width for boards that must be visible with all points
-_COLUMNS, _LEAST_ROWS = 12, 5
 _EDGE_PX = 4.0
 _PAPER, _FLAT, _INK_SHARE, _BACKGROUND_SHARE = 0.8, 0.7, 0.06, 0.25
 _DATA_SHEET_STD = 0.005
@@ -63,6 +61,17 @@ class CaptureSimulation(FrozenModel):
     """Settings of a simulated capture.
 
     Draws of the board, the strip and the step length have the stated standard deviations.
+
+    See Also
+    --------
+    scenetruth.capture.simulate_capture : Takes the fields as arguments.
+
+    Examples
+    --------
+    >>> from scenetruth.capture import CaptureSimulation
+    >>> settings = CaptureSimulation(board="dots", poses=12)
+    >>> settings.scale_std, settings.dark, settings.flat
+    (0.0001, 8, 16)
     """
 
     board: BoardPrint | BoardKind = "charuco"
@@ -290,25 +299,6 @@ def _field_mm(scene: Scene, distance_mm: float) -> Array:
     return np.array([scene.camera.width, scene.camera.height]) / scene.camera.focal_px * distance_mm
 
 
-def _default_board(scene: Scene, kind: BoardKind, distance_mm: float) -> BoardPrint:
-    """Return a board of round lengths for the field of view."""
-    width, height = _field_mm(scene, distance_mm)
-    rows = max(round(_COLUMNS * height / width), _LEAST_ROWS)
-    travel = float(np.ptp(scene.stage.x_mm)) if kind != "charuco" else 0.0
-    square = _FILLED.get(kind, _FILLED_WHOLE) * min((width - travel) / _COLUMNS, height / rows)
-    square = float(f"{square:.2g}")
-    if kind == "charuco":
-        return BoardPrint(
-            kind="charuco", squares=(_COLUMNS, rows), square_mm=square, marker_mm=0.75 * square, dictionary="4X4_250"
-        )
-    if kind == "checkerboard":
-        # One even and one odd number of squares make the orientation unique.
-        return BoardPrint(kind="checkerboard", squares=(_COLUMNS, rows - 1 + rows % 2), square_mm=square)
-    if kind == "dots":
-        return BoardPrint(kind="dots", dots=(_COLUMNS, rows), spacing_mm=square, diameter_mm=0.5 * square)
-    return BoardPrint(kind="asymmetric_dots", dots=(4, 11), spacing_mm=2 * square, diameter_mm=0.6 * square)
-
-
 def _place_boards(
     scene: Scene, settings: CaptureSimulation, distance_mm: float, draw: Any
 ) -> tuple[CaptureSimulation, tuple[PlacedBoard, ...]]:
@@ -317,7 +307,10 @@ def _place_boards(
     if count == 0:
         return settings, ()
     given = settings.board
-    board = _default_board(scene, given, distance_mm) if isinstance(given, str) else given
+    board = given
+    if isinstance(board, str):
+        width, height = _field_mm(scene, distance_mm).tolist()
+        board = default_board(board, (width, height), float(np.ptp(scene.stage.x_mm)))
     artwork, generator = draw_board(board), draw("board")
     scale = settings.scale_std * float(generator.standard_normal())
     warp = tuple((settings.warp_mm * generator.standard_normal(3)).tolist())
