@@ -230,3 +230,25 @@ def test_boards_beyond_the_images_are_rejected(tmp_path: Path) -> None:
 def test_sensors_without_digital_numbers_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"sensor: must return digital numbers"):
         simulate_capture(cube(**{**SCENE, "sensor": "ideal"}), tmp_path / "c", **SETTINGS)
+
+
+def test_poses_of_the_board_are_scanned_like_frames(tmp_path: Path) -> None:
+    stage = {"positions": 3, "baseline_mm": 4.0, "scan": "bidirectional", "errors": {"backlash_um": 200}}
+    scene = cube(**{**SCENE, "stage": stage, "frames": {"count": 1}})
+    settings: dict[str, Any] = {"board": BOARD, "poses": 3, "dark": 0, "flat": 0, "step_std": 0}
+    visits = parameters(simulate_capture(scene, tmp_path / "c", **settings))["board"]["visits"]
+    off_um = {(one["pose"], one["s"]): 1e3 * one["position_mm"][0] - 4e3 * one["s"] for one in visits}
+    # The camera stops short by 100 µm. Where a scan reverses, it has not moved since the former image.
+    expected = {(0, 0): -100, (0, 1): -100, (1, 1): -100, (1, 0): 100, (1, -1): 100, (2, -1): 100, (2, 0): -100}
+    assert {at: off_um[at] for at in expected} == pytest.approx(expected, abs=1e-6)
+
+
+def test_black_level_of_a_gamma_curve_is_that_of_its_dark_images(tmp_path: Path) -> None:
+    sensor = {"kind": "emva1288", "preset": "industrial_cmos", "bit_depth": 8, "gain_dn_per_e": 0.024, "gamma": 0.45}
+    scene = cube(**{**SCENE, "sensor": sensor, "frames": {"count": 1}})
+    folder = simulate_capture(scene, tmp_path / "c", poses=0, dark=1, flat=0)
+    camera = yaml.safe_load((folder / "capture.yaml").read_text())["camera"]
+    assert (camera["encoding"], camera["bit_depth"]) == ("gamma", 8)
+    assert camera["gamma"] == pytest.approx(1 / 0.45)
+    # Dark current and rounding add less than half a digital number.
+    assert read(folder / "dark" / "d000.tif").mean() == pytest.approx(camera["black_level_dn"], abs=0.5)

@@ -379,7 +379,10 @@ def _describe_camera(plan: CapturePlan) -> dict[str, Any]:
         "focal_length_px": plan.data_sheet_px,
     }
     if "gain" in effects:
-        found["black_level_dn"] = effects["gain"].black_level_dn
+        black = effects["gain"].black_level_dn
+        if "gamma" in effects:
+            black = round(effects["gamma"].mean_response(black, chain.full_scale), 2)
+        found["black_level_dn"] = black
     if "bayer_filter" in effects:
         found["bayer"] = effects["bayer_filter"].order
     if "gamma" in effects:

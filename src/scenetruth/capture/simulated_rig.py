@@ -166,12 +166,12 @@ class CapturePlan:
         return _INK_SHARE - 1.0
 
     def board_viewpoint(self, pose: int, s: int, s_y: int = 0) -> Viewpoint:
-        """Return the pose of the camera for an image of the board."""
-        return self._board_schedule.moment(s, pose - (len(self.boards) - 1) // 2, s_y).viewpoint
+        """Return the pose of the camera for an image of the board; poses are scanned as frames, the first forwards."""
+        return self._board_schedule.moment(s, pose, s_y).viewpoint
 
     def board_rotation(self, pose: int, s: int, s_y: int = 0) -> Array:
         """Return the rotation vector of the camera in rad for an image of the board."""
-        return self._board_schedule.moment(s, pose - (len(self.boards) - 1) // 2, s_y).rotation_rad
+        return self._board_schedule.moment(s, pose, s_y).rotation_rad
 
     @property
     def _board_schedule(self) -> Schedule:
