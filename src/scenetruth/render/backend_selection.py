@@ -71,7 +71,10 @@ def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> Renderer:
     topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
 
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
-        return RaycastRenderer(world, camera, scene.background, supersampling, scene.lighting, topology)
+        adaptive = scene.render.edges == "adaptive"
+        return RaycastRenderer(
+            world, camera, scene.background, supersampling, scene.lighting, topology, adaptive=adaptive
+        )
 
     return _behind_lens(scene, world, open_renderer, wrap)
 
