@@ -137,6 +137,8 @@ class RaycastRenderer(Renderer):
                 lattice_rule(2 * supersampling**2 + 32),
             )
             self._mixed = self._fine
+            # Lattices reach the border of the pixel.
+            self._reach_px = 0.5
         self._lighting = lighting or Lighting()
         self._shader = Shader(self._lighting, world) if self._lighting.lit else None
 
