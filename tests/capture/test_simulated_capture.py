@@ -41,7 +41,15 @@ SCENE: dict[str, Any] = {
     "seed": 11,
 }
 BOARD = {"kind": "dots", "dots": [6, 5], "spacing_mm": 9, "diameter_mm": 4.5}
-SETTINGS: dict[str, Any] = {"board": BOARD, "poses": 3, "dark": 2, "flat": 2, "strip": True, "scale_std": 1e-3}
+SETTINGS: dict[str, Any] = {
+    "board": BOARD,
+    "poses": 3,
+    "dark": 2,
+    "flat": 2,
+    "static": 3,
+    "strip": True,
+    "scale_std": 1e-3,
+}
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +92,7 @@ def test_folder_holds_what_its_file_describes(folder: Path) -> None:
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*.tif")}
     expected = {f"board/p{pose:02d}_s{s:+d}.tif" for pose in range(3) for s in (-1, 0, 1)}
     expected |= {f"images/s{s:+d}_t{t:+d}.tif" for s in (-1, 0, 1) for t in (0, 1)}
+    expected |= {f"static/n00{n}.tif" for n in (0, 1, 2)}
     expected |= {f"dark/d00{n}.tif" for n in (0, 1)} | {f"flat/f00{n}.tif" for n in (0, 1)}
     assert names == expected
     assert plain["camera"]["bit_depth"] == 12
@@ -155,9 +164,23 @@ def test_dark_and_flat_images_are_those_of_the_sensor(folder: Path) -> None:
         assert (images[0] != images[1]).mean() > 0.5
 
 
+def test_static_images_differ_by_noise_alone(folder: Path) -> None:
+    effects = {effect["kind"]: effect for effect in parameters(folder)["sensor"]["effects"]}
+    gain, black = (effects["gain"][name] for name in ("gain_dn_per_e", "black_level_dn"))
+    images = np.array([read(path) for path in sorted((folder / "static").iterdir())])
+    mean, variance = images.mean(axis=0) - black, images.var(axis=0, ddof=1)
+    dark = gain**2 * (effects["readout_noise"]["temporal_dark_noise_e"] ** 2 + 0.05) + 1 / 12
+    # Photon transfer: the variance of shot noise is K times the mean. 43,200 variances with 2 degrees of freedom are
+    # known to 0.5 %.
+    assert variance.mean() == pytest.approx(gain * mean.mean() + dark, rel=0.025)
+    reference = read(folder / "images" / "s+0_t+0.tif")
+    error = (reference - images.mean(axis=0)) / np.sqrt((gain * np.maximum(mean, 0) + dark) * 4 / 3)
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(1, abs=0.03)
+
+
 def test_images_and_truth_are_those_of_the_true_scene(tmp_path: Path) -> None:
     scene = cube(**SCENE)
-    folder = simulate_capture(scene, tmp_path / "c", board=BOARD, poses=0, dark=0, flat=0, step_std=1e-3)
+    folder = simulate_capture(scene, tmp_path / "c", board=BOARD, poses=0, dark=0, flat=0, static=0, step_std=1e-3)
     assert not (folder / "board").exists()
     recording, truth = st.simulate(st.load_scene(folder / "truth" / "scene.yaml"))
     for s in (-1, 0, 1):
@@ -235,7 +258,7 @@ def test_sensors_without_digital_numbers_are_rejected(tmp_path: Path) -> None:
 def test_poses_of_the_board_are_scanned_like_frames(tmp_path: Path) -> None:
     stage = {"positions": 3, "baseline_mm": 4.0, "scan": "bidirectional", "errors": {"backlash_um": 200}}
     scene = cube(**{**SCENE, "stage": stage, "frames": {"count": 1}})
-    settings: dict[str, Any] = {"board": BOARD, "poses": 3, "dark": 0, "flat": 0, "step_std": 0}
+    settings: dict[str, Any] = {"board": BOARD, "poses": 3, "dark": 0, "flat": 0, "static": 0, "step_std": 0}
     visits = parameters(simulate_capture(scene, tmp_path / "c", **settings))["board"]["visits"]
     off_um = {(one["pose"], one["s"]): 1e3 * one["position_mm"][0] - 4e3 * one["s"] for one in visits}
     # The camera stops short by 100 µm. Where a scan reverses, it has not moved since the former image.

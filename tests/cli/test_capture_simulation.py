@@ -26,7 +26,7 @@ def test_capture_folder_is_written_and_resumed(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert f"wrote {output / 'capture.yaml'}, {output / 'truth' / 'parameters.yaml'}" in done.stdout
     assert sorted(path.name for path in output.iterdir() if not path.name.startswith(".")) == [
-        "board", "capture.yaml", "dark", "images", "simulated_capture.json", "truth",
+        "board", "capture.yaml", "dark", "images", "simulated_capture.json", "static", "truth",
     ]  # fmt: skip
     assert len(list((output / "board").iterdir())) == 6
     first = output / "board" / "p00_s+0.tif"

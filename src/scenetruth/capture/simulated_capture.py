@@ -6,7 +6,7 @@ import io
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 _INDEX, _FILE, _TRUTH, _STRIP = "simulated_capture.json", "capture.yaml", "truth", "strip.csv"
 _FOLDER = JobFolder(_INDEX, "a simulated capture", _TRUTH)
 # Frame numbers of the random streams of the sensor; scenes have at most 100,000 frames.
-_DARK, _FLAT, _BOARD = 3_000_000, 2_000_000, 1_000_000
+_STATIC, _DARK, _FLAT, _BOARD = 4_000_000, 3_000_000, 2_000_000, 1_000_000
 _SUFFIX = "tif"
 
 
@@ -51,7 +51,7 @@ def simulate_capture(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Path:
-    """Simulate a capture folder: images of a calibration board, dark and flat images, and images of the objects.
+    """Simulate a capture folder: images of a calibration board, dark, flat and static images, images of the objects.
 
     Camera, lens, stage with its errors, and sensor are those of the scene. Board images are exact means over the
     pixels. If interrupted, the same call resumes; files appear when they are complete.
@@ -61,8 +61,8 @@ def simulate_capture(
     scene
         The scene, its values, its file, or the name of a bundled scene. Its sensor must return digital numbers.
     output
-        The capture folder. It contains ``capture.yaml``, the folders ``board``, ``dark``, ``flat`` and ``images``,
-        ``strip.csv`` with a strip, and the folder ``truth`` with the true parameters, points and maps.
+        The capture folder. It contains ``capture.yaml``, the folders ``board``, ``dark``, ``flat``, ``static`` and
+        ``images``, ``strip.csv`` with a strip, and the folder ``truth`` with the true parameters, points and maps.
     overrides
         Changed fields of the scene, as for `load_scene`.
     limits
@@ -149,7 +149,9 @@ class _Writing:
         self.places = [(s_y, s) for s_y in self.scene.stage.s_y.tolist() for s in self.scene.stage.s.tolist()]
 
     def write(self) -> None:
-        series: list[list[_Image]] = [self._dark(), self._flat(), *self._boards(), self._objects()]
+        series: list[list[_Image]] = [
+            self._dark(), self._flat(), *self._boards(), self._static(), self._objects(),
+        ]  # fmt: skip
         done, total = 0, sum(map(len, series))
         for images in series:
             for number, image in enumerate(images):
@@ -197,6 +199,17 @@ class _Writing:
         level = self.plan.flat_radiance
         names = [f"flat/f{number:03d}" for number in range(self.plan.settings.flat)]
         return [_Image(name, 0, 0, _FLAT + number, partial(self._uniform, level)) for number, name in enumerate(names)]
+
+    def _static(self) -> list[_Image]:
+        moment = build_schedule(self.scene).moment(0, 0)
+
+        # The radiance of all images is rendered once, by the first that is missing.
+        @cache
+        def render() -> NDArray[np.float32]:
+            return self._render(moment.t, moment.viewpoint)
+
+        names = [f"static/n{number:03d}" for number in range(self.plan.settings.static)]
+        return [_Image(name, 0, 0, _STATIC + number, render) for number, name in enumerate(names)]
 
     def _boards(self) -> Iterator[list[_Image]]:
         scene = self.scene
@@ -361,7 +374,7 @@ def describe_capture(plan: CapturePlan) -> dict[str, Any]:
         if settings.board.kind != "charuco":
             board.pop("legacy")
         found["board"] = {**board, "scale_std": settings.scale_std, "warp_mm": settings.warp_mm}
-    files |= {name: f"{name}/*.{_SUFFIX}" for name in ("dark", "flat") if getattr(settings, name)}
+    files |= {name: f"{name}/*.{_SUFFIX}" for name in ("dark", "flat", "static") if getattr(settings, name)}
     if plan.strip is not None:
         found["strip"] = {"file": _STRIP, "scale_std": settings.strip_scale_std}
     return found

@@ -88,6 +88,8 @@ class CaptureSimulation(FrozenModel):
     """Number of images without light."""
     flat: Annotated[int, Field(ge=0, le=1000)] = 16
     """Number of images of a uniformly bright surface."""
+    static: Annotated[int, Field(ge=0, le=1000)] = 4
+    """Number of images of the objects at rest, from the reference camera at rest, for the noise."""
     strip: bool = False
     """Whether a fiducial strip is visible in all images of the objects."""
     strip_scale_std: Positive = 1e-4

@@ -45,7 +45,7 @@ CaptureSettings = Annotated[
         "--setting",
         "NAME=VALUE",
         "Setting of the simulated capture, with a value in YAML: board, poses, scale_std, warp_mm, step_std, "
-        "strip_scale_std, distance_mm.",
+        "static, strip_scale_std, distance_mm.",
     ),
 ]
 
