@@ -238,10 +238,30 @@ def test_boards_of_default_size_fit(kind: str, tmp_path: Path) -> None:
 def test_all_wrong_settings_are_named_together(tmp_path: Path) -> None:
     board = {"kind": "dots", "dots": [5, 4], "spacing_mm": -3}
     with pytest.raises(ArgumentError) as caught:
-        simulate_capture(cube(**SCENE), tmp_path / "c", board=board, poses=-1, flats=3)
-    text = str(caught.value)
-    assert all(word in text for word in ("board.spacing_mm", "poses", "flats: is unknown; choose board"))
+        simulate_capture(cube(**SCENE), tmp_path / "c", board=board, scale_std=0, flats=3)
+    paths = [problem.path for problem in caught.value.problems]
+    assert paths == ["board.spacing_mm", "scale_std", "flats"]
+    assert "flats: is unknown; choose board" in str(caught.value)
     assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        ({"position_mm": [0, 0, -660]}, "must lie in front of the camera"),
+        ({"position_mm": [0, 0, 660], "rotation_deg": [180, 0, 0]}, "shows the back of the board"),
+        ({"position_mm": [0, 0, 20], "rotation_deg": [80, 0, 0]}, "must lie in front of the camera"),
+    ],
+)
+def test_poses_that_no_camera_sees_are_rejected(pose: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match=rf"poses\.0: {message}"):
+        simulate_capture(cube(**SCENE), tmp_path / "c", board=BOARD, poses=[pose])
+    assert not (tmp_path / "c").exists()
+
+
+def test_steps_that_no_stage_makes_are_rejected(tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match="step_std: gives positions that the stage cannot have"):
+        simulate_capture(cube(**SCENE), tmp_path / "c", poses=0, step_std=100)
 
 
 def test_boards_beyond_the_images_are_rejected(tmp_path: Path) -> None:

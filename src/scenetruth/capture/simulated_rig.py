@@ -107,6 +107,7 @@ def read_settings(values: Mapping[str, Any]) -> CaptureSimulation:
             plain["board"] = read_board_print(board)
         except ArgumentError as error:
             problems += error.problems
+            del plain["board"]
     try:
         settings = CaptureSimulation.model_validate(plain)
     except ValidationError as error:
@@ -293,7 +294,11 @@ def _stage(scene: Scene, base: Sequence[StagePose], visits: list[list[dict[str, 
         poses = [{**pose, "visits": rows} for pose, rows in zip(poses, visits, strict=True)]
     if any(any(value for value in pose.values()) for pose in poses):
         plain["poses"] = poses
-    return Stage.model_validate(plain)
+    try:
+        return Stage.model_validate(plain)
+    except ValidationError as error:
+        message = f"gives positions that the stage cannot have: {error.errors(include_url=False)[0]['msg']}"
+        raise ArgumentError([Problem("step_std", message)], source="a simulated capture") from error
 
 
 def _field_mm(scene: Scene, distance_mm: float) -> Array:
@@ -361,8 +366,15 @@ def _check_points(plan: CapturePlan) -> None:
     board_print = plan.settings.board
     whole = not isinstance(board_print, str) and board_print.kind != "charuco"
     for number, board in enumerate(plan.boards):
-        inside = [_inside(scene, project_points(scene.camera, plan.board_viewpoint(number, s, s_y), board))
-                  for s_y, s in places]  # fmt: skip
+        views = [plan.board_viewpoint(number, s, s_y) for s_y, s in places]
+        corners = board.to_world(board.artwork.plate[0])
+        if not all((view.to_camera(corners)[:, 2] > 0).all() for view in views):
+            problems.append(Problem(f"poses.{number}", "must lie in front of the camera with the whole board"))
+            continue
+        if not all((board.position_mm - view.position_mm) @ board.rotation[:, 2] > 0 for view in views):
+            problems.append(Problem(f"poses.{number}", "shows the back of the board; turn it by 180° about u or v"))
+            continue
+        inside = [_inside(scene, project_points(scene.camera, view, board)) for view in views]
         worst = min(float(one.mean()) for one in inside)
         if (whole and worst < 1) or worst < 0.25:
             need = "all" if whole else "a quarter"
