@@ -199,6 +199,42 @@ def test_images_and_truth_are_those_of_the_true_scene(tmp_path: Path) -> None:
     assert st.load_scene(folder / "truth" / "scene.yaml").stage.errors == scene.stage.errors
 
 
+LAG = {"after": "full_well", "effect": {"kind": "readout_lag", "lag": 0.05}}
+GRID: dict[str, Any] = {
+    "rows": 2,
+    "row_spacing_mm": 3,
+    "scan": "bidirectional",
+    "time_per_position_s": 2,
+    "errors": {"preset": "screw_stage"},
+}
+SMALL = {"width": 96, "height": 72, "focal_length_px": 760}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"stage": {"positions": 3, "baseline_mm": 3, **GRID}},
+        {"sensor": {"kind": "emva1288", "preset": "industrial_cmos", "insert": [LAG]}},
+        {"shutter": {"exposure_time_s": 0.01, "readout_time_s": 0.01, "stage_speed_mm_per_s": 5, "samples": 2}},
+        {"optics": {"defocus": {"aperture_mm": 3, "focus_distance_mm": 680, "samples": 4}, "vignetting": {}}},
+    ],
+    ids=["grid", "image lag", "shutter", "lens"],
+)
+def test_other_rigs_give_the_images_of_their_true_scene(changes: dict[str, Any], tmp_path: Path) -> None:
+    scene = cube(**{**SCENE, "camera": SMALL, "optics": {}, **changes})
+    counts: dict[str, Any] = {"poses": 1, "dark": 0, "flat": 0, "static": 0}
+    folder = simulate_capture(scene, tmp_path / "c", board="checkerboard", **counts)
+    recording, _ = st.simulate(st.load_scene(folder / "truth" / "scene.yaml"))
+    names = {path.name for path in (folder / "images").iterdir()}
+    image = recording["image"].stack(index=[dim for dim in recording["image"].dims if dim not in ("y", "x")])
+    for index in image["index"].values:
+        row = f"r{index[0]:+d}_" if len(index) == 3 else ""
+        name = f"{row}s{index[-2]:+d}_t{index[-1]:+d}.tif"
+        names.remove(name)
+        np.testing.assert_array_equal(read(folder / "images" / name), image.sel(index=index))
+    assert not names
+
+
 def test_interrupted_captures_are_resumed_with_the_same_bytes(folder: Path, tmp_path: Path) -> None:
     files = {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     missing = {Path("board/p01_s+0.tif"), Path("images/s+1_t+1.tif"), Path("capture.yaml"), Path("truth/points.npz")}

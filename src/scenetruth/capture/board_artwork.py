@@ -77,7 +77,7 @@ class BoardPrint(FrozenModel):
 
 
 # Share of the field of view that a board fills; boards whose points must all be visible fill less.
-_FILLED, _FILLED_WHOLE = 0.9, 0.7
+_FILLED, _FILLED_WHOLE = 0.9, 0.65
 _COLUMNS, _LEAST_ROWS = 12, 5
 
 

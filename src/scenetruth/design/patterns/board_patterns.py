@@ -101,7 +101,7 @@ def generate_board(rig: PatternRig, type: BoardKind = "charuco", **lengths: Any)
     Parameters
     ----------
     rig
-        The rig. Without lengths, the board fills its field of view; boards whose points must all be visible fill 70 %
+        The rig. Without lengths, the board fills its field of view; boards whose points must all be visible fill 65 %
         of the width that all positions have in common.
     type
         ``"charuco"``, ``"checkerboard"``, ``"dots"`` or ``"asymmetric_dots"``.
@@ -128,7 +128,7 @@ def generate_board(rig: PatternRig, type: BoardKind = "charuco", **lengths: Any)
     >>> from scenetruth.design.patterns import PatternRig, generate_board
     >>> rig = PatternRig.from_scene(focal_length_px=5016, distance_mm=660, image_size_px=(640, 480))
     >>> generate_board(rig, "checkerboard").description
-    '12 x 9 squares of 4.9 mm (37.2 px)'
+    '12 x 9 squares of 4.6 mm (35.0 px)'
     >>> generate_board(rig, "dots", dots=(11, 8), spacing_mm=6, diameter_mm=3).size_mm
     (72.0, 54.0)
     """
