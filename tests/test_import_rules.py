@@ -63,7 +63,6 @@ MAY_IMPORT = {
     },
     "estimators": {*LEAVES, "schema"},
     "scoring": {*LEAVES, "results", "schema"},
-    "capture": {*LEAVES, "scene", "camera", "schema", "estimators", "output", "storage"},
     "pipeline": {
         *LEAVES,
         *("scene", "camera", "provenance", "resources", "schema", "estimators", "scoring", "output", "storage"),
@@ -85,7 +84,12 @@ MAY_IMPORT = {
         *LEAVES,
         "results",
         *("scene", "camera", "raycast", "render", "truth", "resources", "provenance", "schema", "output"),
-        *("simulation", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark"),
+        *("simulation", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark", "capture"),
+    },
+    "capture": {
+        *LEAVES,
+        *("scene", "camera", "render", "truth", "resources", "provenance", "schema", "estimators"),
+        *("output", "storage", "jobs"),
     },
     "testing": {
         *LEAVES,

@@ -94,6 +94,35 @@ def test_every_image_is_what_the_real_camera_saw_then() -> None:
     assert min(planned_errors) > 1e-2
 
 
+def test_images_and_truth_follow_listed_poses() -> None:
+    generator = np.random.default_rng(5)
+    scale = np.array([100, 300, 400, 4e3, 5e3, 2e4])
+    off = scale * generator.uniform(-1, 1, (3, 6))
+    visits = scale * generator.uniform(-1, 1, (3, 2, 6))
+    names = ("x_um", "y_um", "z_um", "pitch_urad", "yaw_urad", "roll_urad")
+    poses = [dict(zip(names, row.tolist(), strict=True)) for row in off]
+    listed = [
+        {**pose, "visits": [dict(zip(names, row.tolist(), strict=True)) for row in rows]}
+        for pose, rows in zip(poses, visits, strict=True)
+    ]
+    tilt = [3e3, -2e4]
+    scene = plaid({"poses": listed, "axis_tilt_urad": tilt}, frames={"count": 2})
+    recording, truth = st.simulate(scene, truth_views="all")
+    for s in (-1, 0, 1):
+        for t in (0, 1):
+            total = off[s + 1] + visits[s + 1, t]
+            position = np.array([5.0 * s, 5e-6 * s * tilt[0], 5e-6 * s * tilt[1]]) + 1e-3 * total[:3]
+            turn = 1e-6 * total[3:]
+            np.testing.assert_allclose(recording["image"].sel(s=s, t=t), analytic(position, turn, t), atol=1e-6)
+            # A point of the plane, projected with these poses, has the depth that the truth states at its pixel.
+            axes, depth = Rotation.from_rotvec(turn).as_matrix(), truth["depth"].sel(s=s, t=t).values
+            y, x = 11, 70
+            ray = axes @ [(x - (WIDTH - 1) / 2) / FOCAL_PX, (y - (HEIGHT - 1) / 2) / FOCAL_PX, 1]
+            point = position + ray * (660 + VELOCITY[2] * t - position[2]) / ray[2]
+            assert depth[y, x] == pytest.approx(float((axes.T @ (point - position))[2]), abs=1e-9)
+    assert recording["stage_x_mm"].values.tolist() == [-5, 0, 5]
+
+
 def test_the_opengl_backend_puts_turned_cameras_in_the_same_place() -> None:
     scene = plaid(REAL, backend="pyrender", supersampling=4)
     try:

@@ -91,13 +91,7 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
 
 def acquisition_attributes(scene: Scene) -> dict[str, Any]:
     """Return what a laboratory would know about stage, lens and shutter: the statistics of errors, not their draws."""
-    found: dict[str, Any] = {}
-    if scene.stage.errors is not None:
-        stated = scene.stage.errors.model_dump(exclude={"preset"})
-        if scene.stage.scan == "unidirectional":
-            # All positions are approached from the same side.
-            del stated["backlash_um"]
-        found |= tolerance_attributes({name: value for name, value in stated.items() if value > 0})
+    found: dict[str, Any] = dict(tolerance_attributes(scene.stage.stated_tolerances()))
     if scene.camera.distortion is not None:
         found["distortion"] = list(scene.camera.distortion.coefficients)
     if scene.shutter.readout_time_s > 0:

@@ -179,3 +179,64 @@ def test_images_follow_each_other_in_time() -> None:
     back = schedule(interval_s=2.0, time_per_position_s=0.3, scan="bidirectional")
     assert [back.offset_s(s, 1) for s in range(-2, 3)] == pytest.approx([0.6, 0.3, 0, -0.3, -0.6], abs=1e-15)
     assert [back.offset_s(s, 0) for s in range(-2, 3)] == pytest.approx([-0.6, -0.3, 0, 0.3, 0.6], abs=1e-15)
+
+
+NUMBER = some.floats(-1e4, 1e4)
+ANGLE = some.floats(-1e5, 1e5)
+
+
+@given(
+    off=some.lists(some.tuples(NUMBER, NUMBER, NUMBER, ANGLE, ANGLE, ANGLE), min_size=6, max_size=6),
+    visit=some.tuples(NUMBER, NUMBER, NUMBER, ANGLE, ANGLE, ANGLE),
+    tilt=some.tuples(ANGLE, ANGLE),
+)
+def test_listed_poses_are_those_of_the_images(
+    off: list[tuple[float, ...]], visit: tuple[float, ...], tilt: tuple[float, float]
+) -> None:
+    names = ("x_um", "y_um", "z_um", "pitch_urad", "yaw_urad", "roll_urad")
+    listed: list[dict[str, Any]] = [dict(zip(names, row, strict=True)) for row in off]
+    listed[4]["visits"] = [{}, dict(zip(names, visit, strict=True)), {}]
+    plan = schedule(
+        count=3, positions=3, baseline_mm=100.0, rows=2, row_spacing_mm=7.0, poses=listed, axis_tilt_urad=tilt
+    )
+    for s_y, s, t in images(plan):
+        number = 3 * s_y + s + 1
+        total = np.array(off[number]) + (np.array(visit) if (number, t) == (4, 0) else 0)
+        # In mm and rad: nominal position along the tilted axis, then the listed differences.
+        place = np.array([100.0 * s, 7.0 * s_y, 0]) + 1e-6 * 100.0 * s * np.array([0, *tilt]) + 1e-3 * total[:3]
+        moment = plan.moment(s, t, s_y)
+        np.testing.assert_allclose(moment.viewpoint.position_mm, place, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(moment.rotation_rad, 1e-6 * total[3:], rtol=0, atol=1e-14)
+        expected = Rotation.from_rotvec(1e-6 * total[3:]).as_matrix()
+        np.testing.assert_allclose(moment.viewpoint.rotation, expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("scan", SCANS)
+def test_drawn_errors_that_are_listed_give_the_same_images(scan: str) -> None:
+    errors = {"repeatability_um": 3, "backlash_um": 8, "straightness_um": 5, "yaw_urad": 90, "roll_urad": 20}
+    drawn = schedule(rows=2, row_spacing_mm=4, scan=scan, errors=errors)
+    poses = []
+    for s_y, s in product(drawn.stage.s_y.tolist(), drawn.stage.s.tolist()):
+        off = [1e3 * (drawn.moment(s, t, s_y).viewpoint.position_mm - drawn.nominal(s, t, s_y).viewpoint.position_mm)
+               for t in drawn.frames.t.tolist()]  # fmt: skip
+        turn = 1e6 * drawn.moment(s, 0, s_y).rotation_rad
+        angles = dict(zip(("pitch_urad", "yaw_urad", "roll_urad"), turn.tolist(), strict=True))
+        visits = [{"x_um": float(x)} for x, *_ in off]
+        poses.append({"y_um": float(off[0][1]), "z_um": float(off[0][2]), **angles, "visits": visits})
+    listed = schedule(rows=2, row_spacing_mm=4, scan=scan, poses=poses)
+    # With errors in addition, listed poses and visits replace all drawn values.
+    both = schedule(rows=2, row_spacing_mm=4, scan=scan, poses=poses, errors=errors)
+    for s_y, s, t in images(drawn):
+        expected = values(drawn.moment(s, t, s_y))
+        np.testing.assert_allclose(values(listed.moment(s, t, s_y)), expected, rtol=0, atol=1e-12)
+        assert values(both.moment(s, t, s_y)) == values(listed.moment(s, t, s_y))
+
+
+def test_without_listed_visits_they_are_drawn() -> None:
+    errors = {"repeatability_um": 3, "straightness_um": 5, "yaw_urad": 90}
+    drawn, listed = schedule(errors=errors), schedule(errors=errors, poses=[{"x_um": 7}] * 5)
+    for _, s, t in images(drawn):
+        place = np.array([5.0 * s, 0, 0])
+        along = drawn.moment(s, t).viewpoint.position_mm[0]
+        np.testing.assert_allclose(listed.moment(s, t).viewpoint.position_mm - place, [along - 5.0 * s + 7e-3, 0, 0],
+                                   rtol=0, atol=1e-12)  # fmt: skip

@@ -135,6 +135,14 @@ NO_NUMBER = ["stage.positions=null", "stage.baseline_mm=null"]
         (["stage.errors.yaw_urad=100001"], r"stage\.errors\.yaw_urad: must be at most 100000 µrad"),
         (["stage.errors.pitch_urad=-1"], r"stage\.errors\.pitch_urad: .*greater than or equal to 0"),
         (["stage.errors.straightness=1"], r"stage\.errors\.straightness: unknown key; did you mean 'straightness_um'"),
+        (["stage.poses=[{}, {}]"], r"stage\.poses: must be one pose per position: 2 poses are listed for 5 positions"),
+        (["stage.poses=[]"], r"stage\.poses: must be one pose per position: 0 poses"),
+        (["stage.poses=[{x_um: 20000}, {}, {}, {}, {}]"], r"stage\.poses\.0\.x_um: must be at most 10000 µm"),
+        (["stage.poses=[{}, {}, {}, {}, {roll_urad: -2.0e5}]"], r"stage\.poses\.4\.roll_urad: must be at most 1"),
+        (["stage.poses=[{}, {x_um: 5000.1}, {}, {}, {}]"], r"stage\.poses: x_um of poses 1 and 2 change the order"),
+        (["stage.poses=[{visits: [{}]}, {}, {}, {}, {}]"], r"frames: .* must be 9: stage\.poses\.0\.visits \(1\)"),
+        (["stage.poses=[{yaw: 3}, {}, {}, {}, {}]"], r"stage\.poses\.0\.yaw: unknown key; did you mean 'yaw_urad'"),
+        (["stage.axis_tilt_urad=[0, 2.0e5]"], r"stage\.axis_tilt_urad: must be at most 100000 µrad"),
         (["stage.errors.repeatability_um=1000"], r"stage\.errors: .* 4 mm, more than half the smallest step of 5 mm"),
     ],
 )
@@ -143,6 +151,39 @@ def test_what_no_stage_can_do_is_named(overrides: list[str], message: str) -> No
     with pytest.raises(st.SceneError, match=message) as caught:
         st.load_scene(SCENES / "cube.yaml", overrides=[*(NO_NUMBER if listed else []), *overrides])
     assert len(caught.value.problems) == 1
+
+
+def test_all_problems_of_listed_poses_are_named_together() -> None:
+    poses = [{"x_um": 2e4, "visits": [{"yaw_urad": 3e5}]}, {"pitch_urad": 1e6}, {}, {}, {}]
+    with pytest.raises(st.SceneError) as caught:
+        cube(stage={"positions": 5, "baseline_mm": 5, "poses": poses})
+    assert [problem.path for problem in caught.value.problems] == [
+        "stage.poses.0.x_um",
+        "stage.poses.0.visits.0.yaw_urad",
+        "stage.poses.1.pitch_urad",
+    ]
+
+
+def test_listed_poses_survive_a_round_trip_and_leave_no_trace_where_absent() -> None:
+    poses = [{"x_um": 1.5}, {"visits": [{"pitch_urad": 3}] * 9}, {"roll_urad": -7}]
+    scene = cube(stage={"positions": 3, "baseline_mm": 5, "poses": poses, "axis_tilt_urad": [300, -200]})
+    assert st.Scene.from_dict(scene.to_dict()) == scene
+    assert not {"poses", "axis_tilt_urad"} & cube().to_dict()["stage"].keys()
+
+
+def test_tolerances_of_listed_poses_are_their_rms_values() -> None:
+    poses = [{"x_um": 3, "z_um": 2, "yaw_urad": 30, "visits": [{"x_um": 1}, {"x_um": -1}]}, {"pitch_urad": 40}, {}]
+    listed = {"positions": 3, "baseline_mm": 5, "poses": poses, "axis_tilt_urad": [400, 0]}
+    # z is 2 at one of three positions; y is 5 mm of 400 µrad at two; both count for straightness.
+    assert stage(**listed).stated_tolerances() == pytest.approx({
+        "accuracy_um": np.sqrt(9 / 3),
+        "straightness_um": np.sqrt((2**2 + 2 * 2**2) / 6),
+        "repeatability_um": 1.0,
+        "pitch_urad": 40 / np.sqrt(3),
+        "yaw_urad": 30 / np.sqrt(3),
+    })  # fmt: skip
+    assert stage(**listed, errors={"yaw_urad": 5}).stated_tolerances() == {"yaw_urad": 5}
+    assert stage(positions=3, baseline_mm=5).stated_tolerances() == {}
 
 
 def test_a_scan_may_take_all_the_time_there_is() -> None:

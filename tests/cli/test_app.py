@@ -207,7 +207,22 @@ def test_check_tells_what_the_stage_does(scene_file: Path) -> None:
         assert text in done.stdout
     plain = scenetruth("check", scene_file, env=environment)
     assert "stage errors" not in plain.stdout
+    assert "stage poses" not in plain.stdout
+    assert "stage axis" not in plain.stdout
     assert "5 positions, 5 mm apart" in plain.stdout
+
+
+def test_check_describes_listed_poses(scene_file: Path) -> None:
+    visits = "[{x_um: 1}, {}, {}, {}, {}]"
+    settings = ["stage.positions=2", "stage.axis_tilt_urad=[300, -1200]"]
+    settings.append(f"stage.poses=[{{x_um: 3, yaw_urad: 70, visits: {visits}}}, {{x_um: -4, z_um: 1}}]")
+    words = [word for text in settings for word in ("--set", text)]
+    done = scenetruth("check", scene_file, *words, env={**os.environ, "COLUMNS": "300"})
+    assert done.returncode == 0, done.stderr
+    assert "tilted by 300 µrad along Y and -1200 µrad along Z" in done.stdout
+    # √(25 / 2) = 3.54, √(1 / 2) = 0.707, 70 / √2 = 49.5.
+    rms = "RMS of x 3.54, y 0, z 0.707 µm, pitch 0, yaw 49.5, roll 0 µrad"
+    assert f"2 listed, {rms}; visits of 1 listed" in done.stdout
 
 
 def test_a_grid_is_rendered_and_estimated_row_by_row(scene_file: Path, tmp_path: Path) -> None:

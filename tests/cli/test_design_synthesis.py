@@ -94,3 +94,21 @@ def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "spacing: is unknown" in done.stderr
     assert not out.exists()
+
+
+def test_a_calibration_board_is_written(tmp_path: Path) -> None:
+    rig = ("--focal-length-px", "2500", "--distance-mm", "600")
+    lengths = ("--board", "dots=[7,5]", "--board", "spacing_mm=9", "--board", "diameter_mm=4")
+    done = scenetruth("design", "pattern", *rig, "--type", "dots", *lengths, "-o", tmp_path / "board")
+    assert done.returncode == 0, done.stderr
+    assert "dots of 72 x 54 mm: 7 x 5 dots of 4 mm (16.7 px), 9 mm apart in a row" in done.stdout
+    assert names(tmp_path / "board") == {"board.pdf", "board.png", "board.svg", "board.yaml"}
+    section = yaml.safe_load((tmp_path / "board" / "board.yaml").read_text())["board"]
+    assert section == {"kind": "dots", "dots": [7, 5], "spacing_mm": 9.0, "diameter_mm": 4.0, "scale_std": 1e-3}
+    done = scenetruth("design", "pattern", *rig, "--type", "dots", "--dot-px", "5", *lengths, "-o", tmp_path / "other")
+    assert done.returncode == 2
+    assert "--dot-px: does not apply to calibration boards (--type dots)" in done.stderr
+    done = scenetruth("design", "pattern", *rig, *lengths, "-o", tmp_path / "other")
+    assert done.returncode == 2
+    assert "--board: applies to calibration boards, not to --type speckle" in done.stderr
+    assert not (tmp_path / "other").exists()

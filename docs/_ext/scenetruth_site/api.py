@@ -24,6 +24,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "verify",
         ),
         "scenetruth.camera": ("two_point_correction",),
+        "scenetruth.capture": ("simulate_capture", "CaptureSimulation"),
     },
     "capture": {
         "scenetruth": ("read_images", "average_frames", "correct_images", "undistort_images"),
@@ -110,6 +111,8 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         "scenetruth.design.optimisation": ("load_design_spec", "DesignSpec"),
         "scenetruth.design.optimisation.report.design_report": ("write_design_page",),
         "scenetruth.design.patterns": (
+            "generate_board",
+            "export_board",
             "export_pattern",
             "Pattern",
             "PatternRig",

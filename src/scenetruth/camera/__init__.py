@@ -15,11 +15,11 @@ from scenetruth.camera.sensor import (
     photon_transfer,
     two_point_correction,
 )
-from scenetruth.camera.stage import Frames, Stage, StageErrors
+from scenetruth.camera.stage import Frames, PoseOffset, Stage, StageErrors, StagePose
 
 __all__ = [
     "PRESETS", "AiryPsf", "AnySensor", "Camera", "Defocus", "Distortion", "EmvaSensor", "Frames", "GaussianPsf",
-    "GaussianSensor", "ImageAcquisition", "LinearImage", "Optics", "PhotonTransfer", "PixelRays", "Schedule",
-    "SensorChain", "Shutter", "Stage", "StageErrors", "Viewpoint", "Vignetting", "build_sensor_chain",
-    "photon_transfer", "pixel_rays", "two_point_correction",
+    "GaussianSensor", "ImageAcquisition", "LinearImage", "Optics", "PhotonTransfer", "PixelRays", "PoseOffset",
+    "Schedule", "SensorChain", "Shutter", "Stage", "StageErrors", "StagePose", "Viewpoint", "Vignetting",
+    "build_sensor_chain", "photon_transfer", "pixel_rays", "two_point_correction",
 ]  # fmt: skip

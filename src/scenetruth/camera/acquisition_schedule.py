@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scenetruth.camera.stage import Frames, Stage, StageErrors
+from scenetruth.camera.stage import Frames, PoseOffset, Stage, StageErrors, StagePose
 from scenetruth.random_streams import GeneratorFor
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative
 
@@ -133,19 +133,49 @@ class Schedule:
         """Return the actual acquisition of an image: scan time and stage errors included."""
         planned = self.nominal(s, t, s_y)
         time = planned.t + self.offset_s(s, t, s_y) / self.frames.frame_interval_s
-        if self.stage.errors is None:
+        stage = self.stage
+        if stage.errors is None and stage.poses is None and stage.axis_tilt_urad is None:
             return ImageAcquisition(time, planned.viewpoint, planned.rotation_rad)
-        errors = self._errors
-        straight_y, straight_z, *turns = self._generator_for("guide", s_y, s).standard_normal(5)
-        arrival = self._arrival(s, t, s_y)
-        visit = self._generator_for("visit", arrival.s_y, arrival.s, arrival.t)
-        along = errors.repeatability_um * visit.standard_normal()
-        # Backlash: the camera stops short in its direction of travel.
-        along -= arrival.direction * errors.backlash_um / 2
-        off_um = np.array([along, errors.straightness_um * straight_y, errors.straightness_um * straight_z])
-        rotation = 1e-6 * np.array([errors.pitch_urad, errors.yaw_urad, errors.roll_urad]) * turns
+        off_um, rotation = self._guide(s, s_y)
+        visit = self._listed_visit(s, t, s_y)
+        if visit is None:
+            off_um[0] += self._drawn_visit_um(s, t, s_y)
+        else:
+            off_um += visit.offset_um
+            rotation = rotation + visit.rotation_rad
+        if stage.axis_tilt_urad is not None:
+            # Drawn errors along the direction of travel are micrometres, whose tilt is negligible.
+            off_um[1:] += 1e-3 * self._x_mm[s] * np.asarray(stage.axis_tilt_urad)
         viewpoint = Viewpoint(planned.viewpoint.position_mm + 1e-3 * off_um, _matrix(rotation))
         return ImageAcquisition(time, viewpoint, rotation)
+
+    def _guide(self, s: int, s_y: int) -> tuple[Array, Array]:
+        """Return the displacement in µm and the rotation vector in rad of a position: listed, or drawn."""
+        if self.stage.poses is not None:
+            pose = self._listed(s, s_y)
+            return pose.offset_um, pose.rotation_rad
+        errors = self._errors
+        straight_y, straight_z, *turns = self._generator_for("guide", s_y, s).standard_normal(5)
+        off_um = np.array([0.0, errors.straightness_um * straight_y, errors.straightness_um * straight_z])
+        return off_um, 1e-6 * np.array([errors.pitch_urad, errors.yaw_urad, errors.roll_urad]) * turns
+
+    def _listed(self, s: int, s_y: int) -> StagePose:
+        stage = self.stage
+        assert stage.poses is not None  # asked by the callers
+        return stage.poses[(s_y - int(stage.s_y[0])) * stage.positions + s - int(stage.s[0])]
+
+    def _listed_visit(self, s: int, t: int, s_y: int) -> PoseOffset | None:
+        visits = None if self.stage.poses is None else self._listed(s, s_y).visits
+        # Relative to the reference frame, which previews use alone.
+        return None if visits is None else visits[(len(visits) - 1) // 2 + t]
+
+    def _drawn_visit_um(self, s: int, t: int, s_y: int) -> float:
+        """Return the displacement along X of one visit in µm, by repeatability and backlash."""
+        errors, arrival = self._errors, self._arrival(s, t, s_y)
+        visit = self._generator_for("visit", arrival.s_y, arrival.s, arrival.t)
+        along = errors.repeatability_um * float(visit.standard_normal())
+        # Backlash: the camera stops short in its direction of travel.
+        return along - arrival.direction * errors.backlash_um / 2
 
     def planned_time_s(self, s: int, t: int, s_y: int = 0) -> float:
         """Return the planned time of an image in s: that of its frame and its place in the scan."""

@@ -8,15 +8,24 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from scenetruth.indexing import centred_indices
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
 
-__all__ = ["STAGE_PRESETS", "Frames", "Stage", "StageErrors"]
+__all__ = ["STAGE_PRESETS", "Frames", "PoseOffset", "Stage", "StageErrors", "StagePose"]
 
 
 _LARGEST_ANGLE_URAD = 1e5
+_LARGEST_OFFSET_UM = 1e4
 
 STAGE_PRESETS: Mapping[str, Mapping[str, float]] = {
     # Repeatability 1 µm and accuracy 10 µm: specified for stages with a 1 mm lead screw and crossed rollers
@@ -79,6 +88,61 @@ class StageErrors(FrozenModel):
         return value
 
 
+class PoseOffset(FrozenModel):
+    """Difference of an actual pose from the nominal pose: displacement in world coordinates, and rotation vector."""
+
+    x_um: Finite = 0.0
+    """Displacement along X (to the right) in µm."""
+    y_um: Finite = 0.0
+    """Displacement along Y (down) in µm."""
+    z_um: Finite = 0.0
+    """Displacement along Z (forward) in µm."""
+    pitch_urad: Finite = 0.0
+    """X component of the rotation vector in µrad (right-hand rule)."""
+    yaw_urad: Finite = 0.0
+    """Y component of the rotation vector in µrad."""
+    roll_urad: Finite = 0.0
+    """Z component of the rotation vector in µrad."""
+
+    @field_validator("x_um", "y_um", "z_um")
+    @classmethod
+    def _near(cls, value: float) -> float:
+        if abs(value) > _LARGEST_OFFSET_UM:
+            msg = f"must be at most {_LARGEST_OFFSET_UM:g} µm (10 mm) in magnitude: specify the offset in µm"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("pitch_urad", "yaw_urad", "roll_urad")
+    @classmethod
+    def _small(cls, value: float) -> float:
+        if abs(value) > _LARGEST_ANGLE_URAD:
+            msg = f"must be at most {_LARGEST_ANGLE_URAD:g} µrad (0.1 rad) in magnitude: specify the angle in µrad"
+            raise ValueError(msg)
+        return value
+
+    @property
+    def offset_um(self) -> NDArray[np.float64]:
+        """Displacement (x, y, z) in µm."""
+        return np.array([self.x_um, self.y_um, self.z_um])
+
+    @property
+    def rotation_rad(self) -> NDArray[np.float64]:
+        """Rotation vector (pitch, yaw, roll) in rad."""
+        return 1e-6 * np.array([self.pitch_urad, self.yaw_urad, self.roll_urad])
+
+
+class StagePose(PoseOffset):
+    """Actual pose of a position, for example from a calibration.
+
+    It replaces the guide errors (straightness, pitch, yaw, roll) that would be drawn.
+    """
+
+    visits: tuple[PoseOffset, ...] | None = None
+    """Further difference of every visit, one per frame: displacements and rotation vectors are added to those of the
+    position. They replace the errors of repeatability and backlash that would be drawn.
+    """
+
+
 _COINCIDE_MM = 1e-6
 
 
@@ -118,6 +182,12 @@ class Stage(FrozenModel):
     """Time in s between consecutive images within a frame (travel, settling, exposure); 0 for simultaneous images."""
     errors: StageErrors | None = None
     """Positioning errors of the stage; null for none."""
+    axis_tilt_urad: tuple[Finite, Finite] | None = None
+    """(a_y, a_z) in µrad: the positions lie along (1, a_y, a_z) instead of X; null for 0."""
+    poses: tuple[StagePose, ...] | None = None
+    """Actual poses of all positions, row by row, as differences from the nominal poses; null to draw them from
+    ``errors``. With ``poses``, only visits that are not listed are drawn from ``errors``.
+    """
 
     @model_validator(mode="before")
     @classmethod
@@ -196,6 +266,86 @@ class Stage(FrozenModel):
                 raise ValueError(msg)
         return value
 
+    @field_validator("axis_tilt_urad")
+    @classmethod
+    def _nearly_along_x(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and max(map(abs, value)) > _LARGEST_ANGLE_URAD:
+            msg = f"must be at most {_LARGEST_ANGLE_URAD:g} µrad (0.1 rad) in magnitude"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("poses")
+    @classmethod
+    def _one_per_position(
+        cls, value: tuple[StagePose, ...] | None, info: ValidationInfo
+    ) -> tuple[StagePose, ...] | None:
+        known = {"positions", "baseline_mm", "positions_mm", "rows"} <= info.data.keys()
+        if value is None or not known:
+            return value
+        positions, rows = info.data["positions"], info.data["rows"]
+        if len(value) != positions * rows:
+            grid = f"{rows} rows of {positions} positions" if rows > 1 else f"{positions} positions"
+            msg = f"must be one pose per position: {len(value)} poses are listed for {grid}"
+            raise ValueError(msg)
+        listed, baseline = info.data["positions_mm"], info.data["baseline_mm"]
+        planned = np.asarray(baseline * centred_indices(positions) if listed is None else listed, dtype=np.float64)
+        actual = planned + 1e-3 * np.array([pose.x_um for pose in value]).reshape(rows, positions)
+        steps = np.diff(actual, axis=1) * np.sign(np.diff(planned))
+        if (steps < _COINCIDE_MM).any():
+            row, place = (int(index) for index in np.argwhere(steps < _COINCIDE_MM)[0])
+            first = row * positions + place
+            msg = (
+                f"x_um of poses {first} and {first + 1} change the order of their positions: "
+                f"they are at {actual[row, place]:g} and {actual[row, place + 1]:g} mm"
+            )
+            raise ValueError(msg)
+        return value
+
+    @model_serializer(mode="wrap")
+    def _without_unused(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Omit the fields of listed poses where they are null, so that hashes of scenes without them remain."""
+        plain: dict[str, Any] = write(self)
+        return {key: value for key, value in plain.items() if value is not None or key not in _OMITTED}
+
+    def visit_problem(self, frames: int) -> str:
+        """Return a message if the number of visits of a listed pose differs from the number of frames, else ''."""
+        wrong = [
+            f"stage.poses.{number}.visits ({len(pose.visits)})"
+            for number, pose in enumerate(self.poses or ())
+            if pose.visits is not None and len(pose.visits) != frames
+        ]
+        shown = ", ".join(wrong[:5]) + (f" and {len(wrong) - 5} more" if len(wrong) > 5 else "")
+        return f"visits are listed per frame, so their number must be {frames}: {shown}" if wrong else ""
+
+    def stated_tolerances(self) -> dict[str, float]:
+        """Return the standard deviations that a laboratory states for this stage, by the names of the tolerances.
+
+        They are ``errors``, or without ``errors`` the RMS values of the listed poses and of the tilt of the axis.
+        """
+        if self.errors is not None:
+            stated = self.errors.model_dump(exclude={"preset"})
+            if self.scan == "unidirectional":
+                # All positions are approached from the same side.
+                del stated["backlash_um"]
+        else:
+            poses = self.poses or (StagePose(),) * (self.positions * self.rows)
+            off = np.array([pose.offset_um for pose in poses]) + self._tilt_um()
+            turns = np.array([pose.rotation_rad for pose in poses])
+            visits = [visit for pose in poses for visit in pose.visits or ()]
+            along = np.array([visit.x_um for visit in visits] or [0.0])
+            stated = {
+                "repeatability_um": _rms(along),
+                "straightness_um": _rms(off[:, 1:]),
+                "accuracy_um": _rms(off[:, 0]),
+                **{f"{name}_urad": 1e6 * _rms(turns[:, k]) for k, name in enumerate(("pitch", "yaw", "roll"))},
+            }
+        return {name: value for name, value in stated.items() if value > 0}
+
+    def _tilt_um(self) -> NDArray[np.float64]:
+        """Return the displacements of all positions, row by row, by the tilt of the axis, shape (n, 3)."""
+        along = np.tile(self.x_mm, self.rows)[:, None]
+        return 1e-3 * along * (0.0, *(self.axis_tilt_urad or (0.0, 0.0)))
+
     @property
     def s(self) -> NDArray[np.int64]:
         """Camera indices, 0 the reference."""
@@ -236,6 +386,14 @@ class Stage(FrozenModel):
             place = self.positions - 1 - place
         number = row * self.positions + place
         return self.positions * self.rows - 1 - number if to_and_fro and t % 2 == 1 else number
+
+
+_OMITTED = ("axis_tilt_urad", "poses")
+"""Fields that are not written where they are null."""
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _mean_step(listed: list[Any] | tuple[Any, ...]) -> float | None:

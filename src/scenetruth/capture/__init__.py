@@ -1,4 +1,4 @@
-"""Real images: capture files, reading of image files, radiometry and corrections, import as recordings."""
+"""Real images: capture files, radiometry and corrections, import as recordings, boards, simulated captures."""
 
 from __future__ import annotations
 
@@ -43,12 +43,15 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "CAPTURE_FILE", "Capture", "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "FilePattern",
-    "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "Linearity", "PixelFormat",
-    "SensorNoise", "average_frames", "capture_text", "check_capture", "compare_exposures", "correct_images",
-    "expected_indices", "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names",
-    "load_capture", "measure_linearity", "measure_noise", "nearest_patterns", "open_capture", "read_header",
-    "read_images", "read_pattern", "read_pixels", "undistort_images", "write_capture_file",
+    "CAPTURE_FILE", "BoardArtwork", "BoardKind", "BoardLight", "BoardPose", "BoardPrint", "BoardRenderer", "Capture",
+    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureSimulation", "FilePattern",
+    "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "InkRenderer", "Linearity",
+    "PixelFormat", "PlacedBoard", "SensorNoise", "average_frames", "capture_text", "check_capture",
+    "compare_exposures", "correct_images", "default_board", "draw_board", "draw_dots", "expected_indices",
+    "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names", "load_capture",
+    "measure_linearity", "measure_noise", "nearest_patterns", "open_board_renderer", "open_capture", "project_points",
+    "read_board_print", "read_header", "read_images", "read_pattern", "read_pixels", "simulate_capture",
+    "undistort_images", "write_capture_file",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -67,5 +70,9 @@ __getattr__, __dir__ = export_lazily(
         "radiometry": (
             "GammaFit Linearity SensorNoise compare_exposures find_defects fit_gamma measure_linearity measure_noise"
         ),
+        "board_artwork": "BoardArtwork BoardKind BoardPrint default_board draw_board draw_dots read_board_print",
+        "board_rendering": ("BoardLight BoardRenderer InkRenderer PlacedBoard open_board_renderer project_points"),
+        "simulated_capture": "simulate_capture",
+        "simulated_rig": "BoardPose CaptureSimulation",
     },
 )

@@ -167,6 +167,8 @@ class BoardSection(FrozenModel):
     """Columns and rows of dots of a ``dots`` or ``asymmetric_dots`` board."""
     spacing_mm: Positive | None = None
     """Distance of neighbouring dots in mm."""
+    diameter_mm: Positive | None = None
+    """Diameter of a dot in mm."""
     scale_std: Positive = 1e-3
     """Relative standard deviation of the size of the board: 1e-3 printed, 1e-4 measured."""
     warp_mm: NonNegative = 0.2
@@ -174,7 +176,7 @@ class BoardSection(FrozenModel):
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        squared, dotted = ("squares", "square_mm"), ("dots", "spacing_mm")
+        squared, dotted = ("squares", "square_mm"), ("dots", "spacing_mm", "diameter_mm")
         charuco = ("marker_mm", "dictionary")
         required = {"charuco": squared + charuco, "checkerboard": squared}.get(self.kind, dotted)
         lacking = [name for name in required if getattr(self, name) is None]

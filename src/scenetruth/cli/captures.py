@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from scenetruth.cli import design_options, options
+from scenetruth.cli import capture_simulation, design_options, options
 from scenetruth.cli.messages import echo, print_message, print_wrote
 
 __all__ = ["register"]
@@ -35,7 +35,7 @@ Correct = Annotated[
 
 Undistort = Annotated[bool, options.flag("--undistort", help="Resampling to images without lens distortion.")]
 
-app = typer.Typer(name="capture", help="Read and check real images.", no_args_is_help=True)
+app = typer.Typer(name="capture", help="Read, check and simulate real images.", no_args_is_help=True)
 
 
 def register(parent: typer.Typer) -> None:
@@ -43,6 +43,7 @@ def register(parent: typer.Typer) -> None:
     options.add_command(app, init)
     options.add_command(app, check)
     options.add_command(app, import_, "import")
+    options.add_command(app, capture_simulation.simulate)
     parent.add_typer(app)
 
 

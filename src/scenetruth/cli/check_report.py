@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from scenetruth.camera import Frames, Stage
+from scenetruth.camera import Frames, Stage, StagePose
 from scenetruth.cli.console import print_warning
 from scenetruth.errors import MachineError, SceneError, visible
 from scenetruth.resources import Forecast, Limits, Machine, ObjectWorkload
@@ -241,7 +241,26 @@ def _stage_rows(stage: Stage, frames: Frames) -> dict[str, str]:
             f"straightness {errors.straightness_um:g} µm, pitch {errors.pitch_urad:g}, yaw {errors.yaw_urad:g}, "
             f"roll {errors.roll_urad:g} µrad"
         )
+    if stage.axis_tilt_urad is not None:
+        rows["stage axis"] = "tilted by {:g} µrad along Y and {:g} µrad along Z".format(*stage.axis_tilt_urad)
+    if stage.poses is not None:
+        rows["stage poses"] = _listed_poses(stage.poses)
     return rows
+
+
+def _listed_poses(poses: Sequence[StagePose]) -> str:
+    """Return the RMS values of listed poses, and their visits."""
+    off = np.array([pose.offset_um for pose in poses])
+    turns = 1e6 * np.array([pose.rotation_rad for pose in poses])
+    rms = np.sqrt(np.mean(np.hstack([off, turns]) ** 2, axis=0))
+    visited = sum(pose.visits is not None for pose in poses)
+    visits = f"; visits of {visited} listed" if visited else ""
+    return (
+        "{} listed, RMS of x {:.3g}, y {:.3g}, z {:.3g} µm, pitch {:.3g}, yaw {:.3g}, roll {:.3g} µrad".format(
+            len(poses), *rms
+        )
+        + visits
+    )
 
 
 def _lens_rows(scene: Scene, report: SceneReport) -> dict[str, str]:

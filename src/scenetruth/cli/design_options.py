@@ -45,11 +45,19 @@ class PredictionModel(StrEnum):
 
 
 class PatternType(StrEnum):
-    """Types of printed patterns."""
+    """Types of printed patterns, and of calibration boards."""
 
     speckle = "speckle"
     noise = "noise"
     grey_noise = "grey_noise"
+    charuco = "charuco"
+    checkerboard = "checkerboard"
+    dots = "dots"
+    asymmetric_dots = "asymmetric_dots"
+
+
+BOARD_TYPES = (PatternType.charuco, PatternType.checkerboard, PatternType.dots, PatternType.asymmetric_dots)
+"""Pattern types that are calibration boards."""
 
 
 class Encoding(StrEnum):
@@ -155,7 +163,17 @@ SurfaceDistanceMm = Annotated[
 
 Light = Annotated[float, typer.Option("--light", metavar="VALUE", help="Radiance of a white surface, 1 is full scale.")]
 
-PatternTypeOption = Annotated[PatternType, typer.Option("--type", help="Type of the pattern.")]
+PatternTypeOption = Annotated[PatternType, typer.Option("--type", help="Type of the pattern or calibration board.")]
+
+BoardLengths = Annotated[
+    list[str] | None,
+    repeatable(
+        "--board",
+        "NAME=VALUE",
+        "Number or length of a calibration board, with a value in YAML: squares=[12,9], square_mm, marker_mm, "
+        "dictionary, dots=[11,8], spacing_mm, diameter_mm; all that its type requires, or none.",
+    ),
+]
 
 SizeMm = Annotated[
     str | None, option("--size-mm", metavar="WxH", help="Size of the sheet, in mm; 1.1 fields of view if not given.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
@@ -13,6 +13,7 @@ from scenetruth.cli.design_analysis import budget, predict, sweep
 from scenetruth.cli.messages import print_wrote
 
 if TYPE_CHECKING:
+    from scenetruth.capture import BoardKind
     from scenetruth.design.optimisation import DesignResult
     from scenetruth.design.patterns import PatternAssessment, PatternRig
 
@@ -106,6 +107,7 @@ def pattern(
     wavelength_px: design_options.WavelengthPx = None,
     wavelength_mm: design_options.WavelengthMm = None,
     contrast: design_options.Contrast = None,
+    board: design_options.BoardLengths = None,
     seed: options.Seed = 0,
     page: design_options.Page = "A4",
     margin_mm: design_options.MarginMm = 10.0,
@@ -115,7 +117,7 @@ def pattern(
     window_sigma_px: design_options.WindowSigmaPx = 6.0,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Generate a pattern to print at true scale for a rig, and assess it."""
+    """Generate a pattern to print at true scale for a rig, and assess it; or a calibration board."""
     from scenetruth.design.patterns import assess_pattern, generate_pattern
     from scenetruth.design.patterns.assessment import (
         assessments_to_dataframe,
@@ -128,7 +130,7 @@ def pattern(
     from scenetruth.errors import ArgumentError, Problem
     from scenetruth.output import check_output, claim_folder, write_atomically
 
-    problems: list[Problem] = []
+    lengths, problems = options.parse_assignments("--board", board)
     settings: dict[str, Any] = {
         "dot_px": dot_px,
         "dot_mm": dot_mm,
@@ -143,8 +145,22 @@ def pattern(
         problems.append(Problem("--set", "changes a scene; specify SCENE", overrides))
     if mm_per_px is not None and not reference_images:
         problems.append(Problem("--mm-per-px", "applies to a photograph; specify --reference-image", mm_per_px))
+    is_board = type in design_options.BOARD_TYPES
+    if board and not is_board:
+        problems.append(Problem("--board", f"applies to calibration boards, not to --type {type.value}", board))
+    if is_board:
+        others = {**settings, "size_mm": size, "reference_image": reference_images}
+        problems += [
+            Problem(f"--{name.replace('_', '-')}", f"does not apply to calibration boards (--type {type.value})", value)
+            for name, value in others.items()
+            if value is not None
+        ]
     if problems:
         raise ArgumentError(problems, source="a pattern")
+    if is_board:
+        rig = _rig(scene, overrides, focal_length_px, distance_mm, light)
+        _write_board(rig, cast("BoardKind", type.value), lengths, output, page, margin_mm, overwrite=overwrite)
+        return
     claim = claim_folder(
         "pattern.json", "pattern.pdf", "pattern.png", "scene_lines.yaml", "assessment.csv", "assessment.png"
     )
@@ -171,6 +187,33 @@ def pattern(
     names = [file.name for file in files] + ["assessment.csv", "assessment.png"]
     shown = names if len(names) < 12 else [*names[:3], "...", *names[-6:]]
     print_wrote(output / name if name != "..." else name for name in shown)
+
+
+def _write_board(
+    rig: PatternRig,
+    type: BoardKind,
+    lengths: dict[str, Any],
+    output: Path,
+    page: str,
+    margin_mm: float,
+    *,
+    overwrite: bool,
+) -> None:
+    """Write a calibration board, and print its section of a capture file."""
+    from scenetruth.design.patterns import export_board, generate_board
+    from scenetruth.design.patterns.board_patterns import BOARD_FILES, BOARD_SIGN, format_board
+    from scenetruth.output import check_output, claim_folder, write_atomically
+
+    claim = claim_folder(BOARD_SIGN, *BOARD_FILES)
+    check_output(output, overwrite=overwrite, claim=claim)
+    made = generate_board(rig, type, **lengths)
+    with write_atomically(output, overwrite=overwrite, claim=claim) as folder:
+        folder.mkdir()
+        files = export_board(made, folder, page=page, margin_mm=margin_mm)
+    _print_line(f"{type} of {made.size_mm[0]:g} x {made.size_mm[1]:g} mm: {made.description}")
+    _print_line("in a capture file:")
+    typer.echo(format_board(made).rstrip())
+    print_wrote(output / file.name for file in files)
 
 
 def _print_line(text: str) -> None:

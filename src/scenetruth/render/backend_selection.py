@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from scenetruth.camera import Camera
 from scenetruth.errors import BackendUnavailableError
-from scenetruth.render.lens_and_shutter import LensRenderer, fine_parts, is_sharp, split_into_bands
+from scenetruth.render.lens_and_shutter import open_behind_lens
 from scenetruth.render.renderer import Renderer
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.scene_models import Scene
@@ -23,8 +23,14 @@ class BackendChoice:
     fallback_reason: str = ""
 
 
-def choose_renderer(scene: Scene, world: BuiltScene) -> BackendChoice:
+Wrap = Callable[[Renderer, Camera], Renderer]
+"""Function that changes the sharp images of a renderer for a camera."""
+
+
+def choose_renderer(scene: Scene, world: BuiltScene, wrap: Wrap | None = None) -> BackendChoice:
     """Open the rendering backend of a scene, including lens and shutter.
+
+    ``wrap``: Applied to the renderer of sharp images, before lens and shutter.
 
     Order of ``auto``: ``pyrender`` on OSMesa, on EGL, ``raycast``, which lens distortion and rolling shutter require.
     """
@@ -34,18 +40,18 @@ def choose_renderer(scene: Scene, world: BuiltScene) -> BackendChoice:
         curved = scene.needs_rays
         if curved and settings.backend == "auto":
             return BackendChoice(
-                _raycast(scene, world), f"OpenGL cannot render {curved}; rendered by ray casting instead"
+                _raycast(scene, world, wrap), f"OpenGL cannot render {curved}; rendered by ray casting instead"
             )
         try:
-            return _pyrender(scene, world)
+            return _pyrender(scene, world, wrap)
         except BackendUnavailableError as error:
             if settings.backend == "pyrender":
                 raise
             reason = f"{error}; rendered by ray casting instead"
-    return BackendChoice(_raycast(scene, world), reason)
+    return BackendChoice(_raycast(scene, world, wrap), reason)
 
 
-def _pyrender(scene: Scene, world: BuiltScene) -> BackendChoice:
+def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoice:
     from scenetruth.render.pyrender_backend import PyrenderRenderer
 
     settings = scene.render
@@ -53,28 +59,32 @@ def _pyrender(scene: Scene, world: BuiltScene) -> BackendChoice:
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
         return PyrenderRenderer(world, camera, scene.background, supersampling, settings.platform, scene.lighting)
 
-    renderer = _behind_lens(scene, world, open_renderer)
+    renderer = _behind_lens(scene, world, open_renderer, wrap)
     on_egl = settings.platform == "auto" and renderer.name != "pyrender (osmesa)"
     return BackendChoice(renderer, "OSMesa is not available; rendered on EGL instead" if on_egl else "")
 
 
-def _raycast(scene: Scene, world: BuiltScene) -> Renderer:
+def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> Renderer:
     from scenetruth.raycast import Topology
     from scenetruth.render.raycast_backend import RaycastRenderer
 
     topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
 
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
-        return RaycastRenderer(world, camera, scene.background, supersampling, scene.lighting, topology)
+        adaptive = scene.render.edges == "adaptive"
+        return RaycastRenderer(
+            world, camera, scene.background, supersampling, scene.lighting, topology, adaptive=adaptive
+        )
 
-    return _behind_lens(scene, world, open_renderer)
+    return _behind_lens(scene, world, open_renderer, wrap)
 
 
-def _behind_lens(scene: Scene, world: BuiltScene, open_renderer: Callable[[Camera, int], Renderer]) -> Renderer:
-    camera, optics, shutter, samples = scene.camera, scene.optics, scene.shutter, scene.render.supersampling
-    if is_sharp(optics, shutter):
-        return open_renderer(camera, samples)
-    parts = fine_parts(optics.psf)
-    bands = split_into_bands(camera, optics, shutter, lambda fine: open_renderer(fine, max(1, -(-samples // parts))))
-    name = bands[0].renderer.name
-    return LensRenderer(name, bands, world, camera, optics, shutter, scene.frames.frame_interval_s)
+def _behind_lens(
+    scene: Scene, world: BuiltScene, open_renderer: Callable[[Camera, int], Renderer], wrap: Wrap | None
+) -> Renderer:
+    def open_wrapped(camera: Camera, samples: int) -> Renderer:
+        renderer = open_renderer(camera, samples)
+        return renderer if wrap is None else wrap(renderer, camera)
+
+    interval, samples = scene.frames.frame_interval_s, scene.render.supersampling
+    return open_behind_lens(scene.camera, scene.optics, scene.shutter, world, interval, samples, open_wrapped)

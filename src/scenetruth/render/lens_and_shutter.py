@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +13,38 @@ from scenetruth.camera import Camera, Optics, Shutter, Viewpoint
 from scenetruth.camera.lens import Psf
 from scenetruth.compilation import thread_count
 from scenetruth.render.renderer import Renderer
-from scenetruth.scene.built_scene import BuiltScene
 
-__all__ = ["DepthBand", "LensRenderer", "fine_parts", "is_sharp", "margin_px", "split_into_bands"]
+__all__ = [
+    "DepthBand",
+    "LensRenderer",
+    "MovingVertices",
+    "fine_parts",
+    "is_sharp",
+    "margin_px",
+    "open_behind_lens",
+    "split_into_bands",
+]
 
 # Subpixels along x and y before the blur. Edges within a subpixel cause aliasing of about (w / parts)² of the spectrum
 # at w cycles per px, so a sharper lens needs more subpixels.
 _PARTS, _MORE_PARTS, _NARROW_PX = 4, 8, 0.3
 _SAMPLES_PER_PX, _FEWEST, _MOST = 4, 4, 256
 _GOLDEN = (np.sqrt(5) - 1) / 2
+
+
+class _Vertices(Protocol):
+    @property
+    def vertices_mm(self) -> NDArray[np.float64]:
+        """Vertices in the world, shape (n, 3)."""
+        ...
+
+
+class MovingVertices(Protocol):
+    """Vertices at any time, from which the motion in an image follows."""
+
+    def at(self, t: float) -> _Vertices:
+        """Return the vertices at time t in frames."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -50,7 +74,7 @@ def margin_px(psf: Psf | None) -> int:
 
 
 def motion_px(
-    world: BuiltScene, camera: Camera, viewpoint: Viewpoint, times: tuple[float, float], travel_mm: float
+    world: MovingVertices, camera: Camera, viewpoint: Viewpoint, times: tuple[float, float], travel_mm: float
 ) -> float:
     """Return the largest image displacement of a vertex in front of the camera, in px; 0 without such vertices."""
     ends = []
@@ -88,11 +112,12 @@ class LensRenderer(Renderer):
         self,
         name: str,
         bands: Sequence[DepthBand],
-        world: BuiltScene,
+        world: MovingVertices,
         camera: Camera,
         optics: Optics,
         shutter: Shutter,
         frame_interval_s: float,
+        parts: int | None = None,
     ) -> None:
         self.name = name
         self._bands = tuple(bands)
@@ -101,7 +126,7 @@ class LensRenderer(Renderer):
         self._optics = optics
         self._shutter = shutter
         self._frame_interval_s = frame_interval_s
-        self._parts, self._margin = fine_parts(optics.psf), margin_px(optics.psf)
+        self._parts, self._margin = parts or fine_parts(optics.psf), margin_px(optics.psf)
         self._shade = None if optics.vignetting is None else optics.vignetting.factor(camera)
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
@@ -170,10 +195,14 @@ class LensRenderer(Renderer):
 
 
 def split_into_bands(
-    camera: Camera, optics: Optics, shutter: Shutter, open_renderer: Callable[[Camera], Renderer]
+    camera: Camera,
+    optics: Optics,
+    shutter: Shutter,
+    open_renderer: Callable[[Camera], Renderer],
+    parts: int | None = None,
 ) -> list[DepthBand]:
     """Open the renderers of the sharp images: one for the subsampled image, or one per pixel row."""
-    parts, margin = fine_parts(optics.psf), margin_px(optics.psf)
+    parts, margin = parts or fine_parts(optics.psf), margin_px(optics.psf)
     fine = camera.refined(parts, margin) if optics.psf is not None else camera
     if shutter.readout_time_s == 0:
         return [DepthBand((0, fine.height), 0, open_renderer(fine))]
@@ -182,3 +211,25 @@ def split_into_bands(
         DepthBand((first, first + parts), 1, open_renderer(fine.rows(first - 1, first + parts + 1)))
         for first in range(0, fine.height, parts)
     ]
+
+
+def open_behind_lens(
+    camera: Camera,
+    optics: Optics,
+    shutter: Shutter,
+    world: MovingVertices,
+    frame_interval_s: float,
+    samples: int,
+    open_renderer: Callable[[Camera, int], Renderer],
+    parts: int | None = None,
+) -> Renderer:
+    """Open the renderer of sharp images, a function of camera and supersampling, and apply lens and shutter to it.
+
+    ``parts``: Subpixels per axis for the point spread function; default: `fine_parts`.
+    """
+    if is_sharp(optics, shutter):
+        return open_renderer(camera, samples)
+    parts = parts if parts and optics.psf is not None else fine_parts(optics.psf)
+    share = max(1, -(-samples // parts))
+    bands = split_into_bands(camera, optics, shutter, lambda fine: open_renderer(fine, share), parts)
+    return LensRenderer(bands[0].renderer.name, bands, world, camera, optics, shutter, frame_interval_s, parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from scenetruth.scene.lighting import Lighting
 __all__ = ["RaycastRenderer", "even_rule", "gauss_rule", "visible_uv"]
 
 
+_GOLDEN = (math.sqrt(5) - 1) / 2
 Rule = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -42,6 +44,18 @@ def gauss_rule(count: int) -> Rule:
     return positions / 2, weights / 2
 
 
+def lattice_rule(count: int) -> Rule:
+    """Return at least ``count`` positions in the square [-1/2, 1/2]² px with equal weights: a lattice of rank 1.
+
+    Their number is prime, so that the projections onto both axes and both diagonals are equally spaced: no edge in
+    these directions passes several samples together. Returns offsets (x, y), shape (n, 2), and weights, shape (n,).
+    """
+    size = next(n for n in range(max(count, 5), 2 * count + 6) if all(n % k for k in range(2, math.isqrt(n) + 1)))
+    number = np.arange(size)
+    offsets = np.stack([number, (number * round(_GOLDEN * size)) % size], axis=-1)
+    return (offsets + 0.5) / size - 0.5, np.full(size, 1 / size)
+
+
 def visible_uv(
     world: BuiltScene, vertices_mm: NDArray[np.float64], origin_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -57,6 +71,8 @@ def visible_uv(
     return np.where(front[:, None, None], world.uv, world.uv_back)
 
 
+_FINER = 12  # finer sampling of pixels that a step crosses, per axis
+_STEP = 1e-3  # difference of two rules, in units of radiance, from which a pixel is sampled finer
 _PIXELS_PER_PIECE = 1 << 16
 _RAYS_PER_PIECE = 1 << 19
 
@@ -82,6 +98,8 @@ class RaycastRenderer(Renderer):
     """Renderer based on ray casting, without system libraries.
 
     Every pixel is the mean of n x n samples by the Gauss-Legendre rule (`gauss_rule`), equally spaced at silhouettes.
+    With ``adaptive``, silhouettes and pixels in which two rules differ, because a step of a texture crosses them, have
+    at least (12 n)² samples (`lattice_rule`).
     """
 
     def __init__(
@@ -92,6 +110,8 @@ class RaycastRenderer(Renderer):
         supersampling: int = 4,
         lighting: Lighting | None = None,
         topology: Topology | None = None,
+        *,
+        adaptive: bool = False,
     ) -> None:
         self.name = "raycast"
         self._world = world
@@ -110,6 +130,15 @@ class RaycastRenderer(Renderer):
         self._mixed = _square(
             (np.arange(supersampling) + 0.5) / supersampling - 0.5, np.full(supersampling, 1 / supersampling)
         )
+        self._fine = self._test = None
+        if adaptive:
+            self._fine, self._test = (
+                lattice_rule((_FINER * supersampling) ** 2),
+                lattice_rule(2 * supersampling**2 + 32),
+            )
+            self._mixed = self._fine
+            # Lattices reach the border of the pixel.
+            self._reach_px = 0.5
         self._lighting = lighting or Lighting()
         self._shader = Shader(self._lighting, world) if self._lighting.lit else None
 
@@ -167,6 +196,10 @@ class RaycastRenderer(Renderer):
                 else:
                     # The remaining pixels are rendered below.
                     image[pixels] = item.texture.mean_radiance(forms, offsets, weights)
+                if self._fine is not None and self._test is not None:
+                    differs = np.abs(image[pixels] - item.texture.mean_radiance(forms, *self._test)) > _STEP
+                    stepped = differs & whole
+                    image[pixels[stepped]] = item.texture.mean_radiance(forms[stepped], *self._fine)
                 leaving[pixels[~whole]] = True
         if light is not None:
             variance = float(weights @ offsets[:, 0] ** 2)
@@ -174,20 +207,32 @@ class RaycastRenderer(Renderer):
             # Equal spacing is best across shadow borders, as across silhouettes.
             mixed = mixed | light.borders.ravel()
             leaving = (leaving | light.uneven.ravel()) & ~mixed
-        for chosen, rule in ((leaving, self._smooth), (mixed, self._mixed)):
-            pixels = np.flatnonzero(chosen)
-            at_once = max(1, _RAYS_PER_PIECE // len(rule[1]))
-            smooth = pixels[~edges[pixels] & (body[pixels] >= 0)]
-            given_up = edges[pixels] | (body[pixels] < 0)
-            for first in range(0, len(smooth), at_once):
-                piece = smooth[first : first + at_once]
-                arrived, image[piece] = self._walk(view, piece, *rule)
-                given_up[np.searchsorted(pixels, piece[~arrived])] = True
-            remaining = pixels[given_up]
-            for first in range(0, len(remaining), at_once):
-                piece = remaining[first : first + at_once]
-                image[piece] = self._trace(view, piece, *rule)
+        crossing = np.flatnonzero(leaving)
+        self._sample(view, image, crossing, edges, self._smooth)
+        if self._fine is not None and self._test is not None:
+            smooth = image[crossing]
+            self._sample(view, image, crossing, edges, self._test)
+            differs = np.abs(image[crossing] - smooth) > _STEP
+            image[crossing] = smooth
+            self._sample(view, image, crossing[differs], edges, self._fine)
+        self._sample(view, image, np.flatnonzero(mixed), edges, self._mixed)
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
+
+    def _sample(
+        self, view: _View, image: NDArray[np.float32], pixels: NDArray[np.int64], edges: NDArray[np.bool_], rule: Rule
+    ) -> None:
+        """Render pixels by samples: by walks across faces where possible, else by tracing."""
+        at_once = max(1, _RAYS_PER_PIECE // len(rule[1]))
+        given_up = edges[pixels] | (view.body[pixels] < 0)
+        smooth = pixels[~given_up]
+        for first in range(0, len(smooth), at_once):
+            piece = smooth[first : first + at_once]
+            arrived, image[piece] = self._walk(view, piece, *rule)
+            given_up[np.searchsorted(pixels, piece[~arrived])] = True
+        remaining = pixels[given_up]
+        for first in range(0, len(remaining), at_once):
+            piece = remaining[first : first + at_once]
+            image[piece] = self._trace(view, piece, *rule)
 
     def _walk(
         self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]

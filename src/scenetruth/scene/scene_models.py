@@ -9,7 +9,14 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+)
 
 from scenetruth.camera import AnySensor, Camera, Frames, Optics, Shutter, Stage
 from scenetruth.discovery import discriminated_union
@@ -118,6 +125,16 @@ class RenderSettings(FrozenModel):
     """OpenGL platform of ``pyrender``; ``auto``: OSMesa if available, else EGL."""
     supersampling: Annotated[int, Field(ge=1, le=16)] = 4
     """n: every pixel is the mean of n x n samples."""
+    edges: Literal["sampled", "adaptive"] = "sampled"
+    """``adaptive``: at least (12 n)² samples in pixels that a step of a texture or a silhouette crosses; ray casting
+    only.
+    """
+
+    @model_serializer(mode="wrap")
+    def _without_default(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Omit the default of ``edges``, so that hashes of scenes without it remain."""
+        plain: dict[str, Any] = write(self)
+        return {key: value for key, value in plain.items() if key != "edges" or value != "sampled"}
 
 
 def _refuse_twice(names: list[str]) -> None:
@@ -203,15 +220,17 @@ class Scene(FrozenModel):
     @classmethod
     def _long_enough(cls, value: Frames, info: ValidationInfo) -> Frames:
         stage = info.data.get("stage")
-        if stage is None or value.count == 1:
+        if stage is None:
             return value
+        problems = [stage.visit_problem(value.count)]
         needed = stage.scan_interval_s
-        if needed > value.frame_interval_s * (1 + 1e-9):
-            msg = (
+        if value.count > 1 and needed > value.frame_interval_s * (1 + 1e-9):
+            problems.append(
                 f"the stage needs {needed:g} s per frame, more than frame_interval_s = "
                 f"{value.frame_interval_s:g} s: increase it, or reduce stage.time_per_position_s"
             )
-            raise ValueError(msg)
+        if any(problems):
+            raise ValueError("; ".join(filter(None, problems)))
         return value
 
     @field_validator("objects")
@@ -246,8 +265,12 @@ class Scene(FrozenModel):
     @property
     def needs_rays(self) -> str:
         """Features of the scene that require ray casting; empty if none."""
-        parts = ["lens distortion"] if self.camera.distortion is not None else []
-        return " and ".join(parts + (["a rolling shutter"] if self.shutter.readout_time_s > 0 else []))
+        features = {
+            "lens distortion": self.camera.distortion is not None,
+            "a rolling shutter": self.shutter.readout_time_s > 0,
+            "adaptive edges": self.render.edges == "adaptive",
+        }
+        return " and ".join(name for name, present in features.items() if present)
 
     def shrunk_to(self, most_px: int) -> Scene:
         """Return the scene with the reference frame only and at most ``most_px`` along an image side."""

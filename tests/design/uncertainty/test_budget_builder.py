@@ -178,6 +178,8 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
         resolve_calibration("exact")
     with pytest.raises(SceneError, match=r"stage\.rows"):
         budget(laboratory({"stage.rows": 2, "stage.row_spacing_mm": 5.0}, everything=False))
+    with pytest.raises(SceneError, match=r"stage\.axis_tilt_urad: must be null"):
+        budget(laboratory({"stage.axis_tilt_urad": [100, 0]}, everything=False))
     with pytest.raises(EstimateError, match="no_such"):
         budget(scene, method="no_such")
     (tmp_path / "mine").mkdir()

@@ -26,6 +26,7 @@ from scenetruth.design.patterns.printing import export_pattern, format_scene_lin
 from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
+    from scenetruth.design.patterns.board_patterns import BoardPattern, export_board, generate_board
     from scenetruth.design.patterns.pattern_types import (
         GreyNoisePattern,
         NoisePattern,
@@ -35,17 +36,19 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "GreyNoisePattern", "GreyPicture", "InkAreas", "InkDots", "NoisePattern", "Pattern", "PatternAssessment",
-    "PatternRig", "PatternSpectrum", "SpecklePattern", "assess_pattern", "assessments_to_dataframe",
-    "compute_boolean_covariance", "compute_clipped_covariance", "compute_contrast_transfer", "compute_grey_level",
-    "compute_pattern_statistics", "compute_size_table", "compute_spectrum", "compute_theoretical_statistics",
-    "describe_assessments", "export_pattern", "find_grey_level", "format_scene_lines", "generate_pattern",
-    "lay_out_pages", "write_texture_image",
+    "BoardPattern", "GreyNoisePattern", "GreyPicture", "InkAreas", "InkDots", "NoisePattern", "Pattern",
+    "PatternAssessment", "PatternRig", "PatternSpectrum", "SpecklePattern", "assess_pattern",
+    "assessments_to_dataframe", "compute_boolean_covariance", "compute_clipped_covariance",
+    "compute_contrast_transfer", "compute_grey_level", "compute_pattern_statistics", "compute_size_table",
+    "compute_spectrum", "compute_theoretical_statistics", "describe_assessments", "export_board", "export_pattern",
+    "find_grey_level", "format_scene_lines", "generate_board", "generate_pattern", "lay_out_pages",
+    "write_texture_image",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
     __name__,
     {
+        "board_patterns": "BoardPattern export_board generate_board",
         "pattern_types": (
             "GreyNoisePattern NoisePattern SpecklePattern compute_boolean_covariance compute_clipped_covariance"
         ),

@@ -190,7 +190,7 @@ def _notes(scene: Scene, look: SurfaceSamples, unknown: Sequence[str], *, painti
         f"leaf veins are not included, so the precision is better than predicted: {names}": bool(veined)
         and not painting,
         "lens distortion is not included": scene.camera.distortion is not None,
-        "stage errors are not included": scene.stage.errors is not None,
+        "stage errors are not included": bool(scene.stage.stated_tolerances()) or scene.stage.errors is not None,
         "shadows are not included": scene.lighting.lit and scene.lighting.shadows and bool(scene.lighting.lights),
     }
     return tuple(words for words, holds in found.items() if holds)

@@ -174,6 +174,10 @@ def budget(
     if whole.stage.rows > 1:
         message = "must be 1: a budget supports one row of positions"
         raise SceneError([Problem("stage.rows", message, whole.stage.rows)])
+    if whole.stage.poses is not None or whole.stage.axis_tilt_urad is not None:
+        field = "poses" if whole.stage.poses is not None else "axis_tilt_urad"
+        message = "must be null: a budget draws the errors of the stage from stage.errors; omit the field"
+        raise SceneError([Problem(f"stage.{field}", message)])
     own = [] if method is None else [read_method(method)]
     refuse_beyond_limits(whole, limits)
     chosen = own[0].choice(whole.estimate) if own else whole.estimate
