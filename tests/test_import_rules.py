@@ -80,6 +80,7 @@ MAY_IMPORT = {
         "resources",
         *("scene", "provenance", "schema", "output", "simulation", "estimators", "scoring", "bound", "jobs"),
     },
+    "capture": {*LEAVES, "camera", "schema", "output", "scene", "storage"},
     "design": {
         *LEAVES,
         "results",
