@@ -156,7 +156,7 @@ class CommonError:
 
     def contrast(self, weights: Array) -> float:
         """Return the standard deviation of a weighted sum over the pixels, for example of a difference."""
-        return float(np.sqrt(max(weights @ self.covariance @ weights, 0.0)))
+        return float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
 
 
 def common_error(
