@@ -63,6 +63,7 @@ MAY_IMPORT = {
     },
     "estimators": {*LEAVES, "schema"},
     "scoring": {*LEAVES, "results", "schema"},
+    "capture": {*LEAVES, "scene", "camera", "schema", "estimators", "output", "storage"},
     "pipeline": {
         *LEAVES,
         *("scene", "camera", "provenance", "resources", "schema", "estimators", "scoring", "output", "storage"),
@@ -80,7 +81,6 @@ MAY_IMPORT = {
         "resources",
         *("scene", "provenance", "schema", "output", "simulation", "estimators", "scoring", "bound", "jobs"),
     },
-    "capture": {*LEAVES, "camera", "schema", "output", "scene", "storage"},
     "design": {
         *LEAVES,
         "results",

@@ -13,6 +13,7 @@ from scenetruth.camera import StageErrors
 from scenetruth.capture.calibration import (
     CalibrationTarget,
     CommonError,
+    Moment,
     Observations,
     RigFit,
     RigGeometry,
@@ -89,7 +90,7 @@ def draw_rig(
         values[layout.first_target] = scale_error
     turns = np.empty((poses, 3, 3))
     for pose in range(poses):
-        tilt = np.deg2rad(generator.uniform(*tilt_deg) if pose % 4 else generator.uniform(0, 10))
+        tilt = np.deg2rad(generator.uniform(*tilt_deg) if pose % 4 else generator.uniform(0, min(10.0, tilt_deg[1])))
         about = generator.uniform(0, 2 * np.pi)
         axis = tilt * np.array([np.cos(about), np.sin(about), 0.0])
         spin = np.array([0.0, 0.0, generator.uniform(-0.3, 0.3)])
@@ -160,7 +161,7 @@ def assess_draw(rig: DrawnRig, fit: RigFit) -> dict[str, tuple[float, float]]:
     errors = depth_errors(truth, fit.state, given, grid, DEPTH_MM)
     rays = fit.state.camera(*SIZE).ray_directions(grid)
     stated: CommonError = common_error(
-        fit.state.values, fit.covariance, layout, given.positions_mm, given.reference, DEPTH_MM * rays
+        fit.state.values, fit.covariance, layout, given.positions_mm, given.reference, [Moment(DEPTH_MM * rays)]
     )[2]
     for name, weights in patterns(grid).items():
         found[name] = (float(weights @ errors), stated.contrast(weights))

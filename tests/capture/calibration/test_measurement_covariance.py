@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from scenetruth.camera import StageErrors
-from scenetruth.capture.calibration import CommonError, RigGeometry, RigLayout, RigPriors, common_error, triangulate
+from scenetruth.capture.calibration import (
+    CommonError,
+    Moment,
+    RigGeometry,
+    RigLayout,
+    RigPriors,
+    common_error,
+    triangulate,
+)
 from tests.helpers.drawn_rigs import draw_rig
 
 F, Z = 5016.0, 660.0
@@ -35,7 +43,7 @@ def single(name: str, std: float) -> np.ndarray:
 
 
 def error_of_depth(covariance: np.ndarray, **more: np.ndarray) -> CommonError:
-    return common_error(ideal(), covariance, LAYOUT, X_MM, REFERENCE, points(), **more)[2]
+    return common_error(ideal(), covariance, LAYOUT, X_MM, REFERENCE, [Moment(points())], **more)[2]
 
 
 def test_focal_length_and_step_scale_the_depth() -> None:
@@ -51,7 +59,7 @@ def test_yaw_of_every_position_on_the_axis() -> None:
         if position == REFERENCE:
             continue
         covariance = single(f"position[{position}].yaw", 1e-4)
-        found = common_error(ideal(), covariance, LAYOUT, X_MM, REFERENCE, centre)[2].std
+        found = common_error(ideal(), covariance, LAYOUT, X_MM, REFERENCE, [Moment(centre)])[2].std
         # The camera sees the point at an angle of x / Z.
         expected = Z * Z * 1e-4 * abs(x) * (1 + (x / Z) ** 2) / (X_MM**2).sum()
         np.testing.assert_allclose(found, expected, rtol=1e-5)
@@ -64,8 +72,8 @@ def test_visits_along_x() -> None:
     np.testing.assert_allclose(found.std, Z * 1e-3 / np.sqrt((X_MM**2).sum()), rtol=1e-3)
     # Two independent frames.
     rates = common_error(
-        ideal(), np.zeros((LAYOUT.size, LAYOUT.size)), LAYOUT, X_MM, REFERENCE, points(),
-        visit_std=std, later_mm=points(),
+        ideal(), np.zeros((LAYOUT.size, LAYOUT.size)), LAYOUT, X_MM, REFERENCE, [Moment(points()), Moment(points())],
+        visit_std=std,
     )[2]  # fmt: skip
     np.testing.assert_allclose(rates.std, np.sqrt(2) * found.std, rtol=1e-9)
 
@@ -73,7 +81,7 @@ def test_visits_along_x() -> None:
 def test_velocity_scales_with_focal_length_and_step() -> None:
     later = points() + [0.2, 0.0, 0.5]
     both = [
-        common_error(ideal(), single(name, std), LAYOUT, X_MM, REFERENCE, points(), later_mm=later)
+        common_error(ideal(), single(name, std), LAYOUT, X_MM, REFERENCE, [Moment(points()), Moment(later)])
         for name, std in (("step_scale", 1e-3), ("f", 1.0))
     ]
     for axis, shift in ((0, 0.2), (1, 0.0), (2, 0.5)):
@@ -119,7 +127,7 @@ def test_covariance_is_that_of_drawn_calibrations(seed: int) -> None:
         drawn = values + std * generator.standard_normal(layout.size)
         rig = RigGeometry.from_values(drawn, layout, X_MM, REFERENCE)
         depths.append(triangulate(rig, seen, points()[:, 2])[:, 2])
-    stated = common_error(values, covariance, layout, X_MM, REFERENCE, points())[2].std
+    stated = common_error(values, covariance, layout, X_MM, REFERENCE, [Moment(points())])[2].std
     np.testing.assert_allclose(np.std(depths, axis=0), stated, rtol=4 / np.sqrt(800))
 
 

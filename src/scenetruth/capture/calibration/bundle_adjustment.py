@@ -8,10 +8,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.capture.calibration.rig_model import INTRINSICS, Observations, RigState, TargetView, project
-from scenetruth.errors import ArgumentError, Problem
+from scenetruth.capture.calibration.rig_model import (
+    INTRINSICS,
+    CalibrationError,
+    Observations,
+    RigState,
+    TargetView,
+    project,
+)
+from scenetruth.errors import Problem
 
-__all__ = ["RigFit", "ViewResidual", "adjust", "solve"]
+__all__ = ["RigFit", "ViewResidual", "adjust", "robust_weights", "solve"]
 
 Array = NDArray[np.float64]
 
@@ -119,6 +126,11 @@ def robust_cost(distance: Array) -> float:
     return float(square.sum())
 
 
+def robust_weights(distance: Array) -> Array:
+    """Return Huber's weights: 1 within the limit, and inverse to the distance beyond."""
+    return np.asarray(_HUBER / np.maximum(distance, _HUBER))
+
+
 def prior_cost(state: RigState, start: Array, free: NDArray[np.bool_]) -> float:
     """Return the weighted sum of squared departures from the prior means."""
     return float(((state.values - start)[free] ** 2 * prior_information(state.layout.std, free)).sum())
@@ -130,8 +142,7 @@ def build_equations(given: Observations, state: RigState, start: Array, free: ND
     whitened = given.whitening @ slopes
     residual = np.einsum("nij,nj->ni", given.whitening, given.pixels - pixels)
     distance = np.hypot(residual[:, 0], residual[:, 1])
-    weight = _HUBER / np.maximum(distance, _HUBER)
-    root = np.sqrt(weight)[:, None]
+    root = np.sqrt(robust_weights(distance))[:, None]
     whitened *= root[:, :, None]
     residual = residual * root
     size = state.layout.size
@@ -302,6 +313,6 @@ def _invert(information: Array, std: Array, free: NDArray[np.bool_], names: tupl
         order = np.argsort(-np.abs(vectors[:, 0]))[:3]
         listed = ", ".join(free_names[index] for index in order)
         msg = f"do not determine the parameters {listed}: add poses with a tilt of 35 to 40° about both axes"
-        raise ArgumentError([Problem("observations", msg)], source="calibrate")
+        raise CalibrationError([Problem("observations", msg)])
     root = vectors / np.sqrt(values) * scale[:, None]
     return np.asarray(root @ root.T)

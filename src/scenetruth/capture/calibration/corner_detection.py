@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.capture.calibration.boards import Board, CharucoBoard, Checkerboard, DotGrid
-from scenetruth.errors import ArgumentError, Problem
+from scenetruth.capture.calibration.rig_model import CalibrationError
+from scenetruth.errors import Problem
 
 __all__ = ["Detection", "charuco_board", "detect_board", "stretched"]
 
@@ -54,7 +55,7 @@ def opencv() -> Any:
     except ImportError as error:
         remedy = "install it: pip install 'scenetruth[opencv]' (or opencv-python-headless)"
         problem = Problem("board", f"is detected by OpenCV, which cannot be imported ({error}); {remedy}")
-        raise ArgumentError([problem], source="calibrate") from error
+        raise CalibrationError([problem]) from error
     return cv2
 
 
@@ -65,12 +66,12 @@ def charuco_board(board: CharucoBoard) -> Any:
     if number is None:
         names = sorted(name[5:] for name in dir(cv2.aruco) if name.startswith("DICT_"))
         message = f"is no dictionary of OpenCV; use one of {', '.join(names)}"
-        raise ArgumentError([Problem("board.dictionary", message, board.dictionary)], source="calibrate")
+        raise CalibrationError([Problem("board.dictionary", message, board.dictionary)])
     dictionary = cv2.aruco.getPredefinedDictionary(number)
     needed, available = board.squares[0] * board.squares[1] // 2, len(dictionary.bytesList)
     if needed > available:
         message = f"has {available} markers, and the board needs {needed}; use a larger dictionary"
-        raise ArgumentError([Problem("board.dictionary", message, board.dictionary)], source="calibrate")
+        raise CalibrationError([Problem("board.dictionary", message, board.dictionary)])
     made = cv2.aruco.CharucoBoard(board.squares, board.square_mm, board.marker_mm, dictionary)
     made.setLegacyPattern(board.legacy)
     return made

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Distortion
 from scenetruth.capture.calibration.rig_model import INTRINSICS, RigLayout, rotation_matrix
 
-__all__ = ["CommonError", "RigGeometry", "common_error", "triangulate"]
+__all__ = ["CommonError", "Moment", "RigGeometry", "common_error", "triangulate"]
 
 Array = NDArray[np.float64]
 
@@ -159,57 +159,89 @@ class CommonError:
         return float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
 
 
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Points measured at one time, and the visits of the images.
+
+    ``points_mm``: Points in the frame of the reference camera, shape (n, 3).
+    ``visits``: Index in the layout of the visit of each position, where the calibration has estimated them, for example
+      by a strip; None for new visits, of which only the tolerances are given.
+    """
+
+    points_mm: Array
+    visits: tuple[int, ...] | None = None
+
+
 def common_error(
     values: Array, covariance: Array, layout: RigLayout, positions_mm: Array, reference: int,
-    points_mm: Array, *, visit_std: Array | None = None, later_mm: Array | None = None,
+    moments: Sequence[Moment], *, visit_std: Array | None = None,
 ) -> tuple[CommonError, CommonError, CommonError]:  # fmt: skip
     """Return the errors of X, Y and Z of points, or of their displacements, that a calibration causes.
 
     The covariance is J C Jᵀ, where J is the derivative of the triangulation by every parameter.
 
-    ``values``, ``covariance``: Parameters before the poses, shape (P,), and their covariance, shape (P, P).
-    ``points_mm``: Points in the frame of the reference camera, shape (n, 3).
+    ``values``, ``covariance``: Parameters, at least those before the poses, and their covariance.
+    ``moments``: Points at one time; or at two times, for the error of the displacement.
     ``visit_std``: Standard deviations of the motions of a visit (rotation vector in rad, offset in mm), which are new
-      at every image of the measurement, shape (6,); default: none.
-    ``later_mm``: Points one frame later; then the error is that of the displacement, which has two visits.
+      at every image of a moment without visits, shape (6,); default: none.
     """
-    rig = RigGeometry.from_values(values, layout, positions_mm, reference)
-    moments = [points_mm] if later_mm is None else [points_mm, later_mm]
-    seen = [rig.project(rig.to_stage(points)) for points in moments]
-    chosen = [index for index in range(layout.first_visit) if covariance[index, index] > 0]
+    count = len(positions_mm)
+    signs = [1.0] if len(moments) == 1 else [-1.0, 1.0]
+    bases = [_visit_motions(values, layout, moment, count) for moment in moments]
+
+    def geometry(changed: Array, number: int, motions: Array) -> RigGeometry:
+        return RigGeometry.from_values(changed, layout, positions_mm, reference, bases[number] + motions)
+
+    none = np.zeros((count, 6))
+    seen = []
+    for number, moment in enumerate(moments):
+        rig = geometry(values, number, none)
+        seen.append(rig.project(rig.to_stage(moment.points_mm)))
+
+    def slope(number: int, step: float, parameter: int | None, visit: tuple[int, int] | None) -> Array:
+        """Return the derivative of the points of a moment by a parameter or a motion of a visit, shape (n, 3)."""
+        ends = []
+        for sign in (step, -step):
+            moved, motions = values, none
+            if parameter is not None:
+                moved = values.copy()
+                moved[parameter] += sign
+            if visit is not None:
+                motions = none.copy()
+                motions[visit] = sign
+            start = moments[number].points_mm[:, 2]
+            ends.append(triangulate(geometry(moved, number, motions), seen[number], start))
+        return np.asarray((ends[0] - ends[1]) / (2 * step))
+
     steps = np.array([*_INTRINSIC_STEPS, *_STAGE_STEPS, *_MOTION_STEPS * layout.positions])
-
-    def slopes(changed: Callable[[float], RigGeometry], step: float) -> list[Array]:
-        """Return the derivatives of the points of every moment, shape (n, 3) each."""
-        upper, lower = changed(step), changed(-step)
-        return [
-            (triangulate(upper, each, points[:, 2]) - triangulate(lower, each, points[:, 2])) / (2 * step)
-            for each, points in zip(seen, moments, strict=True)
-        ]
-
-    by_parameter = []
-    for index in chosen:
-
-        def changed(step: float, index: int = index) -> RigGeometry:
-            moved = values.copy()
-            moved[index] += step
-            return RigGeometry.from_values(moved, layout, positions_mm, reference)
-
-        each = slopes(changed, steps[index])
-        by_parameter.append(each[0] if later_mm is None else each[1] - each[0])
-    jacobian = np.array(by_parameter).reshape(len(chosen), *points_mm.shape)
-    part = covariance[np.ix_(chosen, chosen)]
-    total = np.einsum("pni,pq,qmi->inm", jacobian, part, jacobian)
-    for position, motion in np.ndindex(len(positions_mm), 6):
-        if visit_std is None or visit_std[motion] == 0:
-            continue
-
-        def visited(step: float, position: int = position, motion: int = motion) -> RigGeometry:
-            visits = np.zeros((len(positions_mm), 6))
-            visits[position, motion] = step
-            return RigGeometry.from_values(values, layout, positions_mm, reference, visits)
-
-        for each_moment in slopes(visited, _MOTION_STEPS[motion]):
-            total += visit_std[motion] ** 2 * np.einsum("ni,mi->inm", each_moment, each_moment)
+    columns: dict[int, Array] = {}
+    for index in range(layout.first_visit):
+        if covariance[index, index] > 0:
+            parts = [sign * slope(number, steps[index], index, None) for number, sign in enumerate(signs)]
+            columns[index] = np.sum(parts, axis=0)
+    points = moments[0].points_mm
+    total = np.zeros((3, len(points), len(points)))
+    for number, (moment, sign) in enumerate(zip(moments, signs, strict=True)):
+        for position, motion in np.ndindex(count, 6):
+            visit = None if moment.visits is None else layout.first_visit + 6 * moment.visits[position] + motion
+            deviation = 0.0 if visit_std is None else float(visit_std[motion])
+            if visit is not None and covariance[visit, visit] > 0:
+                part = sign * slope(number, _MOTION_STEPS[motion], None, (position, motion))
+                columns[visit] = columns[visit] + part if visit in columns else part
+            elif visit is None and deviation > 0:
+                each = deviation * slope(number, _MOTION_STEPS[motion], None, (position, motion))
+                total += np.einsum("ni,mi->inm", each, each)
+    chosen = sorted(columns)
+    if chosen:
+        jacobian = np.array([columns[index] for index in chosen])
+        total += np.einsum("pni,pq,qmi->inm", jacobian, covariance[np.ix_(chosen, chosen)], jacobian)
     x, y, z = (CommonError.from_covariance(part) for part in total)
     return x, y, z
+
+
+def _visit_motions(values: Array, layout: RigLayout, moment: Moment, count: int) -> Array:
+    """Return the motions of the visits of a moment, shape (count, 6)."""
+    if moment.visits is None:
+        return np.zeros((count, 6))
+    starts = [layout.first_visit + 6 * visit for visit in moment.visits]
+    return np.array([values[start : start + 6] for start in starts])

@@ -17,14 +17,37 @@ from scenetruth.errors import ArgumentError, Problem
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
 
 __all__ = [
-    "INTRINSICS", "CalibrationTarget", "Observations", "RigLayout", "RigPriors", "RigState", "TargetView",
-    "project", "rotation_matrix",
+    "INTRINSICS", "CalibrationError", "CalibrationTarget", "Observations", "RigGuess", "RigLayout", "RigPriors",
+    "RigState", "TargetView", "project", "rotation_matrix",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 
 INTRINSICS = ("f", "c_x", "c_y", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 """Intrinsic parameters in their order."""
+
+
+class CalibrationError(ArgumentError):
+    """Observations, images or files that do not make a calibration; lists every problem.
+
+    See Also
+    --------
+    scenetruth.capture.calibrate : Raises it.
+
+    Examples
+    --------
+    >>> from scenetruth.capture.calibration import RigCalibration, CalibrationError
+    >>> try:
+    ...     RigCalibration.load("no_such_file.yaml")
+    ... except CalibrationError as error:
+    ...     print(error.source)
+    no_such_file.yaml
+    """
+
+    _noun = "calibration"
+    _of = "in"
+
+
 _STAGE = ("axis_y", "axis_z", "step_scale", "backlash")
 _MOTION = ("pitch", "yaw", "roll", "x", "y", "z")
 _TARGET = ("scale", "warp_uu", "warp_uv", "warp_vv")
@@ -121,7 +144,7 @@ class Observations:
     def __post_init__(self) -> None:
         problems = list(_problems_of(self))
         if problems:
-            raise ArgumentError(problems, source="calibrate")
+            raise CalibrationError(problems)
 
     def selected(self, views: Sequence[TargetView]) -> Observations:
         """Return the observations with other views."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scenetruth.capture.calibration.bundle_adjustment import solve
 from scenetruth.capture.calibration.rig_model import (
     INTRINSICS,
+    CalibrationError,
     Observations,
     RigGuess,
     RigLayout,
@@ -16,7 +17,7 @@ from scenetruth.capture.calibration.rig_model import (
     TargetView,
     project,
 )
-from scenetruth.errors import ArgumentError, Problem
+from scenetruth.errors import Problem
 
 __all__ = ["fit_homography", "start_state"]
 
@@ -81,7 +82,7 @@ def _focal_length(given: Observations, centre: Array) -> float:
     over = float(np.dot(rows, right) / np.dot(rows, rows)) if rows else np.nan
     if not over > 0:
         msg = "is not determined by the images: set it from the data sheet, or tilt the board by 35 to 40°"
-        raise ArgumentError([Problem("guess.focal_length_px", msg)], source="calibrate")
+        raise CalibrationError([Problem("guess.focal_length_px", msg)])
     return float(1 / np.sqrt(over))
 
 
@@ -98,7 +99,7 @@ def _place(given: Observations, state: RigState, number: int, views: list[Target
     first = min(views, key=lambda view: (abs(given.positions_mm[view.position]), -len(view.pixels)))
     if not _is_flat(first):
         msg = "is not flat: its pose cannot be started; use points in a plane"
-        raise ArgumentError([Problem(f"views.{first.name}.points_mm", msg)], source="calibrate")
+        raise CalibrationError([Problem(f"views.{first.name}.points_mm", msg)])
     chosen = given.selected(views)
     best: tuple[float, RigState] | None = None
     for rotation, translation in _poses(state, first, float(given.positions_mm[first.position])):
@@ -110,7 +111,7 @@ def _place(given: Observations, state: RigState, number: int, views: list[Target
     assert best is not None
     if not np.isfinite(project(chosen, best[1], derivatives=False)[0]).all():
         msg = "shows no possible pose of the target; check the board and the focal length"
-        raise ArgumentError([Problem(f"views.{first.name}", msg)], source="calibrate")
+        raise CalibrationError([Problem(f"views.{first.name}", msg)])
     return best[1]
 
 
