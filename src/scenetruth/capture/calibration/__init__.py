@@ -31,6 +31,11 @@ if TYPE_CHECKING:
         inconsistent_images,
         step_problems,
     )
+    from scenetruth.capture.calibration.foreign_calibrations import (
+        export_calibration,
+        import_calibration,
+        import_camera,
+    )
     from scenetruth.capture.calibration.measurement_covariance import (
         CommonError,
         Moment,
@@ -54,52 +59,13 @@ if TYPE_CHECKING:
     from scenetruth.capture.calibration.start_values import start_state
 
 __all__ = [
-    "Board",
-    "BoardImage",
-    "CalibrationError",
-    "CalibrationTarget",
-    "CharucoBoard",
-    "Checkerboard",
-    "Combination",
-    "CommonError",
-    "Detection",
-    "DotGrid",
-    "HalvesTest",
-    "ModelTest",
-    "Moment",
-    "Observations",
-    "RefinedPoints",
-    "RigCalibration",
-    "RigFit",
-    "RigGeometry",
-    "RigGuess",
-    "RigLayout",
-    "RigPriors",
-    "RigState",
-    "ScaleTest",
-    "TargetView",
-    "ViewResidual",
-    "adjust",
-    "apparent_steps",
-    "calibrate",
-    "charuco_board",
-    "check_models",
-    "check_scale",
-    "common_error",
-    "compare_halves",
-    "detect_board",
-    "diagnose",
-    "disc_bias",
-    "estimate_noise",
-    "identify_combinations",
-    "inconsistent_images",
-    "observe_boards",
-    "project",
-    "refine_points",
-    "rotation_matrix",
-    "start_state",
-    "step_problems",
-    "triangulate",
+    "Board", "BoardImage", "CalibrationError", "CalibrationTarget", "CharucoBoard", "Checkerboard", "Combination",
+    "CommonError", "Detection", "DotGrid", "HalvesTest", "ModelTest", "Moment", "Observations", "RefinedPoints",
+    "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigState", "ScaleTest",
+    "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
+    "check_scale", "common_error", "compare_halves", "detect_board", "diagnose", "disc_bias", "estimate_noise",
+    "export_calibration", "identify_combinations", "import_calibration", "import_camera", "inconsistent_images",
+    "observe_boards", "project", "refine_points", "rotation_matrix", "start_state", "step_problems", "triangulate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -114,6 +80,7 @@ __getattr__, __dir__ = export_lazily(
             "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose identify_combinations "
             "inconsistent_images step_problems check_models check_scale"
         ),
+        "foreign_calibrations": "export_calibration import_calibration import_camera",
         "measurement_covariance": "CommonError Moment RigGeometry common_error triangulate",
         "rig_calibration": "BoardImage calibrate observe_boards",
         "rig_model": (
