@@ -30,6 +30,7 @@ def test_round_trip(calibration: RigCalibration, tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.covariance, calibration.covariance)
     np.testing.assert_array_equal(loaded.prior_std, calibration.prior_std)
     assert loaded.images == calibration.images
+    assert [each.words for each in loaded.combinations] == [each.words for each in calibration.combinations]
     assert loaded.camera == calibration.camera
     assert loaded.summary() == calibration.summary()
     with pytest.raises(OutputExistsError):

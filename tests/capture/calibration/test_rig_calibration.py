@@ -191,3 +191,14 @@ def test_a_camera_or_calibration_is_a_start() -> None:
     one = calibrate(rig.observations, guess=start, priors=rig.priors)
     other = calibrate(rig.observations, guess=start.camera, priors=rig.priors)
     np.testing.assert_allclose(one.values, other.values)
+
+
+def test_two_boards_in_one_image_are_seen() -> None:
+    pytest.importorskip("cv2")
+    rotation, camera = rotation_matrix(np.array([0.2, 0.1, 0.0])), CAMERA.model_copy(update={"distortion": None})
+    left = render_board(CHARUCO, camera, rotation, np.array([-38.0, 0.0, 655.0]), fine=8)
+    right = render_board(CHARUCO, camera, rotation, np.array([38.0, 0.0, 655.0]), fine=8)
+    image = np.concatenate([left[:, :200], right[:, 200:]], axis=1)
+    given = [BoardImage(image, 0, 0, name="both.png")]
+    with pytest.raises(CalibrationError, match=r"both\.png"):
+        observe_boards(given, CHARUCO, X_MM)

@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError
 
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.capture.calibration.bundle_adjustment import ViewResidual
+from scenetruth.capture.calibration.diagnostics import Combination
 from scenetruth.capture.calibration.measurement_covariance import CommonError, Moment, RigGeometry, common_error
 from scenetruth.capture.calibration.rig_model import INTRINSICS, CalibrationError, RigLayout, RigState
 from scenetruth.errors import Problem
@@ -34,6 +35,8 @@ _ROUNDING = 1e-9
 _STD_DIGITS = 1e-4
 """Relative difference of a standard deviation in the YAML file from that of the covariance; it has six digits."""
 _STRONG = 0.8
+_GAUGE, _LISTED = 1e-2, 5
+"""Combinations of less information belong to the choice of the frame; and the number of lines in a summary."""
 _UNITS = {"f": "px", "c_x": "px", "c_y": "px", "axis_y": "rad", "axis_z": "rad", "step_scale": "", "backlash": "mm"}
 
 
@@ -50,6 +53,11 @@ class _Image(FrozenModel):
     mean_square: NonNegative
     rms_px: NonNegative
     consistent: bool
+
+
+class _Combination(FrozenModel):
+    ratio: NonNegative
+    words: str
 
 
 class _Size(FrozenModel):
@@ -80,6 +88,7 @@ class _CalibrationFile(FrozenModel):
     dof: Annotated[int, Field(ge=0)]
     images: tuple[_Image, ...]
     warnings: tuple[str, ...]
+    combinations: tuple[_Combination, ...]
     covariance: _Covariance
 
 
@@ -109,6 +118,8 @@ class RigCalibration:
         Residuals of every image.
     warnings
         Everything that speaks against the calibration; empty if nothing does.
+    combinations
+        Combinations of parameters with a prior, and how much the images determine them, the best first.
 
     See Also
     --------
@@ -142,6 +153,7 @@ class RigCalibration:
     dof: int = 0
     images: tuple[ViewResidual, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
+    combinations: tuple[Combination, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         problems = list(self._problems())
@@ -328,6 +340,8 @@ class RigCalibration:
                 f"{points} points in {len(used)} of {len(self.images)} images, residual {rms:.2g} px rms, "
                 f"chi-squared / degrees of freedom {self.variance_factor:.2f}"
             )
+        weak = [each for each in self.combinations if not each.from_images and each.ratio > _GAUGE]
+        lines += [f"determined by tolerances rather than images: {each.words}" for each in weak[:_LISTED]]
         lines += [f"warning: {text}" for text in self.warnings]
         return "\n".join(lines)
 
@@ -410,6 +424,7 @@ class RigCalibration:
             "dof": int(self.dof),
             "images": [vars(image) for image in self.images],
             "warnings": list(self.warnings),
+            "combinations": [{"ratio": float(f"{each.ratio:.3g}"), "words": each.words} for each in self.combinations],
             "covariance": {"file": matrix, "sha256": digest},
         }
 
@@ -479,6 +494,7 @@ class RigCalibration:
                 given.camera.width, given.camera.height, np.array(given.stage.positions_mm), given.stage.reference,
                 names, values, covariance, np.array(priors), given.visits, given.targets, given.chi2, given.dof,
                 tuple(ViewResidual(**each.model_dump()) for each in given.images), given.warnings,
+                tuple(Combination(**each.model_dump()) for each in given.combinations),
             )  # fmt: skip
         except CalibrationError as error:
             raise CalibrationError(error.problems, file) from error

@@ -13,9 +13,9 @@ from scenetruth.camera import Camera
 from scenetruth.capture.calibration.boards import Board, DotGrid
 from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust
 from scenetruth.capture.calibration.calibration_result import RigCalibration
-from scenetruth.capture.calibration.corner_detection import detect_board
+from scenetruth.capture.calibration.corner_detection import Detection, detect_board
 from scenetruth.capture.calibration.corner_refinement import disc_bias, estimate_noise, refine_points
-from scenetruth.capture.calibration.diagnostics import apparent_steps, diagnose, step_problems
+from scenetruth.capture.calibration.diagnostics import apparent_steps, diagnose, identify_combinations, step_problems
 from scenetruth.capture.calibration.rig_model import (
     CalibrationError,
     CalibrationTarget,
@@ -26,7 +26,7 @@ from scenetruth.capture.calibration.rig_model import (
     TargetView,
     rotation_matrix,
 )
-from scenetruth.capture.calibration.start_values import start_state
+from scenetruth.capture.calibration.start_values import fit_homography, start_state
 from scenetruth.errors import EstimateWarning, Problem
 
 __all__ = ["BoardImage", "calibrate", "observe_boards"]
@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 _SCALED_ABOVE, _REJECTED_ABOVE = 1.1, 2.0
 """Chi-squared per degree of freedom above which the covariance is scaled by it, and the calibration is rejected."""
 _WEAKEST_FOCAL = 0.05
+_LARGEST_MISFIT = 0.25  # squares, more than any usable lens distorts
 _LARGEST_BIAS_CHANGE = 1e-4  # px
 _SHARE_OF_IMAGES = 0.25
 
@@ -111,6 +112,11 @@ def observe_boards(
         if detection.reason:
             problems.append(Problem(name, f"shows no board: {detection.reason}"))
             continue
+        misfit = _misfit(board, detection)
+        if misfit > _LARGEST_MISFIT:
+            message = f"has points {misfit:.1f} squares from a plane; show one board, and check its number of squares"
+            problems.append(Problem(name, message))
+            continue
         variance = estimate_noise(image) ** 2 if given.variance is None else given.variance
         points = refine_points(image, variance, board, detection)
         if len(points.ids) < 6:
@@ -139,6 +145,17 @@ def observe_boards(
         warnings.warn(str(problem), EstimateWarning, stacklevel=2)
     middle = (len(positions) - 1) // 2 if reference is None else reference
     return Observations(size[1], size[0], positions, (board.target,), tuple(views), middle)
+
+
+def _misfit(board: Board, detection: Detection) -> float:
+    """Return the 90th percentile of the distances of points from a plane, in the distance of neighbouring points."""
+    points = board.points_mm[detection.ids, :2]
+    homography = fit_homography(points, detection.pixels)
+    shown = np.column_stack([points, np.ones(len(points))]) @ homography.T
+    away = np.hypot(*(shown[:, :2] / shown[:, 2:] - detection.pixels).T)
+    spread = np.hypot(*np.std(detection.pixels, axis=0)) / np.hypot(*np.std(points, axis=0))
+    spacing = board.spacing_mm if isinstance(board, DotGrid) else board.square_mm
+    return float(np.percentile(away, 90) / (spread * spacing))
 
 
 def calibrate(
@@ -237,7 +254,7 @@ def calibrate(
     return RigCalibration.from_state(
         fit.state, fit.covariance * factor, (given.width, given.height), given.positions_mm, given.reference,
         tuple(target.name for target in given.targets), chi2=fit.chi2, dof=fit.dof, images=fit.views,
-        warnings=tuple(diagnose(given, fit, tolerances)),
+        warnings=tuple(diagnose(given, fit, tolerances)), combinations=tuple(identify_combinations(fit)),
     )  # fmt: skip
 
 
