@@ -25,6 +25,18 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "scenetruth.camera": ("two_point_correction",),
     },
+    "calibration": {
+        "scenetruth.capture.calibration": (
+            "calibrate",
+            "BoardImage",
+            "RigCalibration",
+            "observe_boards",
+            "import_calibration",
+            "import_camera",
+            "export_calibration",
+            "CalibrationError",
+        )
+    },
     "data": {"scenetruth": ("make_recording", "make_estimate", "save_store", "load_store", "open_store")},
     "estimation": {
         "scenetruth": ("estimate",),

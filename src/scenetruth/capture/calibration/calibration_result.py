@@ -123,7 +123,7 @@ class RigCalibration:
 
     See Also
     --------
-    scenetruth.capture.calibrate : Computes it from images of boards.
+    scenetruth.capture.calibration.calibrate : Computes it from images of boards.
 
     Examples
     --------

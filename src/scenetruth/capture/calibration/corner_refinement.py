@@ -29,8 +29,10 @@ _MISFIT = 4.0
 _FARTHEST_PX = 3.0
 """Largest distance of a refined corner from its detection."""
 _DOT_INNER, _DOT_OUTER = 1.3, 1.6  # radii of the centroid's window and of its background
-_FLOOR_PX = 5e-4
-"""Standard deviation of what the edge model leaves out (curved edges, pixels as boxes), 0.2 to 0.5 of a thousandth."""
+_FLOOR_PX = 1e-3
+"""Standard deviation of what the edge model leaves out (curved edges, pixels as boxes): without noise, the corners of
+rendered boards have errors of 0.0003 to 0.0009 px rms.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,7 +42,8 @@ _SIGNIFICANT = 1e-3
 """Probability of an exact calibration below which a test is reported: with some ten tests per calibration, one of a
 hundred exact calibrations has a report.
 """
-_LARGER_THAN_MEDIAN = 1.3
+_LARGER_THAN_MEDIAN = 1.5**2
+"""Ratio of mean squared residuals to the median beyond which an image is named: residuals 1.5 times the others."""
 _NAMED = 4  # parameters of a combination
 _LEAST_SHARE = 0.15  # of the largest component
 _WEAK_TILT = 0.01

@@ -78,6 +78,11 @@ def import_calibration(
     ValueError
         A `CalibrationError` if the file is unreadable or its camera cannot be represented.
 
+    See Also
+    --------
+    import_camera : Returns the camera only.
+    export_calibration : Writes a file of another program.
+
     Examples
     --------
     >>> from pathlib import Path
@@ -121,6 +126,23 @@ def import_camera(
     ------
     ValueError
         A `CalibrationError` if the file is unreadable or its camera cannot be represented.
+
+    See Also
+    --------
+    import_calibration : Returns a calibration with an uncertainty.
+
+    Examples
+    --------
+    Pixel centres are integers, whereas the upper left corner of an image of COLMAP is its origin:
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from scenetruth.capture.calibration import import_camera
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "cameras.txt"
+    ...     _ = file.write_text("1 PINHOLE 640 480 5000 5000 320 240")
+    ...     print(import_camera(file).principal_point)
+    (319.5, 239.5)
     """
     file = Path(path)
     try:
@@ -450,6 +472,21 @@ def export_calibration(
         A `CalibrationError` if the program lacks a term of the camera.
     OutputExistsError
         If the file exists and ``overwrite`` is not set.
+
+    See Also
+    --------
+    import_camera : Reads files of other programs.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from scenetruth.camera import Camera
+    >>> from scenetruth.capture.calibration import RigCalibration, export_calibration
+    >>> stated = RigCalibration.from_camera(Camera(width=640, height=480, focal_length_px=5000), [-5, 0, 5])
+    >>> with TemporaryDirectory() as folder:
+    ...     file = export_calibration(stated, f"{folder}/cameras.txt", target="colmap")
+    ...     print(file.read_text().split()[-12:-8])
+    ['5000.0', '5000.0', '320.0', '240.0']
     """
     writers = {"opencv": _opencv_text, "colmap": _colmap_text}
     if target == "matchid":

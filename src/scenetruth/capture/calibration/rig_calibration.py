@@ -61,6 +61,18 @@ class BoardImage:
         Name in messages.
     variance
         Variance of the noise of every pixel, of the shape of the image or one value; default: estimated from the image.
+
+    See Also
+    --------
+    calibrate : Calibrates a rig from images.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scenetruth.capture.calibration import BoardImage
+    >>> image = BoardImage(np.zeros((480, 640)), position=2, pose=0, name="p0_s2.png")
+    >>> image.position, image.visit
+    (2, None)
     """
 
     image: Array | Callable[[], Array]
@@ -97,6 +109,23 @@ def observe_boards(
     ------
     ValueError
         A `CalibrationError` if images differ in size, or more than a quarter of them show no board.
+
+    See Also
+    --------
+    calibrate : Includes the detection.
+
+    Examples
+    --------
+    An image without a board is named with the reason:
+
+    >>> import numpy as np
+    >>> from scenetruth.capture.calibration import BoardImage, CalibrationError, Checkerboard, observe_boards
+    >>> board = Checkerboard(kind="checkerboard", squares=(8, 6), square_mm=7.0)
+    >>> try:
+    ...     observe_boards([BoardImage(np.zeros((120, 160)), 0, 0, name="p0_s0.png")], board, [0.0])
+    ... except CalibrationError as error:
+    ...     print(error.problems[0].path, error.problems[0].message[:14])
+    p0_s0.png shows no board
     """
     positions = np.asarray(positions_mm, dtype=np.float64)
     views, problems = [], []
@@ -206,6 +235,12 @@ def calibrate(
     ValueError
         A `CalibrationError` if the images contradict each other (chi-squared above 2 per degree of freedom), or do not
         determine the focal length to 5 %.
+
+    See Also
+    --------
+    RigCalibration : The result.
+    observe_boards : Detects the points only.
+    scenetruth.capture.calibration.import_calibration : Reads cameras of other programs.
 
     Notes
     -----

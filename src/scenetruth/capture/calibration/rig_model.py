@@ -32,7 +32,7 @@ class CalibrationError(ArgumentError):
 
     See Also
     --------
-    scenetruth.capture.calibrate : Raises it.
+    scenetruth.capture.calibration.calibrate : Raises it.
 
     Examples
     --------
