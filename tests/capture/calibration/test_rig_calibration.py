@@ -146,9 +146,13 @@ def test_contradicting_images_are_rejected_with_their_reason() -> None:
     backwards = replace(rig.observations, positions_mm=-rig.observations.positions_mm)
     with pytest.raises(CalibrationError) as caught:
         calibrate(backwards, guess=5016.0, priors=rig.priors)
-    text = str(caught.value)
-    assert "contradict each other" in text
-    assert "against the stated direction" in text
+    assert "against the stated direction" in str(caught.value)
+    # Waves of 250 px, which no lens model has.
+    views = [
+        replace(view, pixels=view.pixels + 0.2 * np.sin(view.pixels[:, ::-1] / 40)) for view in rig.observations.views
+    ]
+    with pytest.raises(CalibrationError, match="contradict each other"):
+        calibrate(rig.observations.selected(views), guess=5016.0, priors=rig.priors)
 
 
 def test_too_little_tilt_says_what_to_add() -> None:
@@ -202,3 +206,26 @@ def test_two_boards_in_one_image_are_seen() -> None:
     given = [BoardImage(image, 0, 0, name="both.png")]
     with pytest.raises(CalibrationError, match=r"both\.png"):
         observe_boards(given, CHARUCO, X_MM)
+
+
+def test_mistakes_of_single_images_are_named() -> None:
+    """Two images with exchanged names contradict the others; a blurred image has larger residuals."""
+    rig = draw_rig(94, poses=5, positions=3)
+    views = list(rig.observations.views)
+    one, other = views[6], views[7]
+    for number, (view, seen) in ((6, (one, other)), (7, (other, one))):
+        views[number] = replace(view, pixels=seen.pixels, points_mm=seen.points_mm, covariance_px2=seen.covariance_px2)
+    found = calibrate(rig.observations.selected(views), guess=5016.0, priors=rig.priors)
+    assert {view.name for view in found.images if not view.consistent} == {one.name, other.name}
+    assert all(any(text.startswith(name) for text in found.warnings) for name in (one.name, other.name))
+    views = list(rig.observations.views)
+    noise = 0.03 * np.random.default_rng(1).standard_normal(views[4].pixels.shape)
+    views[4] = replace(views[4], pixels=views[4].pixels + noise)
+    found = calibrate(rig.observations.selected(views), guess=5016.0, priors=rig.priors)
+    assert any(text.startswith(views[4].name) for text in found.warnings)
+
+
+def test_a_visit_has_one_position() -> None:
+    rig = draw_rig(95, poses=2, positions=3)
+    with pytest.raises(CalibrationError, match="number it anew"):
+        rig.observations.selected([replace(view, visit=0) for view in rig.observations.views])

@@ -36,6 +36,7 @@ _LEAST_EIGENVALUE = 1e-13
 _SHARE_OF_VIEW = 0.3
 """An image with more excluded points than this share contradicts the other images as a whole."""
 _MOST_DAMPING = 1e8
+_MOST_EXCLUSIONS = 8
 
 
 @dataclass(frozen=True)
@@ -219,15 +220,13 @@ def adjust(given: Observations, state: RigState, start: Array | None = None) -> 
     free = layout.std > 0
     used, points = given, [np.zeros(len(view.pixels), dtype=bool) for view in given.views]
     whole = np.ones(len(given.views), dtype=bool)
-    rounds, equations = 0, None
-    for _ in range(8):
-        state, equations, rounds = solve(used, state, start, _estimable(layout.std, used, state))
-        changed = _exclude(given, state, points, whole)
-        if not changed:
+    state, equations, rounds = solve(used, state, start, free)
+    for _ in range(_MOST_EXCLUSIONS):
+        if not _exclude(given, state, points, whole):
             break
         used = _selection(given, points, whole)
+        state, equations, rounds = solve(used, state, start, _estimable(layout.std, used, state))
     free = _estimable(layout.std, used, state)
-    assert equations is not None
     covariance = np.zeros((layout.size, layout.size))
     covariance[np.ix_(free, free)] = _invert(equations.information, layout.std, free, layout.names)
     dof = 2 * len(used.pixels) + int(np.isfinite(layout.std[free]).sum()) - int(free.sum())

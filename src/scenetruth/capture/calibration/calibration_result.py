@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import math
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -547,7 +548,7 @@ def _read_covariance(file: Path, given: _CalibrationFile, names: Sequence[str]) 
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             stored, matrix = tuple(arrays["names"].tolist()), np.asarray(arrays["covariance"], dtype=np.float64)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         return None, f"{file.name} is no file of a covariance: {error}"
     if stored != tuple(names):
         return None, f"{file.name} has other parameters than the calibration file"

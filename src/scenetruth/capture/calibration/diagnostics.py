@@ -210,8 +210,7 @@ def check_scale(fit: RigFit, priors: RigPriors) -> ScaleTest | None:
     The chi-squared of a calibration does not show a wrong square size: the priors absorb it. With tolerances of 1 % the
     difference is free, and shows it.
     """
-    layout = fit.state.layout
-    if layout.positions < 2:
+    if fit.state.layout.positions < 2:
         return None
     loose = priors.model_copy(update={"step_std": _LOOSE_SCALE})
     targets = tuple(
@@ -224,6 +223,8 @@ def check_scale(fit: RigFit, priors: RigPriors) -> ScaleTest | None:
     found = _refit(given, fit, loose)
     if found is None:
         return None
+    # Images that are left out have taken their visits along.
+    layout = found.state.layout
     weights = np.zeros(layout.size)
     step, scale = layout.names.index("step_scale"), layout.first_target
     weights[step], weights[scale] = 1.0, -1.0
@@ -301,11 +302,12 @@ def inconsistent_images(fit: RigFit) -> list[str]:
     return found
 
 
-def apparent_steps(given: Observations, state: RigState) -> Array:
-    """Return the displacement of each position from the first, from the pose of the board in single images.
+def apparent_steps(given: Observations, guess: RigGuess) -> tuple[Array, float]:
+    """Return the displacement of each position from the first by single images, and the median distance of the boards.
 
     Each image is a camera of its own, so that no model of the stage is used: median over the poses, in mm, shape
     (S, 3); NaN for positions without a common pose with the first. Yaw changes them by its angle times the distance.
+    An error of the focal length has no effect, because distances have the same error.
     """
     solo = RigPriors(free_distortion=(), intrinsics={}, step_std=0, axis_rad=0, position_um=0)
     places: dict[tuple[int, int], Array] = {}
@@ -316,13 +318,9 @@ def apparent_steps(given: Observations, state: RigState) -> Array:
             given.width, given.height, np.zeros(1), given.targets, (_at_origin(view),), 0,
         )  # fmt: skip
         layout = RigLayout.from_observations(single, solo)
-        camera = state.camera(given.width, given.height)
-        guess = RigGuess(
-            focal_length_px=camera.focal_px, principal_point_px=camera.principal_point, distortion=camera.distortion
-        )
         pose = start_state(single, solo, guess)
         centre = pose.values[layout.first_pose + 3 : layout.first_pose + 6]
-        # The camera in the frame of the board, turned into the axes of the camera.
+        # The displacement of the camera is opposite to that of the board.
         places[view.pose, view.position] = -centre
     steps = np.full((len(given.positions_mm), 3), np.nan)
     base = min((position for _, position in places), default=0)
@@ -330,7 +328,8 @@ def apparent_steps(given: Observations, state: RigState) -> Array:
         poses = [pose for pose, other in places if other == position and (pose, base) in places]
         if poses:
             steps[position] = np.median([places[pose, position] - places[pose, base] for pose in poses], axis=0)
-    return steps
+    distance = float(np.median([abs(place[2]) for place in places.values()])) if places else np.nan
+    return steps, distance
 
 
 def _at_origin(view: TargetView) -> TargetView:

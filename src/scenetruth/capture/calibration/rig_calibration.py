@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ValidationError
 
 from scenetruth.camera import Camera
 from scenetruth.capture.calibration.boards import Board, DotGrid
@@ -26,7 +27,7 @@ from scenetruth.capture.calibration.rig_model import (
     TargetView,
     rotation_matrix,
 )
-from scenetruth.capture.calibration.start_values import fit_homography, start_state
+from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state
 from scenetruth.errors import EstimateWarning, Problem
 
 __all__ = ["BoardImage", "calibrate", "observe_boards"]
@@ -36,6 +37,7 @@ Array = NDArray[np.float64]
 _SCALED_ABOVE, _REJECTED_ABOVE = 1.1, 2.0
 """Chi-squared per degree of freedom above which the covariance is scaled by it, and the calibration is rejected."""
 _WEAKEST_FOCAL = 0.05
+_LEAST_NOISE = 1e-4  # of the contrast, the rounding of 12 bits
 _LARGEST_MISFIT = 0.25  # squares, more than any usable lens distorts
 _LARGEST_BIAS_CHANGE = 1e-4  # px
 _SHARE_OF_IMAGES = 0.25
@@ -146,7 +148,7 @@ def observe_boards(
             message = f"has points {misfit:.1f} squares from a plane; show one board, and check its number of squares"
             problems.append(Problem(name, message))
             continue
-        variance = estimate_noise(image) ** 2 if given.variance is None else given.variance
+        variance = _noise_variance(image) if given.variance is None else given.variance
         points = refine_points(image, variance, board, detection)
         if len(points.ids) < 6:
             message = f"has {len(points.ids)} corners that fit the edge model, of at least 6; check light and sharpness"
@@ -174,6 +176,13 @@ def observe_boards(
         warnings.warn(str(problem), EstimateWarning, stacklevel=2)
     middle = (len(positions) - 1) // 2 if reference is None else reference
     return Observations(size[1], size[0], positions, (board.target,), tuple(views), middle)
+
+
+def _noise_variance(image: Array) -> float:
+    """Return the variance of the noise of an image, with that of rounding where the grey values are whole."""
+    whole = bool((image == np.rint(image)).all())
+    least = 1 / 12 if whole else (_LEAST_NOISE * float(np.nanmax(image) - np.nanmin(image))) ** 2
+    return max(estimate_noise(image) ** 2, least)
 
 
 def _misfit(board: Board, detection: Detection) -> float:
@@ -281,10 +290,12 @@ def calibrate(
     if strip is not None:
         named = strip if strip.name != "board" else strip.model_copy(update={"name": "strip"})
         given = replace(given, targets=(*given.targets, named), views=(*given.views, *strip_views))
-    state = start_state(given, tolerances, _as_guess(guess))
+    whole = complete_guess(given, _as_guess(guess))
+    _check_steps(given, whole, tolerances)
+    state = start_state(given, tolerances, whole)
     dots = board if isinstance(board, DotGrid) and not isinstance(observations, Observations) else None
     fit, given = _fit(given, state, dots)
-    _reject(given, fit, tolerances)
+    _reject(fit)
     factor = fit.variance_factor if fit.variance_factor > _SCALED_ABOVE else 1.0
     return RigCalibration.from_state(
         fit.state, fit.covariance * factor, (given.width, given.height), given.positions_mm, given.reference,
@@ -339,17 +350,23 @@ def _without_bias(given: Observations, state: RigState, dots: DotGrid) -> Observ
     return given.selected(views)
 
 
-def _reject(given: Observations, fit: RigFit, priors: RigPriors) -> None:
+def _check_steps(given: Observations, guess: RigGuess, priors: RigPriors) -> None:
+    """Raise if single images show another motion than that of the stage, before all images are adjusted together."""
+    if len(given.positions_mm) < 2:
+        return
+    steps, depth_mm = apparent_steps(given, guess)
+    texts = step_problems(steps, given.positions_mm, 1e-6 * priors.errors.yaw_urad, depth_mm)
+    if texts:
+        raise CalibrationError([Problem("positions_mm", text) for text in texts])
+
+
+def _reject(fit: RigFit) -> None:
     """Raise if the observations contradict each other or do not determine the camera."""
     lost = [view for view in fit.views if not view.consistent]
     if fit.variance_factor > _REJECTED_ABOVE or len(lost) > _SHARE_OF_IMAGES * len(fit.views):
         chi2 = f"chi-squared per degree of freedom is {fit.variance_factor:.3g}"
         message = f"contradict each other: {chi2}, {len(lost)} of {len(fit.views)} images do not fit"
         problems = [Problem("images", message)]
-        steps = apparent_steps(given, fit.state)
-        yaw = 1e-6 * priors.errors.yaw_urad
-        distance = float(np.median(np.abs(fit.state.values[fit.state.layout.first_pose + 5 :: 6])))
-        problems += [Problem("positions_mm", text) for text in step_problems(steps, given.positions_mm, yaw, distance)]
         worst = sorted(fit.views, key=lambda view: -view.mean_square)[:5]
         problems += [Problem(view.name, f"has a residual of {view.rms_px:.2g} px") for view in worst]
         raise CalibrationError(problems)
@@ -360,3 +377,9 @@ def _reject(given: Observations, fit: RigFit, priors: RigPriors) -> None:
             f"determine the focal length to {100 * weak:.0f} % only ({poses} poses): add poses with a tilt of 35 to 40°"
         )
         raise CalibrationError([Problem("images", message)])
+    try:
+        fit.state.camera(fit.given.width, fit.given.height)
+    except ValidationError as error:
+        message = error.errors()[0]["msg"].removeprefix("Value error, ")
+        message = f"determine no usable lens: {message}; show boards in the corners of the image, or fix coefficients"
+        raise CalibrationError([Problem("images", message)]) from error

@@ -184,7 +184,14 @@ def _problems_of(given: Observations) -> list[Problem]:
         problems.append(Problem("positions_mm", "coincide: list each position once", positions.tolist()))
     if not 0 <= given.reference < len(positions):
         problems.append(Problem("reference", f"must be an index below {len(positions)}", given.reference))
+    names = [target.name for target in given.targets]
+    if len(set(names)) < len(names):
+        problems.append(Problem("targets", "must have different names", names))
+    places: dict[int, int] = {}
     for view in given.views:
+        if places.setdefault(view.visit, view.position) != view.position:
+            message = f"visit {view.visit} is at the positions {places[view.visit]} and {view.position}; number it anew"
+            problems.append(Problem(f"views.{view.name}.visit", message))
         count = len(view.pixels)
         path = f"views.{view.name}"
         if view.points_mm.shape != (count, 3) or view.pixels.shape != (count, 2):

@@ -19,7 +19,7 @@ from scenetruth.capture.calibration.rig_model import (
 )
 from scenetruth.errors import Problem
 
-__all__ = ["fit_homography", "start_state"]
+__all__ = ["complete_guess", "fit_homography", "start_state"]
 
 Array = NDArray[np.float64]
 
@@ -32,18 +32,23 @@ def start_state(given: Observations, priors: RigPriors, guess: RigGuess) -> RigS
     """Return start values of all parameters: a nominal stage, and the pose of every target from its images."""
     layout = RigLayout.from_observations(given, priors)
     values = np.zeros(layout.size)
-    centre = guess.principal_point_px or ((given.width - 1) / 2, (given.height - 1) / 2)
-    values[1:3] = centre
-    if guess.distortion is not None:
-        named = {name: getattr(guess.distortion, name) for name in INTRINSICS[3:]}
-        values[3 : len(INTRINSICS)] = list(named.values())
-    values[0] = guess.focal_length_px or _focal_length(given, np.asarray(centre))
+    whole = complete_guess(given, guess)
+    values[0], values[1:3] = whole.focal_length_px, whole.principal_point_px
+    if whole.distortion is not None:
+        values[3 : len(INTRINSICS)] = [getattr(whole.distortion, name) for name in INTRINSICS[3:]]
     turns = np.tile(np.eye(3), (len(layout.poses), 1, 1))
     state = RigState(layout, values, turns)
     for number, pose in enumerate(layout.poses):
         views = [view for view in given.views if view.pose == pose]
         state = _place(given, state, number, views)
     return state
+
+
+def complete_guess(given: Observations, guess: RigGuess) -> RigGuess:
+    """Return start values with the image centre and the focal length of the images where they lack them."""
+    centre = guess.principal_point_px or ((given.width - 1) / 2, (given.height - 1) / 2)
+    focal = guess.focal_length_px or _focal_length(given, np.asarray(centre))
+    return guess.model_copy(update={"principal_point_px": centre, "focal_length_px": focal})
 
 
 def fit_homography(points: Array, pixels: Array) -> Array:
