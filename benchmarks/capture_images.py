@@ -65,7 +65,7 @@ def run_capture(seed: int, given: argparse.Namespace) -> dict[str, Any]:
     images, errors, stated = [], [], []
     for number, view in enumerate(rig.observations.views):
         rotation, translation = poses_in_camera(rig, number)
-        clean = given.light * render_board(real, camera, rotation, translation, blur_px=given.blur, fine=12)
+        clean = given.light * render_board(real, camera, rotation, translation, blur_px=given.blur, fine=16)
         image, variance = noisy(clean, 1000 * seed + number), rendered_noise_variance(clean)
         images.append(BoardImage(image, view.position, view.pose, view.visit, name=view.name, variance=variance))
         detection = detect_board(image, board)
