@@ -51,10 +51,11 @@ def in_deviations(errors: Array, points: RefinedPoints) -> Array:
 
 @pytest.mark.parametrize("turn", TURNS, ids=["tilted", "other tilt", "turned"])
 def test_corners_without_noise(turn: Array) -> None:
-    """0.001 px: samples of the render have distances of 1 / 64 px along the pixels."""
+    """Half of them to 0.0005 px; where an edge runs along the pixels, samples 1 / 64 px apart displace it."""
     errors, points = refined(CHARUCO, turn, None)
     assert len(points.ids) > 30
-    assert np.sqrt((errors**2).mean()) < 0.001
+    assert np.median(np.abs(errors)) < 0.0005
+    assert np.sqrt((errors**2).mean()) < 0.0015
     assert abs(points.blur_px - 0.6) < 0.03
 
 
