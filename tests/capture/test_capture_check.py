@@ -270,7 +270,7 @@ def test_boards_that_are_not_complete_are_named(tmp_path: Path) -> None:
             if (pose, s) != (1, 2):
                 store(made.folder / f"board/p{pose}_s{s:+d}.tif", np.full(SHAPE, 300, dtype=np.uint16))
     made.plain["files"]["board"] = "board/p{pose}_s{s:+d}.tif"
-    made.plain["board"] = {"kind": "dots", "dots": [9, 7], "spacing_mm": 5}
+    made.plain["board"] = {"kind": "dots", "dots": [9, 7], "spacing_mm": 5, "diameter_mm": 2}
     made.write()
     report: CaptureReport = check_capture(made.folder)
     assert report.mistakes("error", "warning") == ["board"]

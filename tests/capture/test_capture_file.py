@@ -71,7 +71,7 @@ def test_example_of_the_reference_survives_a_round_trip() -> None:
         ({"files__board": "b{s}.tif"}, {"files.board": "lacks the field {pose}"}),
         ({"frames__times": "name"}, {"files": "lacks {time:FORMAT}"}),
         ({"frames__times": "file"}, {"frames": "`times_file` belongs to"}),
-        ({"board": {"kind": "dots", "dots": [9, 7], "spacing_mm": 5}}, {"": "give both or neither"}),
+        ({"board": {"kind": "dots", "dots": [9, 7], "spacing_mm": 5, "diameter_mm": 2}}, {"": "give both or neither"}),
         ({"files__board": "b{pose}.tif"}, {"": "give both or neither"}),
         (
             {"files__board": "b{pose}.tif", "board": {"kind": "charuco", "squares": [12, 9], "spacing_mm": 2}},

@@ -176,7 +176,7 @@ def test_times_of_the_files_must_be_fine_enough(captured: CapturedFolder) -> Non
 
 def test_all_sets_are_checked_together(captured: CapturedFolder) -> None:
     captured.plain["files"] |= {"dark": "darks/*.tif", "board": "board/{pose}.tif"}
-    captured.plain["board"] = {"kind": "dots", "dots": [9, 7], "spacing_mm": 5}
+    captured.plain["board"] = {"kind": "dots", "dots": [9, 7], "spacing_mm": 5, "diameter_mm": 2}
     captured.write()
     captured.frames("flat")[0].write_text("no image")
     (captured.folder / captured.names[0, 0]).write_text("no image")

@@ -47,6 +47,18 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "compare_exposures",
         ),
     },
+    "calibration": {
+        "scenetruth.capture.calibration": (
+            "calibrate",
+            "BoardImage",
+            "RigCalibration",
+            "observe_boards",
+            "import_calibration",
+            "import_camera",
+            "export_calibration",
+            "CalibrationError",
+        )
+    },
     "data": {"scenetruth": ("make_recording", "make_estimate", "save_store", "load_store", "open_store")},
     "estimation": {
         "scenetruth": ("estimate",),

@@ -7,6 +7,23 @@ from typing import TYPE_CHECKING
 from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
+    from scenetruth.capture.board_artwork import (
+        BoardArtwork,
+        BoardKind,
+        BoardPrint,
+        default_board,
+        draw_board,
+        draw_dots,
+        read_board_print,
+    )
+    from scenetruth.capture.board_rendering import (
+        BoardLight,
+        BoardRenderer,
+        InkRenderer,
+        PlacedBoard,
+        open_board_renderer,
+        project_points,
+    )
     from scenetruth.capture.capture_check import CaptureFinding, CaptureReport, check_capture
     from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
     from scenetruth.capture.capture_template import capture_text, write_capture_file
@@ -41,6 +58,8 @@ if TYPE_CHECKING:
         measure_linearity,
         measure_noise,
     )
+    from scenetruth.capture.simulated_capture import simulate_capture
+    from scenetruth.capture.simulated_rig import BoardPose, CaptureSimulation
 
 __all__ = [
     "CAPTURE_FILE", "BoardArtwork", "BoardKind", "BoardLight", "BoardPose", "BoardPrint", "BoardRenderer", "Capture",

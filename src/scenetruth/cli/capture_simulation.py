@@ -5,8 +5,6 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Any
 
-import typer
-
 from scenetruth.cli import options
 from scenetruth.cli.messages import print_message, print_wrote
 

@@ -1,0 +1,92 @@
+"""Calibration of a camera on its stage with boards and strips: detection, bundle adjustment, covariance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from scenetruth.lazy_exports import export_lazily
+
+if TYPE_CHECKING:
+    from scenetruth.capture.calibration.boards import Board, CharucoBoard, Checkerboard, DotGrid
+    from scenetruth.capture.calibration.bundle_adjustment import RigFit, ViewResidual, adjust
+    from scenetruth.capture.calibration.calibration_result import RigCalibration
+    from scenetruth.capture.calibration.corner_detection import Detection, charuco_board, detect_board
+    from scenetruth.capture.calibration.corner_refinement import (
+        RefinedPoints,
+        disc_bias,
+        estimate_noise,
+        refine_points,
+    )
+    from scenetruth.capture.calibration.diagnostics import (
+        Combination,
+        HalvesTest,
+        ModelTest,
+        ScaleTest,
+        apparent_steps,
+        check_models,
+        check_scale,
+        compare_halves,
+        diagnose,
+        identify_combinations,
+        inconsistent_images,
+        step_problems,
+    )
+    from scenetruth.capture.calibration.foreign_calibrations import (
+        export_calibration,
+        import_calibration,
+        import_camera,
+    )
+    from scenetruth.capture.calibration.measurement_covariance import (
+        CommonError,
+        Moment,
+        RigGeometry,
+        common_error,
+        triangulate,
+    )
+    from scenetruth.capture.calibration.rig_calibration import BoardImage, calibrate, observe_boards
+    from scenetruth.capture.calibration.rig_model import (
+        CalibrationError,
+        CalibrationTarget,
+        Observations,
+        RigGuess,
+        RigLayout,
+        RigPriors,
+        RigState,
+        TargetView,
+        project,
+        rotation_matrix,
+    )
+    from scenetruth.capture.calibration.start_values import start_state
+
+__all__ = [
+    "Board", "BoardImage", "CalibrationError", "CalibrationTarget", "CharucoBoard", "Checkerboard", "Combination",
+    "CommonError", "Detection", "DotGrid", "HalvesTest", "ModelTest", "Moment", "Observations", "RefinedPoints",
+    "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigState", "ScaleTest",
+    "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
+    "check_scale", "common_error", "compare_halves", "detect_board", "diagnose", "disc_bias", "estimate_noise",
+    "export_calibration", "identify_combinations", "import_calibration", "import_camera", "inconsistent_images",
+    "observe_boards", "project", "refine_points", "rotation_matrix", "start_state", "step_problems", "triangulate",
+]  # fmt: skip
+
+__getattr__, __dir__ = export_lazily(
+    __name__,
+    {
+        "boards": "Board CharucoBoard Checkerboard DotGrid",
+        "bundle_adjustment": "RigFit ViewResidual adjust",
+        "calibration_result": "RigCalibration",
+        "corner_detection": "Detection charuco_board detect_board",
+        "corner_refinement": "RefinedPoints disc_bias estimate_noise refine_points",
+        "diagnostics": (
+            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose identify_combinations "
+            "inconsistent_images step_problems check_models check_scale"
+        ),
+        "foreign_calibrations": "export_calibration import_calibration import_camera",
+        "measurement_covariance": "CommonError Moment RigGeometry common_error triangulate",
+        "rig_calibration": "BoardImage calibrate observe_boards",
+        "rig_model": (
+            "CalibrationError CalibrationTarget Observations RigGuess RigLayout RigPriors RigState TargetView project "
+            "rotation_matrix"
+        ),
+        "start_values": "start_state",
+    },
+)

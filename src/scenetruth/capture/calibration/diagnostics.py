@@ -1,0 +1,406 @@
+"""Diagnostics of a calibration: identifiability, cross-validation, scale test, model tests and inconsistent images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust, robust_weights
+from scenetruth.capture.calibration.rig_model import (
+    INTRINSICS,
+    CalibrationError,
+    Observations,
+    RigGuess,
+    RigLayout,
+    RigPriors,
+    RigState,
+    TargetView,
+    project,
+)
+from scenetruth.capture.calibration.start_values import start_state
+
+__all__ = [
+    "Combination",
+    "HalvesTest",
+    "ModelTest",
+    "ScaleTest",
+    "apparent_steps",
+    "check_models",
+    "check_scale",
+    "compare_halves",
+    "diagnose",
+    "identify_combinations",
+    "inconsistent_images",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+_SIGNIFICANT = 1e-3
+"""Probability of an exact calibration below which a test is reported: with some ten tests per calibration, one of a
+hundred exact calibrations has a report.
+"""
+_LARGER_THAN_MEDIAN = 1.5**2
+"""Ratio of mean squared residuals to the median beyond which an image is named: residuals 1.5 times the others."""
+_NAMED = 4  # parameters of a combination
+_LEAST_SHARE = 0.15  # of the largest component
+_WEAK_TILT = 0.01
+_LOOSE_SCALE = 1e-2
+_SEPARATE_MARK = 1.0
+_ABSORBED = 1e-7
+"""Share of the information of a lacking parameter below which the rounding of the covariance hides it."""
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A combination of parameters and the ratio of the information of the images to that of the priors.
+
+    ``ratio``: Prior variance over the variance from the images alone; above 1 the images are more precise.
+    ``words``: The combination in units of the prior standard deviations, for example ``0.71 step_scale``.
+    """
+
+    ratio: float
+    words: str
+
+    @property
+    def from_images(self) -> bool:
+        """Whether the images determine the combination better than the priors."""
+        return self.ratio > _SEPARATE_MARK
+
+
+@dataclass(frozen=True)
+class HalvesTest:
+    """Difference of the intrinsic parameters of two halves of the poses.
+
+    ``name``: ``first against last`` or ``even against odd``.
+    ``chi2``, ``dof``: Squared difference in units of its covariance, and the number of parameters.
+    ``probability``: Probability of a larger value for an exact model.
+    """
+
+    name: str
+    chi2: float
+    dof: int
+    probability: float
+
+
+@dataclass(frozen=True)
+class ScaleTest:
+    """Step scale less board scale, from the images alone.
+
+    ``difference``: Relative difference; not zero if the board or the steps have another size than stated.
+    ``std``: Its standard deviation, that of the stated tolerances included.
+    ``from_images_std``: Its standard deviation by the images alone.
+    """
+
+    difference: float
+    std: float
+    from_images_std: float
+
+    @property
+    def z(self) -> float:
+        """Difference in units of its standard deviation."""
+        return self.difference / self.std
+
+
+@dataclass(frozen=True)
+class ModelTest:
+    """Score test of a parameter that the model lacks.
+
+    ``name``: ``k3``, ``k4..k6`` or ``refocus``.
+    ``chi2``, ``dof``, ``probability``: Statistic, its degrees of freedom, and the probability of a larger value.
+    ``estimate``: Estimated value of the parameter for a test with one degree of freedom, else NaN.
+    """
+
+    name: str
+    chi2: float
+    dof: int
+    probability: float
+    estimate: float
+
+
+def identify_combinations(fit: RigFit) -> list[Combination]:
+    """Return the combinations of the parameters with a prior, the best determined by the images first.
+
+    Generalised eigenvalues of the information of the images, after the elimination of all parameters without a prior,
+    relative to that of the priors.
+    """
+    std = fit.state.layout.std[fit.free]
+    names = [name for name, free in zip(fit.state.layout.names, fit.free, strict=True) if free]
+    bound = np.isfinite(std)
+    information = fit.data_information
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    free_part = information[np.ix_(~bound, ~bound)] * scale[~bound][:, None] * scale[~bound]
+    cross = information[np.ix_(bound, ~bound)] * scale[~bound]
+    reduced = (
+        information[np.ix_(bound, bound)] - cross @ np.linalg.pinv(free_part, rcond=1e-12, hermitian=True) @ cross.T
+    )
+    relative = reduced * std[bound][:, None] * std[bound]
+    values, vectors = np.linalg.eigh((relative + relative.T) / 2)
+    chosen = [name for name, has_prior in zip(names, bound, strict=True) if has_prior]
+    return [
+        Combination(max(float(values[index]), 0.0), _words(vectors[:, index], chosen)) for index in np.argsort(-values)
+    ]
+
+
+def _words(vector: Array, names: Sequence[str]) -> str:
+    """Return the largest components of a combination, the first with a positive sign."""
+    order = np.argsort(-np.abs(vector))
+    chosen = [int(index) for index in order[:_NAMED] if abs(vector[index]) >= _LEAST_SHARE * abs(vector[order[0]])]
+    sign = np.sign(vector[order[0]])
+    text = ""
+    for index in chosen:
+        value = sign * vector[index]
+        text += f"{' + ' if value > 0 else ' - '}{abs(value):.2f} {names[index]}"
+    return text.removeprefix(" + ")
+
+
+def compare_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str) -> HalvesTest | None:
+    """Return the difference of the intrinsic parameters of two halves; None if one half alone is too little.
+
+    ``by``: ``first against last`` halves of the recording, which shows a refocus or a drift, or ``even against odd``
+      poses.
+    """
+    poses = list(dict.fromkeys(view.pose for view in fit.given.views))
+    middle = len(poses) // 2
+    first = set(poses[:middle]) if by == "first against last" else set(poses[::2])
+    halves = [[view for view in fit.given.views if (view.pose in first) == inside] for inside in (True, False)]
+    if min(len({view.pose for view in half}) for half in halves) < 2:
+        return None
+    chosen = [index for index in range(len(INTRINSICS)) if fit.free[index]]
+    values, covariances = [], []
+    for half in halves:
+        part = _refit(given.selected(half), fit, priors)
+        if part is None:
+            return None
+        values.append(part.state.values[chosen])
+        covariances.append(part.covariance[np.ix_(chosen, chosen)])
+    difference = values[0] - values[1]
+    total = covariances[0] + covariances[1]
+    scale = np.sqrt(np.diag(total))
+    chi2 = float((difference / scale) @ np.linalg.solve(total / scale[:, None] / scale, difference / scale))
+    return HalvesTest(by, chi2, len(chosen), _survival(chi2, len(chosen)))
+
+
+def _refit(given: Observations, fit: RigFit, priors: RigPriors) -> RigFit | None:
+    """Return the fit of other observations or priors, from the values of a fit; None if they do not determine it."""
+    layout = RigLayout.from_observations(given, priors)
+    places = {name: index for index, name in enumerate(fit.state.layout.names)}
+    values = np.array([fit.state.values[places[name]] for name in layout.names])
+    numbers = {pose: number for number, pose in enumerate(fit.state.layout.poses)}
+    turns = fit.state.turns[[numbers[pose] for pose in layout.poses]]
+    start = np.zeros(layout.size)
+    start[: layout.first_position] = fit.start[: layout.first_position]
+    try:
+        return adjust(given, RigState(layout, values, turns), start)
+    except CalibrationError:
+        return None
+
+
+def _survival(chi2: float, dof: int) -> float:
+    from scipy.stats import chi2 as distribution
+
+    return float(distribution.sf(chi2, dof))
+
+
+def check_scale(fit: RigFit, priors: RigPriors) -> ScaleTest | None:
+    """Return the step scale less the board scale with loose tolerances of both; None without a stage or a board.
+
+    The chi-squared of a calibration does not show a wrong square size: the priors absorb it. With tolerances of 1 % the
+    difference is free, and shows it.
+    """
+    if fit.state.layout.positions < 2:
+        return None
+    loose = priors.model_copy(update={"step_std": _LOOSE_SCALE})
+    targets = tuple(
+        target.model_copy(update={"scale_std": _LOOSE_SCALE}) if number == 0 else target
+        for number, target in enumerate(fit.given.targets)
+    )
+    given = Observations(
+        fit.given.width, fit.given.height, fit.given.positions_mm, targets, fit.given.views, fit.given.reference
+    )
+    found = _refit(given, fit, loose)
+    if found is None:
+        return None
+    # Images that are left out have taken their visits along.
+    layout = found.state.layout
+    weights = np.zeros(layout.size)
+    step, scale = layout.names.index("step_scale"), layout.first_target
+    weights[step], weights[scale] = 1.0, -1.0
+    difference = float(weights @ found.state.values)
+    square = float(weights @ found.covariance @ weights)
+    tolerances = priors.step_std**2 + fit.given.targets[0].scale_std ** 2
+    return ScaleTest(difference, float(np.sqrt(square + tolerances)), float(np.sqrt(square)))
+
+
+def check_models(fit: RigFit) -> list[ModelTest]:
+    """Return score tests of parameters that the model lacks: k3, k4..k6, and a refocus half-way through the poses."""
+    _, slopes = project(fit.given, fit.state, derivatives=True)
+    # The weights are those of the covariance: the poses absorb all but 1e-5 of a refocus, and 1 % would hide it.
+    root = np.sqrt(robust_weights(np.hypot(fit.z[:, 0], fit.z[:, 1])))[:, None]
+    whitened = root[:, :, None] * (fit.given.whitening @ slopes)
+    z = root * fit.z
+    tests = []
+    rows = fit.given.first
+    poses = list(dict.fromkeys(view.pose for view in fit.given.views))
+    later = set(poses[len(poses) // 2 :])
+    half = np.concatenate(
+        [
+            np.full(int(rows[number + 1] - rows[number]), 0.5 if view.pose in later else -0.5)
+            for number, view in enumerate(fit.given.views)
+        ]
+    )
+    candidates: list[tuple[str, list[Callable[[], Array]]]] = []
+    if not fit.free[7]:
+        candidates.append(("k3", [lambda: whitened[:, :, 7]]))
+        candidates.append(("k4..k6", [lambda k=k: whitened[:, :, k] for k in (8, 9, 10)]))  # type: ignore[misc]
+    if len(poses) > 3:
+        candidates.append(("refocus", [lambda: whitened[:, :, 0] * half[:, None]]))
+    for name, columns in candidates:
+        tests.append(_score_test(name, fit, whitened, np.stack([column() for column in columns], axis=-1), z))
+    return tests
+
+
+def _score_test(name: str, fit: RigFit, whitened: Array, extra: Array, z: Array) -> ModelTest:
+    """Return the score test of columns (n, 2, m) in addition to all estimated parameters."""
+    size, count = fit.state.layout.size, extra.shape[2]
+    cross = np.zeros((size, count))
+    for number, columns in enumerate(fit.state.layout.columns(fit.given.views)):
+        part = slice(fit.given.first[number], fit.given.first[number + 1])
+        block = whitened[part].reshape(-1, whitened.shape[2])
+        cross[columns] += block.T @ extra[part].reshape(-1, count)
+    flat = extra.reshape(-1, count)
+    score = flat.T @ z.ravel()
+    whole = flat.T @ flat
+    information = whole - cross.T @ fit.covariance @ cross
+    scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
+    # Combinations that the estimated parameters absorb are left out.
+    kept = values > _ABSORBED
+    projected = vectors[:, kept].T @ (score * scale)
+    chi2 = float((projected**2 / values[kept]).sum()) / max(fit.variance_factor, 1.0)
+    dof = int(kept.sum())
+    estimate = float(score[0] / information[0, 0]) if count == 1 else np.nan
+    return ModelTest(name, chi2, dof, _survival(chi2, dof) if dof else 1.0, estimate)
+
+
+def inconsistent_images(fit: RigFit) -> list[str]:
+    """Return a description of every image that contradicts the others, or has much larger residuals."""
+    found = []
+    squares = np.array([view.mean_square for view in fit.views if view.consistent])
+    median = float(np.median(squares))
+    for view in fit.views:
+        # The mean of n squared normal values scatters by the root of 1 / n; five deviations of it are no chance.
+        limit = max(_LARGER_THAN_MEDIAN, 1 + 5 / np.sqrt(max(view.points, 1))) * max(median, 1e-300)
+        if not view.consistent:
+            text = f"{view.name}: contradicts the other images (residual {view.rms_px:.2g} px); check its position"
+            found.append(f"{text} and its visit")
+        elif view.mean_square > limit:
+            ratio = float(np.sqrt(view.mean_square / median))
+            found.append(f"{view.name}: residuals are {ratio:.1f} times those of the other images; check its sharpness")
+    return found
+
+
+def apparent_steps(given: Observations, guess: RigGuess) -> tuple[Array, float]:
+    """Return the displacement of each position from the first by single images, and the median distance of the boards.
+
+    Each image is a camera of its own, so that no model of the stage is used: median over the poses, in mm, shape
+    (S, 3); NaN for positions without a common pose with the first. Yaw changes them by its angle times the distance.
+    An error of the focal length has no effect, because distances have the same error.
+    """
+    solo = RigPriors(free_distortion=(), intrinsics={}, step_std=0, axis_rad=0, position_um=0)
+    places: dict[tuple[int, int], Array] = {}
+    for view in given.views:
+        if view.target != 0:
+            continue
+        single = Observations(
+            given.width, given.height, np.zeros(1), given.targets, (_at_origin(view),), 0,
+        )  # fmt: skip
+        layout = RigLayout.from_observations(single, solo)
+        pose = start_state(single, solo, guess)
+        centre = pose.values[layout.first_pose + 3 : layout.first_pose + 6]
+        # The displacement of the camera is opposite to that of the board.
+        places[view.pose, view.position] = -centre
+    steps = np.full((len(given.positions_mm), 3), np.nan)
+    base = min((position for _, position in places), default=0)
+    for position in range(len(given.positions_mm)):
+        poses = [pose for pose, other in places if other == position and (pose, base) in places]
+        if poses:
+            steps[position] = np.median([places[pose, position] - places[pose, base] for pose in poses], axis=0)
+    distance = float(np.median([abs(place[2]) for place in places.values()])) if places else np.nan
+    return steps, distance
+
+
+def _at_origin(view: TargetView) -> TargetView:
+    return TargetView(view.name, 0, 0, 0, view.points_mm, view.pixels, view.covariance_px2, view.target)
+
+
+def step_problems(steps: Array, positions_mm: Array, yaw_rad: float, distance_mm: float) -> list[str]:
+    """Return mistakes of the stage that the apparent steps show: units, order, axis and square size."""
+    seen = np.isfinite(steps[:, 0])
+    nominal = positions_mm[seen] - positions_mm[seen][0]
+    if seen.sum() < 2 or not np.abs(nominal).max() > 0:
+        return []
+    slopes = nominal @ steps[seen] / (nominal @ nominal)
+    along, across = float(slopes[0]), float(np.hypot(slopes[1], slopes[2]))
+    length = float(np.linalg.norm(slopes))
+    tolerance = 5 * yaw_rad * distance_mm / float(np.abs(nominal).max()) + 0.01
+    problems = []
+    if abs(length / 1000 - 1) < 0.05 or abs(length * 1000 - 1) < 0.05:
+        problems.append(f"the steps appear {length:.4g} times as long as stated: check mm and m")
+    elif across > 3 * abs(along) and across > 5 * tolerance:
+        axis = "Y" if abs(slopes[1]) > abs(slopes[2]) else "Z"
+        problems.append(f"the camera moves along {axis}, not X: check the axis of the stage and the turn of the images")
+    elif along < 0:
+        problems.append("the camera moves against the stated direction: reverse the positions, or turn the images")
+    elif abs(length - 1) > tolerance:
+        problems.append(
+            f"the steps appear {length:.4f} times as long as stated: check the square size and the positions"
+        )
+    return problems
+
+
+def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
+    """Return everything that speaks against a calibration, in words; empty for a clean one."""
+    words = inconsistent_images(fit)
+    if fit.variance_factor > 1.1:
+        words.append(
+            f"chi-squared per degree of freedom is {fit.variance_factor:.2f}: "
+            "the stated uncertainty is scaled by its root"
+        )
+    scale = check_scale(fit, priors)
+    if scale is not None and abs(scale.z) > _normal_limit():
+        words.append(
+            f"step scale less board scale is {1e6 * scale.difference:.0f} ppm, {abs(scale.z):.1f} standard deviations: "
+            "check the size of the squares and the steps of the stage"
+        )
+    remedies = {
+        "k3": "add k3 to free_distortion",
+        "k4..k6": "add k3, k4, k5 and k6 to free_distortion",
+        "refocus": "calibrate again with a fixed focus; the focal length differs between the halves",
+    }
+    words += [
+        f"the residuals ask for {test.name} (chi-squared {test.chi2:.0f} for {test.dof}): {remedies[test.name]}"
+        for test in check_models(fit)
+        if test.probability < _SIGNIFICANT
+    ]
+    for by in ("first against last", "even against odd"):
+        halves = compare_halves(given, fit, priors, by)
+        if halves is not None and halves.probability < _SIGNIFICANT:
+            words.append(
+                f"the halves differ ({by}: chi-squared {halves.chi2:.0f} for {halves.dof}): "
+                "the camera changed, or the noise of the corners is understated"
+            )
+    if fit.std("f") > _WEAK_TILT * fit.state.value("f"):
+        words.append(
+            f"the focal length is uncertain by {100 * fit.std('f') / fit.state.value('f'):.1f} %: "
+            "add poses with a tilt of 35 to 40°"
+        )
+    return words
+
+
+def _normal_limit() -> float:
+    from scipy.stats import norm
+
+    return float(norm.isf(_SIGNIFICANT / 2))

@@ -1,0 +1,385 @@
+"""Calibration of a rig from images of boards, or from detected points."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import ValidationError
+
+from scenetruth.camera import Camera
+from scenetruth.capture.calibration.boards import Board, DotGrid
+from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust
+from scenetruth.capture.calibration.calibration_result import RigCalibration
+from scenetruth.capture.calibration.corner_detection import Detection, detect_board
+from scenetruth.capture.calibration.corner_refinement import disc_bias, estimate_noise, refine_points
+from scenetruth.capture.calibration.diagnostics import apparent_steps, diagnose, identify_combinations, step_problems
+from scenetruth.capture.calibration.rig_model import (
+    CalibrationError,
+    CalibrationTarget,
+    Observations,
+    RigGuess,
+    RigPriors,
+    RigState,
+    TargetView,
+    rotation_matrix,
+)
+from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state
+from scenetruth.errors import EstimateWarning, Problem
+
+__all__ = ["BoardImage", "calibrate", "observe_boards"]
+
+Array = NDArray[np.float64]
+
+_SCALED_ABOVE, _REJECTED_ABOVE = 1.1, 2.0
+"""Chi-squared per degree of freedom above which the covariance is scaled by it, and the calibration is rejected."""
+_WEAKEST_FOCAL = 0.05
+_LEAST_NOISE = 1e-4  # of the contrast, the rounding of 12 bits
+_LARGEST_MISFIT = 0.25  # squares, more than any usable lens distorts
+_LARGEST_BIAS_CHANGE = 1e-4  # px
+_SHARE_OF_IMAGES = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class BoardImage:
+    """An image of a board.
+
+    Parameters
+    ----------
+    image
+        Grey values proportional to the light, shape (rows, columns); or a function that returns them.
+    position
+        Index of the stage position.
+    pose
+        Number of the pose of the board.
+    visit
+        Number of the stage move that reached the position; default: a visit of its own.
+    direction
+        Direction of that move: 1 towards +X, -1 towards -X.
+    name
+        Name in messages.
+    variance
+        Variance of the noise of every pixel, of the shape of the image or one value; default: estimated from the image.
+
+    See Also
+    --------
+    calibrate : Calibrates a rig from images.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scenetruth.capture.calibration import BoardImage
+    >>> image = BoardImage(np.zeros((480, 640)), position=2, pose=0, name="p0_s2.png")
+    >>> image.position, image.visit
+    (2, None)
+    """
+
+    image: Array | Callable[[], Array]
+    position: int
+    pose: int
+    visit: int | None = None
+    direction: int = 1
+    name: str = ""
+    variance: Array | float | None = None
+
+
+def observe_boards(
+    images: Sequence[BoardImage], board: Board, positions_mm: ArrayLike, *, reference: int | None = None
+) -> Observations:
+    """Detect a board in images and return its refined points with their covariance.
+
+    Parameters
+    ----------
+    images
+        Images of the board, in the order in which they were recorded.
+    board
+        The board.
+    positions_mm
+        Nominal X of every stage position in mm.
+    reference
+        Index of the reference position; default: the middle one.
+
+    Returns
+    -------
+    Observations
+        Detected points of all images.
+
+    Raises
+    ------
+    ValueError
+        A `CalibrationError` if images differ in size, or more than a quarter of them show no board.
+
+    See Also
+    --------
+    calibrate : Includes the detection.
+
+    Examples
+    --------
+    An image without a board is named with the reason:
+
+    >>> import numpy as np
+    >>> from scenetruth.capture.calibration import BoardImage, CalibrationError, Checkerboard, observe_boards
+    >>> board = Checkerboard(kind="checkerboard", squares=(8, 6), square_mm=7.0)
+    >>> try:
+    ...     observe_boards([BoardImage(np.zeros((120, 160)), 0, 0, name="p0_s0.png")], board, [0.0])
+    ... except CalibrationError as error:
+    ...     print(error.problems[0].path, error.problems[0].message[:14])
+    p0_s0.png shows no board
+    """
+    positions = np.asarray(positions_mm, dtype=np.float64)
+    views, problems = [], []
+    size: tuple[int, ...] | None = None
+    for number, given in enumerate(images):
+        name = given.name or f"image {number}"
+        image = np.asarray(given.image() if callable(given.image) else given.image, dtype=np.float64)
+        size = image.shape if size is None else size
+        if image.ndim != 2 or image.shape != size:
+            problems.append(Problem(name, f"must have the shape {size} of the first image", image.shape))
+            continue
+        detection = detect_board(image, board)
+        if detection.reason:
+            problems.append(Problem(name, f"shows no board: {detection.reason}"))
+            continue
+        misfit = _misfit(board, detection)
+        if misfit > _LARGEST_MISFIT:
+            message = f"has points {misfit:.1f} squares from a plane; show one board, and check its number of squares"
+            problems.append(Problem(name, message))
+            continue
+        variance = _noise_variance(image) if given.variance is None else given.variance
+        points = refine_points(image, variance, board, detection)
+        if len(points.ids) < 6:
+            message = f"has {len(points.ids)} corners that fit the edge model, of at least 6; check light and sharpness"
+            problems.append(Problem(name, message))
+            continue
+        visit = number if given.visit is None else given.visit
+        views.append(
+            TargetView(
+                name,
+                given.position,
+                visit,
+                given.pose,
+                board.points_mm[points.ids],
+                points.pixels,
+                points.covariance_px2,
+                0,
+                given.direction,
+            )
+        )
+    if size is None or not views or len(problems) > _SHARE_OF_IMAGES * len(images):
+        raise CalibrationError(problems or [Problem("images", "are missing")])
+    for problem in problems:
+        if "shape" in problem.message:
+            raise CalibrationError(problems)
+        warnings.warn(str(problem), EstimateWarning, stacklevel=2)
+    middle = (len(positions) - 1) // 2 if reference is None else reference
+    return Observations(size[1], size[0], positions, (board.target,), tuple(views), middle)
+
+
+def _noise_variance(image: Array) -> float:
+    """Return the variance of the noise of an image, with that of rounding where the grey values are whole."""
+    whole = bool((image == np.rint(image)).all())
+    least = 1 / 12 if whole else (_LEAST_NOISE * float(np.nanmax(image) - np.nanmin(image))) ** 2
+    return max(estimate_noise(image) ** 2, least)
+
+
+def _misfit(board: Board, detection: Detection) -> float:
+    """Return the 90th percentile of the distances of points from a plane, in the distance of neighbouring points."""
+    points = board.points_mm[detection.ids, :2]
+    homography = fit_homography(points, detection.pixels)
+    shown = np.column_stack([points, np.ones(len(points))]) @ homography.T
+    away = np.hypot(*(shown[:, :2] / shown[:, 2:] - detection.pixels).T)
+    spread = np.hypot(*np.std(detection.pixels, axis=0)) / np.hypot(*np.std(points, axis=0))
+    spacing = board.spacing_mm if isinstance(board, DotGrid) else board.square_mm
+    return float(np.percentile(away, 90) / (spread * spacing))
+
+
+def calibrate(
+    observations: Observations | Sequence[BoardImage],
+    board: Board | None = None,
+    *,
+    positions_mm: ArrayLike | None = None,
+    reference: int | None = None,
+    guess: RigGuess | Camera | RigCalibration | float | None = None,
+    priors: RigPriors | None = None,
+    strip: CalibrationTarget | None = None,
+    strip_views: Sequence[TargetView] = (),
+) -> RigCalibration:
+    """Calibrate a camera on its stage from images of a board in several poses.
+
+    A robust bundle adjustment estimates focal length, principal point, distortion, stage axis, step length, the pose of
+    the camera at every position and visit, and scale, warp and poses of the board, together with their covariance.
+
+    Parameters
+    ----------
+    observations
+        Images of the board, or points detected before. At least three poses; eight poses, tilted by 35 to 40°, are
+        advised.
+    board
+        The board; required for images.
+    positions_mm
+        Nominal X of every stage position in mm; required for images.
+    reference
+        Index of the reference position; default: the middle one.
+    guess
+        Start of the intrinsic parameters: focal length in px, a camera, another calibration, or a `RigGuess`; default:
+        from the images.
+    priors
+        Tolerances of the stage; default: a screw stage with a step length of 1e-4.
+    strip
+        Tolerances of a fiducial strip that is visible in images of the measurement.
+    strip_views
+        Points of the strip in these images, with ``target=1`` and a pose of their own. Their visits are estimated, and
+        `RigCalibration.point_errors` accepts them as ``visits``.
+
+    Returns
+    -------
+    RigCalibration
+        Parameters and covariance. Its ``warnings`` list everything that speaks against it.
+
+    Raises
+    ------
+    ValueError
+        A `CalibrationError` if the images contradict each other (chi-squared above 2 per degree of freedom), or do not
+        determine the focal length to 5 %.
+
+    See Also
+    --------
+    RigCalibration : The result.
+    observe_boards : Detects the points only.
+    scenetruth.capture.calibration.import_calibration : Reads cameras of other programs.
+
+    Notes
+    -----
+    The covariance includes the tolerances. It is scaled by chi-squared per degree of freedom where that exceeds 1.1,
+    and never reduced. Depth and velocity have a common error from it, see `RigCalibration.point_errors`.
+
+    Examples
+    --------
+    Corners of a board in four poses, seen from three positions of a stage:
+
+    >>> import numpy as np
+    >>> from scenetruth.camera import Camera, Viewpoint
+    >>> from scenetruth.capture.calibration import CalibrationTarget, Observations, TargetView, calibrate
+    >>> from scenetruth.capture.calibration import rotation_matrix
+    >>> camera = Camera(width=640, height=480, focal_length_px=5000)
+    >>> grid = np.stack(np.meshgrid(np.arange(-25, 26, 10.0), np.arange(-20, 21, 10.0), [0.0]), axis=-1).reshape(-1, 3)
+    >>> noise, views = np.random.default_rng(1), []
+    >>> for pose, (a, b) in enumerate([(0.6, 0.1), (-0.6, 0.2), (0.1, 0.6), (0.2, -0.6)]):
+    ...     turn = rotation_matrix(np.array([a, b, 0.0]))
+    ...     for s, x in enumerate([-5.0, 0.0, 5.0]):
+    ...         points = grid @ turn.T + [0, 0, 660]
+    ...         pixels = camera.project(Viewpoint.on_axis(x).to_camera(points)) + 0.01 * noise.standard_normal((30, 2))
+    ...         covariance = np.tile(1e-4 * np.eye(2), (30, 1, 1))
+    ...         views.append(TargetView(f"{pose} {s}", s, 3 * pose + s, pose, grid, pixels, covariance))
+    >>> seen = Observations(640, 480, np.array([-5.0, 0.0, 5.0]), (CalibrationTarget(),), tuple(views), 1)
+    >>> found = calibrate(seen, guess=4950.0)
+    >>> abs(found.value("f") - 5000) < 4 * found.std("f") < 20
+    True
+    """
+    tolerances = RigPriors() if priors is None else priors
+    if isinstance(observations, Observations):
+        given = observations
+    else:
+        missing = [name for name, each in (("board", board), ("positions_mm", positions_mm)) if each is None]
+        if board is None or positions_mm is None:
+            raise CalibrationError([Problem(name, "is required for images") for name in missing])
+        given = observe_boards(observations, board, positions_mm, reference=reference)
+    if strip is not None:
+        named = strip if strip.name != "board" else strip.model_copy(update={"name": "strip"})
+        given = replace(given, targets=(*given.targets, named), views=(*given.views, *strip_views))
+    whole = complete_guess(given, _as_guess(guess))
+    _check_steps(given, whole, tolerances)
+    state = start_state(given, tolerances, whole)
+    dots = board if isinstance(board, DotGrid) and not isinstance(observations, Observations) else None
+    fit, given = _fit(given, state, dots)
+    _reject(fit)
+    factor = fit.variance_factor if fit.variance_factor > _SCALED_ABOVE else 1.0
+    return RigCalibration.from_state(
+        fit.state, fit.covariance * factor, (given.width, given.height), given.positions_mm, given.reference,
+        tuple(target.name for target in given.targets), chi2=fit.chi2, dof=fit.dof, images=fit.views,
+        warnings=tuple(diagnose(given, fit, tolerances)), combinations=tuple(identify_combinations(fit)),
+    )  # fmt: skip
+
+
+def _as_guess(guess: RigGuess | Camera | RigCalibration | float | None) -> RigGuess:
+    if isinstance(guess, RigGuess):
+        return guess
+    if isinstance(guess, RigCalibration):
+        guess = guess.camera
+    if isinstance(guess, Camera):
+        return RigGuess(
+            focal_length_px=guess.focal_px, principal_point_px=guess.principal_point, distortion=guess.distortion
+        )
+    return RigGuess(focal_length_px=guess)
+
+
+def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:
+    """Return the fit, and the observations without the perspective bias of dots."""
+    fit = adjust(given, state)
+    if dots is None:
+        return fit, given
+    corrected = given
+    for _ in range(4):
+        before = np.concatenate([view.pixels for view in corrected.views])
+        corrected = _without_bias(given, fit.state, dots)
+        fit = adjust(corrected, fit.state, fit.start)
+        if np.abs(np.concatenate([view.pixels for view in corrected.views]) - before).max() < _LARGEST_BIAS_CHANGE:
+            break
+    return fit, corrected
+
+
+def _without_bias(given: Observations, state: RigState, dots: DotGrid) -> Observations:
+    """Return observations whose centroids are replaced by images of the centres."""
+    camera, views = state.camera(given.width, given.height), []
+    numbers = {pose: number for number, pose in enumerate(state.layout.poses)}
+    offsets = state.layout.offsets(given.views)
+    for view, (position, visit, _, pose) in zip(given.views, offsets, strict=True):
+        if view.target != 0:
+            views.append(view)
+            continue
+        turn = rotation_matrix(state.values[position : position + 3] + state.values[visit : visit + 3])
+        along = given.positions_mm[view.position] + state.values[position + 3]
+        centre = np.array([along, *state.values[position + 4 : position + 6]])
+        rotation = turn.T @ state.turns[numbers[view.pose]]
+        translation = turn.T @ (state.values[pose + 3 : pose + 6] - centre)
+        bias = disc_bias(camera, rotation, translation, view.points_mm, dots.diameter_mm / 2)
+        views.append(replace(view, pixels=view.pixels - bias))
+    return given.selected(views)
+
+
+def _check_steps(given: Observations, guess: RigGuess, priors: RigPriors) -> None:
+    """Raise if single images show another motion than that of the stage, before all images are adjusted together."""
+    if len(given.positions_mm) < 2:
+        return
+    steps, depth_mm = apparent_steps(given, guess)
+    texts = step_problems(steps, given.positions_mm, 1e-6 * priors.errors.yaw_urad, depth_mm)
+    if texts:
+        raise CalibrationError([Problem("positions_mm", text) for text in texts])
+
+
+def _reject(fit: RigFit) -> None:
+    """Raise if the observations contradict each other or do not determine the camera."""
+    lost = [view for view in fit.views if not view.consistent]
+    if fit.variance_factor > _REJECTED_ABOVE or len(lost) > _SHARE_OF_IMAGES * len(fit.views):
+        chi2 = f"chi-squared per degree of freedom is {fit.variance_factor:.3g}"
+        message = f"contradict each other: {chi2}, {len(lost)} of {len(fit.views)} images do not fit"
+        problems = [Problem("images", message)]
+        worst = sorted(fit.views, key=lambda view: -view.mean_square)[:5]
+        problems += [Problem(view.name, f"has a residual of {view.rms_px:.2g} px") for view in worst]
+        raise CalibrationError(problems)
+    weak = fit.std("f") / fit.state.value("f")
+    if weak > _WEAKEST_FOCAL:
+        poses = len({view.pose for view in fit.given.views})
+        message = (
+            f"determine the focal length to {100 * weak:.0f} % only ({poses} poses): add poses with a tilt of 35 to 40°"
+        )
+        raise CalibrationError([Problem("images", message)])
+    try:
+        fit.state.camera(fit.given.width, fit.given.height)
+    except ValidationError as error:
+        message = error.errors()[0]["msg"].removeprefix("Value error, ")
+        message = f"determine no usable lens: {message}; show boards in the corners of the image, or fix coefficients"
+        raise CalibrationError([Problem("images", message)]) from error
