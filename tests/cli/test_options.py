@@ -83,6 +83,7 @@ ONLY_OPTIONS = {
         "wavelength_px",
         "wavelength_mm",
         "contrast",
+        "boards",
         "page",
         "margin_mm",
     },
@@ -141,13 +142,14 @@ def test_the_commands_are_those_of_the_reference() -> None:
 
 
 GROUPS = {
-    "capture": {"init", "check", "import"},
+    "capture": {"init", "check", "import", "simulate"},
     "dataset": {"check", "preview", "run", "sample", "status", "estimate", "catalogue", "card"},
     "design": {"predict", "budget", "sweep", "optimise", "pattern"},
     "validation": {"paper-figure2", "emva1288", "rendering"},
 }
 OUTPUT_REQUIRED = {
-    *("run", "render", "export", "compare", "capture import", "dataset preview", "dataset run", "dataset sample"),
+    *("run", "render", "export", "compare", "capture import", "capture simulate"),
+    *("dataset preview", "dataset run", "dataset sample"),
     *("design sweep", "design optimise", "design pattern", *(f"validation {name}" for name in GROUPS["validation"])),
 }
 

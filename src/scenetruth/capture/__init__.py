@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         open_board_renderer,
         project_points,
     )
+    from scenetruth.capture.calibration import RigCalibration, calibrate
     from scenetruth.capture.capture_check import CaptureFinding, CaptureReport, check_capture
     from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
     from scenetruth.capture.capture_template import capture_text, write_capture_file
@@ -65,17 +66,18 @@ __all__ = [
     "CAPTURE_FILE", "BoardArtwork", "BoardKind", "BoardLight", "BoardPose", "BoardPrint", "BoardRenderer", "Capture",
     "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureSimulation", "FilePattern",
     "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "InkRenderer", "Linearity",
-    "PixelFormat", "PlacedBoard", "SensorNoise", "average_frames", "capture_text", "check_capture",
-    "compare_exposures", "correct_images", "default_board", "draw_board", "draw_dots", "expected_indices",
-    "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names", "load_capture",
-    "measure_linearity", "measure_noise", "nearest_patterns", "open_board_renderer", "open_capture", "project_points",
-    "read_board_print", "read_header", "read_images", "read_pattern", "read_pixels", "simulate_capture",
-    "undistort_images", "write_capture_file",
+    "PixelFormat", "PlacedBoard", "RigCalibration", "SensorNoise", "average_frames", "calibrate", "capture_text",
+    "check_capture", "compare_exposures", "correct_images", "default_board", "draw_board", "draw_dots",
+    "expected_indices", "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names",
+    "load_capture", "measure_linearity", "measure_noise", "nearest_patterns", "open_board_renderer", "open_capture",
+    "project_points", "read_board_print", "read_header", "read_images", "read_pattern", "read_pixels",
+    "simulate_capture", "undistort_images", "write_capture_file",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
     __name__,
     {
+        "calibration": "RigCalibration calibrate",
         "capture_check": "CaptureFinding CaptureReport check_capture",
         "capture_file": "CAPTURE_FILE Capture CaptureLike load_capture",
         "capture_template": "capture_text write_capture_file",

@@ -129,6 +129,10 @@ class CaptureStage(Stage):
     positions_file: InputFile | None = None
     """CSV file with measured positions, columns ``s`` (as in the file names) and ``x_mm``; null for the planned
     positions."""
+    axis_tilt_urad: None = None
+    """Not available: the direction of the axis is a result of the calibration."""
+    poses: None = None
+    """Not available: actual poses are a result of the calibration."""
 
 
 class CaptureFrames(Frames):

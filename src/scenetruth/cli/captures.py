@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from scenetruth.cli import capture_simulation, design_options, options
+from scenetruth.cli import design_options, options
 from scenetruth.cli.messages import echo, print_message, print_wrote
 
 __all__ = ["register"]
@@ -35,6 +36,44 @@ Correct = Annotated[
 
 Undistort = Annotated[bool, options.flag("--undistort", help="Resampling to images without lens distortion.")]
 
+
+class BoardType(StrEnum):
+    """Types of calibration boards."""
+
+    charuco = "charuco"
+    checkerboard = "checkerboard"
+    dots = "dots"
+    asymmetric_dots = "asymmetric_dots"
+
+
+Board = Annotated[
+    BoardType | None,
+    options.option(
+        "--board-type",
+        help="Type of the calibration board; charuco if not given. Its size follows from the field of view.",
+    ),
+]
+
+Poses = Annotated[int | None, options.option("--poses", metavar="N", help="Poses of the board; 8 if not given.")]
+
+Dark = Annotated[int | None, options.option("--dark", metavar="N", help="Images without light; 8 if not given.")]
+
+Flat = Annotated[
+    int | None, options.option("--flat", metavar="N", help="Images of a uniformly bright surface; 16 if not given.")
+]
+
+Strip = Annotated[bool, options.flag("--strip", help="Fiducial strip in all images of the objects.")]
+
+CaptureParameters = Annotated[
+    list[str] | None,
+    options.repeatable(
+        "--parameter",
+        "NAME=VALUE",
+        "Parameter of the simulated capture, with a value in YAML: board, poses, scale_std, warp_mm, step_std, "
+        "static, strip_scale_std, distance_mm.",
+    ),
+]
+
 app = typer.Typer(name="capture", help="Read, check and simulate real images.", no_args_is_help=True)
 
 
@@ -43,7 +82,7 @@ def register(parent: typer.Typer) -> None:
     options.add_command(app, init)
     options.add_command(app, check)
     options.add_command(app, import_, "import")
-    options.add_command(app, capture_simulation.simulate)
+    options.add_command(app, simulate)
     parent.add_typer(app)
 
 
@@ -108,3 +147,52 @@ def import_(
     store = Path(output) / store_name(RECORDING, zipped=False)
     print_wrote(store, f"{count:,} images of {sizes['x']} x {sizes['y']} px")
     print_message(f"next: scenetruth estimate {output} --method refined")
+
+
+def simulate(
+    scene: options.SceneFile,
+    output: options.Output,
+    *,
+    overrides: options.Overrides = None,
+    seed: options.SceneSeed = None,
+    limits: options.Limits = None,
+    board: Board = None,
+    poses: Poses = None,
+    dark: Dark = None,
+    flat: Flat = None,
+    strip: Strip = False,
+    parameters: CaptureParameters = None,
+) -> None:
+    """Simulate a capture folder: images of boards and objects, dark and flat images, truth."""
+    from scenetruth.capture import simulate_capture
+    from scenetruth.cli.console import reporting
+    from scenetruth.errors import ArgumentError, Problem
+    from scenetruth.resources.limits import limits_from
+
+    values, problems = options.parse_assignments("--parameter", parameters)
+    named: dict[str, Any] = {
+        "board": None if board is None else board.value,
+        "poses": poses,
+        "dark": dark,
+        "flat": flat,
+        "strip": strip or None,
+    }
+    given = {name: value for name, value in named.items() if value is not None}
+    problems += [
+        Problem(
+            "--board-type" if name == "board" else f"--{name}",
+            f"is also given by --parameter {name}; specify one of them",
+            value,
+        )
+        for name, value in given.items()
+        if name in values
+    ]
+    if problems:
+        raise ArgumentError(problems, source="a simulated capture")
+    changed = [*(overrides or ()), *(() if seed is None else (f"seed={seed}",))]
+    with reporting() as reporter:
+        folder = simulate_capture(
+            scene, output, overrides=changed, limits=limits_from(limits or ()), progress=reporter, **values, **given
+        )
+    print_wrote([folder / "capture.yaml", folder / "truth" / "parameters.yaml"])
+    print_message("The folder truth contains the true parameters, points and maps; no other file depends on it.")

@@ -117,7 +117,7 @@ def pattern(
     window_sigma_px: design_options.WindowSigmaPx = 6.0,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Generate a pattern to print at true scale for a rig, and assess it; or a calibration board."""
+    """Generate a pattern or a calibration board to print at true scale, and assess it."""
     from scenetruth.design.patterns import assess_pattern, generate_pattern
     from scenetruth.design.patterns.assessment import (
         assessments_to_dataframe,
