@@ -7,6 +7,8 @@ camera.height=120``. Options of all benchmarks: `benchmarks.jobs`.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from benchmarks.beside import METHODS, SCENES, beyond, estimated, scene_of
 from benchmarks.jobs import arguments, ends, heading, line, number, pair
@@ -42,7 +44,7 @@ def rows(name: str, changes: list[str]) -> list[list[str]]:
                 continue
             told = [f"{depth['count']:,}", number(100 * float(depth["density"] or 0))]
             told += [pair(scores[region].get(quantity, {})) for quantity in quantities] + ["–"] * (not grows)
-            cells.append([name, f"`{region}`", method, *told, *map(number, far[region])])
+            cells.append([name, f"`{region}`", method, *told, *map(number, far.get(region, (math.nan, math.nan)))])
     return cells
 
 
