@@ -30,10 +30,10 @@ lint: setup
 	$(PYTHON_BIN)/ruff format --check .
 	$(PYTHON_BIN)/mypy
 
-# Compiling keeps one processor busy, checking types another.
+# Compiling keeps one processor busy, checking types another. Linear algebra of parallel tests has one thread each.
 test: setup
 	@$(PYTHON_BIN)/scenetruth precompile >/dev/null 2>&1 & $(MAKE) --no-print-directory lint || { kill $$!; exit 1; }; wait
-	$(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
+	OPENBLAS_NUM_THREADS=1 $(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 accuracy: setup
 	SCENETRUTH_CORE=1 $(PYTHON_BIN)/python -m pytest -q -p no:cacheprovider tests/benchmark/test_suite_core.py
@@ -42,7 +42,7 @@ nightly: setup
 	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -rP -p no:cacheprovider \
 		tests/fuzz tests/pipeline tests/dataset tests/storage/test_reader.py tests/test_resident_memory.py tests/test_accuracy.py \
 		tests/estimators/structure_tensor tests/estimators/refined tests/truth tests/camera tests/validation_studies tests/scoring \
-		tests/benchmark tests/bound tests/testing tests/design tests/render tests/cli tests/docs/test_adding.py \
+		tests/benchmark tests/bound tests/testing tests/design tests/render tests/cli tests/capture tests/docs/test_adding.py \
 		tests/test_own_estimator.py
 
 browser: setup

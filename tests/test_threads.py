@@ -81,3 +81,16 @@ def test_runs_of_rows_cover_all_rows_once(monkeypatch: pytest.MonkeyPatch, count
     monkeypatch.setattr(compilation, "thread_count", lambda: 3)
     rows = [row for first, last in threads.bands(count) for row in range(first, last)]
     assert rows == list(range(count))
+
+
+def test_linear_algebra_in_one_thread() -> None:
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    def counts() -> list[int]:
+        np.linalg.inv(np.eye(3))
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    with threadpool_limits(2, user_api="blas"):
+        before = counts()
+        assert set(threads.with_one_blas_thread(counts)()) == {1}
+        assert counts() == before

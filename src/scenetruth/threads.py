@@ -1,4 +1,4 @@
-"""Parallel execution of tasks and row bands in threads."""
+"""Parallel execution of tasks and row bands in threads, and linear algebra in a single one."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
-from functools import cache
-from typing import Any
+from functools import cache, wraps
+from typing import Any, ParamSpec, TypeVar
 
 from scenetruth import compilation
 
-__all__ = ["bands", "in_bands", "in_threads"]
+__all__ = ["bands", "in_bands", "in_threads", "with_one_blas_thread"]
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 # Bands per thread, to balance bands of different cost.
 _BANDS = 2
@@ -76,3 +79,19 @@ def bands(count: int) -> list[tuple[int, int]]:
     """Return first and last + 1 of as many bands of rows as threads."""
     parts = max(min(compilation.thread_count(), count), 1)
     return [(count * n // parts, count * (n + 1) // parts) for n in range(parts)]
+
+
+def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Return a function whose linear algebra runs in one thread, for many matrices of a few hundred rows.
+
+    On busy processors, threads of BLAS that wait for each other take several times as long as one.
+    """
+
+    @wraps(function)
+    def limited(*arguments: _P.args, **named: _P.kwargs) -> _R:
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1, user_api="blas"):
+            return function(*arguments, **named)
+
+    return limited

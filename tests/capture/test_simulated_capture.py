@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 import scenetruth as st
 from scenetruth.capture import simulate_capture
 from scenetruth.errors import ArgumentError, OutputExistsError, SceneError
+from tests.helpers.nightly import by_night
 from tests.helpers.scenes import cube
 
 Array = NDArray[np.float64]
@@ -259,7 +260,7 @@ def test_other_folders_are_left_alone(folder: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-@pytest.mark.parametrize("kind", ["charuco", "checkerboard", "dots", "asymmetric_dots"])
+@pytest.mark.parametrize("kind", ["charuco", "asymmetric_dots", *by_night("checkerboard", "dots")])
 def test_boards_of_default_size_fit(kind: str, tmp_path: Path) -> None:
     if kind == "charuco":
         pytest.importorskip("cv2")

@@ -17,6 +17,7 @@ from scenetruth.capture.calibration.rig_model import (
     project,
 )
 from scenetruth.errors import Problem
+from scenetruth.threads import with_one_blas_thread
 
 __all__ = ["RigFit", "ViewResidual", "adjust", "robust_weights", "solve"]
 
@@ -207,6 +208,7 @@ def _cost(given: Observations, state: RigState, start: Array, free: NDArray[np.b
     return cost if np.isfinite(cost) else np.inf
 
 
+@with_one_blas_thread
 def adjust(given: Observations, state: RigState, start: Array | None = None) -> RigFit:
     """Estimate all parameters that are not fixed, exclude outliers, and return the fit with its covariance.
 

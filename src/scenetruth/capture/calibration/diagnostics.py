@@ -21,6 +21,7 @@ from scenetruth.capture.calibration.rig_model import (
     project,
 )
 from scenetruth.capture.calibration.start_values import start_state
+from scenetruth.threads import with_one_blas_thread
 
 __all__ = [
     "Combination",
@@ -120,6 +121,7 @@ class ModelTest:
     estimate: float
 
 
+@with_one_blas_thread
 def identify_combinations(fit: RigFit) -> list[Combination]:
     """Return the combinations of the parameters with a prior, the best determined by the images first.
 
@@ -361,6 +363,7 @@ def step_problems(steps: Array, positions_mm: Array, yaw_rad: float, distance_mm
     return problems
 
 
+@with_one_blas_thread
 def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
     """Return everything that speaks against a calibration, in words; empty for a clean one."""
     words = inconsistent_images(fit)

@@ -29,6 +29,7 @@ from scenetruth.capture.calibration.rig_model import (
 )
 from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state
 from scenetruth.errors import EstimateWarning, Problem
+from scenetruth.threads import with_one_blas_thread
 
 __all__ = ["BoardImage", "calibrate", "observe_boards"]
 
@@ -196,6 +197,7 @@ def _misfit(board: Board, detection: Detection) -> float:
     return float(np.percentile(away, 90) / (spread * spacing))
 
 
+@with_one_blas_thread
 def calibrate(
     observations: Observations | Sequence[BoardImage],
     board: Board | None = None,
