@@ -16,6 +16,7 @@ from scenetruth.estimators.refined import (
     ShiftObservations,
     compute_point_derivatives,
     select_blocks,
+    solve_with_prior,
 )
 from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane
@@ -250,3 +251,40 @@ def test_corrections_move_turn_and_enlarge() -> None:
     np.testing.assert_allclose(found[..., 2] * angle, turned, atol=1e-9)
     np.testing.assert_allclose(found[..., 3] * share, at * share, atol=1e-12)
     assert (found[..., :2] == np.eye(2)).all()
+
+
+def test_unknowns_with_a_prior_are_those_of_the_inverse() -> None:
+    generator = np.random.default_rng(3)
+    root, unknown = generator.normal(size=(6, 9)), generator.normal(size=6)
+    matrix, side = root @ root.T, generator.normal(size=6)
+    covariance, step = solve_with_prior(matrix, side, unknown)
+    np.testing.assert_allclose(covariance, np.linalg.inv(matrix + np.eye(6)), rtol=1e-12)
+    np.testing.assert_allclose(step, np.linalg.solve(matrix + np.eye(6), side - unknown), rtol=1e-12)
+
+
+@pytest.mark.parametrize("information", [1e9, 1e20, 1e150])
+def test_images_without_noise_leave_the_prior_of_what_they_do_not_determine(information: float) -> None:
+    """Four of six combinations are observed exactly; plain inversion has no digits left for the identity."""
+    generator = np.random.default_rng(5)
+    observed = generator.normal(size=(4, 6))
+    truth = generator.normal(size=6)
+    matrix = information * observed.T @ observed
+    covariance, step = solve_with_prior(matrix, matrix @ truth, np.zeros(6))
+    np.testing.assert_allclose(observed @ step, observed @ truth, rtol=1e-8)
+    variances = np.linalg.eigvalsh(covariance)
+    np.testing.assert_allclose(variances[-2:], 1.0, rtol=1e-9)
+    assert (variances[:4] < 1e-8).all()
+    assert np.isfinite(np.linalg.cholesky(covariance)).all()
+
+
+def test_blocks_without_texture_are_no_observations() -> None:
+    """Far from any texture, the splines of images without noise leave gradients of 1e-150."""
+    shape = (64, 96)
+    shifts = ShiftObservations.blank(shape, 3)
+    generator = np.random.default_rng(2)
+    textured = generator.random(shifts.sums.shape[:2]) < 0.5
+    scale = np.where(textured, 1.0, 1e-300)[..., None]
+    shifts.sums[..., 0] = shifts.sums[..., 2] = scale * generator.uniform(1, 2, shifts.sums.shape[:3])
+    shifts.sums[..., 5], shifts.sums[..., 6] = 1e-4, 100.0
+    blocks = select_blocks(shifts, np.ones((4, *shape)))
+    np.testing.assert_array_equal(blocks.at[::-1].T, shifts.centres()[:, textured].T)

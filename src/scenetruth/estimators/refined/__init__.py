@@ -72,6 +72,7 @@ if TYPE_CHECKING:
         ShiftObservations,
         compute_point_derivatives,
         select_blocks,
+        solve_with_prior,
     )
     from scenetruth.estimators.refined.row_bands import FIT_LIMITS, NO_OCCLUSION
     from scenetruth.estimators.refined.systematic_error import (
@@ -100,8 +101,8 @@ __all__ = [
     "lens_problems", "list_spans", "margin_px", "match_views", "maximise_likelihood", "near_bare_surfaces",
     "nearest_node", "of_nearest_node", "photon_transfer_variance", "place_of", "polynomial_bias",
     "read_calibration_uncertainty", "read_schedule", "recede", "refine", "remove_delay_bias", "sees_second_camera",
-    "select_blocks", "select_models", "smooth_velocity", "spline_transfer", "spread_defects", "spread_regions",
-    "straightened", "undistort", "with_bias",
+    "select_blocks", "select_models", "smooth_velocity", "solve_with_prior", "spline_transfer", "spread_defects",
+    "spread_regions", "straightened", "undistort", "with_bias",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -130,7 +131,9 @@ __getattr__, __dir__ = export_lazily(
         "other_views": "OtherViews match_views",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
-        "pose_corrections": "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks",
+        "pose_corrections": (
+            "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks solve_with_prior"
+        ),
         "row_bands": "FIT_LIMITS NO_OCCLUSION",
         "systematic_error": (
             "SystematicErrors add_contradiction extrapolation_share list_spans polynomial_bias sees_second_camera"

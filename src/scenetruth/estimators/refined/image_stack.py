@@ -324,9 +324,16 @@ class ImageStack:
         return float(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)]))
 
     def residual_noise(self, square: NDArray[Any]) -> float:
-        """Return the residual of windows that fit well, from the mean square residuals of windows."""
+        """Return the residual of windows that fit well, from the mean square residuals of windows.
+
+        It is at least the rounding of the images: blank parts of images without noise have no residual.
+        """
         found = estimate_noise(np.sqrt(square)) if self.noise is None else self.noise
-        return found if math.isnan(found) else min(found, self.noise_limit)
+        if math.isnan(found):
+            return found
+        frame, camera = self.reference()
+        largest = float(np.nanmax(np.abs(self.coefficients[frame][:, camera])))
+        return max(min(found, self.noise_limit), float(np.finfo(np.float32).eps) * largest)
 
     def moved_px(self, before: Map, after: Map) -> Map:
         """Return the largest displacement over all images, in px, due to a change of fields, shape (4 or 7, ...)."""

@@ -381,7 +381,7 @@ def _element(fit: Fit, baseline_mm: float, spline: int, common: Map | None) -> d
 
     ``common``: Variances to be added, shape (11, y, x).
     """
-    variance = fit.element_variance / spline_transfer(spline) ** 2
+    variance = fit.element_variance.astype(np.float64) / spline_transfer(spline) ** 2
     values, std = fit.element.astype(np.float64), np.sqrt(variance if common is None else variance + common)
     # For negative baselines, disparities are negative.
     for place, unit in ((2, abs(baseline_mm)), (3, baseline_mm**2)):

@@ -30,6 +30,7 @@ __all__ = [
     "follow_points",
     "join_blocks",
     "select_blocks",
+    "solve_with_prior",
 ]
 
 
@@ -169,6 +170,7 @@ def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array
 
 
 _LEAST_SHARE = 0.5  # smallest fraction of the pixels of a block that are valid in the mean image
+_LEAST_ENERGY = 1e-9  # smallest squared gradient of a block relative to the largest one
 # Undetermined directions of blocks: eigenvalues below this fraction of those of single parameters.
 _SINGULAR_SHARE = 1e-7
 _ACCELERATED = 5  # smallest number of frames that separate acceleration from velocity
@@ -208,6 +210,9 @@ def select_blocks(shifts: ShiftObservations, fields: Array) -> Blocks:
     rows, columns = np.minimum(rows, height - 1), np.minimum(columns, width - 1)
     counts = shifts.sums[..., 6].mean(axis=-1)
     entries = counts > _LEAST_SHARE * counts.max()
+    # Splines of images without noise leave gradients of 1e-150 far from any texture.
+    energy = shifts.sums[..., 0].sum(axis=-1) + shifts.sums[..., 2].sum(axis=-1)
+    entries &= energy >= _LEAST_ENERGY * energy.max()
     apart = math.isqrt(entries.size // _MOST_BLOCKS) + 1
     some = np.zeros_like(entries)
     some[::apart, ::apart] = True
@@ -347,6 +352,25 @@ def _squares(weight: Array, shift: Array) -> tuple[Array, NDArray[np.intp]]:
     return square, (2 * both + (some & ~both)).sum(axis=1)
 
 
+_LARGEST_INFORMATION = 1e12  # of observations relative to the prior: images without noise would leave no digits for it
+
+
+def solve_with_prior(matrix: Array, side: Array, unknown: Array) -> tuple[Array, Array]:
+    """Return the covariance of unknowns with a prior of mean 0 and variance 1, and their step from current values.
+
+    Combinations that the observations determine to rounding only keep the prior.
+
+    ``matrix``, ``side``: Normal equations of the observations at the current values. ``unknown``: Current values.
+    """
+    values, vectors = np.linalg.eigh(matrix)
+    determined = values > len(values) * np.finfo(np.float64).eps * np.abs(values).max()
+    information = np.where(determined, np.minimum(values, _LARGEST_INFORMATION), 0.0)
+    gain = vectors / (1.0 + information)
+    # Where information is limited, the step is that of the observations.
+    reduced = np.where(determined, vectors.T @ side * information / np.where(determined, values, 1.0), 0.0)
+    return gain @ vectors.T, gain @ (reduced - vectors.T @ unknown)
+
+
 # Blocks with a residual above this multiple of the median are excluded: they do not move as a point.
 _OUTLIER = 4.0
 _PASSES = 3
@@ -428,9 +452,7 @@ class PoseCorrections:
             entries = elimination.equations(kept)
             noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
             matrix = parts.T @ entries.matrix @ parts / noise
-            side = parts.T @ entries.side / noise - self._unknown
-            covariance = np.asarray(np.linalg.inv(matrix + np.eye(len(matrix))), dtype=np.float64)
-            step = covariance @ side
+            covariance, step = solve_with_prior(matrix, parts.T @ entries.side / noise, self._unknown)
             unknown = self._unknown + step
             left = elimination.misfit((parts @ step).reshape(-1, CORRECTIONS))
             usual = float(np.median(left))
