@@ -260,7 +260,7 @@ def test_other_folders_are_left_alone(folder: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-@pytest.mark.parametrize("kind", ["charuco", "asymmetric_dots", *by_night("checkerboard", "dots")])
+@pytest.mark.parametrize("kind", ["charuco", *by_night("checkerboard", "dots", "asymmetric_dots")])
 def test_boards_of_default_size_fit(kind: str, tmp_path: Path) -> None:
     if kind == "charuco":
         pytest.importorskip("cv2")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from datetime import UTC, datetime
 from fractions import Fraction
 from typing import Any
@@ -151,7 +152,9 @@ junk = some.sampled_from([*NO_NUMBERS, *NO_ARRAYS, 1, 2.5, 1e300, 5e-324, np.one
     ["images", "focal_length_px", "baseline_mm", "principal_point_px", "frame_interval_s", "stage_x_mm", "stage_y_mm",
      "full_scale", "attrs"], junk)))  # fmt: skip
 def test_any_arguments_give_a_recording_or_an_error_of_ours(changes: dict[str, Any]) -> None:
-    with contextlib.suppress(st.RecordingError):
+    with contextlib.suppress(st.RecordingError), warnings.catch_warnings():
+        # Of implausible units, as a focal length of 1 px.
+        warnings.simplefilter("ignore", st.SceneWarning)
         assert st.make_recording(**GOOD | changes).image.shape
 
 
@@ -160,7 +163,8 @@ def test_any_arguments_give_a_recording_or_an_error_of_ours(changes: dict[str, A
     junk | some.sampled_from([np.ones((3, 4, 5)), np.ones((4, 5)), np.full((4, 5), 1e-300), np.ones((2, 3, 4, 5)),
                               np.full((3, 4, 5), 1e300), np.full((3, 4, 5), np.nan)])))  # fmt: skip
 def test_any_arrays_give_an_estimate_or_an_error_of_ours(arrays: dict[str, Any]) -> None:
-    with contextlib.suppress(st.RecordingError):
+    with contextlib.suppress(st.RecordingError), warnings.catch_warnings():
+        warnings.simplefilter("ignore", st.EstimateWarning)
         made = st.make_estimate(recording=RECORDING, **arrays)
         assert all(not np.isinf(item.values).any() for item in made.data_vars.values())
 

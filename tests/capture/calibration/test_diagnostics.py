@@ -24,7 +24,7 @@ from scenetruth.capture.calibration import (
     step_problems,
 )
 from tests.helpers.drawn_rigs import DrawnRig, draw_rig, fit_draw
-from tests.helpers.nightly import NIGHTLY
+from tests.helpers.nightly import NIGHTLY, by_night
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_clean_calibrations_have_no_findings() -> None:
     assert [words for words in found if words] == []
 
 
-@pytest.mark.parametrize("error", [1e-3, -2e-3])
+@pytest.mark.parametrize("error", [1e-3, *by_night(-2e-3)])
 def test_wrong_square_size_is_seen_in_the_scale(error: float) -> None:
     """The tolerances of board and steps, 1e-4 each, hide it from chi-squared."""
     rig = draw_rig(7, scale_error=error)
