@@ -22,6 +22,7 @@ from scenetruth.capture import (
 )
 from scenetruth.errors import SceneError
 from tests.helpers.blurred_edges import blurred_edge, edge_displacement, edge_normal
+from tests.helpers.nightly import nightly
 
 Array = NDArray[np.float64]
 
@@ -79,6 +80,7 @@ RIG = Camera(
 )
 
 
+@nightly
 def undistorted(distortion: Distortion, points: Array) -> Array:
     """Invert the distortion by iterating its formula."""
     found = points.copy()

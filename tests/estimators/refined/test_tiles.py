@@ -193,6 +193,7 @@ def test_tiles_have_the_lens_and_the_times_of_the_whole_image() -> None:
     assert 0.7 < np.sqrt(np.nanmean(error**2)) < 1.3
 
 
+@nightly
 @pytest.mark.usefixtures("limits")
 def test_tiles_have_the_colours_defects_and_noise_of_the_whole_image() -> None:
     """Single pixels, an area of all images, and a part of one image are missing; shot noise is that of a sensor."""
