@@ -3,7 +3,7 @@
 Run it from the top of the repository:
 ``python -m benchmarks.capture_images [--captures N] [--poses N] [--board charuco|dots] [--blur PX] [--light SHARE]``.
 Each capture has a new rig, drawn from its prior distribution, and new poses, which are fixed before any image is made;
-none is left out. Images are sampled densely (`tests.helpers.rendered_boards`), with shot and read noise of 12 bits.
+none is excluded. Images are sampled densely (`tests.helpers.rendered_boards`), with shot and read noise of 12 bits.
 """
 
 from __future__ import annotations

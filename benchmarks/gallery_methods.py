@@ -15,7 +15,7 @@ from benchmarks.jobs import arguments, ends, heading, line, number, pair
 
 import scenetruth as st
 
-# The regions of the score that are told, where a scene has pixels in them.
+# Regions of the score, where a scene has pixels in them.
 REGIONS = ("all", "interior", "boundary_10_20", "boundary_5_10", "boundary_0_5", "occluded")
 GROWTH = "growth_rate_windowed"
 QUANTITIES = ("depth", "velocity_z", GROWTH)
@@ -42,9 +42,9 @@ def rows(name: str, changes: list[str]) -> list[list[str]]:
             depth = scores.get(region, {}).get("depth", {})
             if not depth.get("count"):
                 continue
-            told = [f"{depth['count']:,}", number(100 * float(depth["density"] or 0))]
-            told += [pair(scores[region].get(quantity, {})) for quantity in quantities] + ["–"] * (not grows)
-            cells.append([name, f"`{region}`", method, *told, *map(number, far.get(region, (math.nan, math.nan)))])
+            values = [f"{depth['count']:,}", number(100 * float(depth["density"] or 0))]
+            values += [pair(scores[region].get(quantity, {})) for quantity in quantities] + ["–"] * (not grows)
+            cells.append([name, f"`{region}`", method, *values, *map(number, far.get(region, (math.nan, math.nan)))])
     return cells
 
 

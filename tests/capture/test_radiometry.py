@@ -150,7 +150,7 @@ def test_predicted_variance_is_that_of_new_frames() -> None:
     sensor, dark, flat, static = exposed(3)
     noise = measure_noise(dark, flat, full_scale=4095)
     predicted = noise.variance_dn2(static.mean)
-    # 19,200 pixels of 8 degrees of freedom: 0.36 %, and the gain is off by 0.3 %.
+    # 19,200 pixels of 8 degrees of freedom: 0.36 %, and the gain differs by 0.3 %.
     assert static.variance.mean() / predicted.mean() == pytest.approx(1, abs=4 * 0.0047)
     assert sensor.gain_dn_per_e == pytest.approx(noise.gain_dn_per_e, abs=4 * noise.gain_std)
 

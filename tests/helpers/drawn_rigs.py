@@ -148,7 +148,7 @@ def patterns(grid: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
 
 
 def fit_draw(rig: DrawnRig, **options: Any) -> RigFit:
-    """Return the fit of a drawn rig, from a focal length that is off by 0.5 %."""
+    """Return the fit of a drawn rig, from a focal length with an error of 0.5 %."""
     state = start_state(rig.observations, rig.priors, RigGuess(focal_length_px=5040.0))
     return adjust(rig.observations, state, **options)
 

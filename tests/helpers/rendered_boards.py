@@ -41,6 +41,22 @@ def board_bitmap(board: CharucoBoard | Checkerboard) -> NDArray[np.uint8]:
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _on_board(
+    rays: NDArray[np.float64], inverse: NDArray[np.float64], y: int, x: int, number: int, count: int
+) -> tuple[float, float]:
+    """Return the place on the board of one of several samples of a pixel, in mm."""
+    a, b = (number + 0.5) / count, (number * _STRIDE % count + 0.5) / count
+    r_x = (1 - b) * ((1 - a) * rays[y, x, 0] + a * rays[y, x + 1, 0])
+    r_x += b * ((1 - a) * rays[y + 1, x, 0] + a * rays[y + 1, x + 1, 0])
+    r_y = (1 - b) * ((1 - a) * rays[y, x, 1] + a * rays[y, x + 1, 1])
+    r_y += b * ((1 - a) * rays[y + 1, x, 1] + a * rays[y + 1, x + 1, 1])
+    w = inverse[2, 0] * r_x + inverse[2, 1] * r_y + inverse[2, 2]
+    u = (inverse[0, 0] * r_x + inverse[0, 1] * r_y + inverse[0, 2]) / w
+    v = (inverse[1, 0] * r_x + inverse[1, 1] * r_y + inverse[1, 2]) / w
+    return u, v
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _sample(
     rays: NDArray[np.float64], inverse: NDArray[np.float64], bitmap: NDArray[np.uint8], per_mm: float,
     fine: int, image: NDArray[np.float64],
@@ -51,14 +67,7 @@ def _sample(
         for x in range(columns):
             total = 0.0
             for j in range(fine * fine):
-                a, b = (j + 0.5) / (fine * fine), (j * _STRIDE % (fine * fine) + 0.5) / (fine * fine)
-                r_x = (1 - b) * ((1 - a) * rays[y, x, 0] + a * rays[y, x + 1, 0])
-                r_x += b * ((1 - a) * rays[y + 1, x, 0] + a * rays[y + 1, x + 1, 0])
-                r_y = (1 - b) * ((1 - a) * rays[y, x, 1] + a * rays[y, x + 1, 1])
-                r_y += b * ((1 - a) * rays[y + 1, x, 1] + a * rays[y + 1, x + 1, 1])
-                w = inverse[2, 0] * r_x + inverse[2, 1] * r_y + inverse[2, 2]
-                u = (inverse[0, 0] * r_x + inverse[0, 1] * r_y + inverse[0, 2]) / w
-                v = (inverse[1, 0] * r_x + inverse[1, 1] * r_y + inverse[1, 2]) / w
+                u, v = _on_board(rays, inverse, y, x, j, fine * fine)
                 m = math.floor(u * per_mm + 0.5 * bitmap.shape[1])
                 n = math.floor(v * per_mm + 0.5 * bitmap.shape[0])
                 if m < 0 or n < 0 or m >= bitmap.shape[1] or n >= bitmap.shape[0]:
@@ -78,14 +87,7 @@ def _sample_dots(
         for x in range(columns):
             nearest, total = -1, 0.0
             for j in range(fine * fine):
-                a, b = (j + 0.5) / (fine * fine), (j * _STRIDE % (fine * fine) + 0.5) / (fine * fine)
-                r_x = (1 - b) * ((1 - a) * rays[y, x, 0] + a * rays[y, x + 1, 0])
-                r_x += b * ((1 - a) * rays[y + 1, x, 0] + a * rays[y + 1, x + 1, 0])
-                r_y = (1 - b) * ((1 - a) * rays[y, x, 1] + a * rays[y, x + 1, 1])
-                r_y += b * ((1 - a) * rays[y + 1, x, 1] + a * rays[y + 1, x + 1, 1])
-                w = inverse[2, 0] * r_x + inverse[2, 1] * r_y + inverse[2, 2]
-                u = (inverse[0, 0] * r_x + inverse[0, 1] * r_y + inverse[0, 2]) / w
-                v = (inverse[1, 0] * r_x + inverse[1, 1] * r_y + inverse[1, 2]) / w
+                u, v = _on_board(rays, inverse, y, x, j, fine * fine)
                 if nearest < 0:
                     least = 1e30
                     for k in range(centres.shape[0]):

@@ -45,8 +45,6 @@ class BoardPrint(FrozenModel):
     """Distance in mm between the dots of a row; rows of an asymmetric grid have half of it."""
     diameter_mm: Positive | None = None
     """Diameter of the dots in mm."""
-    margin_mm: Positive | None = None
-    """Width of the white margin in mm; default: the side of a square, or ``spacing_mm``."""
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -172,7 +170,7 @@ def draw_board(board: BoardPrint) -> BoardArtwork:
         # The order of OpenCV: row by row; odd rows are shifted by half the distance in a row.
         column, row = column + 0.5 * (row % 2), row / 2
     points = board.spacing_mm * np.stack([column, row], axis=-1).reshape(-1, 2)
-    return draw_dots(points, board.diameter_mm, board.margin_mm or board.spacing_mm)
+    return draw_dots(points, board.diameter_mm, board.spacing_mm)
 
 
 def draw_dots(points_mm: Array, diameter_mm: float, margin_mm: float) -> BoardArtwork:
@@ -196,8 +194,8 @@ def _draw_squares(board: BoardPrint, squares: tuple[int, int], side: float) -> B
     points = side * np.stack([column, row], axis=-1).reshape(-1, 2).astype(np.float64)
     if board.kind == "charuco":
         rings.append(_draw_markers(board, squares, side))
-    margin = board.margin_mm or side
-    box = (-margin, -margin, columns * side + margin, rows * side + margin)
+    # The margin is as wide as a square.
+    box = (-side, -side, (columns + 1) * side, (rows + 1) * side)
     return BoardArtwork(tuple(rings), points, box)
 
 

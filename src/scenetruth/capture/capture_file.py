@@ -21,6 +21,7 @@ from pydantic import (
 )
 
 from scenetruth.camera import Camera, Distortion, Frames, Stage
+from scenetruth.capture.board_artwork import BoardPrint
 from scenetruth.capture.file_patterns import TIME_FIELD, read_pattern
 from scenetruth.capture.image_reading import PixelFormat
 from scenetruth.errors import CaptureError, Problem
@@ -152,49 +153,13 @@ class CaptureFrames(Frames):
         return self
 
 
-class BoardSection(FrozenModel):
+class BoardSection(BoardPrint):
     """Calibration board: grid of squares or dots, and tolerances of its print."""
 
-    kind: Literal["charuco", "checkerboard", "dots", "asymmetric_dots"]
-    """Type of the board."""
-    squares: tuple[Annotated[int, Field(ge=2, le=500)], Annotated[int, Field(ge=2, le=500)]] | None = None
-    """Columns and rows of squares of a ``charuco`` or ``checkerboard``."""
-    square_mm: Positive | None = None
-    """Side of a square in mm."""
-    marker_mm: Positive | None = None
-    """Side of a marker of a ``charuco`` board in mm."""
-    dictionary: Annotated[str, Field(pattern=r"^[A-Z0-9]+(_[A-Z0-9a-z]+)*$", max_length=40)] | None = None
-    """ArUco dictionary of a ``charuco`` board, such as ``4X4_250``."""
-    legacy: bool = False
-    """Pattern of ``charuco`` boards with an even number of rows as before OpenCV 4.6."""
-    dots: tuple[Annotated[int, Field(ge=2, le=500)], Annotated[int, Field(ge=2, le=500)]] | None = None
-    """Columns and rows of dots of a ``dots`` or ``asymmetric_dots`` board."""
-    spacing_mm: Positive | None = None
-    """Distance of neighbouring dots in mm."""
-    diameter_mm: Positive | None = None
-    """Diameter of a dot in mm."""
     scale_std: Positive = 1e-3
     """Relative standard deviation of the size of the board: 1e-3 printed, 1e-4 measured."""
     warp_mm: NonNegative = 0.2
     """Standard deviation of the deviation from a plane in mm: 0.02 glass, 0.2 paper on a plate."""
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        squared, dotted = ("squares", "square_mm"), ("dots", "spacing_mm", "diameter_mm")
-        charuco = ("marker_mm", "dictionary")
-        required = {"charuco": squared + charuco, "checkerboard": squared}.get(self.kind, dotted)
-        lacking = [name for name in required if getattr(self, name) is None]
-        extra = [
-            name for name in (*squared, *charuco, *dotted) if name not in required and getattr(self, name) is not None
-        ]
-        problems = [f"lacks {', '.join(lacking)}"] if lacking else []
-        problems += [f"must not have {', '.join(extra)}"] if extra else []
-        if self.marker_mm is not None and self.square_mm is not None and self.marker_mm >= self.square_mm:
-            problems.append(f"has markers of {self.marker_mm:g} mm, which do not fit into squares")
-        if problems:
-            msg = f"a board of this type ({self.kind}) {' and '.join(problems)}"
-            raise ValueError(msg)
-        return self
 
 
 class StripSection(FrozenModel):

@@ -184,7 +184,7 @@ def read_pattern(text: str, allowed: Collection[str] = INDEX_FIELDS, required: C
 
 
 def list_names(folder: Path, *, suffixes: Sequence[str] = (), most: int = _MOST_FILES) -> list[str]:
-    """Return the paths of all files below a folder, relative to it, in natural order; hidden files are left out.
+    """Return the paths of all files below a folder, relative to it, in natural order; without hidden files.
 
     ``suffixes``: Suffixes in lower case; any suffix if empty.
     """

@@ -170,7 +170,7 @@ def measure_noise(
         good &= lit.highest < full_scale
         saturated = 1 - float(good.mean())
         if saturated > _MOST_CLIPPED:
-            notes.append(f"{100 * saturated:.3g} % of the pixels are saturated in a flat field, and left out")
+            notes.append(f"{100 * saturated:.3g} % of the pixels are saturated in a flat field, and excluded")
         if good.mean() > 0.5:
             gain, prnu = _from_flats(without, lit, good, blocks)
         else:

@@ -225,7 +225,7 @@ def check_scale(fit: RigFit, priors: RigPriors) -> ScaleTest | None:
     found = _refit(given, fit, loose)
     if found is None:
         return None
-    # Images that are left out have taken their visits along.
+    # Excluded images have taken their visits along.
     layout = found.state.layout
     weights = np.zeros(layout.size)
     step, scale = layout.names.index("step_scale"), layout.first_target
@@ -278,7 +278,7 @@ def _score_test(name: str, fit: RigFit, whitened: Array, extra: Array, z: Array)
     information = whole - cross.T @ fit.covariance @ cross
     scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
     values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
-    # Combinations that the estimated parameters absorb are left out.
+    # Combinations that the estimated parameters absorb are excluded.
     kept = values > _ABSORBED
     projected = vectors[:, kept].T @ (score * scale)
     chi2 = float((projected**2 / values[kept]).sum()) / max(fit.variance_factor, 1.0)

@@ -202,7 +202,7 @@ def export_board(pattern: Pattern, folder: str | Path, *, page: str = "A4", marg
 def format_board(pattern: Pattern) -> str:
     """Return a board as the section of a capture file, with the tolerance of a print."""
     assert isinstance(pattern.model, BoardPattern)  # from generate_board
-    board = pattern.model.board.model_dump(mode="json", exclude_none=True, exclude={"margin_mm"})
+    board = pattern.model.board.model_dump(mode="json", exclude_none=True)
     if board["kind"] != "charuco":
         del board["legacy"]
     text: str = yaml.safe_dump({"board": {**board, "scale_std": _PRINTED_STD}}, sort_keys=False, width=100)

@@ -93,7 +93,7 @@ def test_pixels_that_are_not_explained_are_left_out(products: Array, fields: Arr
 
 @pytest.mark.parametrize("count", [4, 7])
 def test_displacements_are_those_of_the_farthest_images(count: int) -> None:
-    """A camera one step aside, and an image two frames later: the largest of all changes, times their distance."""
+    """The adjacent camera, and an image two frames later: the largest of all changes, times their distance."""
     generator = np.random.default_rng(5)
     theta, fields = generator.normal(0.0, 0.1, 18), generator.normal(0.0, 0.1, (count, 3, 9))
     theta[0], reach, y, x = 3.0, np.array([1.0, 2.0, 0.1, 0.2]), -1, np.arange(-4, 5)
@@ -112,7 +112,7 @@ def test_displacements_are_those_of_the_farthest_images(count: int) -> None:
     known = np.isfinite(fields[:, 1, :7]).all(axis=0)
     np.testing.assert_allclose(found[known], expected[known], rtol=1e-12)
     assert np.isnan(found[6])
-    # 0.05 px of disparity per px: beyond 4 px, the camera one step aside has a displacement of 0.2 px.
+    # 0.05 px of disparity per px: beyond 4 px, the adjacent camera has a displacement of 0.2 px.
     theta[:], theta[:2] = 0.0, (3.0, 0.05)
     constant, moved = np.zeros((count, 1, 9)), np.empty(9)
     constant[0] = 3.0
