@@ -169,6 +169,14 @@ def test_gamma_is_never_taken_for_another(preset: str, gamma: float) -> None:
     assert decided >= (0 if preset == "ccd_2002" and gamma < 1 else 3)
 
 
+def test_noise_that_is_cut_off_at_zero_is_no_gamma() -> None:
+    """Additive noise of 41 digital numbers about a black of 0: of its dark pixels, the positive ones vary less."""
+    generator = np.random.default_rng(8)
+    mean = np.where(np.arange(160) < 20, 0.0, np.linspace(500, 3300, 160))
+    frames = np.clip(np.rint(mean + generator.normal(0, 41, (4, 120, 160))), 0, 4095)
+    assert fit_gamma(frames, full_scale=4095).linear is not False
+
+
 def test_gamma_of_frames_without_contrast_is_open() -> None:
     draw = np.random.default_rng(1)
     assert fit_gamma(draw.normal(1000, 20, (5, 40, 40)), full_scale=4095).linear is None

@@ -301,8 +301,14 @@ class _Bins:
     std: Floats
 
 
+_CLEAR_OF_ZERO = 4.0  # least mean of a group in standard deviations of its noise
+
+
 def _binned(moments: FrameMoments, full_scale: float) -> _Bins:
-    """Group pixels that are neither saturated nor at 0 by their mean."""
+    """Group pixels that are neither saturated nor at 0 by their mean.
+
+    Groups whose noise reaches 0 are omitted: of their pixels, those that are never at 0 are a selection.
+    """
     good = (moments.highest < full_scale) & (moments.lowest > 0)
     mean, variance = moments.mean[good], moments.variance[good]
     order = np.argsort(mean, kind="stable")
@@ -310,7 +316,9 @@ def _binned(moments: FrameMoments, full_scale: float) -> _Bins:
     rows = [
         (mean[group].mean(), variance[group].mean(), variance[group].std() / np.sqrt(len(group))) for group in groups
     ]
-    return _Bins(*(np.array([row[n] for row in rows]) for n in range(3)))
+    found = np.reshape(rows, (-1, 3))
+    found = found[found[:, 0] > _CLEAR_OF_ZERO * np.sqrt(found[:, 1])]
+    return _Bins(*found.T)
 
 
 def _from_static(dark: FrameMoments, static: FrameMoments, full_scale: float, notes: list[str]) -> tuple[float, float]:
