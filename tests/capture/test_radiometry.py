@@ -171,9 +171,9 @@ def test_gamma_is_never_taken_for_another(preset: str, gamma: float) -> None:
 
 def test_noise_that_is_cut_off_at_zero_is_no_gamma() -> None:
     """Additive noise of 41 digital numbers about a black of 0: of its dark pixels, the positive ones vary less."""
-    generator = np.random.default_rng(8)
-    mean = np.where(np.arange(160) < 20, 0.0, np.linspace(500, 3300, 160))
-    frames = np.clip(np.rint(mean + generator.normal(0, 41, (4, 120, 160))), 0, 4095)
+    mean = np.concatenate([np.zeros(64), np.linspace(1500, 3300, 256)])
+    noise = np.random.default_rng(8).normal(0, 41, (4, 240, 320))
+    frames = np.clip(np.rint(mean + noise), 0, 4095)
     assert fit_gamma(frames, full_scale=4095).linear is not False
 
 

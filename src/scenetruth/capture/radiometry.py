@@ -301,24 +301,26 @@ class _Bins:
     std: Floats
 
 
-_CLEAR_OF_ZERO = 4.0  # least mean of a group in standard deviations of its noise
+_CLEAR_OF_ZERO = 4.0  # least mean of a pixel in standard deviations of the noise about 0
 
 
 def _binned(moments: FrameMoments, full_scale: float) -> _Bins:
     """Group pixels that are neither saturated nor at 0 by their mean.
 
-    Groups whose noise reaches 0 are omitted: of their pixels, those that are never at 0 are a selection.
+    Where noise reaches 0, pixels that are never at 0 are a selection: all near 0 are omitted.
     """
-    good = (moments.highest < full_scale) & (moments.lowest > 0)
+    good, cut = (moments.highest < full_scale) & (moments.lowest > 0), moments.lowest <= 0
+    if cut.any():
+        # Noise about 0 that is cut off has half of its mean square.
+        noise = np.sqrt(2 * np.median(moments.mean[cut] ** 2 + moments.variance[cut]))
+        good &= moments.mean > _CLEAR_OF_ZERO * noise
     mean, variance = moments.mean[good], moments.variance[good]
     order = np.argsort(mean, kind="stable")
     groups = [group for group in np.array_split(order, _BINS) if len(group) >= _LEAST_BIN]
     rows = [
         (mean[group].mean(), variance[group].mean(), variance[group].std() / np.sqrt(len(group))) for group in groups
     ]
-    found = np.reshape(rows, (-1, 3))
-    found = found[found[:, 0] > _CLEAR_OF_ZERO * np.sqrt(found[:, 1])]
-    return _Bins(*found.T)
+    return _Bins(*(np.array([row[n] for row in rows]) for n in range(3)))
 
 
 def _from_static(dark: FrameMoments, static: FrameMoments, full_scale: float, notes: list[str]) -> tuple[float, float]:
