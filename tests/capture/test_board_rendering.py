@@ -80,7 +80,6 @@ RIG = Camera(
 )
 
 
-@nightly
 def undistorted(distortion: Distortion, points: Array) -> Array:
     """Invert the distortion by iterating its formula."""
     found = points.copy()
@@ -99,6 +98,7 @@ def undistorted(distortion: Distortion, points: Array) -> Array:
     return found
 
 
+@nightly
 def test_tilted_boards_behind_a_lens_agree_with_brute_force() -> None:
     board = draw_board(BoardPrint(kind="checkerboard", squares=(6, 5), square_mm=7))
     rotation = Rotation.from_rotvec([0.5, -0.35, 0.2])
