@@ -61,17 +61,20 @@ if TYPE_CHECKING:
     )
     from scenetruth.capture.simulated_capture import simulate_capture
     from scenetruth.capture.simulated_rig import BoardPose, CaptureSimulation
+    from scenetruth.capture.twin import Comparison, RegionError, Twin, TwinPrediction, TwinRun, make_twin, run_twin
 
 __all__ = [
     "CAPTURE_FILE", "BoardArtwork", "BoardKind", "BoardLight", "BoardPose", "BoardPrint", "BoardRenderer", "Capture",
-    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureSimulation", "FilePattern",
+    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureSimulation", "Comparison", "FilePattern",
     "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "InkRenderer", "Linearity",
-    "PixelFormat", "PlacedBoard", "RigCalibration", "SensorNoise", "average_frames", "calibrate", "capture_text",
+    "PixelFormat", "PlacedBoard", "RegionError", "RigCalibration", "SensorNoise",
+    "Twin", "TwinPrediction", "TwinRun", "average_frames", "calibrate", "capture_text",
     "check_capture", "compare_exposures", "correct_images", "default_board", "draw_board", "draw_dots",
     "expected_indices", "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names",
-    "load_capture", "measure_linearity", "measure_noise", "nearest_patterns", "open_board_renderer", "open_capture",
+    "load_capture", "make_twin", "measure_linearity", "measure_noise", "nearest_patterns",
+    "open_board_renderer", "open_capture",
     "project_points", "read_board_print", "read_header", "read_images", "read_pattern", "read_pixels",
-    "simulate_capture", "undistort_images", "write_capture_file",
+    "run_twin", "simulate_capture", "undistort_images", "write_capture_file",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -95,5 +98,6 @@ __getattr__, __dir__ = export_lazily(
         "board_rendering": ("BoardLight BoardRenderer InkRenderer PlacedBoard open_board_renderer project_points"),
         "simulated_capture": "simulate_capture",
         "simulated_rig": "BoardPose CaptureSimulation",
+        "twin": "Comparison RegionError Twin TwinPrediction TwinRun make_twin run_twin",
     },
 )

@@ -74,6 +74,29 @@ CaptureParameters = Annotated[
     ),
 ]
 
+RunFolder = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Run directory with recording and estimate.", show_default=False)
+]
+
+Calibration = Annotated[
+    Path | None,
+    options.option("--calibration", metavar="FILE", help="Calibration of the rig; an ideal stage if not given."),
+]
+
+Method = Annotated[
+    str | None,
+    options.option("--method", metavar="NAME", help="Method whose estimate is used, if the run has several."),
+]
+
+SurfaceMesh = Annotated[
+    Path | None,
+    options.option(
+        "--mesh", metavar="FILE", help="Mesh of the surface in mm, in the frame of the recording, instead of the depth."
+    ),
+]
+
+SceneOnly = Annotated[bool, options.flag("--scene-only", help="Scene of the twin only, without simulation.")]
+
 app = typer.Typer(name="capture", help="Read, check and simulate real images.", no_args_is_help=True)
 
 
@@ -83,6 +106,7 @@ def register(parent: typer.Typer) -> None:
     options.add_command(app, check)
     options.add_command(app, import_, "import")
     options.add_command(app, simulate)
+    options.add_command(app, twin)
     parent.add_typer(app)
 
 
@@ -196,3 +220,51 @@ def simulate(
         )
     print_wrote([folder / "capture.yaml", folder / "truth" / "parameters.yaml"])
     print_message("The folder truth contains the true parameters, points and maps; no other file depends on it.")
+
+
+def twin(
+    capture: CapturePath,
+    run: RunFolder,
+    output: options.Output,
+    *,
+    calibration: Calibration = None,
+    method: Method = None,
+    mesh: SurfaceMesh = None,
+    scene_only: SceneOnly = False,
+    overwrite: options.Overwrite = False,
+    as_json: options.Json = False,
+) -> None:
+    """Predict the errors of a measurement by a simulated twin of rig, surface and texture."""
+    from scenetruth.capture import make_twin, run_twin
+    from scenetruth.cli.console import reporting
+    from scenetruth.errors import ArgumentError, Problem
+
+    if overwrite and not scene_only:
+        message = "is for --scene-only; the same command resumes, and another twin needs another directory"
+        raise ArgumentError([Problem("--overwrite", message, True)], source="a twin")
+    if scene_only:
+        with reporting() as reporter:
+            made = make_twin(
+                capture,
+                run,
+                output,
+                calibration=calibration,
+                method=method,
+                mesh=mesh,
+                overwrite=overwrite,
+                progress=reporter,
+            )
+        for note in (f"noise from {made.sensor.origin}", *made.notes):
+            echo(f"note: {note}")
+        print_wrote(made.folder / "scene.yaml", f"{len(made.motions)} surfaces")
+        return
+    with reporting() as reporter:
+        found = run_twin(
+            capture, run, output, calibration=calibration, method=method, mesh=mesh, progress=reporter
+        )  # fmt: skip
+    if as_json:
+        typer.echo(json.dumps(found.prediction.to_dict(), indent=2))
+    else:
+        for line in found.prediction.summary().splitlines():
+            echo(line)
+    print_wrote([found.scene, found.folder / "prediction.csv", found.folder / "prediction.png"])

@@ -1,0 +1,259 @@
+"""Surfaces of a twin: depth maps cut at discontinuities, smoothed within their uncertainty, and meshed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from scenetruth.camera import Camera
+
+__all__ = ["Canvas", "GridMesh", "SurfacePart", "find_parts", "mesh_part", "smooth_map"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_STEEPEST_DEG = 80.0
+"""Angle between normal and line of sight above which neighbouring pixels belong to different surfaces."""
+_JUMP_STDS = 4.0
+_LEAST_SHARE, _LEAST_PIXELS = 1e-3, 64
+_SCALES_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
+"""Standard deviations of the Gaussian windows of smoothing."""
+_MOST_MEAN_SQUARE = 1.2
+"""Mean square of residuals in standard deviations up to which a smoothed map agrees with the measured one."""
+_RIDGE = 1e-3
+_CLEAR_PX = 6.0
+_WIDEST_SHARE = 1 / 3
+
+
+@dataclass(frozen=True, eq=False)
+class Canvas:
+    """Pixel grid of the reference image, extended by a margin at all borders.
+
+    ``camera``: Camera of the recording. ``margin``: Width of the margin in px.
+    """
+
+    camera: Camera
+    margin: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.camera.height + 2 * self.margin, self.camera.width + 2 * self.margin
+
+    @cached_property
+    def pixels(self) -> Floats:
+        """Pixel coordinates (x, y) in the reference image, shape (h, w, 2)."""
+        y, x = np.indices(self.shape, dtype=np.float64) - self.margin
+        return np.stack([x, y], axis=-1)
+
+    @cached_property
+    def rays(self) -> Floats:
+        """Ray directions with Z = 1, shape (h, w, 3); NaN where the lens distortion is not invertible."""
+        return self.camera.ray_directions(self.pixels)
+
+    def extend(self, values: NDArray[np.floating]) -> Floats:
+        """Return a map of the image on the canvas, NaN in the margin."""
+        return np.pad(np.asarray(values, dtype=np.float64), self.margin, constant_values=np.nan)
+
+    def crop(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Return the part of a map of the canvas inside the image."""
+        inside = slice(self.margin, -self.margin or None)
+        return values[inside, inside]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePart:
+    """One continuous surface on the canvas.
+
+    ``depth_mm``: Smoothed depth, extrapolated over the canvas. ``front``: Pixels where it is the nearest surface.
+    ``mask``: Pixels of its mesh: ``front``, and where it continues behind nearer surfaces. ``measured``: Pixels with a
+    valid depth.
+    """
+
+    name: str
+    depth_mm: Floats
+    front: Mask
+    mask: Mask
+    measured: Mask
+
+
+def find_parts(canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm: float) -> list[SurfacePart]:
+    """Return the surfaces of a depth map of the reference image, the largest first.
+
+    ``depth_mm``, ``depth_std_mm``: Maps of the image; NaN where the depth is invalid.
+    ``reach_mm``: Largest displacement of a camera from the reference, for the surfaces behind others.
+    """
+    depth, std = canvas.extend(depth_mm), canvas.extend(depth_std_mm)
+    known = np.isfinite(depth) & np.isfinite(canvas.rays).all(axis=-1)
+    std = _usable_std(std, known)
+    labels = _label(depth, std, known, canvas.camera.focal_px)
+    count = int(labels.max())
+    if count == 0:
+        return []
+    distance, (rows, columns) = ndimage.distance_transform_edt(labels == 0, return_indices=True)
+    owner = np.where((distance <= canvas.margin) & np.isfinite(canvas.rays).all(axis=-1), labels[rows, columns], 0)
+    smooth = {}
+    for number in range(1, count + 1):
+        inside = labels == number
+        found = smooth_map(np.where(inside, depth, np.nan), std)
+        smooth[number] = np.clip(found, 0.5 * depth[inside].min(), 2.0 * depth[inside].max())
+    front = np.full(canvas.shape, np.nan)
+    for number, each in smooth.items():
+        front[owner == number] = each[owner == number]
+    nearest = float(np.nanmin(front))
+    parts = []
+    for number, each in smooth.items():
+        own, inside = owner == number, labels == number
+        parallax = canvas.camera.focal_px * reach_mm * abs(1 / nearest - 1 / float(np.median(depth[inside])))
+        reach_px = min(parallax + _CLEAR_PX, _WIDEST_SHARE * canvas.shape[1])
+        near = ndimage.distance_transform_edt(~own) <= reach_px
+        step = np.tan(np.deg2rad(_STEEPEST_DEG)) * each / canvas.camera.focal_px
+        behind = near & ~own & (owner > 0) & (each > front + step)
+        parts.append(SurfacePart(f"surface_{number}", each, own, own | behind, inside))
+    return parts
+
+
+def _usable_std(std: Floats, known: Mask) -> Floats:
+    """Return standard deviations without zeros and gaps; their median where they are missing."""
+    valid = known & np.isfinite(std) & (std > 0)
+    typical = float(np.median(std[valid])) if valid.any() else 1.0
+    return np.where(valid, np.maximum(std, 0.3 * typical), typical)
+
+
+def _label(depth: Floats, std: Floats, known: Mask, focal_px: float) -> NDArray[np.int64]:
+    """Return numbers of continuous surfaces from 1, by size; 0 where there is none."""
+    index = np.arange(depth.size).reshape(depth.shape)
+    steep, ends = np.tan(np.deg2rad(_STEEPEST_DEG)) / focal_px, []
+    for axis in (0, 1):
+        one, other = _neighbours(axis)
+        limit = steep * np.fmin(depth[one], depth[other]) + _JUMP_STDS * np.hypot(std[one], std[other])
+        with np.errstate(invalid="ignore"):
+            joined = known[one] & known[other] & (np.abs(depth[one] - depth[other]) <= limit)
+        ends.append((index[one][joined], index[other][joined]))
+    first, second = (np.concatenate(each) for each in zip(*ends, strict=True))
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(depth.size, depth.size))
+    _, numbers = connected_components(graph, directed=False)
+    numbers = np.where(known, numbers.reshape(depth.shape), -1)
+    values, sizes = np.unique(numbers[known], return_counts=True)
+    least = max(_LEAST_PIXELS, _LEAST_SHARE * depth.size)
+    labels = np.zeros(depth.shape, dtype=np.int64)
+    for place, which in enumerate(np.argsort(-sizes, kind="stable")):
+        if sizes[which] >= least:
+            labels[numbers == values[which]] = place + 1
+    return labels
+
+
+def _neighbours(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    first, second = [slice(None)] * 2, [slice(None)] * 2
+    first[axis], second[axis] = slice(None, -1), slice(1, None)
+    return tuple(first), tuple(second)
+
+
+def smooth_map(values: Floats, std: Floats, scales_px: Sequence[float] = _SCALES_PX) -> Floats:
+    """Return a map smoothed by local planes, as far as its residuals agree with their standard deviations.
+
+    The window of every pixel is the largest whose residuals, and those of all smaller windows, have a local mean square
+    below 1.2 standard deviations squared. Outside the measured pixels, planes are extrapolated.
+
+    ``values``: NaN where there is no value. ``std``: Standard deviations, positive.
+    """
+    inside = np.isfinite(values)
+    filled, weight = np.where(inside, values, 0.0), np.where(inside, 1 / std**2, 0.0)
+    weight /= weight.max(initial=1e-300)
+    fits = [_local_planes(filled, weight, scale) for scale in scales_px]
+    for number in range(len(fits) - 2, -1, -1):
+        fits[number] = np.where(np.isfinite(fits[number]), fits[number], fits[number + 1])
+    level, agrees = np.zeros(values.shape), inside.copy()
+    for number, (fit, scale) in enumerate(zip(fits, scales_px, strict=True)):
+        square = np.where(inside, ((filled - np.where(inside, fit, 0.0)) / std) ** 2, 0.0)
+        agrees &= _local_mean(square, inside, 2 * scale) <= _MOST_MEAN_SQUARE
+        level[agrees] = number
+    level = _local_mean(np.where(inside, level, 0.0), inside, scales_px[1])
+    distance, (rows, columns) = ndimage.distance_transform_edt(~inside, return_indices=True)
+    # Extrapolation by planes of a window that is as wide as the distance.
+    needed = np.log2(np.maximum(distance, scales_px[0]) / scales_px[0])
+    level = np.clip(np.where(inside, level, np.maximum(level[rows, columns], needed)), 0, len(fits) - 1)
+    lower = np.minimum(level.astype(np.int64), len(fits) - 2) if len(fits) > 1 else np.zeros(level.shape, np.int64)
+    stack, share = np.stack(fits), level - lower
+    pick = np.take_along_axis(stack, lower[None], axis=0)[0]
+    above = np.take_along_axis(stack, np.minimum(lower + 1, len(fits) - 1)[None], axis=0)[0]
+    found = (1 - share) * pick + share * above
+    return np.asarray(np.where(np.isfinite(found), found, values[rows, columns]))
+
+
+def _local_mean(values: Floats, inside: Mask, sigma: float) -> Floats:
+    """Return the mean over the valid pixels of a Gaussian window."""
+    weight = ndimage.gaussian_filter(inside.astype(np.float64), sigma, mode="constant")
+    total = ndimage.gaussian_filter(values, sigma, mode="constant")
+    return np.asarray(total / np.maximum(weight, 1e-12))
+
+
+def _local_planes(values: Floats, weight: Floats, sigma: float) -> Floats:
+    """Return the value at every pixel of the plane fitted in a Gaussian window; NaN without weight."""
+    y, x = np.indices(values.shape, dtype=np.float64)
+    y, x = y - y.mean(), x - x.mean()
+    total, m_x, m_y, m_xx, m_xy, m_yy, m_v, m_xv, m_yv = (
+        ndimage.gaussian_filter(weight * each, sigma, mode="constant")
+        for each in (np.ones_like(x), x, y, x * x, x * y, y * y, values, x * values, y * values)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        m_x, m_y, m_v = m_x / total, m_y / total, m_v / total
+        c_xx = m_xx / total - m_x**2 + _RIDGE * sigma**2
+        c_yy = m_yy / total - m_y**2 + _RIDGE * sigma**2
+        c_xy, c_xv, c_yv = m_xy / total - m_x * m_y, m_xv / total - m_x * m_v, m_yv / total - m_y * m_v
+        determinant = c_xx * c_yy - c_xy**2
+        slope_x = (c_yy * c_xv - c_xy * c_yv) / determinant
+        slope_y = (c_xx * c_yv - c_xy * c_xv) / determinant
+        found = m_v + slope_x * (x - m_x) + slope_y * (y - m_y)
+    return np.where(total > 1e-9, found, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class GridMesh:
+    """Triangles through pixels of the canvas.
+
+    ``places``: Row and column on the canvas of every vertex, shape (n, 2). ``faces``: Shape (m, 3).
+    """
+
+    places: NDArray[np.int64]
+    faces: NDArray[np.int64]
+
+    def at_vertices(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Return the values of a map of the canvas at the vertices."""
+        return values[self.places[:, 0], self.places[:, 1]]
+
+
+def mesh_part(part: SurfacePart, step_px: int) -> GridMesh | None:
+    """Return triangles over the pixels of a surface, with vertices every ``step_px`` pixels; None if it is too narrow.
+
+    The shorter diagonal of every square, in depth, is the edge of its two triangles. Edges face the camera.
+    """
+    height, width = part.mask.shape
+    rows, columns = (_lattice(size, step_px) for size in (height, width))
+    here = part.mask[np.ix_(rows, columns)]
+    square = here[:-1, :-1] & here[1:, :-1] & here[:-1, 1:] & here[1:, 1:]
+    if not square.any():
+        return None
+    number = np.arange(here.size).reshape(here.shape)
+    a, b, c, d = (corner[square] for corner in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]))
+    depth = part.depth_mm[np.ix_(rows, columns)].ravel()
+    first = np.abs(depth[a] - depth[c]) <= np.abs(depth[b] - depth[d])
+    upper = np.where(first[:, None], np.column_stack([a, c, b]), np.column_stack([a, d, b]))
+    lower = np.where(first[:, None], np.column_stack([a, d, c]), np.column_stack([b, d, c]))
+    faces = np.concatenate([upper, lower])
+    used, compact = np.unique(faces, return_inverse=True)
+    places = np.column_stack([rows[used // len(columns)], columns[used % len(columns)]])
+    return GridMesh(places, compact.reshape(faces.shape))
+
+
+def _lattice(size: int, step: int) -> NDArray[np.int64]:
+    """Return the indices 0, step, ... up to the last pixel, which is one of them."""
+    found = np.arange(0, size, step)
+    return found if found[-1] == size - 1 else np.append(found, size - 1)

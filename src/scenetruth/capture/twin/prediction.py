@@ -1,0 +1,387 @@
+"""Errors that a twin predicts for a measurement, by region, with the values that both show without a truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.errors import Problem
+from scenetruth.number_format import format_number, format_percent_value
+from scenetruth.output import write_atomically
+from scenetruth.results import QuantityValue, Result, refuse_unknown
+from scenetruth.schema import STATUS_VALID
+from scenetruth.scoring import QUANTITIES, Score
+from scenetruth.scoring.regions import further_regions, main_regions, visible_throughout
+from scenetruth.scoring.scorer import local_contrast, reference_images
+from scenetruth.settings import ScoreSettings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Comparison", "RegionError", "TwinPrediction", "draw_prediction", "predict_errors"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_MAIN = ("depth", "velocity_x", "velocity_y", "velocity_z", "growth_rate")
+_LIKE = (0.8, 1.25)
+"""Ratios of capture and twin between which a value is taken to be the same."""
+_ERROR_WINDOW_PX = 6.0
+
+
+@dataclass(frozen=True)
+class RegionError:
+    """Predicted error of one quantity in one region.
+
+    ``region``, ``quantity``, ``unit``: As in a score.
+    ``count``, ``density``: Pixels of the twin with a valid estimate, and their share of the region.
+    ``pixel_std``: Standard deviation of the errors of the twin about their mean.
+    ``bias``: Mean error of the twin.
+    ``common_std``: Stated uncertainty that all pixels have in common, of the measurement: calibration, stage and lens.
+    ``rmse``: Predicted root-mean-square error of the measurement: the root of the sum of squares of the three.
+    ``stated_capture``, ``stated_twin``: Root mean square of the stated standard deviation of a pixel.
+    ``capture_density``: Share of the pixels of the region that the measurement has.
+    """
+
+    region: str
+    quantity: str
+    unit: str
+    count: int
+    density: float
+    pixel_std: float
+    bias: float
+    common_std: float
+    rmse: float
+    stated_capture: float
+    stated_twin: float
+    capture_density: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A value that capture and twin show without a truth."""
+
+    name: str
+    unit: str
+    capture: float
+    twin: float
+
+    @property
+    def ratio(self) -> float:
+        """Value of the capture relative to that of the twin."""
+        return self.capture / self.twin if self.twin else math.nan
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the ratio is between 0.8 and 1.25; None if it is undefined."""
+        return None if not math.isfinite(self.ratio) else _LIKE[0] <= self.ratio <= _LIKE[1]
+
+
+@dataclass(frozen=True, repr=False)
+class TwinPrediction(Result):
+    """Errors to expect from a measurement, from its twin.
+
+    Parameters
+    ----------
+    rows
+        Predicted errors by region and quantity.
+    comparisons
+        Values that the measurement and its twin both show without a truth.
+    notes
+        Differences of the twin from the measurement.
+
+    See Also
+    --------
+    scenetruth.capture.run_twin : Computes it.
+
+    Examples
+    --------
+    >>> from scenetruth.capture import RegionError, TwinPrediction
+    >>> row = RegionError("interior", "depth", "mm", 900, 0.9, 0.03, 0.0, 0.04, 0.05, 0.03, 0.03, 0.9)
+    >>> found = TwinPrediction((row,))
+    >>> found.value("depth").value, found.value("depth", "pixel_std").unit
+    (0.05, 'mm')
+    """
+
+    rows: tuple[RegionError, ...]
+    comparisons: tuple[Comparison, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def value(self, quantity: str, statistic: str = "rmse", *, region: str = "interior") -> QuantityValue:
+        """Return a predicted error.
+
+        Parameters
+        ----------
+        quantity
+            Quantity, such as ``depth`` or ``velocity_z``.
+        statistic
+            ``rmse``, ``pixel_std``, ``bias``, ``common_std``, ``density``, ``stated_capture`` or ``stated_twin``.
+        region
+            Region of the image.
+
+        Returns
+        -------
+        QuantityValue
+            The value with its unit.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such value.
+        """
+        found = {(row.region, row.quantity): row for row in self.rows}
+        statistics = [name for name in RegionError.__dataclass_fields__ if name not in ("region", "quantity", "unit")]
+        refuse_unknown(
+            quantity=(quantity, sorted({row.quantity for row in self.rows})),
+            region=(region, sorted({row.region for row in self.rows})),
+            statistic=(statistic, statistics),
+        )
+        row = found[region, quantity]
+        unit = "1" if statistic in ("density", "capture_density", "count") else row.unit
+        return QuantityValue(getattr(row, statistic), unit, statistic=statistic, region=region, n=row.count)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the predicted errors as a table, one row per region and quantity."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(row) for row in self.rows], columns=list(RegionError.__dataclass_fields__))
+
+    def summary(self) -> str:
+        """Return the main errors, and where capture and twin differ, as text."""
+        lines = [
+            "predicted errors: region, quantity, RMSE = pixel + common + bias (root of the sum of squares), density"
+        ]
+        for row in self.rows:
+            if row.quantity not in _MAIN or not row.count:
+                continue
+            parts = " + ".join(format_number(abs(each)) for each in (row.pixel_std, row.common_std, row.bias))
+            symbol, total = QUANTITIES[row.quantity].symbol, format_number(row.rmse)
+            share = format_percent_value(row.density)
+            lines.append(f"  {row.region:18} {symbol:4} {total:>8} {row.unit} = {parts}, {share} %")
+        if self.comparisons:
+            lines.append("shown by the capture and by its twin:")
+        for each in self.comparisons:
+            differs = "" if each.agrees is not False else f"; ratio {each.ratio:.2f}"
+            values = f"{format_number(each.capture)} and {format_number(each.twin)} {each.unit}".rstrip()
+            lines.append(f"  {each.name}: {values}{differs}")
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+    def __repr__(self) -> str:
+        main = [row for row in self.rows if row.region == "interior" and row.quantity in _MAIN]
+        errors = ", ".join(f"{row.quantity} {row.rmse:.3g} {row.unit}" for row in main)
+        return f"TwinPrediction(RMSE in the interior: {errors})"
+
+    @property
+    def disagreements(self) -> list[Problem]:
+        """Values of the capture that its twin does not show, within 0.8 to 1.25."""
+        return [
+            Problem(each.name, f"is {each.ratio:.2f} times that of the twin: its errors may differ", each.capture)
+            for each in self.comparisons
+            if each.agrees is False
+        ]  # fmt: skip
+
+
+def predict_errors(
+    score: Score,
+    twin: xr.Dataset,
+    truth: xr.Dataset,
+    twin_recording: xr.Dataset,
+    capture: xr.Dataset,
+    comparisons: tuple[Comparison, ...] = (),
+    notes: tuple[str, ...] = (),
+) -> TwinPrediction:
+    """Return the errors to expect from a measurement.
+
+    ``score``: Score of the estimate of the twin. ``twin``, ``truth``, ``twin_recording``: Its data.
+    ``capture``: Estimate of the measurement.
+    """
+    settings = ScoreSettings(**score.metadata.get("score_settings", {}))
+    frames = np.intersect1d(twin["t"].values, capture["t"].values)
+    one, other, exact = (each.sel(t=frames) for each in (twin, capture, truth))
+    masks = main_regions(exact, settings.interior_margin_px)
+    contrast = local_contrast(reference_images(twin_recording, frames), settings.contrast_window_px)
+    masks |= further_regions(
+        exact, masks["interior"], settings, throughout=visible_throughout(exact), contrast=contrast
+    )  # fmt: skip
+    rows = []
+    for region, quantities in score.regions.items():
+        for name, values in quantities.items():
+            if name not in QUANTITIES or values.get("bias") is None or region not in masks:
+                continue
+            rows.append(_row(region, name, values, masks[region], one, other))
+    return TwinPrediction(tuple(rows), comparisons, notes)
+
+
+def _row(region: str, name: str, values: Any, mask: Mask, twin: xr.Dataset, capture: xr.Dataset) -> RegionError:
+    bias, rmse = float(values["bias"]), float(values["rmse"])
+    quantity = QUANTITIES[name]
+    scale = _unit_factor(quantity.variable, quantity.units, twin)
+    common = scale * _rms(_map(capture, f"{quantity.variable}_std_common", quantity.component), mask)
+    pixel = math.sqrt(max(rmse**2 - bias**2, 0.0))
+    total = math.sqrt(rmse**2 + (common**2 if math.isfinite(common) else 0.0))
+    valid = _valid(capture, quantity.needs)
+    share = float((valid & mask).sum() / mask.sum()) if mask.any() else math.nan
+    return RegionError(
+        region,
+        name,
+        quantity.units,
+        int(values.get("count") or 0),
+        float(values.get("density") or 0.0),
+        pixel,
+        bias,
+        common if math.isfinite(common) else 0.0,
+        total,
+        scale * _stated(capture, quantity.variable, quantity.component, mask & valid),
+        scale * _stated(twin, quantity.variable, quantity.component, mask & _valid(twin, quantity.needs)),
+        share,
+    )
+
+
+def _unit_factor(variable: str, units: str, dataset: xr.Dataset) -> float:
+    """Return the factor from the unit of a stored variable to that of its errors."""
+    if units == "%/h" and variable in dataset:
+        return 100 * 3600 / float(dataset.attrs["frame_interval_s"])
+    return 1.0
+
+
+def _map(dataset: xr.Dataset, name: str, component: int | None) -> Floats | None:
+    if not name or name not in dataset:
+        return None
+    values = dataset[name].values.astype(np.float64)
+    if values.ndim == 4 and component is None:
+        return None
+    return np.asarray(values if component is None else values[component])
+
+
+def _rms(values: Floats | None, mask: Mask) -> float:
+    if values is None or values.shape != mask.shape:
+        return math.nan
+    inside = values[mask & np.isfinite(values)]
+    return float(np.sqrt(np.mean(inside**2))) if inside.size else math.nan
+
+
+def _stated(dataset: xr.Dataset, variable: str, component: int | None, mask: Mask) -> float:
+    """Return the root mean square of the stated deviation of a pixel, without the common part."""
+    total = _rms(_map(dataset, f"{variable}_std", component), mask)
+    common = _rms(_map(dataset, f"{variable}_std_common", component), mask)
+    return math.sqrt(max(total**2 - common**2, 0.0)) if math.isfinite(common) else total
+
+
+def _valid(dataset: xr.Dataset, needs: tuple[str, ...]) -> Mask:
+    """Return where a quantity is valid, shape (t, y, x)."""
+    found = np.isfinite(dataset["depth"].values)
+    for need in needs:
+        if f"status_{need}" in dataset:
+            found &= dataset[f"status_{need}"].values == STATUS_VALID
+    return np.asarray(found)
+
+
+def compare_estimates(capture: xr.Dataset, twin: xr.Dataset, scales: tuple[float, float]) -> Iterator[Comparison]:
+    """Yield values that two estimates show without a truth.
+
+    ``scales``: Full scale of both recordings.
+    """
+    both = _valid(capture, ("disparity",)) & _valid(twin, ("disparity",))
+    share = [100 * float(_valid(each, ("disparity",)).mean()) for each in (capture, twin)]
+    yield Comparison("pixels with a valid depth", "%", *share)
+    if "residual" in capture and "residual" in twin:
+        values = [
+            100 * _median(each["residual"].values, both) / scale
+            for each, scale in zip((capture, twin), scales, strict=True)
+        ]  # fmt: skip
+        yield Comparison("residual of the fit, median", "% of full scale", *values)
+    for name, unit in (("depth", "mm"), ("velocity", "mm/frame")):
+        for component, label in (
+            [(None, "depth")] if name == "depth" else [(0, "U_X"), (1, "U_Y"), (2, "U_Z")]
+        ):  # fmt: skip
+            if f"{name}_std" in capture and f"{name}_std" in twin:
+                stated = [_stated(each, name, component, both) for each in (capture, twin)]
+                yield Comparison(f"stated standard deviation of {label}, RMS", unit, *stated)
+    loops = [_closure(each) for each in (capture, twin)]
+    if all(map(math.isfinite, loops)):
+        yield Comparison("depth change less U_Z between frames, robust std", "mm", *loops)
+
+
+def _median(values: NDArray[np.floating], mask: Mask) -> float:
+    inside = values[mask & np.isfinite(values)]
+    return float(np.median(inside)) if inside.size else math.nan
+
+
+def _closure(estimate: xr.Dataset) -> float:
+    """Return the robust deviation of the change of depth along the motion from U_Z, over consecutive frames."""
+    from scipy import ndimage
+
+    frames = estimate["t"].values
+    if "velocity" not in estimate or "flow" not in estimate or len(frames) < 2:
+        return math.nan
+    valid, found = _valid(estimate, ("disparity", "motion")), []
+    for first in range(len(frames) - 1):
+        if frames[first + 1] != frames[first] + 1:
+            continue
+        here, there = (estimate.isel(t=number) for number in (first, first + 1))
+        y, x = np.indices(here["depth"].shape)
+        u, v = here["flow"].values.astype(np.float64)
+        place = np.stack([y + np.nan_to_num(v), x + np.nan_to_num(u)])
+        depth, rate = (
+            ndimage.map_coordinates(np.where(valid[first + 1], each, np.nan), place, order=1, cval=np.nan)
+            for each in (there["depth"].values.astype(np.float64), there["velocity"].values[2].astype(np.float64))
+        )
+        mean_rate = 0.5 * (rate + here["velocity"].values[2])
+        gap = depth - here["depth"].values - mean_rate
+        found.append(gap[valid[first] & np.isfinite(gap)])
+    gaps = np.concatenate(found) if found else np.empty(0)
+    return 1.4826 * float(np.median(np.abs(gaps))) if gaps.size else math.nan
+
+
+def draw_prediction(
+    file: Path, capture: tuple[xr.Dataset, xr.Dataset], twin: tuple[xr.Dataset, xr.Dataset], truth: xr.Dataset
+) -> None:
+    """Write a picture: reference images, depth, stated and predicted error of depth.
+
+    ``capture``, ``twin``: Recording and estimate.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from scipy import ndimage
+
+    images = [reference_images(recording, np.array([0]))[0] for recording, _ in (capture, twin)]
+    depths = [each["depth"].sel(t=0).values.astype(np.float64) for _, each in (capture, twin)]
+    error = depths[1] - truth["depth"].sel(t=0).values
+    known = np.isfinite(error) & _valid(twin[1].sel(t=[0]), ("disparity",))[0]
+    weight = ndimage.gaussian_filter(known.astype(np.float64), _ERROR_WINDOW_PX)
+    square = ndimage.gaussian_filter(np.where(known, error**2, 0.0), _ERROR_WINDOW_PX)
+    predicted = np.where(known, np.sqrt(square / np.maximum(weight, 1e-12)), np.nan)
+    stated = np.full(predicted.shape, np.nan)
+    if "depth_std" in capture[1]:
+        common = capture[1].get("depth_std_common")
+        total = capture[1]["depth_std"].sel(t=0).values.astype(np.float64)
+        apart = 0.0 if common is None else common.sel(t=0).values.astype(np.float64)
+        stated = np.sqrt(np.maximum(total**2 - apart**2, 0.0))
+    finite = [each[np.isfinite(each)] for each in (predicted, stated)]
+    highest = max((float(np.percentile(each, 95)) for each in finite if each.size), default=1.0)
+    near, far = np.nanpercentile(depths[0], (1, 99)) if np.isfinite(depths[0]).any() else (0.0, 1.0)
+    panels = (
+        ("capture: reference image", images[0], "gray", (0.0, max(float(np.nanmax(images[0])), 1e-6)), "full scale"),
+        ("twin: reference image", images[1], "gray", (0.0, max(float(np.nanmax(images[0])), 1e-6)), "full scale"),
+        ("capture: depth", depths[0], "viridis", (near, far), "mm"),
+        ("twin: depth", depths[1], "viridis", (near, far), "mm"),
+        ("capture: stated standard deviation of a pixel", stated, "magma", (0.0, highest), "mm"),
+        ("twin: RMS error of depth (window 6 px)", predicted, "magma", (0.0, highest), "mm"),
+    )
+    ratio = images[0].shape[0] / images[0].shape[1]
+    figure = Figure(figsize=(9.0, 3 * (4.0 * ratio + 0.5)), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    for axis, (title, values, colours, limits, unit) in zip(figure.subplots(3, 2).ravel(), panels, strict=True):
+        drawn = axis.imshow(values, cmap=colours, vmin=limits[0], vmax=limits[1], interpolation="nearest")
+        axis.set_title(title, fontsize=9)
+        axis.set_axis_off()
+        figure.colorbar(drawn, ax=axis, label=unit, shrink=0.85)
+    with write_atomically(file, overwrite=True) as partial:
+        figure.savefig(partial, format="png", metadata={"Software": "scenetruth"})
