@@ -37,6 +37,41 @@ Correct = Annotated[
 Undistort = Annotated[bool, options.flag("--undistort", help="Resampling to images without lens distortion.")]
 
 
+StartFocalLengthPx = Annotated[
+    float | None,
+    options.option("--focal-length-px", metavar="PX", help="Start value of the focal length in px."),
+]
+
+ImportedFile = Annotated[
+    Path | None,
+    options.option(
+        "--import",
+        metavar="FILE",
+        help="Calibration file, or camera file of OpenCV, Kalibr, COLMAP, MATLAB, MatchID or DICe: the start values; "
+        "without board images, the camera.",
+    ),
+]
+
+StatedStd = Annotated[
+    list[str] | None,
+    options.repeatable(
+        "--std",
+        "NAME=VALUE",
+        "Standard deviation of an intrinsic parameter of the imported camera (f, c_x, c_y, k1, ...); 0.1 % of f and "
+        "5 px of c_x and c_y if not given.",
+    ),
+]
+
+FreeDistortion = Annotated[
+    str | None,
+    options.option(
+        "--distortion",
+        metavar="NAMES",
+        help="Estimated coefficients of the distortion, such as k1,k2,p1,p2,k3; k1,k2,p1,p2 if not given.",
+    ),
+]
+
+
 class BoardType(StrEnum):
     """Types of calibration boards."""
 
@@ -97,13 +132,14 @@ SurfaceMesh = Annotated[
 
 SceneOnly = Annotated[bool, options.flag("--scene-only", help="Scene of the twin only, without simulation.")]
 
-app = typer.Typer(name="capture", help="Read, check and simulate real images.", no_args_is_help=True)
+app = typer.Typer(name="capture", help="Read, check, calibrate and simulate real images.", no_args_is_help=True)
 
 
 def register(parent: typer.Typer) -> None:
     """Add the commands to the command line."""
     options.add_command(app, init)
     options.add_command(app, check)
+    options.add_command(app, calibrate)
     options.add_command(app, import_, "import")
     options.add_command(app, simulate)
     options.add_command(app, twin)
@@ -147,6 +183,47 @@ def check(capture: CapturePath, *, as_json: options.Json = False) -> None:
         echo(f"{report.image_count:,} images{missing}; " + (f"{count} mistakes" if count else "no mistakes"))
     if not report.usable:
         raise typer.Exit(_EXIT_MISTAKES)
+
+
+def calibrate(
+    capture: CapturePath,
+    output: options.Output,
+    *,
+    focal_length_px: StartFocalLengthPx = None,
+    import_file: ImportedFile = None,
+    std: StatedStd = None,
+    distortion: FreeDistortion = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Calibrate camera and stage from the board images of a capture."""
+    from scenetruth.capture import calibrate_capture
+    from scenetruth.cli.console import reporting
+    from scenetruth.errors import ArgumentError, Problem
+
+    values, problems = options.parse_assignments("--std", std)
+    for name, value in values.items():
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            problems.append(Problem(f"--std {name}", "must be a number", value))
+    if focal_length_px is not None and import_file is not None:
+        problems.append(Problem("--focal-length-px", "is part of the file of --import; specify one of them"))
+    if values and import_file is None:
+        problems.append(Problem("--std", "states the standard deviations of a camera of --import, which is missing"))
+    if problems:
+        raise ArgumentError(problems, source="a calibration")
+    with reporting() as reporter:
+        found = calibrate_capture(
+            capture,
+            output=output,
+            overwrite=overwrite,
+            guess=import_file if focal_length_px is None else focal_length_px,
+            std=values or None,
+            distortion=None if distortion is None else [name.strip() for name in distortion.split(",") if name.strip()],
+            progress=reporter,
+        )
+    for line in found.summary().splitlines():
+        echo(line)
+    print_wrote(Path(output) / "calibration.yaml")
+    print_message(f"next: scenetruth capture import {capture} --calibration {Path(output) / 'calibration.yaml'} -o RUN")
 
 
 def import_(

@@ -43,7 +43,13 @@ if TYPE_CHECKING:
         common_error,
         triangulate,
     )
-    from scenetruth.capture.calibration.rig_calibration import BoardImage, calibrate, observe_boards
+    from scenetruth.capture.calibration.rig_calibration import (
+        BoardImage,
+        calibrate,
+        describe_fit,
+        fit_rig,
+        observe_boards,
+    )
     from scenetruth.capture.calibration.rig_model import (
         CalibrationError,
         CalibrationTarget,
@@ -63,9 +69,10 @@ __all__ = [
     "CommonError", "Detection", "DotGrid", "HalvesTest", "ModelTest", "Moment", "Observations", "RefinedPoints",
     "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigState", "ScaleTest",
     "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
-    "check_scale", "common_error", "compare_halves", "detect_board", "diagnose", "disc_bias", "estimate_noise",
-    "export_calibration", "identify_combinations", "import_calibration", "import_camera", "inconsistent_images",
-    "observe_boards", "project", "refine_points", "rotation_matrix", "start_state", "step_problems", "triangulate",
+    "check_scale", "common_error", "compare_halves", "describe_fit", "detect_board", "diagnose", "disc_bias",
+    "estimate_noise", "export_calibration", "fit_rig", "identify_combinations", "import_calibration", "import_camera",
+    "inconsistent_images", "observe_boards", "project", "refine_points", "rotation_matrix", "start_state",
+    "step_problems", "triangulate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -82,7 +89,7 @@ __getattr__, __dir__ = export_lazily(
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
         "measurement_covariance": "CommonError Moment RigGeometry common_error triangulate",
-        "rig_calibration": "BoardImage calibrate observe_boards",
+        "rig_calibration": "BoardImage calibrate describe_fit fit_rig observe_boards",
         "rig_model": (
             "CalibrationError CalibrationTarget Observations RigGuess RigLayout RigPriors RigState TargetView project "
             "rotation_matrix"

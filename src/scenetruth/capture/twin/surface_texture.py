@@ -327,4 +327,4 @@ def _sharpen(values: Floats) -> Floats:
         spectrum *= gain[:, None] if axis == 0 else gain
     larger = np.zeros(tuple(_UPSAMPLING * size for size in values.shape))
     larger[: values.shape[0], : values.shape[1]] = spectrum * _UPSAMPLING
-    return np.clip(fft.idctn(larger, type=2, norm="ortho"), 0.0, 1.0)
+    return np.asarray(np.clip(fft.idctn(larger, type=2, norm="ortho"), 0.0, 1.0))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Camera
 from scenetruth.capture.calibration import RigCalibration
-from scenetruth.capture.capture_check import _noise as sensor_noise
+from scenetruth.capture.capture_check import sensor_noise
 from scenetruth.capture.capture_file import Capture
 from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.radiometry import SensorNoise
