@@ -7,17 +7,44 @@ from typing import TYPE_CHECKING
 from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from scenetruth.capture.twin.prediction import Comparison, RegionError, TwinPrediction
+    from scenetruth.capture.twin.measured_motion import MeasuredMotion, fit_motion
+    from scenetruth.capture.twin.measured_surface import (
+        Canvas,
+        GridMesh,
+        SurfacePart,
+        find_parts,
+        mesh_part,
+        smooth_map,
+    )
+    from scenetruth.capture.twin.prediction import Comparison, RegionError, TwinPrediction, predict_errors
+    from scenetruth.capture.twin.surface_texture import (
+        ImageMean,
+        ImageSet,
+        NoiseLine,
+        average_images,
+        fit_noise_line,
+        make_texture,
+    )
+    from scenetruth.capture.twin.twin_rig import SensorModel, TwinRig, describe_sensor, make_rig, rig_problems
     from scenetruth.capture.twin.twin_run import TwinRun, run_twin
-    from scenetruth.capture.twin.twin_scene import Twin, make_twin
+    from scenetruth.capture.twin.twin_scene import Twin, make_twin, open_run
 
-__all__ = ["Comparison", "RegionError", "Twin", "TwinPrediction", "TwinRun", "make_twin", "run_twin"]
+__all__ = [
+    "Canvas", "Comparison", "GridMesh", "ImageMean", "ImageSet", "MeasuredMotion", "NoiseLine", "RegionError",
+    "SensorModel", "SurfacePart", "Twin", "TwinPrediction", "TwinRig", "TwinRun", "average_images", "describe_sensor",
+    "find_parts", "fit_motion", "fit_noise_line", "make_rig", "make_texture", "make_twin", "mesh_part", "open_run",
+    "predict_errors", "rig_problems", "run_twin", "smooth_map",
+]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
     __name__,
     {
-        "prediction": "Comparison RegionError TwinPrediction",
+        "measured_motion": "MeasuredMotion fit_motion",
+        "measured_surface": "Canvas GridMesh SurfacePart find_parts mesh_part smooth_map",
+        "prediction": "Comparison RegionError TwinPrediction predict_errors",
+        "surface_texture": "ImageMean ImageSet NoiseLine average_images fit_noise_line make_texture",
+        "twin_rig": "SensorModel TwinRig describe_sensor make_rig rig_problems",
         "twin_run": "TwinRun run_twin",
-        "twin_scene": "Twin make_twin",
+        "twin_scene": "Twin make_twin open_run",
     },
 )

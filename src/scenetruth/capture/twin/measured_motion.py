@@ -19,7 +19,6 @@ MotionType = Literal["static", "translation", "rigid", "affine", "field"]
 _MOST_MEAN_SQUARE = 1.2
 _MOST_EXCESS = 1.1
 _LEAST_PIXELS = 50
-_FIELD_SCALES_PX = (6.0, 12.0, 24.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +97,7 @@ def fit_motion(points_mm: Floats, velocity: Floats | None, std: Floats | None) -
     centre = points.mean(axis=0)
     smooth = np.stack(
         [
-            smooth_map(np.where(valid, each, np.nan), scale, _FIELD_SCALES_PX)
+            smooth_map(np.where(valid, each, np.nan), scale)
             for each, scale in zip(velocity, deviation, strict=True)
         ]
     )

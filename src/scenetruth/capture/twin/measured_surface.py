@@ -25,9 +25,9 @@ _JUMP_STDS = 4.0
 _LEAST_SHARE, _LEAST_PIXELS = 1e-3, 64
 _SCALES_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
 """Standard deviations of the Gaussian windows of smoothing."""
-_MOST_MEAN_SQUARE = 1.2
+_MOST_MEAN_SQUARE = 1.5
 """Mean square of residuals in standard deviations up to which a smoothed map agrees with the measured one."""
-_RIDGE = 1e-3
+_RIDGE = 1e-5
 _CLEAR_PX = 6.0
 _WIDEST_SHARE = 1 / 3
 
@@ -98,7 +98,7 @@ def find_parts(canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm:
     if count == 0:
         return []
     distance, (rows, columns) = ndimage.distance_transform_edt(labels == 0, return_indices=True)
-    owner = np.where((distance <= canvas.margin) & np.isfinite(canvas.rays).all(axis=-1), labels[rows, columns], 0)
+    owner = np.where((distance <= np.sqrt(2) * canvas.margin) & np.isfinite(canvas.rays).all(axis=-1), labels[rows, columns], 0)
     smooth = {}
     for number in range(1, count + 1):
         inside = labels == number
@@ -160,7 +160,7 @@ def smooth_map(values: Floats, std: Floats, scales_px: Sequence[float] = _SCALES
     """Return a map smoothed by local planes, as far as its residuals agree with their standard deviations.
 
     The window of every pixel is the largest whose residuals, and those of all smaller windows, have a local mean square
-    below 1.2 standard deviations squared. Outside the measured pixels, planes are extrapolated.
+    below 1.5 standard deviations squared. Outside the measured pixels, planes are extrapolated.
 
     ``values``: NaN where there is no value. ``std``: Standard deviations, positive.
     """

@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 
 _SPLINE = 5
 _EDGE_PX = 3
-_OUTLIER_STDS = 5.0
+_OUTLIER_STDS, _LEAST_SPREAD = 5.0, 1e-4
 _BINS, _LEAST_BIN = 24, 50
 _BANDS_PX = (0.6, 1.2, 2.4, 4.8)
 _UPSAMPLING = 2
@@ -211,7 +211,7 @@ def _mean(samples: NDArray[np.float32], reference: Floats, part: SurfacePart) ->
         deviation = np.abs(samples - middle)
         spread = 1.4826 * _at_rank(np.sort(deviation, axis=0), (count - 1) // 2)
         typical = float(np.median(spread[count >= _LEAST_IMAGES])) if (count >= _LEAST_IMAGES).any() else 0.0
-        shown &= (deviation <= _OUTLIER_STDS * np.maximum(spread, typical)) | (count < _LEAST_IMAGES)
+        shown &= (deviation <= _OUTLIER_STDS * np.maximum(spread, max(typical, _LEAST_SPREAD))) | (count < _LEAST_IMAGES)
     kept = np.where(shown, samples, 0).astype(np.float64)
     counts = np.stack([shown[half::2].sum(axis=0) for half in (0, 1)]).astype(np.float64)
     sums = np.stack([kept[half::2].sum(axis=0) for half in (0, 1)])
@@ -304,7 +304,7 @@ def _reduce_noise(values: Floats, noise: Floats, known: Mask) -> Floats:
     for sigma in _BANDS_PX:
         smooth, smooth_noise = (ndimage.gaussian_filter(each, sigma, mode="mirror") for each in (low, low_noise))
         band, band_noise = low - smooth, low_noise - smooth_noise
-        window = max(4 * sigma, 3.0)
+        window = max(8 * sigma, 8.0)
         power = ndimage.gaussian_filter(np.where(known, band**2, 0.0), window, mode="constant")
         power_noise = ndimage.gaussian_filter(np.where(known, band_noise**2, 0.0), window, mode="constant")
         share = 1 - power_noise / np.maximum(power, 1e-300)
