@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+import yaml
 
 from scenetruth.capture import Capture, import_capture, load_capture, simulate_capture
 from scenetruth.errors import SceneWarning
@@ -66,7 +67,10 @@ def measure_scene(folder: Path, scene: dict[str, Any], **settings: Any) -> Measu
         # Plates of a small image have few pixels far from their edges.
         warnings.simplefilter("ignore", SceneWarning)
         made = simulate_capture(scene, folder / "capture", **{"poses": 0, "dark": 6, "flat": 6, "static": 4, **settings})
-        capture = load_capture(made, overrides=[f"camera.focal_length_px={FOCAL_PX}"])
+        plain = yaml.safe_load((made / "capture.yaml").read_text())
+        plain["camera"]["focal_length_px"] = FOCAL_PX
+        (made / "capture.yaml").write_text(yaml.safe_dump(plain))
+        capture = load_capture(made)
         recording = import_capture(capture, output=folder / "run")
         save_store(estimate(recording.load(), "refined"), folder / "run" / "estimate.refined.zarr")
     return MeasuredCapture(capture, folder / "run", made / "truth" / "truth.zarr")

@@ -14,6 +14,7 @@ from scipy import fft, ndimage
 from scenetruth.camera import Camera, Distortion
 from scenetruth.capture.twin.measured_motion import MeasuredMotion
 from scenetruth.capture.twin.measured_surface import Canvas, SurfacePart
+from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.schema import read_intrinsics
 
 __all__ = ["ImageMean", "ImageSet", "NoiseLine", "average_images", "fit_noise_line", "make_texture"]
@@ -74,6 +75,12 @@ class ImageSet:
                     x_mm = float(self.recording["stage_x_mm"].sel(s=s))
                     y_mm = 0.0 if row is None else float(self.recording["stage_y_mm"].sel(s_y=row))
                     yield values, float(time), np.array([x_mm, y_mm, 0.0])
+
+    @property
+    def noise_transfer(self) -> float:
+        """Variance of the noise of samples between pixels relative to that of the recorded images."""
+        share = self.recording.get("noise_share")
+        return spline_transfer(_SPLINE) ** 2 * (1.0 if share is None else float(share.mean()))
 
     @property
     def full_scale(self) -> float:
@@ -234,6 +241,10 @@ class NoiseLine:
 
     dark: float
     slope: float
+
+    def divided(self, factor: float) -> NoiseLine:
+        """Return the line with all variances divided by a factor."""
+        return NoiseLine(self.dark / factor, self.slope / factor)
 
     def variance(self, values: Floats) -> Floats:
         """Return the variance at values."""

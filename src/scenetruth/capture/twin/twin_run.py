@@ -246,6 +246,9 @@ class _Running:
             files["mask"] = str(Path(self.folder.capture.files.mask).resolve())
         plain = {name: value for name, value in given.items() if name not in ("board", "strip")}
         plain |= {"stage": stage, "frames": frames, "files": files}
+        if "rectified_depth_mm" in self.measured.recording.attrs:
+            # The plane through which the images were rectified.
+            plain["distance_mm"] = float(self.measured.recording.attrs["rectified_depth_mm"])
         if "black_level_dn" in made["camera"]:
             plain["camera"] = {**given["camera"], "black_level_dn": made["camera"]["black_level_dn"]}
         return Capture.from_dict(plain, source=folder, folder=folder)
@@ -253,7 +256,11 @@ class _Running:
     def _import(self, folder: Path) -> xr.Dataset:
         store = self.place / _RUN / store_name(RECORDING, zipped=False)
         if not is_store(store):
-            import_capture(self._capture(folder), output=store.parent, progress=self.progress)
+            given: dict[str, Any] = {}
+            if self.calibration is not None:
+                geometry = self.measured.recording.attrs.get("geometry", "recorded")
+                given = {"calibration": self.calibration, "geometry": geometry}
+            import_capture(self._capture(folder), output=store.parent, progress=self.progress, **given)
         return open_store(store, kind="recording")
 
     def _estimate(self, recording: xr.Dataset) -> xr.Dataset:

@@ -47,6 +47,7 @@ SCENE_FILE = "scene.yaml"
 _MARGIN_PX = 20
 _FINE_PX, _STEP_PX = 400, 2
 _SEED = 20
+_SAME_FOCAL = 1e-6
 _OWN = re.compile(r"scene\.yaml|surface_\d+(\.obj|\.png|_positions\.npy)")
 
 
@@ -239,7 +240,7 @@ def make_twin(
     folder = open_capture(capture)
     rig = RigCalibration.load(calibration) if isinstance(calibration, str | Path) else calibration
     measured = open_run(run, method)
-    problems = rig_problems(folder.capture, rig) + _run_problems(folder.capture, measured)
+    problems = rig_problems(folder.capture, rig) + _run_problems(folder.capture, rig, measured)
     if problems:
         raise CaptureError(problems, source=folder.capture.folder)
     check_output(output, overwrite=overwrite, claim=claim_twin)
@@ -262,7 +263,7 @@ def claim_twin(path: Path) -> OwnershipResult:
     return OwnershipResult(foreign=tuple(entry.name for entry in path.iterdir() if not _OWN.fullmatch(entry.name)))
 
 
-def _run_problems(capture: Capture, run: MeasuredRun) -> list[Problem]:
+def _run_problems(capture: Capture, calibration: RigCalibration | None, run: MeasuredRun) -> list[Problem]:
     """Return why a run is not that of a capture."""
     problems = []
     sizes = run.recording["image"].sizes
@@ -279,10 +280,28 @@ def _run_problems(capture: Capture, run: MeasuredRun) -> list[Problem]:
         if expected != present:
             message = f"does not fit the recording, which has {present} {noun}; import the capture again"
             problems.append(Problem(path, message, expected))
+    problems += _lens_problems(capture, calibration, run)
     if (height, width) != (capture.camera.height, capture.camera.width):
         message = "must be 'mosaic' for a twin, whose camera has all pixels of the sensor"
         problems.append(Problem("camera.plane", message, pixels.plane))
     return problems
+
+
+def _lens_problems(capture: Capture, calibration: RigCalibration | None, run: MeasuredRun) -> list[Problem]:
+    """Return whether a recording was imported with another camera than that of a capture or a calibration."""
+    if calibration is not None:
+        focal, path = calibration.value("f"), "calibration"
+    else:
+        try:
+            focal, path = capture.camera.to_camera().focal_px, "camera.focal_length_px"
+        except ValueError as error:
+            return [Problem("camera.focal_length_px", str(error))]
+    present = float(run.recording.attrs["focal_length_px"])
+    if abs(present / focal - 1) < _SAME_FOCAL:
+        return []
+    message = f"is not that of the recording, which has f = {present:.6g} px; "
+    message += "import the capture again, or give the calibration with which it was imported"
+    return [Problem(path, message, float(f"{focal:.6g}"))]
 
 
 class _Making:
@@ -316,7 +335,9 @@ class _Making:
         self._say(1)
         means = average_images(self.images, self.canvas, parts, motions)
         self._say(2)
-        self.sensor = describe_sensor(self.folder, fit_noise_line(means))
+        seen = fit_noise_line(means)
+        raw = None if seen is None else seen.divided(self.images.noise_transfer)
+        self.sensor = describe_sensor(self.folder, raw)
         objects = []
         for part, motion, mean in zip(parts, motions, means, strict=True):
             entry = self._write_object(place, part, motion, mean, self.sensor.noise, mesh)
