@@ -60,7 +60,7 @@ def draw_scene(seed: int) -> dict[str, Any]:
         {"axis": [1, 0, 0], "angle_deg": float(draw.uniform(-15, 15))},
     ]
     scene_type = ("plane", "plates", "box", "relief")[seed % 4]
-    wall = {
+    wall: dict[str, Any] = {
         "name": "wall",
         "mesh": {"kind": "plane", "size_mm": (2.2 * field).tolist()},
         "pose": {"position_mm": [0, 0, distance], "rotations": tilt},
@@ -85,7 +85,7 @@ def draw_scene(seed: int) -> dict[str, Any]:
         wall["mesh"] = {"kind": "box", "size_mm": [edge] * 3}
         wall["pose"] = {"position_mm": [0, 0, distance + 0.6 * edge], "rotations": turn}
     if scene_type == "relief":
-        wave = {"amplitude_mm": 3.0, "wavelength_mm": [0.6 * float(field[0])] * 2, "resolution_mm": 1.0}
+        wave: dict[str, Any] = {"amplitude_mm": 3.0, "wavelength_mm": [0.6 * float(field[0])] * 2, "resolution_mm": 1.0}
         wall["mesh"] = {"kind": "relief", "size_mm": (2.2 * field).tolist(), **wave}
     sensor: dict[str, Any] = {"kind": "emva1288", "preset": "industrial_cmos"}
     sensor["photon_rate_per_s"] = 1.3e6 * float(draw.uniform(0.25, 1.0))
@@ -123,8 +123,8 @@ def measure(folder: Path, scene: dict[str, Any], *, calibrated: bool = True) -> 
     loaded = Scene.from_dict(scene)
     capture = folder / "capture"
     if not (folder / "truth").exists():
-        made = {"board": board_of(loaded), "poses": 8, "dark": 8, "flat": 8, "static": 6, "warp_mm": 0.005}
-        simulate_capture(scene, capture, **made)
+        given: dict[str, Any] = {"board": board_of(loaded), "dark": 8, "flat": 8, "static": 6}
+        simulate_capture(scene, capture, poses=8, warp_mm=0.005, **given)
         shutil.copytree(capture / "truth", folder / "truth.partial", dirs_exist_ok=True)
         shutil.rmtree(capture / "truth")
         (folder / "truth.partial").rename(folder / "truth")
@@ -140,7 +140,8 @@ def measure(folder: Path, scene: dict[str, Any], *, calibrated: bool = True) -> 
         calibration = RigCalibration.load(file)
     run = folder / "run"
     if not (run / "recording.zarr").exists():
-        import_capture(capture, output=run, **({"calibration": calibration} if calibrated else {}))
+        lens: dict[str, Any] = {"calibration": calibration} if calibrated else {}
+        import_capture(capture, output=run, **lens)
     if not (run / "estimate.refined.zarr").exists():
         recording = open_store(run / "recording.zarr").load()
         save_store(estimate(recording, "refined"), run / "estimate.refined.zarr")
@@ -170,8 +171,8 @@ def truth_of_recording(folder: Path, recording: xr.Dataset, axes: np.ndarray) ->
         "principal_point_px": [float(value) for value in recording.attrs["principal_point_px"]],
     }
     if "distortion" in recording.attrs:
-        names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-        plain["camera"]["distortion"] = dict(zip(names, map(float, recording.attrs["distortion"]), strict=False))
+        lens = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+        plain["camera"]["distortion"] = dict(zip(lens, map(float, recording.attrs["distortion"]), strict=False))
     plain["optics"] = {}
     return make_truth(Scene.from_dict(plain, folder=folder / "truth"))
 
@@ -223,7 +224,8 @@ def main() -> None:
     parser.add_argument("--uncalibrated", action="store_true", help="intrinsics are given, positions nominal")
     given = parser.parse_args()
     rows = []
-    print(f"{'rig':>4} {'scene':7} {'pixel Z':>8} {'pixel U_Z':>9} {'total Z':>8} {'total U_Z':>9} {'bias/common Z':>13}")
+    heads = f"{'pixel Z':>8} {'pixel U_Z':>9} {'total Z':>8} {'total U_Z':>9} {'bias/common Z':>13}"
+    print(f"{'rig':>4} {'scene':7} {heads}")
     for seed in range(given.first, given.first + given.rigs):
         file = given.output / f"rig_{seed:03d}.json"
         if not file.exists():

@@ -66,7 +66,8 @@ def measure_scene(folder: Path, scene: dict[str, Any], **settings: Any) -> Measu
     with warnings.catch_warnings():
         # Plates of a small image have few pixels far from their edges.
         warnings.simplefilter("ignore", SceneWarning)
-        made = simulate_capture(scene, folder / "capture", **{"poses": 0, "dark": 6, "flat": 6, "static": 4, **settings})
+        given = {"poses": 0, "dark": 6, "flat": 6, "static": 4, **settings}
+        made = simulate_capture(scene, folder / "capture", **given)
         plain = yaml.safe_load((made / "capture.yaml").read_text())
         plain["camera"]["focal_length_px"] = FOCAL_PX
         (made / "capture.yaml").write_text(yaml.safe_dump(plain))
@@ -92,6 +93,4 @@ def shifted_recording(
         images.append(texture[:, first : first + width])
     values = np.stack(images)[:, None] + noise * draw.standard_normal((count, 1, texture.shape[0], width))
     # f V / Z = shift.
-    return make_recording(
-        values.astype(np.float32), focal_length_px=1000.0, baseline_mm=0.5 * shift_px, full_scale=1.0
-    )
+    return make_recording(values.astype(np.float32), focal_length_px=1000.0, baseline_mm=0.5 * shift_px, full_scale=1.0)

@@ -45,6 +45,13 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "measure_linearity",
             "Linearity",
             "compare_exposures",
+            "run_twin",
+            "make_twin",
+            "TwinRun",
+            "TwinPrediction",
+            "Twin",
+            "RegionError",
+            "Comparison",
         ),
     },
     "calibration": {

@@ -38,8 +38,8 @@ def test_the_predicted_errors_are_those_of_the_measurement(measured: MeasuredCap
     # Errors are correlated over a window of 6 px: 12,288 / (4 π 36) = 27 independent values in both, so that the
     # ratio of two standard deviations scatters by 19 %.
     for quantity in ("depth", "velocity_z"):
-        values = obtained.regions["interior"][quantity]
-        spread = np.sqrt(values["rmse"] ** 2 - values["bias"] ** 2)
+        rmse, bias = (obtained.value(quantity, statistic).value for statistic in ("rmse", "bias"))
+        spread = np.sqrt(rmse**2 - bias**2)
         assert 0.5 < predicted.prediction.value(quantity, "pixel_std").value / spread < 2.0
 
 

@@ -115,9 +115,9 @@ def test_all_problems_are_reported_together(measured: MeasuredCapture, tmp_path:
         make_twin(other, measured.run, tmp_path / "twin")
     # Images of another size are found first, by their headers.
     assert caught.value.problems
-    with pytest.raises(st.CaptureError, match="has no recording(.|\n)*has no estimate"):
+    with pytest.raises(st.CaptureError, match=r"has no recording(.|\n)*has no estimate"):
         open_run(tmp_path)
-    with pytest.raises(st.CaptureError, match="has no estimate in .*; it has refined"):
+    with pytest.raises(st.CaptureError, match=r"has no estimate in .*; it has refined"):
         make_twin(measured.capture, measured.run, tmp_path / "twin", method="structure_tensor")
     assert not (tmp_path / "twin").exists()
 

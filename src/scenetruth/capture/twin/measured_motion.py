@@ -96,10 +96,7 @@ def fit_motion(points_mm: Floats, velocity: Floats | None, std: Floats | None) -
     points, rates, weight = points_mm[valid], velocity[:, valid].T, 1 / deviation[:, valid].T
     centre = points.mean(axis=0)
     smooth = np.stack(
-        [
-            smooth_map(np.where(valid, each, np.nan), scale)
-            for each, scale in zip(velocity, deviation, strict=True)
-        ]
+        [smooth_map(np.where(valid, each, np.nan), scale) for each, scale in zip(velocity, deviation, strict=True)]
     )
     least = float(np.mean(((rates - smooth[:, valid].T) * weight) ** 2))
     limit = max(_MOST_MEAN_SQUARE, _MOST_EXCESS * least)

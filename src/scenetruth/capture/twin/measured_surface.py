@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _STEEPEST_DEG = 80.0
-"""Angle between normal and line of sight above which neighbouring pixels belong to different surfaces."""
+"""Angle between the normal and the ray above which neighbouring pixels belong to different surfaces."""
 _JUMP_STDS = 4.0
 _LEAST_SHARE, _LEAST_PIXELS = 1e-3, 64
 _SCALES_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
@@ -98,7 +98,8 @@ def find_parts(canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm:
     if count == 0:
         return []
     distance, (rows, columns) = ndimage.distance_transform_edt(labels == 0, return_indices=True)
-    owner = np.where((distance <= np.sqrt(2) * canvas.margin) & np.isfinite(canvas.rays).all(axis=-1), labels[rows, columns], 0)
+    near = (distance <= np.sqrt(2) * canvas.margin) & np.isfinite(canvas.rays).all(axis=-1)
+    owner = np.where(near, labels[rows, columns], 0)
     smooth = {}
     for number in range(1, count + 1):
         inside = labels == number

@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MAIN = ("depth", "velocity_x", "velocity_y", "velocity_z", "growth_rate")
+_EVERYWHERE = ("depth", "velocity_z")
+"""Quantities of the summary in the interior, and in other regions."""
 _LIKE = (0.8, 1.25)
 """Ratios of capture and twin between which a value is taken to be the same."""
 _ERROR_WINDOW_PX = 6.0
@@ -159,7 +161,8 @@ class TwinPrediction(Result):
             "predicted errors: region, quantity, RMSE = pixel + common + bias (root of the sum of squares), density"
         ]
         for row in self.rows:
-            if row.quantity not in _MAIN or not row.count:
+            shown = _MAIN if row.region == "interior" else _EVERYWHERE
+            if row.quantity not in shown or not row.count:
                 continue
             parts = " + ".join(format_number(abs(each)) for each in (row.pixel_std, row.common_std, row.bias))
             symbol, total = QUANTITIES[row.quantity].symbol, format_number(row.rmse)

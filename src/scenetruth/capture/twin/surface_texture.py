@@ -195,7 +195,7 @@ def _hidden(
         step = [ndimage.map_coordinates(shift[..., axis], places, order=1, mode="nearest") for axis in (0, 1)]
         source = inside - np.stack(step, axis=-1)
     places = (source + canvas.margin)[..., ::-1].transpose(2, 0, 1)
-    # A border of one pixel, because edges are known to about one pixel.
+    # A border of one pixel, because edges are located to about one pixel.
     cover = ndimage.binary_dilation(other.part.front)
     covered = ndimage.map_coordinates(cover.astype(np.float32), places, order=1, mode="constant") > 0.5
     depth = ndimage.map_coordinates(other.part.depth_mm, places, order=1, mode="nearest")
@@ -218,7 +218,8 @@ def _mean(samples: NDArray[np.float32], reference: Floats, part: SurfacePart) ->
         deviation = np.abs(samples - middle)
         spread = 1.4826 * _at_rank(np.sort(deviation, axis=0), (count - 1) // 2)
         typical = float(np.median(spread[count >= _LEAST_IMAGES])) if (count >= _LEAST_IMAGES).any() else 0.0
-        shown &= (deviation <= _OUTLIER_STDS * np.maximum(spread, max(typical, _LEAST_SPREAD))) | (count < _LEAST_IMAGES)
+        limit = _OUTLIER_STDS * np.maximum(spread, max(typical, _LEAST_SPREAD))
+        shown &= (deviation <= limit) | (count < _LEAST_IMAGES)
     kept = np.where(shown, samples, 0).astype(np.float64)
     counts = np.stack([shown[half::2].sum(axis=0) for half in (0, 1)]).astype(np.float64)
     sums = np.stack([kept[half::2].sum(axis=0) for half in (0, 1)])
