@@ -57,7 +57,10 @@ __all__ = [
     "fit_points",
     "load_points",
     "match_problems",
+    "output_files",
     "rig_priors",
+    "save_calibration",
+    "start_values",
 ]
 
 Floats = NDArray[np.float64]
@@ -184,7 +187,7 @@ def calibrate_folder(
 ) -> tuple[RigCalibration, RigFit | None]:
     """Return the calibration of an opened folder, and its fit; None without a board."""
     problems = board_problems(folder, has_guess=guess is not None)
-    start = _start(folder, guess, std, problems)
+    start = start_values(folder, guess, std, problems)
     priors = rig_priors(folder, distortion=distortion, problems=problems)
     if problems:
         raise CaptureError(problems, source=folder.capture.folder)
@@ -244,7 +247,7 @@ def board_problems(folder: CaptureFolder, *, has_guess: bool = False) -> list[Pr
     return problems
 
 
-def _start(
+def start_values(
     folder: CaptureFolder, guess: CaptureGuess | None, std: Mapping[str, float] | None, problems: list[Problem]
 ) -> RigGuess | RigCalibration | None:
     """Return start values of the intrinsic parameters; None if there is a problem."""
