@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         Moment,
         RigGeometry,
         common_error,
+        point_modes,
         triangulate,
     )
     from scenetruth.capture.calibration.rig_calibration import BoardImage, calibrate, observe_boards
@@ -65,7 +66,8 @@ __all__ = [
     "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
     "check_scale", "common_error", "compare_halves", "detect_board", "diagnose", "disc_bias", "estimate_noise",
     "export_calibration", "identify_combinations", "import_calibration", "import_camera", "inconsistent_images",
-    "observe_boards", "project", "refine_points", "rotation_matrix", "start_state", "step_problems", "triangulate",
+    "observe_boards", "point_modes", "project", "refine_points", "rotation_matrix", "start_state", "step_problems",
+    "triangulate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -81,7 +83,7 @@ __getattr__, __dir__ = export_lazily(
             "inconsistent_images step_problems check_models check_scale"
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
-        "measurement_covariance": "CommonError Moment RigGeometry common_error triangulate",
+        "measurement_covariance": "CommonError Moment RigGeometry common_error point_modes triangulate",
         "rig_calibration": "BoardImage calibrate observe_boards",
         "rig_model": (
             "CalibrationError CalibrationTarget Observations RigGuess RigLayout RigPriors RigState TargetView project "

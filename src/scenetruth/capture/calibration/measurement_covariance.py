@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Distortion
 from scenetruth.capture.calibration.rig_model import INTRINSICS, RigLayout, rotation_matrix
 
-__all__ = ["CommonError", "Moment", "RigGeometry", "common_error", "triangulate"]
+__all__ = ["CommonError", "Moment", "RigGeometry", "common_error", "point_modes", "triangulate"]
 
 Array = NDArray[np.float64]
 
@@ -237,6 +237,44 @@ def common_error(
         total += np.einsum("pni,pq,qmi->inm", jacobian, covariance[np.ix_(chosen, chosen)], jacobian)
     x, y, z = (CommonError.from_covariance(part) for part in total)
     return x, y, z
+
+
+def point_modes(
+    values: Array, covariance: Array, layout: RigLayout, positions_mm: Array, reference: int, points_mm: Array
+) -> Array:
+    """Return the independent errors of points that a calibration causes, without new visits, shape (m, n, 3).
+
+    Every mode is the displacement of all points by one standard deviation of an independent combination of parameters:
+    the covariance of the points is the sum of the outer products of the modes.
+
+    ``points_mm``: Points in the frame of the reference camera, shape (n, 3).
+    """
+    rig = RigGeometry.from_values(values, layout, positions_mm, reference)
+    seen = rig.project(rig.to_stage(points_mm))
+    steps = np.array([*_INTRINSIC_STEPS, *_STAGE_STEPS, *_MOTION_STEPS * layout.positions])
+    free = [index for index in range(layout.first_visit) if covariance[index, index] > 0]
+    if not free:
+        return np.zeros((0, len(points_mm), 3))
+    slopes = []
+    for index in free:
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = values.copy()
+            moved[index] += sign * steps[index]
+            changed = RigGeometry.from_values(moved, layout, positions_mm, reference)
+            ends.append(triangulate(changed, seen, points_mm[:, 2]))
+        slopes.append((ends[0] - ends[1]) / (2 * steps[index]))
+    jacobian = np.array(slopes)
+    # Parameters have different units: they are scaled before their covariance is decomposed.
+    scale = np.sqrt(np.diag(covariance)[free])
+    powers, vectors = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(scale, scale))
+    root = vectors * np.sqrt(np.maximum(powers, 0.0))
+    modes = np.einsum("pni,p,pm->mni", jacobian, scale, root, optimize=True)
+    flat = modes.reshape(len(modes), -1)
+    # Orthogonal combinations, the largest first.
+    _, sizes, shapes = np.linalg.svd(flat, full_matrices=False)
+    kept = sizes > _LEAST_MODE * sizes.max(initial=0.0)
+    return np.asarray((sizes[kept, None] * shapes[kept]).reshape(-1, len(points_mm), 3))
 
 
 def _visit_motions(values: Array, layout: RigLayout, moment: Moment, count: int) -> Array:
