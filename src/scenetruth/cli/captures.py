@@ -83,6 +83,24 @@ RunCheck = Annotated[
     bool, typer.Option("--check/--no-check", help="End the run if the check of the images finds mistakes.")
 ]
 
+Calibration = Annotated[
+    Path | None,
+    options.option("--calibration", metavar="FILE", help="Calibration of camera and stage."),
+]
+
+
+class ImageGeometry(StrEnum):
+    """Images of a recording with a calibration."""
+
+    rectified = "rectified"
+    recorded = "recorded"
+
+
+Geometry = Annotated[
+    ImageGeometry,
+    typer.Option("--geometry", help="With a calibration: images of an ideal rig, or recorded images with its lens."),
+]
+
 
 class BoardType(StrEnum):
     """Types of calibration boards."""
@@ -232,6 +250,8 @@ def import_(
     *,
     correct: Correct = True,
     undistort: Undistort = False,
+    calibration: Calibration = None,
+    geometry: Geometry = ImageGeometry.rectified,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Read the images of a capture into a run directory, as a recording."""
@@ -241,7 +261,14 @@ def import_(
 
     with reporting() as reporter:
         recording = import_capture(
-            capture, output=output, overwrite=overwrite, correct=correct, undistort=undistort, progress=reporter
+            capture,
+            output=output,
+            overwrite=overwrite,
+            correct=correct,
+            undistort=undistort,
+            calibration=calibration,
+            geometry=geometry.value,
+            progress=reporter,
         )
     sizes = recording["image"].sizes
     count = sizes["s"] * sizes["t"] * sizes.get("s_y", 1)

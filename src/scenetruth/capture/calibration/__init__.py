@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         Moment,
         RigGeometry,
         common_error,
+        point_modes,
         triangulate,
     )
     from scenetruth.capture.calibration.rig_calibration import (
@@ -73,8 +74,8 @@ __all__ = [
     "ScaleTest", "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
     "check_scale", "common_error", "compare_halves", "describe_fit", "detect_board", "diagnose", "disc_bias",
     "estimate_noise", "export_calibration", "fit_rig", "identify_combinations", "import_calibration", "import_camera",
-    "inconsistent_images", "observe_boards", "project", "refine_points", "refit", "rotation_matrix", "start_state",
-    "step_problems", "triangulate",
+    "inconsistent_images", "observe_boards", "point_modes", "project", "refine_points", "refit", "rotation_matrix",
+    "start_state", "step_problems", "triangulate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -90,7 +91,7 @@ __getattr__, __dir__ = export_lazily(
             "inconsistent_images refit step_problems check_models check_scale"
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
-        "measurement_covariance": "CommonError MeasurementSlopes Moment RigGeometry common_error triangulate",
+        "measurement_covariance": "CommonError MeasurementSlopes Moment RigGeometry common_error point_modes triangulate",
         "rig_calibration": "BoardImage calibrate describe_fit fit_rig observe_boards",
         "rig_model": (
             "CalibrationError CalibrationTarget Observations RigGuess RigLayout RigPriors RigState TargetView project "

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Distortion
 from scenetruth.capture.calibration.rig_model import INTRINSICS, RigLayout, rotation_matrix
 
-__all__ = ["CommonError", "MeasurementSlopes", "Moment", "RigGeometry", "common_error", "triangulate"]
+__all__ = ["CommonError", "MeasurementSlopes", "Moment", "RigGeometry", "common_error", "point_modes", "triangulate"]
 
 Array = NDArray[np.float64]
 
@@ -253,6 +253,33 @@ class MeasurementSlopes:
             motions[position, motion] = change
             ends.append(self._points(number, self.values, motions))
         return np.asarray(self._signs[number] * (ends[0] - ends[1]) / (2 * step))
+
+
+def point_modes(
+    values: Array, covariance: Array, layout: RigLayout, positions_mm: Array, reference: int, points_mm: Array
+) -> Array:
+    """Return the independent errors of points that a calibration causes, without new visits, shape (m, n, 3).
+
+    Every mode is the displacement of all points by one standard deviation of an independent combination of parameters:
+    the covariance of the points is the sum of the outer products of the modes.
+
+    ``points_mm``: Points in the frame of the reference camera, shape (n, 3).
+    """
+    slopes = MeasurementSlopes(values, layout, positions_mm, reference, [Moment(points_mm)])
+    free = [index for index in range(layout.first_visit) if covariance[index, index] > 0]
+    if not free:
+        return np.zeros((0, len(points_mm), 3))
+    jacobian = np.array([slopes.of_parameter(index) for index in free])
+    # Parameters have different units: they are scaled before their covariance is decomposed.
+    scale = np.sqrt(np.diag(covariance)[free])
+    powers, vectors = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(scale, scale))
+    root = vectors * np.sqrt(np.maximum(powers, 0.0))
+    modes = np.einsum("pni,p,pm->mni", jacobian, scale, root, optimize=True)
+    flat = modes.reshape(len(modes), -1)
+    # Orthogonal combinations, the largest first.
+    _, sizes, shapes = np.linalg.svd(flat, full_matrices=False)
+    kept = sizes > _LEAST_MODE * sizes.max(initial=0.0)
+    return np.asarray((sizes[kept, None] * shapes[kept]).reshape(-1, len(points_mm), 3))
 
 
 def _visit_motions(values: Array, layout: RigLayout, moment: Moment, count: int) -> Array:
