@@ -81,7 +81,7 @@ def draw_scene(seed: int) -> dict[str, Any]:
         )
     if scene_type == "box":
         edge = 0.62 * float(field[1])
-        turn = [{"axis": [0, 1, 0], "angle_deg": 45}, {"axis": [1, 0, 0], "angle_deg": 20}]
+        turn = [{"axis": [0, 1, 0], "angle_deg": 45}, {"axis": [1, 0, 0], "angle_deg": 35}]
         wall["mesh"] = {"kind": "box", "size_mm": [edge] * 3}
         wall["pose"] = {"position_mm": [0, 0, distance + 0.6 * edge], "rotations": turn}
     if scene_type == "relief":

@@ -187,3 +187,22 @@ def test_saturated_pixels_have_no_weight(board_capture: Path, tmp_path: Path) ->
         for name, value in true_values(board_capture).items()
     }
     assert max(map(abs, z.values())) < 4, z
+
+
+def test_one_colour_of_a_mosaic_gives_the_camera_in_its_own_pixels(board_capture: Path, tmp_path: Path) -> None:
+    """Green filters in every second pixel: each image is a mosaic with the grey image in its green pixels."""
+    import tifffile
+
+    folder = changed_capture(
+        board_capture, tmp_path / "c", files=dict.fromkeys(("dark", "flat", "static")),
+        camera={"width": 480, "height": 360, "bayer": "gbrg", "plane": "green", "focal_length_px": 3800},
+    )  # fmt: skip
+    for file in (*(folder / "board").glob("*.tif"), *(folder / "images").glob("*.tif")):
+        mosaic = np.zeros((360, 480), dtype=np.uint16)
+        mosaic[::2, ::2] = tifffile.imread(file)
+        tifffile.imwrite(file, mosaic)
+    found, pixels = calibrate_capture(folder), open_capture(folder).images.pixels
+    assert (found.width, found.height, pixels.step, pixels.offset) == (480, 360, 2, (0, 0))
+    true = true_values(board_capture)
+    for name in ("f", "c_x", "c_y"):
+        assert abs(found.value(name) - 2 * true[name]) < 4 * found.std(name)

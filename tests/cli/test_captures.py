@@ -10,6 +10,8 @@ import pytest
 import yaml
 
 import scenetruth as st
+from scenetruth.camera import Camera
+from scenetruth.capture import RigCalibration
 from tests.helpers.board_captures import make_board_capture
 from tests.helpers.captured_folders import CapturedFolder, write_capture
 from tests.helpers.command_line import scenetruth
@@ -49,6 +51,20 @@ def test_from_a_folder_to_a_recording(made: CapturedFolder, tmp_path: Path) -> N
     done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "run", "--overwrite", "--no-correct")
     assert done.returncode == 0, done.stderr
     assert st.load_store(tmp_path / "run" / "recording.zarr").image.dtype == np.uint16
+
+
+def test_import_with_a_calibration(made: CapturedFolder, tmp_path: Path) -> None:
+    camera = Camera(width=64, height=48, focal_length_px=990)
+    file = RigCalibration.from_camera(camera, [-2.0, 0.0, 2.0]).save(tmp_path / "calibration.yaml")
+    done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "run", "--calibration", file)
+    assert done.returncode == 0, done.stderr
+    recording = st.load_store(tmp_path / "run" / "recording.zarr")
+    assert recording.attrs["focal_length_px"] == 990
+    assert "noise_share" in recording
+    file = RigCalibration.from_camera(camera, [-3.0, 0.0, 3.0]).save(tmp_path / "other.yaml")
+    done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "other", "--calibration", file)
+    assert done.returncode == 2
+    assert "is for the positions -3, 0, 3 mm, but the stage has -2, 0, 2 mm" in done.stderr
 
 
 def test_check_ends_with_1_for_mistakes_and_2_for_an_invalid_file(made: CapturedFolder) -> None:

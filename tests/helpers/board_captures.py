@@ -6,11 +6,14 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import xarray as xr
 import yaml
 
 from scenetruth.capture import simulate_capture
+from scenetruth.schema import label, read_intrinsics
 
-__all__ = ["BOARD_SCENE", "changed_capture", "make_board_capture", "true_values"]
+__all__ = ["BOARD_SCENE", "changed_capture", "constant_depth", "make_board_capture", "true_values"]
 
 BOARD_SCENE: dict[str, Any] = {
     "camera": {
@@ -49,6 +52,14 @@ BOARD = {"kind": "charuco", "squares": [8, 6], "square_mm": 9.5, "marker_mm": 7.
 def make_board_capture(folder: Path, **settings: Any) -> Path:
     """Simulate the capture of a slanted, moving wall with images of a board in five poses."""
     return simulate_capture(BOARD_SCENE, folder, **{"board": BOARD, "poses": 5, **settings})
+
+
+def constant_depth(recording: xr.Dataset) -> xr.Dataset:
+    """Return an estimate without any work: the depth of the wall, with its standard deviation."""
+    sizes = recording["image"].sizes
+    shape = (sizes["t"], sizes["y"], sizes["x"])
+    maps = {"depth": np.full(shape, 660.0), "depth_std": np.full(shape, 0.05)}
+    return label("estimate", maps, read_intrinsics(recording), t=recording["t"].values)
 
 
 def true_values(folder: Path) -> dict[str, float]:

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 import yaml
 
-from scenetruth.capture import Capture, import_capture, load_capture, simulate_capture
+from scenetruth.capture import Capture, RigCalibration, import_capture, load_capture, simulate_capture
 from scenetruth.errors import SceneWarning
 from scenetruth.estimators import estimate
 from scenetruth.schema import make_recording
@@ -61,8 +61,10 @@ def two_plates(**changes: Any) -> dict[str, Any]:
     return {**plain, **changes}
 
 
-def measure_scene(folder: Path, scene: dict[str, Any], **settings: Any) -> MeasuredCapture:
-    """Simulate a capture of a scene with known intrinsics, import it, and estimate it by ``refined``."""
+def measure_scene(
+    folder: Path, scene: dict[str, Any], calibration: RigCalibration | None = None, **settings: Any
+) -> MeasuredCapture:
+    """Simulate a capture of a scene, import it with its focal length or a calibration, and estimate it."""
     with warnings.catch_warnings():
         # Plates of a small image have few pixels far from their edges.
         warnings.simplefilter("ignore", SceneWarning)
@@ -72,7 +74,7 @@ def measure_scene(folder: Path, scene: dict[str, Any], **settings: Any) -> Measu
         plain["camera"]["focal_length_px"] = FOCAL_PX
         (made / "capture.yaml").write_text(yaml.safe_dump(plain))
         capture = load_capture(made)
-        recording = import_capture(capture, output=folder / "run")
+        recording = import_capture(capture, output=folder / "run", calibration=calibration)
         save_store(estimate(recording.load(), "refined"), folder / "run" / "estimate.refined.zarr")
     return MeasuredCapture(capture, folder / "run", made / "truth" / "truth.zarr")
 

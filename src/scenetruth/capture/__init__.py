@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from scenetruth.capture.capture_calibration import calibrate_capture
     from scenetruth.capture.capture_check import CaptureFinding, CaptureReport, check_capture
     from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
+    from scenetruth.capture.capture_run import CaptureRun, run_capture
     from scenetruth.capture.capture_template import capture_text, write_capture_file
     from scenetruth.capture.corrections import FixedPatternCorrection, correct_images, undistort_images
     from scenetruth.capture.file_patterns import (
@@ -66,15 +67,15 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CAPTURE_FILE", "BoardArtwork", "BoardKind", "BoardLight", "BoardPose", "BoardPrint", "BoardRenderer", "Capture",
-    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureSimulation", "Comparison", "FilePattern",
-    "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "InkRenderer", "Linearity",
-    "PixelFormat", "PlacedBoard", "RegionError", "RigCalibration", "SensorNoise", "Twin", "TwinPrediction", "TwinRun",
-    "average_frames", "calibrate", "calibrate_capture", "capture_text", "check_capture", "compare_exposures",
+    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureRun", "CaptureSimulation", "Comparison",
+    "FilePattern", "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "InkRenderer",
+    "Linearity", "PixelFormat", "PlacedBoard", "RegionError", "RigCalibration", "SensorNoise", "Twin", "TwinPrediction",
+    "TwinRun", "average_frames", "calibrate", "calibrate_capture", "capture_text", "check_capture", "compare_exposures",
     "correct_images", "default_board", "draw_board", "draw_dots", "expected_indices", "find_defects", "fit_gamma",
     "frame_moments", "guess_patterns", "import_capture", "list_names", "load_capture", "make_twin", "measure_linearity",
     "measure_noise", "nearest_patterns", "open_board_renderer", "open_capture", "project_points", "read_board_print",
-    "read_header", "read_images", "read_pattern", "read_pixels", "run_twin", "simulate_capture", "undistort_images",
-    "write_capture_file",
+    "read_header", "read_images", "read_pattern", "read_pixels", "run_capture", "run_twin", "simulate_capture",
+    "undistort_images", "write_capture_file",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -84,6 +85,7 @@ __getattr__, __dir__ = export_lazily(
         "capture_calibration": "calibrate_capture",
         "capture_check": "CaptureFinding CaptureReport check_capture",
         "capture_file": "CAPTURE_FILE Capture CaptureLike load_capture",
+        "capture_run": "CaptureRun run_capture",
         "capture_template": "capture_text write_capture_file",
         "corrections": "FixedPatternCorrection correct_images undistort_images",
         "file_patterns": (

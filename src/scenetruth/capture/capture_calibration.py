@@ -51,13 +51,16 @@ __all__ = [
     "CALIBRATION_FILE",
     "POINTS_FILE",
     "CaptureGuess",
+    "board_problems",
     "calibrate_capture",
     "calibrate_folder",
-    "calibration_problems",
     "fit_points",
     "load_points",
     "match_problems",
+    "output_files",
     "rig_priors",
+    "save_calibration",
+    "start_values",
 ]
 
 Floats = NDArray[np.float64]
@@ -183,8 +186,8 @@ def calibrate_folder(
     progress: Progress | None = None,
 ) -> tuple[RigCalibration, RigFit | None]:
     """Return the calibration of an opened folder, and its fit; None without a board."""
-    problems = calibration_problems(folder, has_guess=guess is not None)
-    start = _start(folder, guess, std, problems)
+    problems = board_problems(folder, has_guess=guess is not None)
+    start = start_values(folder, guess, std, problems)
     priors = rig_priors(folder, distortion=distortion, problems=problems)
     if problems:
         raise CaptureError(problems, source=folder.capture.folder)
@@ -204,7 +207,7 @@ def fit_points(
     return fit_rig(given, start, priors, board if isinstance(board, DotGrid) else None)
 
 
-def calibration_problems(folder: CaptureFolder, *, has_guess: bool = False) -> list[Problem]:
+def board_problems(folder: CaptureFolder, *, has_guess: bool = False) -> list[Problem]:
     """Return why the files of a capture do not serve for a calibration."""
     capture, problems = folder.capture, list[Problem]()
     if capture.stage.rows > 1:
@@ -244,11 +247,11 @@ def calibration_problems(folder: CaptureFolder, *, has_guess: bool = False) -> l
     return problems
 
 
-def _start(
+def start_values(
     folder: CaptureFolder, guess: CaptureGuess | None, std: Mapping[str, float] | None, problems: list[Problem]
 ) -> RigGuess | RigCalibration | None:
-    """Return start values for the pixels of the recording; None if the images define them."""
-    size = (folder.images.shape[1], folder.images.shape[0])
+    """Return start values of the intrinsic parameters; None if there is a problem."""
+    size = (folder.capture.camera.width, folder.capture.camera.height)
     for name in std or {}:
         if name not in INTRINSICS:
             problems.append(Problem(f"std.{name}", f"must be one of {', '.join(INTRINSICS)}"))
@@ -288,25 +291,19 @@ def _read_guess(file: Path, size: tuple[int, int]) -> Camera | RigCalibration:
     return import_camera(file, size=size)
 
 
-def _stated_start(folder: CaptureFolder, focal_length_px: float | None) -> RigGuess | None:
-    """Return the camera of the capture file as start values, in pixels of the recording."""
-    camera, pixels = folder.capture.camera, folder.images.pixels
-    point = camera.principal_point_px
-    return RigGuess(
-        focal_length_px=focal_length_px or (camera.to_camera().focal_px / pixels.step if _has_focal(folder) else None),
-        principal_point_px=None if point is None else pixels.principal_point(point),
-        distortion=camera.distortion,
-    )
-
-
-def _has_focal(folder: CaptureFolder) -> bool:
+def _stated_start(folder: CaptureFolder, focal_length_px: float | None) -> RigGuess:
+    """Return the camera of the capture file as start values."""
     camera = folder.capture.camera
-    return camera.focal_length_px is not None or camera.focal_length_mm is not None
+    if focal_length_px is None and (camera.focal_length_px or camera.focal_length_mm) is not None:
+        focal_length_px = camera.to_camera().focal_px
+    return RigGuess(
+        focal_length_px=focal_length_px, principal_point_px=camera.principal_point_px, distortion=camera.distortion
+    )
 
 
 def match_problems(calibration: RigCalibration, folder: CaptureFolder) -> list[Problem]:
     """Return why a calibration does not belong to the camera and stage of a capture."""
-    size, problems = (folder.images.shape[1], folder.images.shape[0]), []
+    size, problems = (folder.capture.camera.width, folder.capture.camera.height), []
     if (calibration.width, calibration.height) != size:
         message = (
             f"is that of images of {calibration.width} x {calibration.height} px, and these have {size[0]} x {size[1]}"
@@ -366,7 +363,7 @@ def _stated_calibration(
     """Return a given camera as a calibration, whose stage has its tolerances."""
     if isinstance(start, RigCalibration) and std is None:
         return start
-    size = (folder.images.shape[1], folder.images.shape[0])
+    size = (folder.capture.camera.width, folder.capture.camera.height)
     if isinstance(start, RigCalibration):
         camera = start.camera
     else:
@@ -408,7 +405,24 @@ def _detect(folder: CaptureFolder, progress: Progress | None) -> Observations:
         progress("detect boards", len(images), len(images))
     for name, share in reader.saturated.items():
         say(f"{name}: {100 * share:.2g} % of the pixels are saturated, and not used; shorten the exposure")
-    return found
+    return _in_camera_pixels(found, folder)
+
+
+def _in_camera_pixels(given: Observations, folder: CaptureFolder) -> Observations:
+    """Return points of images of one colour of a mosaic in pixels of the camera."""
+    pixels, camera = folder.images.pixels, folder.capture.camera
+    if pixels.step == 1:
+        return given
+    row, column = pixels.offset
+    views = tuple(
+        replace(
+            view,
+            pixels=pixels.step * view.pixels + np.array([column, row]),
+            covariance_px2=pixels.step**2 * view.covariance_px2,
+        )
+        for view in given.views
+    )
+    return replace(given, width=camera.width, height=camera.height, views=views)
 
 
 @dataclass(eq=False)

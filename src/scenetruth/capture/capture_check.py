@@ -115,6 +115,18 @@ class CaptureReport:
             "noise": noise,
         }
 
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> CaptureReport:
+        """Return the report of `to_dict`, without the exponent of the response and the notes on the noise."""
+        noise = values["noise"]
+        known: dict[str, Any] | None = None
+        if noise is not None:
+            known = {name: np.nan if value is None else value for name, value in noise.items()}
+        return cls(
+            tuple(CaptureFinding(**finding) for finding in values["findings"]), values["images"],
+            tuple(values["missing"]), None if known is None else SensorNoise(**known),
+        )  # fmt: skip
+
 
 @dataclass
 class _ImageStatistics:

@@ -72,6 +72,36 @@ FreeDistortion = Annotated[
 ]
 
 
+RunMethod = Annotated[
+    str,
+    typer.Option(
+        "--method", metavar="METHOD", help="Method of estimation, with settings as in refined[window_sigma_px: 4]."
+    ),
+]
+
+RunCheck = Annotated[
+    bool, typer.Option("--check/--no-check", help="End the run if the check of the images finds mistakes.")
+]
+
+Calibration = Annotated[
+    Path | None,
+    options.option("--calibration", metavar="FILE", help="Calibration of camera and stage."),
+]
+
+
+class ImageGeometry(StrEnum):
+    """Images of a recording with a calibration."""
+
+    rectified = "rectified"
+    recorded = "recorded"
+
+
+Geometry = Annotated[
+    ImageGeometry,
+    typer.Option("--geometry", help="With a calibration: images of an ideal rig, or recorded images with its lens."),
+]
+
+
 class BoardType(StrEnum):
     """Types of calibration boards."""
 
@@ -113,11 +143,6 @@ RunFolder = Annotated[
     Path, typer.Argument(metavar="RUN", help="Run directory with recording and estimate.", show_default=False)
 ]
 
-Calibration = Annotated[
-    Path | None,
-    options.option("--calibration", metavar="FILE", help="Calibration of the rig; an ideal stage if not given."),
-]
-
 Method = Annotated[
     str | None,
     options.option("--method", metavar="NAME", help="Method whose estimate is used, if the run has several."),
@@ -141,6 +166,7 @@ def register(parent: typer.Typer) -> None:
     options.add_command(app, check)
     options.add_command(app, calibrate)
     options.add_command(app, import_, "import")
+    options.add_command(app, run)
     options.add_command(app, simulate)
     options.add_command(app, twin)
     parent.add_typer(app)
@@ -198,6 +224,26 @@ def calibrate(
     """Calibrate camera and stage from the board images of a capture."""
     from scenetruth.capture import calibrate_capture
     from scenetruth.cli.console import reporting
+
+    start = _read_start(focal_length_px, import_file, std, distortion)
+    with reporting() as reporter:
+        found = calibrate_capture(
+            capture,
+            output=output,
+            overwrite=overwrite,
+            progress=reporter,
+            **start,
+        )
+    for line in found.summary().splitlines():
+        echo(line)
+    print_wrote(Path(output) / "calibration.yaml")
+    print_message(f"next: scenetruth capture import {capture} --calibration {Path(output) / 'calibration.yaml'} -o RUN")
+
+
+def _read_start(
+    focal_length_px: float | None, import_file: Path | None, std: list[str] | None, distortion: str | None
+) -> dict[str, Any]:
+    """Return the arguments of a calibration that describe its start."""
     from scenetruth.errors import ArgumentError, Problem
 
     values, problems = options.parse_assignments("--std", std)
@@ -210,20 +256,11 @@ def calibrate(
         problems.append(Problem("--std", "states the standard deviations of a camera of --import, which is missing"))
     if problems:
         raise ArgumentError(problems, source="a calibration")
-    with reporting() as reporter:
-        found = calibrate_capture(
-            capture,
-            output=output,
-            overwrite=overwrite,
-            guess=import_file if focal_length_px is None else focal_length_px,
-            std=values or None,
-            distortion=None if distortion is None else [name.strip() for name in distortion.split(",") if name.strip()],
-            progress=reporter,
-        )
-    for line in found.summary().splitlines():
-        echo(line)
-    print_wrote(Path(output) / "calibration.yaml")
-    print_message(f"next: scenetruth capture import {capture} --calibration {Path(output) / 'calibration.yaml'} -o RUN")
+    return {
+        "guess": import_file if focal_length_px is None else focal_length_px,
+        "std": values or None,
+        "distortion": None if distortion is None else [one.strip() for one in distortion.split(",") if one.strip()],
+    }
 
 
 def import_(
@@ -232,6 +269,8 @@ def import_(
     *,
     correct: Correct = True,
     undistort: Undistort = False,
+    calibration: Calibration = None,
+    geometry: Geometry = ImageGeometry.rectified,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Read the images of a capture into a run directory, as a recording."""
@@ -241,13 +280,59 @@ def import_(
 
     with reporting() as reporter:
         recording = import_capture(
-            capture, output=output, overwrite=overwrite, correct=correct, undistort=undistort, progress=reporter
+            capture,
+            output=output,
+            overwrite=overwrite,
+            correct=correct,
+            undistort=undistort,
+            calibration=calibration,
+            geometry=geometry.value,
+            progress=reporter,
         )
     sizes = recording["image"].sizes
     count = sizes["s"] * sizes["t"] * sizes.get("s_y", 1)
     store = Path(output) / store_name(RECORDING, zipped=False)
     print_wrote(store, f"{count:,} images of {sizes['x']} x {sizes['y']} px")
     print_message(f"next: scenetruth estimate {output} --method refined")
+
+
+def run(
+    capture: CapturePath,
+    output: options.Output,
+    *,
+    method: RunMethod = "refined",
+    focal_length_px: StartFocalLengthPx = None,
+    import_file: ImportedFile = None,
+    std: StatedStd = None,
+    distortion: FreeDistortion = None,
+    check: RunCheck = True,
+    limits: options.Limits = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Check, calibrate, import and estimate a capture, and write its report; if interrupted, repeat it to resume."""
+    from scenetruth.capture import run_capture
+    from scenetruth.cli.console import reporting
+    from scenetruth.estimators.method_specs import parse_method
+    from scenetruth.resources.limits import limits_from
+
+    start = _read_start(focal_length_px, import_file, std, distortion)
+    with reporting() as reporter:
+        done = run_capture(
+            capture,
+            output,
+            method=parse_method(method),
+            check=check,
+            limits=limits_from(limits or ()),
+            overwrite=overwrite,
+            progress=reporter,
+            **start,
+        )
+    for finding in done.check.findings:
+        echo(str(finding))
+    if done.calibration is not None:
+        for line in done.calibration.summary().splitlines():
+            echo(line)
+    print_wrote([done.page, done.folder.paths(done.folder.own_method).report])
 
 
 def simulate(

@@ -11,7 +11,9 @@ import pandas as pd
 import pytest
 
 import scenetruth as st
-from scenetruth.capture import TwinPrediction, TwinRun, run_twin
+from scenetruth.camera import Camera
+from scenetruth.capture import RigCalibration, TwinPrediction, TwinRun, run_twin
+from scenetruth.capture.twin import make_rig
 from tests.helpers.command_line import scenetruth
 from tests.helpers.measured_twins import MeasuredCapture, measure_scene, two_plates
 
@@ -102,3 +104,41 @@ def test_command(measured: MeasuredCapture, tmp_path: Path) -> None:
     done = scenetruth("capture", "twin", capture, tmp_path / "nothing", "-o", tmp_path / "other")
     assert done.returncode == 2
     assert "scenetruth capture import" in done.stderr
+
+
+def test_a_rectified_measurement_has_a_twin_of_the_real_rig(tmp_path: Path) -> None:
+    lens = {"k1": -0.4, "k2": 0.5, "p1": 2e-3, "p2": -1e-3}
+    camera = Camera(width=128, height=96, focal_length_px=1000, principal_point_px=(65, 46), distortion=lens)
+    rig = RigCalibration.from_camera(camera, [-8.0, 0.0, 8.0], std={"f": 0.5})
+    draw, scales = np.random.default_rng(3), {"axis_y": 4e-3, "axis_z": 8e-3, "step_scale": 1e-4}
+    for index, name in enumerate(rig.names):
+        motion = 2e-4 if name.endswith(("pitch", "yaw", "roll")) else 5e-3
+        rig.values[index] += scales.get(name, motion if name.startswith("position") else 0.0) * draw.standard_normal()
+    plain = two_plates()
+    stated = st.capture.Capture.from_dict(
+        {**{name: plain[name] for name in ("camera", "stage", "frames")}, "files": {"images": "s{s:+d}_t{t:+d}.tif"}}
+    )
+    # Poses in the frame of the reference camera, as for a recording that is not rectified.
+    made = make_rig(stated, rig, st.make_recording(np.zeros((3, 3, 96, 128)), 1000.0, 8.0))
+    scene = {**plain, "camera": made.camera, "stage": made.stage}
+    measured = measure_scene(tmp_path, scene, calibration=rig)
+    recording = st.open_store(measured.run / "recording.zarr")
+    assert recording.attrs["geometry"] == "rectified"
+    with pytest.raises(st.CaptureError, match="was rectified by one"):
+        run_twin(measured.capture, measured.run, tmp_path / "twin", score_settings=MARGIN)
+    rig.save(measured.run / "calibration.yaml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", st.SceneWarning)
+        found = run_twin(measured.capture, measured.run, tmp_path / "twin", score_settings=MARGIN)
+    twin = st.load_scene(found.scene)
+    assert twin.camera.distortion is not None
+    assert twin.stage.poses is not None
+    copy = st.open_store(found.folder / "run" / "recording.zarr")
+    assert copy.attrs["focal_length_px"] == pytest.approx(1000)
+    assert copy.attrs["rectified_depth_mm"] == recording.attrs["rectified_depth_mm"]
+    # An error of the frame by 4 to 8 mrad, the tilt of the axis, would displace the surface by 0.2 to 0.3 mm; 27
+    # independent errors leave a mean of 0.2 standard deviations.
+    row = found.prediction.value("depth", "pixel_std").value
+    assert abs(found.prediction.value("depth", "bias").value) < 0.6 * row
+    real, other = (each["image"].sel(s=0, t=0).values for each in (recording, copy))
+    assert np.nanmedian(np.abs(real / recording.attrs["full_scale"] - other / copy.attrs["full_scale"])) < 0.01

@@ -286,6 +286,12 @@ class RigCalibration:
         axis = np.array([1.0, *self.values[len(INTRINSICS) : len(INTRINSICS) + 2]]) @ rig.frame[1]
         return np.asarray(axis / np.linalg.norm(axis))
 
+    @property
+    def visit_std(self) -> Array:
+        """Standard deviations of what a new visit adds to a pose: rotation vector in rad and offset in mm, (6,)."""
+        start = self.layout.first_visit
+        return self.prior_std[start : start + 6].copy() if self.visits else np.zeros(6)
+
     def point_errors(
         self, pixels: ArrayLike, depth_mm: ArrayLike, *, displacement_mm: ArrayLike | None = None,
         visit_std: ArrayLike | None = None, visits: Sequence[Sequence[int]] | None = None,
@@ -329,9 +335,7 @@ class RigCalibration:
             Moment(each, None if visits is None else tuple(numbers[visit] for visit in visits[number]))
             for number, each in enumerate(frames)
         ]
-        start = self.layout.first_visit
-        prior = self.prior_std[start : start + 6] if self.visits else np.zeros(6)
-        deviations = prior if visit_std is None else np.asarray(visit_std, dtype=np.float64)
+        deviations = self.visit_std if visit_std is None else np.asarray(visit_std, dtype=np.float64)
         return common_error(
             self.values, self.covariance, self.layout, self.positions_mm, self.reference, moments, visit_std=deviations
         )

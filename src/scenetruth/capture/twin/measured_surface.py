@@ -29,6 +29,8 @@ _MOST_MEAN_SQUARE = 1.5
 """Mean square of residuals in standard deviations up to which a smoothed map agrees with the measured one."""
 _RIDGE = 1e-5
 _CLEAR_PX = 6.0
+_BORDER_PX = 3.0
+"""Distance from measured pixels within which their surface is assumed to continue."""
 _WIDEST_SHARE = 1 / 3
 
 
@@ -98,8 +100,7 @@ def find_parts(canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm:
     if count == 0:
         return []
     distance, (rows, columns) = ndimage.distance_transform_edt(labels == 0, return_indices=True)
-    near = (distance <= np.sqrt(2) * canvas.margin) & np.isfinite(canvas.rays).all(axis=-1)
-    owner = np.where(near, labels[rows, columns], 0)
+    owner = np.where(_continued(canvas, labels > 0, distance), labels[rows, columns], 0)
     smooth = {}
     for number in range(1, count + 1):
         inside = labels == number
@@ -119,6 +120,21 @@ def find_parts(canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm:
         behind = near & ~own & (owner > 0) & (each > front + step)
         parts.append(SurfacePart(f"surface_{number}", each, own, own | behind, inside))
     return parts
+
+
+def _continued(canvas: Canvas, measured: Mask, distance: Floats) -> Mask:
+    """Return where surfaces are assumed: next to measured pixels, in gaps that they enclose, and beyond the image.
+
+    ``distance``: Distance to the nearest measured pixel in px.
+    """
+    outside = np.ones(canvas.shape, dtype=np.bool_)
+    canvas.crop(outside)[...] = False
+    # The margin closes gaps at the border of the image.
+    enclosed = ndimage.binary_fill_holes((distance <= _BORDER_PX) & ~outside) & ~outside
+    near = (distance <= _BORDER_PX) | (enclosed & (distance <= canvas.margin))
+    reached, (rows, columns) = ndimage.distance_transform_edt(~(near & ~outside), return_indices=True)
+    beyond = outside & (reached <= np.sqrt(2) * canvas.margin) & near[rows, columns]
+    return np.asarray((near | beyond) & np.isfinite(canvas.rays).all(axis=-1))
 
 
 def _usable_std(std: Floats, known: Mask) -> Floats:

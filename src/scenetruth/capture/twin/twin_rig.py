@@ -16,6 +16,7 @@ from scenetruth.capture.capture_check import sensor_noise
 from scenetruth.capture.capture_file import Capture
 from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.radiometry import SensorNoise
+from scenetruth.capture.rectification import ideal_rotation
 from scenetruth.capture.twin.surface_texture import NoiseLine
 from scenetruth.errors import Problem
 
@@ -78,7 +79,8 @@ def make_rig(capture: Capture, calibration: RigCalibration | None, recording: xr
         return TwinRig(_camera_section(capture.camera.to_camera()), stage, np.eye(3))
     if errors is not None:
         stage["errors"] = errors
-    rotation = _frame(calibration, recording)
+    rectified = recording.attrs.get("geometry") == "rectified"
+    rotation = ideal_rotation(calibration) if rectified else np.eye(3)
     along = rotation.T @ calibration.axis
     tilt = 1e6 * along[1:] / along[0]
     if np.abs(tilt).max() > 1e-3:
@@ -97,16 +99,6 @@ def make_rig(capture: Capture, calibration: RigCalibration | None, recording: xr
 
 def _camera_section(camera: Camera) -> dict[str, Any]:
     return camera.model_dump(mode="json", exclude_none=True)
-
-
-def _frame(calibration: RigCalibration, recording: xr.Dataset) -> Floats:
-    """Return the axes of the frame of a recording as columns, in the frame of the reference camera."""
-    if recording.attrs.get("geometry") != "rectified":
-        return np.eye(3)
-    x = calibration.axis
-    z = np.array([0.0, 0.0, 1.0]) - x[2] * x
-    z /= np.linalg.norm(z)
-    return np.column_stack([x, np.cross(z, x), z])
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from scenetruth.capture.twin.prediction import (
     predict_errors,
 )
 from scenetruth.capture.twin.surface_texture import ImageSet
-from scenetruth.capture.twin.twin_scene import SCENE_FILE, MeasuredRun, Twin, make_twin, open_run
+from scenetruth.capture.twin.twin_scene import SCENE_FILE, MeasuredRun, Twin, find_calibration, make_twin, open_run
 from scenetruth.errors import CaptureError, Problem, SceneWarning
 from scenetruth.estimators import estimate, find_method
 from scenetruth.estimators.registry import validate_settings
@@ -147,8 +147,8 @@ def run_twin(
     True
     """
     folder = open_capture(capture)
-    rig = RigCalibration.load(calibration) if isinstance(calibration, str | Path) else calibration
     measured = open_run(run, method)
+    rig = find_calibration(measured, calibration)
     if measured.method == "external":
         message = "is of a program that is not installed as a method; estimate with an installed one"
         raise CaptureError([Problem("method", message, measured.method)], source=folder.capture.folder)
@@ -194,13 +194,17 @@ class _Running:
         self._put("score.json", scored.to_json(), _RUN)
         self._put("score.csv", scored.to_csv(), _RUN)
         comparisons = tuple(self._compare(found, recording, twin_capture))
-        prediction = predict_errors(scored, found, truth, recording, self.measured.estimate, comparisons, notes)
+        prediction = predict_errors(scored, found, truth, recording, self._with_calibration(), comparisons, notes)
         prediction.save(self.place / _PREDICTION, overwrite=True)
         self._put(_TABLE, prediction.to_dataframe().to_csv(index=False))
         draw_prediction(
             self.place / _PICTURE, (self.measured.recording, self.measured.estimate), (recording, found), truth
         )
         return TwinRun(self.place, self.place / _SCENE / SCENE_FILE, prediction, scored)
+
+    def _with_calibration(self) -> xr.Dataset:
+        """Return the estimate of the measurement with the common part of its standard deviations."""
+        return self.measured.estimate
 
     def _put(self, name: str, text: str, folder: str = "") -> None:
         with write_atomically(self.place / folder / name, overwrite=True) as partial:

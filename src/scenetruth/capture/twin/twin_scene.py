@@ -15,6 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from scenetruth.capture.calibration import RigCalibration
+from scenetruth.capture.capture_calibration import CALIBRATION_FILE
 from scenetruth.capture.capture_file import Capture, CaptureLike
 from scenetruth.capture.folder_reading import CaptureFolder, open_capture
 from scenetruth.capture.twin.measured_motion import MeasuredMotion, fit_motion
@@ -37,7 +38,7 @@ from scenetruth.schema import STATUS_VALID
 from scenetruth.storage import RECORDING, is_store, open_store, store_name
 from scenetruth.truth import make_truth
 
-__all__ = ["SCENE_FILE", "MeasuredRun", "Twin", "make_twin", "open_run"]
+__all__ = ["SCENE_FILE", "MeasuredRun", "Twin", "find_calibration", "make_twin", "open_run"]
 
 Floats = NDArray[np.float64]
 
@@ -166,6 +167,26 @@ def open_run(run: str | Path, method: str | None = None) -> MeasuredRun:
     return MeasuredRun(open_store(recording, kind="recording"), estimate, name, settings, store)
 
 
+def find_calibration(run: MeasuredRun, calibration: RigCalibration | str | Path | None) -> RigCalibration | None:
+    """Return a calibration, that of a file, or that of the run directory with which its recording was rectified.
+
+    Raises
+    ------
+    CaptureError
+        If the recording is rectified, and there is no calibration.
+    """
+    if isinstance(calibration, RigCalibration):
+        return calibration
+    if calibration is None:
+        if run.recording.attrs.get("geometry") != "rectified":
+            return None
+        calibration = run.file.parent / CALIBRATION_FILE
+        if not calibration.exists():
+            message = f"is missing: the recording was rectified by one, and {run.file.parent} has none"
+            raise CaptureError([Problem("calibration", message)], source=run.file.parent)
+    return RigCalibration.load(calibration)
+
+
 def make_twin(
     capture: CaptureLike,
     run: str | Path,
@@ -194,7 +215,8 @@ def make_twin(
     output
         Folder of the twin: ``scene.yaml`` with meshes, textures and vertex positions.
     calibration
-        Calibration of the rig, or its file; default: an ideal stage and the camera of the capture file.
+        Calibration of the rig, or its file; default: ``calibration.yaml`` of the run directory if its recording is
+        rectified, else an ideal stage and the camera of the capture file.
     method
         Method whose estimate is used; required if the run directory contains several.
     mesh
@@ -238,8 +260,8 @@ def make_twin(
     True
     """
     folder = open_capture(capture)
-    rig = RigCalibration.load(calibration) if isinstance(calibration, str | Path) else calibration
     measured = open_run(run, method)
+    rig = find_calibration(measured, calibration)
     problems = rig_problems(folder.capture, rig) + _run_problems(folder.capture, rig, measured)
     if problems:
         raise CaptureError(problems, source=folder.capture.folder)
