@@ -22,6 +22,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from scenetruth.capture import RigCalibration, calibrate_capture, import_capture, run_twin, simulate_capture
+from scenetruth.capture.rectification import recorded_pixels
 from scenetruth.errors import CaptureWarning, EstimateWarning, SceneWarning
 from scenetruth.estimators import estimate
 from scenetruth.scene import Scene, load_scene
@@ -177,14 +178,23 @@ def truth_of_recording(folder: Path, recording: xr.Dataset, axes: np.ndarray) ->
     return make_truth(Scene.from_dict(plain, folder=folder / "truth"))
 
 
-def frame_axes(calibration: RigCalibration | None, recording: xr.Dataset) -> np.ndarray:
-    """Return the axes of the frame of a recording in that of the reference camera, as columns."""
+def frame_axes(folder: Path, calibration: RigCalibration | None, recording: xr.Dataset) -> np.ndarray:
+    """Return the axes of the frame of a recording in that of the true reference camera, as columns.
+
+    A calibration knows the principal point to a pixel, and with it the direction of Z in the camera. Both frames are
+    those of the same rays, so that the rotation is that of the rays of the recording to the true rays of its pixels.
+    """
     if calibration is None or recording.attrs.get("geometry") != "rectified":
         return np.eye(3)
-    x = calibration.axis
-    z = np.array([0.0, 0.0, 1.0]) - x[2] * x
-    z /= np.linalg.norm(z)
-    return np.column_stack([x, np.cross(z, x), z])
+    width, height = recording.sizes["x"], recording.sizes["y"]
+    pixels = np.stack(np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 7)), axis=-1).reshape(-1, 2)
+    c = np.array(recording.attrs["principal_point_px"])
+    rays = np.column_stack([(pixels - c) / float(recording.attrs["focal_length_px"]), np.ones(len(pixels))])
+    points = float(recording.attrs["rectified_depth_mm"]) * rays
+    recorded = recorded_pixels(calibration, points, calibration.reference)
+    true_rays = load_scene(folder / "truth" / "scene.yaml").camera.ray_directions(recorded)
+    one, other = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (true_rays, rays))
+    return Rotation.align_vectors(one, other)[0].as_matrix()
 
 
 def compare_rig(seed: int, output: Path, *, calibrated: bool) -> dict[str, Any]:
@@ -194,7 +204,7 @@ def compare_rig(seed: int, output: Path, *, calibrated: bool) -> dict[str, Any]:
     calibration = measure(folder, draw_scene(seed), calibrated=calibrated)
     predicted = run_twin(folder / "capture", folder / "run", folder / "twin", calibration=calibration).prediction
     recording = open_store(folder / "run" / "recording.zarr")
-    truth = truth_of_recording(folder, recording, frame_axes(calibration, recording))
+    truth = truth_of_recording(folder, recording, frame_axes(folder, calibration, recording))
     estimated = open_store(folder / "run" / "estimate.refined.zarr")
     obtained = score(estimated, truth, recording, allow_mismatch=True).regions["interior"]
     row: dict[str, Any] = {"seed": seed, "scene": draw_scene(seed)["description"].rsplit(" ", 1)[1]}
