@@ -194,7 +194,7 @@ def frame_axes(folder: Path, calibration: RigCalibration | None, recording: xr.D
     recorded = recorded_pixels(calibration, points, calibration.reference)
     true_rays = load_scene(folder / "truth" / "scene.yaml").camera.ray_directions(recorded)
     one, other = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (true_rays, rays))
-    return Rotation.align_vectors(one, other)[0].as_matrix()
+    return np.asarray(Rotation.align_vectors(one, other)[0].as_matrix())
 
 
 def compare_rig(seed: int, output: Path, *, calibrated: bool) -> dict[str, Any]:

@@ -103,3 +103,18 @@ def test_a_mesh_has_its_vertices_on_the_surface_and_covers_it(step: int) -> None
     assert (np.sign(area) == np.sign(area[0])).all()
     height, width = place.shape
     assert abs(np.abs(area).sum() - (height - 1) * (width - 1)) < 1e-6
+
+
+def test_surfaces_end_where_they_are_not_measured_but_not_at_the_border_of_the_image() -> None:
+    depth = planar(0.1, 0.0)
+    depth[:8] = np.nan  # a band that a method leaves out at the border
+    depth[25:32, 20:28] = np.nan  # a gap within the surface
+    depth[:, 50:] = np.nan  # no surface
+    place = canvas()
+    (part,) = find_parts(place, depth, np.full(SHAPE, 0.05), 10.0)
+    inside = place.crop(part.front)
+    assert inside[:, :53].all()
+    assert not inside[20:40, 54:].any()
+    # The margin next to the surface belongs to it, at a distance from it nothing does.
+    assert part.front[: place.margin, : place.margin + 50].all()
+    assert not part.front[:, place.margin + 78 :].any()

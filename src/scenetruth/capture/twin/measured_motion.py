@@ -19,6 +19,8 @@ MotionType = Literal["static", "translation", "rigid", "affine", "field"]
 _MOST_MEAN_SQUARE = 1.2
 _MOST_EXCESS = 1.1
 _LEAST_PIXELS = 50
+_PARAMETERS = {"static": 0, "translation": 3, "rigid": 6, "affine": 12}
+_CORRELATED_PX, _LEAST_GAIN = 450.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,8 @@ class MeasuredMotion:
 def fit_motion(points_mm: Floats, velocity: Floats | None, std: Floats | None) -> MeasuredMotion:
     """Fit the simplest motion that agrees with measured velocities within their standard deviations.
 
-    A type is accepted if the mean square of its residuals is below 1.2, or at most 10 % above that of a smooth field.
+    A motion with more parameters is taken if it fits better than by chance. A smooth field is taken if the mean square
+    of the residuals of the best is above 1.2, and by more than 10 % above that of the field.
 
     ``points_mm``: Points of the canvas, shape (h, w, 3); ``velocity``, ``std``: Shape (3, h, w), NaN where invalid.
     """
@@ -102,13 +105,29 @@ def fit_motion(points_mm: Floats, velocity: Floats | None, std: Floats | None) -
     limit = max(_MOST_MEAN_SQUARE, _MOST_EXCESS * least)
     fits: tuple[tuple[MotionType, Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]], ...]
     fits = (("translation", _fit_translation), ("rigid", _fit_rigid), ("affine", _fit_affine))
+    best: MeasuredMotion | None = None
     for kind, fit in fits:
         translation, gradient = fit(points - centre, rates, weight)
         residual = rates - translation - (points - centre) @ gradient.T
-        mean_square = float(np.mean((residual * weight) ** 2))
-        if mean_square <= limit:
-            return MeasuredMotion(kind, centre, translation, gradient, mean_square)
+        found = MeasuredMotion(kind, centre, translation, gradient, float(np.mean((residual * weight) ** 2)))
+        if best is None or _improves(best, found, rates.size):
+            best = found
+    assert best is not None
+    if best.mean_square <= limit:
+        return best
     return MeasuredMotion("field", centre, rates.mean(axis=0), np.zeros((3, 3)), least, smooth)
+
+
+def _improves(simple: MeasuredMotion, other: MeasuredMotion, values: int) -> bool:
+    """Return whether a motion with more parameters fits better than by chance.
+
+    The sum of squares over independent values, of which a window of 6 px has one for each component, falls by the
+    number of parameters by chance; three times as much is required.
+    """
+    if simple.mean_square <= 0:
+        return False
+    gain = (simple.mean_square - other.mean_square) * values / _CORRELATED_PX / max(1.0, other.mean_square)
+    return gain > _LEAST_GAIN * (_PARAMETERS[other.kind] - _PARAMETERS[simple.kind])
 
 
 def _usable_std(velocity: Floats, std: Floats | None, valid: NDArray[np.bool_]) -> Floats:

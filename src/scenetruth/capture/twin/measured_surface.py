@@ -31,6 +31,8 @@ _RIDGE = 1e-5
 _CLEAR_PX = 6.0
 _BORDER_PX = 3.0
 """Distance from measured pixels within which their surface is assumed to continue."""
+_BAND_PX = 12.0
+"""The same next to the border of the image."""
 _WIDEST_SHARE = 1 / 3
 
 
@@ -129,9 +131,10 @@ def _continued(canvas: Canvas, measured: Mask, distance: Floats) -> Mask:
     """
     outside = np.ones(canvas.shape, dtype=np.bool_)
     canvas.crop(outside)[...] = False
-    # The margin closes gaps at the border of the image.
     enclosed = ndimage.binary_fill_holes((distance <= _BORDER_PX) & ~outside) & ~outside
-    near = (distance <= _BORDER_PX) | (enclosed & (distance <= canvas.margin))
+    # Estimates often lack pixels at the border of the image, where surfaces do not end.
+    band = ndimage.distance_transform_edt(~outside) <= _BAND_PX if canvas.margin else np.zeros_like(outside)
+    near = (distance <= _BORDER_PX) | (enclosed & (distance <= canvas.margin)) | (band & (distance <= _BAND_PX))
     reached, (rows, columns) = ndimage.distance_transform_edt(~(near & ~outside), return_indices=True)
     beyond = outside & (reached <= np.sqrt(2) * canvas.margin) & near[rows, columns]
     return np.asarray((near | beyond) & np.isfinite(canvas.rays).all(axis=-1))
