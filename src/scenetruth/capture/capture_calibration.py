@@ -195,6 +195,8 @@ def calibrate_folder(
         assert start is not None
         say("no board images: the given camera is used with its stated standard deviations")
         return _stated_calibration(folder, start, std, priors), None
+    if folder.capture.strip is not None:
+        say("strip: its points are not detected; visits of the measurement have the tolerances of the stage")
     fit = fit_points(folder, _detect(folder, progress), start, priors)
     return replace(describe_fit(fit, priors), bit_depth=folder.images.pixels.bit_depth), fit
 
