@@ -12,6 +12,7 @@ import yaml
 import scenetruth as st
 from scenetruth.camera import Camera
 from scenetruth.capture import RigCalibration
+from tests.helpers.board_captures import make_board_capture
 from tests.helpers.captured_folders import CapturedFolder, write_capture
 from tests.helpers.command_line import scenetruth
 from tests.helpers.scenes import cube
@@ -125,3 +126,21 @@ def test_wrong_options_are_named_together(tmp_path: Path) -> None:
     assert "--poses: is also given by --parameter poses" in done.stderr
     assert "--parameter" in done.stderr
     assert not (tmp_path / "c").exists()
+
+
+def test_calibration_prints_its_parameters_and_writes_its_files(tmp_path: Path) -> None:
+    folder = make_board_capture(tmp_path / "lab", poses=3, static=0)
+    done = scenetruth(
+        "capture", "calibrate", folder, "-o", tmp_path / "out", "--std", "f=1", "--focal-length-px", "1900"
+    )
+    assert done.returncode == 2
+    assert "--std: states the standard deviations of a camera of --import" in done.stderr
+    done = scenetruth("capture", "calibrate", folder, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert " f = 1" in done.stdout
+    assert "points in 9 of 9 images" in done.stdout
+    assert (tmp_path / "out" / "calibration.yaml").exists()
+    for more in ((), ("--import", tmp_path / "cameras.yaml", "--overwrite")):
+        done = scenetruth("capture", "calibrate", folder, "-o", tmp_path / "out", *more)
+        assert done.returncode == 2
+        assert ("cameras.yaml: cannot be read" if more else "--overwrite") in done.stderr

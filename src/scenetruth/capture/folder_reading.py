@@ -181,6 +181,14 @@ class CaptureFolder:
         usable = moments is not None and moments.count >= _DEFECT_FRAMES and not mosaic
         return find_defects(self.dark, moments if usable else None)
 
+    def positions_mm(self) -> Floats:
+        """Return the camera positions along the stage: measured, or planned; raises `CaptureError`."""
+        problems: list[Problem] = []
+        measured = _positions(self, problems)
+        if problems:
+            raise CaptureError(problems, source=self.capture.folder)
+        return self.capture.stage.x_mm if measured is None else measured
+
     def plan(
         self,
         *,
@@ -198,7 +206,8 @@ class CaptureFolder:
         """
         problems: list[Problem] = []
         if calibration is not None:
-            problems += calibration_problems(self.capture, calibration, self.images.pixels, geometry)
+            x_mm = self.positions_mm()
+            problems += calibration_problems(self.capture, calibration, self.images.pixels, geometry, x_mm)
         stated = _geometry(self, problems, calibrated=calibration is not None)
         if problems:
             raise CaptureError(problems, source=self.capture.folder)
