@@ -159,8 +159,8 @@ def _removed(folder: Path) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"camera": {"bit_depth": 14}}, "12 bits, and these have 14"),
-        ({"stage": {"baseline_mm": 6.0}}, "positions -5, 0, 5 mm, and these images are at -6, 0, 6 mm"),
+        ({"camera": {"bit_depth": 14}}, "of a camera of 12 bits, but the images have 14"),
+        ({"stage": {"baseline_mm": 6.0}}, "positions -5, 0, 5 mm, but the stage has -6, 0, 6 mm"),
     ],
 )
 def test_calibration_of_another_camera_is_rejected(

@@ -47,7 +47,13 @@ def test_run_writes_calibration_recording_estimate_and_reports(run: CaptureRun) 
     assert run.reused == ()
     assert run.check.usable
     assert run.calibration is not None
-    assert load_store(run.folder.path / "estimate.zarr")["depth"].shape == (3, 180, 240)
+    estimate = load_store(run.folder.path / "estimate.zarr")
+    assert estimate["depth"].shape == (3, 180, 240)
+    _, _, z = run.calibration.point_errors([[120, 90]], 660.0, visit_std=np.zeros(6))
+    common = estimate["depth_std_common"].isel(t=1, y=90, x=120).item()
+    # The images are rectified, so that the pixel is nearly that of the recorded image.
+    assert common == pytest.approx(z.std[0], rel=0.02)
+    np.testing.assert_allclose(estimate["depth_std"] ** 2, estimate["depth_std_common"] ** 2 + 0.05**2, rtol=1e-4)
     page = run.page.read_text(encoding="utf-8")
     for text in ("Depth of all pixels at", "Suggestions", "focal length", "Halve", "gain K", 'href="report.html"'):
         assert text in page

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         project_points,
     )
     from scenetruth.capture.calibration import RigCalibration, calibrate
+    from scenetruth.capture.calibration_errors import add_calibration_errors
     from scenetruth.capture.capture_calibration import calibrate_capture
     from scenetruth.capture.capture_check import CaptureFinding, CaptureReport, check_capture
     from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
         measure_linearity,
         measure_noise,
     )
+    from scenetruth.capture.region_means import RegionMean, region_mean
     from scenetruth.capture.simulated_capture import simulate_capture
     from scenetruth.capture.simulated_rig import BoardPose, CaptureSimulation
     from scenetruth.capture.twin import Comparison, RegionError, Twin, TwinPrediction, TwinRun, make_twin, run_twin
@@ -69,19 +71,21 @@ __all__ = [
     "CAPTURE_FILE", "BoardArtwork", "BoardKind", "BoardLight", "BoardPose", "BoardPrint", "BoardRenderer", "Capture",
     "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureRun", "CaptureSimulation", "Comparison",
     "FilePattern", "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "InkRenderer",
-    "Linearity", "PixelFormat", "PlacedBoard", "RegionError", "RigCalibration", "SensorNoise", "Twin", "TwinPrediction",
-    "TwinRun", "average_frames", "calibrate", "calibrate_capture", "capture_text", "check_capture", "compare_exposures",
-    "correct_images", "default_board", "draw_board", "draw_dots", "expected_indices", "find_defects", "fit_gamma",
-    "frame_moments", "guess_patterns", "import_capture", "list_names", "load_capture", "make_twin", "measure_linearity",
-    "measure_noise", "nearest_patterns", "open_board_renderer", "open_capture", "project_points", "read_board_print",
-    "read_header", "read_images", "read_pattern", "read_pixels", "run_capture", "run_twin", "simulate_capture",
-    "undistort_images", "write_capture_file",
+    "Linearity", "PixelFormat", "PlacedBoard", "RegionError", "RegionMean", "RigCalibration", "SensorNoise", "Twin",
+    "TwinPrediction", "TwinRun", "add_calibration_errors", "average_frames", "calibrate", "calibrate_capture",
+    "capture_text", "check_capture", "compare_exposures", "correct_images", "default_board", "draw_board", "draw_dots",
+    "expected_indices", "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names",
+    "load_capture", "make_twin", "measure_linearity", "measure_noise", "nearest_patterns", "open_board_renderer",
+    "open_capture", "project_points", "read_board_print", "read_header", "read_images", "read_pattern", "read_pixels",
+    "region_mean", "run_capture", "run_twin", "simulate_capture", "undistort_images", "write_capture_file",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
     __name__,
     {
         "calibration": "RigCalibration calibrate",
+        "calibration_errors": "add_calibration_errors",
+        "region_means": "RegionMean region_mean",
         "capture_calibration": "calibrate_capture",
         "capture_check": "CaptureFinding CaptureReport check_capture",
         "capture_file": "CAPTURE_FILE Capture CaptureLike load_capture",

@@ -43,6 +43,7 @@ from scenetruth.capture.corrections import FixedPatternCorrection
 from scenetruth.capture.file_patterns import MatchedFile, read_pattern
 from scenetruth.capture.folder_reading import CaptureFolder, open_capture
 from scenetruth.capture.radiometry import SensorNoise
+from scenetruth.capture.rectification import calibration_problems
 from scenetruth.errors import CaptureError, Problem
 from scenetruth.output import check_output, write_atomically
 from scenetruth.progress import Progress, say
@@ -56,7 +57,6 @@ __all__ = [
     "calibrate_folder",
     "fit_points",
     "load_points",
-    "match_problems",
     "output_files",
     "rig_priors",
     "save_calibration",
@@ -195,6 +195,8 @@ def calibrate_folder(
         assert start is not None
         say("no board images: the given camera is used with its stated standard deviations")
         return _stated_calibration(folder, start, std, priors), None
+    if folder.capture.strip is not None:
+        say("strip: its points are not detected; visits of the measurement have the tolerances of the stage")
     fit = fit_points(folder, _detect(folder, progress), start, priors)
     return replace(describe_fit(fit, priors), bit_depth=folder.images.pixels.bit_depth), fit
 
@@ -266,7 +268,8 @@ def start_values(
             ]
             return None
     if isinstance(guess, RigCalibration):
-        problems += match_problems(guess, folder)
+        x_mm = folder.positions_mm()
+        problems += calibration_problems(folder.capture, guess, folder.images.pixels, "recorded", x_mm)
         return guess
     if isinstance(guess, Camera):
         if (guess.width, guess.height) != size:
@@ -299,38 +302,6 @@ def _stated_start(folder: CaptureFolder, focal_length_px: float | None) -> RigGu
     return RigGuess(
         focal_length_px=focal_length_px, principal_point_px=camera.principal_point_px, distortion=camera.distortion
     )
-
-
-def match_problems(calibration: RigCalibration, folder: CaptureFolder) -> list[Problem]:
-    """Return why a calibration does not belong to the camera and stage of a capture."""
-    size, problems = (folder.capture.camera.width, folder.capture.camera.height), []
-    if (calibration.width, calibration.height) != size:
-        message = (
-            f"is that of images of {calibration.width} x {calibration.height} px, and these have {size[0]} x {size[1]}"
-            ": another camera, crop or binning; calibrate this camera"
-        )
-        problems.append(Problem("calibration", message))
-    bits = folder.images.pixels.bit_depth
-    if calibration.bit_depth is not None and calibration.bit_depth != bits:
-        message = (
-            f"is that of images of {calibration.bit_depth} bits, and these have {bits}: another camera or mode; "
-            "calibrate this camera"
-        )
-        problems.append(Problem("calibration", message))
-    expected, found = folder.positions_mm(), calibration.positions_mm
-    step = np.abs(np.diff(expected)).min() if len(expected) > 1 else np.inf
-    if len(expected) != len(found) or (np.abs(expected - found) > 0.1 * step).any():
-        message = (
-            f"is that of the positions {_listed(found)} mm, and these images are at {_listed(expected)} mm; calibrate "
-            "at the positions of the measurement"
-        )
-        problems.append(Problem("calibration", message))
-    return problems
-
-
-def _listed(positions_mm: Floats) -> str:
-    values = [f"{x:g}" for x in positions_mm]
-    return ", ".join(values if len(values) < 8 else [*values[:3], "...", *values[-3:]])
 
 
 def rig_priors(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -13,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from scenetruth.capture.calibration import RigCalibration, RigFit, RigGuess
+from scenetruth.capture.calibration_errors import add_calibration_errors
 from scenetruth.capture.capture_calibration import (
     CALIBRATION_FILE,
     POINTS_FILE,
@@ -34,7 +36,15 @@ from scenetruth.errors import CaptureError, OutputExistsError, Problem
 from scenetruth.estimators import find_method, prepare
 from scenetruth.estimators.estimation import requirements
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, offered_methods, read_method
-from scenetruth.output import Claim, check_output, claim_file, claim_pictures, lock_output, write_atomically
+from scenetruth.output import (
+    Claim,
+    check_output,
+    claim_file,
+    claim_pictures,
+    lock_output,
+    scratch_path,
+    write_atomically,
+)
 from scenetruth.pipeline import (
     PipelineRunner,
     RunDirectory,
@@ -47,7 +57,7 @@ from scenetruth.progress import Progress, say
 from scenetruth.provenance import own_release
 from scenetruth.resources import Limits, estimate_cost, inspect_machine, refuse_resources
 from scenetruth.schema import digest
-from scenetruth.storage import claim_store, open_store
+from scenetruth.storage import claim_store, open_store, save_store
 
 __all__ = ["CaptureRun", "run_capture"]
 
@@ -274,6 +284,12 @@ class _Run:
         if not folder.board and not problems and _focal_length(start) is None:
             message = "is missing: add images of a board, give the focal length, or import a calibration"
             problems.append(Problem("camera.focal_length_px", message))
+        pixels = folder.images.pixels
+        if folder.board and pixels.bayer is not None and pixels.plane == "mosaic":
+            message = (
+                "must be red, green or blue: images of a calibrated rig are resampled, which would mix the colours"
+            )
+            problems.append(Problem("camera.plane", message, pixels.plane))
         if problems:
             raise CaptureError(problems, source=folder.capture.folder)
         # The focal length does not matter for what a method requires.
@@ -346,23 +362,37 @@ class _Run:
         return self.fit
 
     def _import(self) -> None:
-        start = self._calibrated() or start_values(self.folder, self.guess, self.std, [])
-        capture = _with_camera(self.folder, start, self.std)
-        # Methods that assume a pinhole camera get images of one.
-        blank = replace(self.folder, capture=capture).plan().blank()
-        ignored = find_method(self.method.method).needs.describe_ignored(blank, self.name)
-        undistort = any("distortion" in text for text in ignored)
+        calibration, capture, undistort = self._calibrated(), self.folder.capture, False
+        if calibration is None:
+            capture = _with_camera(self.folder, start_values(self.folder, self.guess, self.std, []), self.std)
+            # Methods that assume a pinhole camera get images of one.
+            blank = replace(self.folder, capture=capture).plan().blank()
+            ignored = find_method(self.method.method).needs.describe_ignored(blank, self.name)
+            undistort = any("distortion" in text for text in ignored)
         import_capture(
-            capture, output=self.output, overwrite=True, undistort=undistort, progress=self.progress
+            capture, output=self.output, overwrite=True, undistort=undistort, calibration=calibration,
+            progress=self.progress,
         )  # fmt: skip
 
     def _estimate(self) -> None:
         recording, choice = open_store(self.run.recording, kind="recording"), self.method.choice()
         workload = compute_recording_workload(recording, compute_method_workload([choice]))
         refuse_resources(estimate_cost(workload, ["estimate"]), inspect_machine(self.output), self.limits)
-        target = self.run.paths(self.name).estimate
+        calibration, target = self._calibrated(), self.run.paths(self.name).estimate
         with write_atomically(target, overwrite=True, claim=claim_store) as partial:
-            write_estimate(prepare(recording, choice.method, choice.settings, self.progress), partial)
+            work = prepare(recording, choice.method, choice.settings, self.progress)
+            if calibration is None:
+                write_estimate(work, partial)
+                return
+            scratch = scratch_path(partial)
+            write_estimate(work, scratch)
+            found = open_store(scratch, kind="estimate")
+            if {"depth", "depth_std"} <= set(found):
+                save_store(add_calibration_errors(found, calibration), partial)
+                shutil.rmtree(scratch)
+            else:
+                say(f"method '{self.name}' states no standard deviation of depth: calibration errors are not added")
+                scratch.rename(partial)
 
     def _report(self) -> None:
         with PipelineRunner(self.run, overwrite=True, progress=self.progress, limits=self.limits) as runner:

@@ -206,7 +206,8 @@ class CaptureFolder:
         """
         problems: list[Problem] = []
         if calibration is not None:
-            problems += calibration_problems(self.capture, calibration, self.images.pixels, geometry)
+            x_mm = self.positions_mm()
+            problems += calibration_problems(self.capture, calibration, self.images.pixels, geometry, x_mm)
         stated = _geometry(self, problems, calibrated=calibration is not None)
         if problems:
             raise CaptureError(problems, source=self.capture.folder)

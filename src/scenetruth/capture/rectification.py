@@ -229,9 +229,12 @@ def recorded_geometry(capture: Capture, calibration: RigCalibration) -> dict[str
 
 
 def calibration_problems(
-    capture: Capture, calibration: RigCalibration, pixels: PixelFormat, geometry: Geometry
+    capture: Capture, calibration: RigCalibration, pixels: PixelFormat, geometry: Geometry, x_mm: Floats
 ) -> list[Problem]:
-    """Return why a calibration is not that of a capture, or its images cannot be resampled."""
+    """Return why a calibration is not that of a capture, or its images cannot be resampled.
+
+    ``x_mm``: Positions of the camera along the stage, measured or planned.
+    """
     problems = []
     if geometry == "rectified" and pixels.bayer is not None and pixels.plane == "mosaic":
         message = "must be red, green or blue for a rectification: resampling would mix the colours of the mosaic"
@@ -240,12 +243,15 @@ def calibration_problems(
     if own != size:
         message = f"is of a camera of {own[0]} x {own[1]} px, but the images have {size[0]} x {size[1]} px"
         problems.append(Problem("calibration", f"{message}: use the calibration of this camera"))
+    if calibration.bit_depth not in (None, pixels.bit_depth):
+        message = f"is of a camera of {calibration.bit_depth} bits, but the images have {pixels.bit_depth}"
+        problems.append(Problem("calibration", f"{message}: use the calibration of this camera, in this mode"))
     stage = capture.stage
     if stage.rows > 1:
         message = f"is of a single row of positions, but the stage has {stage.rows} rows"
         problems.append(Problem("calibration", f"{message}: import without a calibration"))
         return problems
-    x_mm, calibrated = stage.x_mm, calibration.positions_mm
+    calibrated = calibration.positions_mm
     if len(x_mm) != len(calibrated):
         message = f"has {len(calibrated)} positions ({_listed(calibrated)} mm), but the stage has {len(x_mm)}"
         problems.append(Problem("calibration", f"{message} ({_listed(x_mm)} mm): calibrate at the same positions"))

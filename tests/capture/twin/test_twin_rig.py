@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Camera, EmvaSensor, GaussianSensor, Schedule, Stage, build_sensor_chain
 from scenetruth.capture import Capture, RigCalibration, open_capture
-from scenetruth.capture.twin import NoiseLine, describe_sensor, make_rig, rig_problems
+from scenetruth.capture.twin import NoiseLine, describe_sensor, make_rig
 from scenetruth.schema import make_recording
 from tests.helpers.captured_folders import write_capture
 
@@ -45,8 +45,8 @@ def calibration(seed: int) -> RigCalibration:
     return made
 
 
-def recording(**attrs: Any) -> Any:
-    return make_recording(np.zeros((5, 3, 240, 320), np.float32), FOCAL_PX, 5.0, attrs=attrs)
+def recording(stage: Any = (-9, -5, 0, 4, 10), **attrs: Any) -> Any:
+    return make_recording(np.zeros((5, 3, 240, 320), np.float32), FOCAL_PX, 5.0, stage_x_mm=stage, attrs=attrs)
 
 
 @given(seed=st.integers(0, 10**6), rectified=st.booleans())
@@ -81,19 +81,9 @@ def test_without_a_calibration_the_guide_is_ideal_and_visits_vary() -> None:
     assert made.camera["focal_length_px"] == FOCAL_PX
 
 
-def test_a_calibration_of_another_rig_is_rejected() -> None:
-    rig = calibration(1)
-    assert rig_problems(capture(), rig) == []
-    other = Capture.from_dict(
-        {
-            "camera": {"width": 640, "height": 240, "focal_length_px": FOCAL_PX},
-            "stage": {"positions": 3, "baseline_mm": 5, "rows": 3, "row_spacing_mm": 5},
-            "frames": {"count": 1},
-            "files": {"images": "r{row}_s{s}.tif"},
-        }
-    )
-    paths = [problem.path for problem in rig_problems(other, rig)]
-    assert paths == ["calibration", "stage.rows", "calibration"]
+def test_measured_positions_are_those_of_the_stage() -> None:
+    made = make_rig(capture(), None, recording(stage=[-9.2, -5.0, 0.0, 4.1, 10.0]))
+    assert Stage.model_validate({**made.stage, "errors": None}).x_mm.tolist() == [-9.2, -5.0, 0.0, 4.1, 10.0]
 
 
 def test_rotations_of_the_reference_camera_are_kept() -> None:

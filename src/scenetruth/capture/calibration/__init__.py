@@ -91,7 +91,9 @@ __getattr__, __dir__ = export_lazily(
             "inconsistent_images refit step_problems check_models check_scale"
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
-        "measurement_covariance": "CommonError MeasurementSlopes Moment RigGeometry common_error point_modes triangulate",
+        "measurement_covariance": (
+            "CommonError MeasurementSlopes Moment RigGeometry common_error point_modes triangulate"
+        ),
         "rig_calibration": "BoardImage calibrate describe_fit fit_rig observe_boards",
         "rig_model": (
             "CalibrationError CalibrationTarget Observations RigGuess RigLayout RigPriors RigState TargetView project "

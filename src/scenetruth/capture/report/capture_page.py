@@ -16,7 +16,7 @@ from scenetruth.capture.capture_check import CaptureReport
 from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.report.calibration_figures import CalibrationData, draw_calibration
 from scenetruth.capture.report.error_budget import DepthBudget, depth_budget
-from scenetruth.capture.report.noise_figures import draw_noise, noise_words
+from scenetruth.capture.report.noise_figures import draw_depth_std, draw_noise, noise_words, split_std
 from scenetruth.capture.report.suggestions import PoseEffect, Suggestion, assess_poses, cover, suggest
 from scenetruth.html import HtmlTable, make_table, template_environment
 from scenetruth.number_format import format_two_digits
@@ -26,7 +26,7 @@ from scenetruth.scoring.report.score_report import inline_picture
 
 __all__ = ["CaptureResults", "write_capture_page"]
 
-_SHOWN_FIGURES = ("image", "depth", "surface", "velocity_z", "growth_rate", "error_bars")
+_SHOWN_FIGURES = ("image", "depth", "surface", "velocity_z", "growth_rate")
 _SURFACE_PERCENT = (1.0, 99.0)
 _GAUGE, _MOST_COMBINATIONS = 1e-2, 8
 _UNITS = {"f": "px", "c_x": "px", "c_y": "px", "axis_y": "rad", "axis_z": "rad"}
@@ -98,7 +98,7 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
             sentences=sentences,
             report=results.report,
             method=results.method,
-            estimate_figures=_estimate_figures(results),
+            estimate_figures=_estimate_figures(results, pictures),
             noise=noise_words(results.folder, results.check.noise),
             noise_figures=noise_figures,
             findings=[str(finding) for finding in results.check.findings],
@@ -137,15 +137,10 @@ def _estimate_sentences(results: CaptureResults) -> list[str]:
         f"{100 * valid.mean():.0f} % of the pixels have a depth; its median is "
         f"{float(np.median(frame['depth'].values[valid])):.2f} mm."
     ]
-    parts = []
-    for name, text in (
-        ("depth_std_pixel", "of the noise of single pixels"),
-        ("depth_std_common", "in common"),
-        ("depth_std", "in all"),
-    ):
-        if name in frame:
-            values = frame[name].values[valid]
-            parts.append(f"{format_two_digits(float(np.nanmedian(values)))} mm {text}")
+    parts = [
+        f"{format_two_digits(float(np.nanmedian(values[valid])))} mm {text}"
+        for text, values in split_std(frame).items()
+    ]
     if parts:
         sentences.append(f"Median of the stated standard deviations of the depth: {', '.join(parts)}.")
     return sentences
@@ -185,20 +180,20 @@ _TITLES = {
     "surface": ("Surface", "Estimated surface in 3D."),
     "velocity_z": ("Velocity along Z", "Motion towards the camera is negative."),
     "growth_rate": ("Growth rate", "Relative growth of surface area."),
-    "error_bars": ("Stated standard deviations", "As stated by the estimate, over the image."),
 }
 
 
-def _estimate_figures(results: CaptureResults) -> list[tuple[FigureInfo, str, int]]:
-    """Return figures of the report of the estimate."""
+def _estimate_figures(results: CaptureResults, pictures: Path) -> list[tuple[FigureInfo, str, int]]:
+    """Return figures of the report of the estimate, and its standard deviations."""
+    own = [] if results.estimate is None else _inlined(draw_depth_std(results.estimate, pictures), pictures)
     if results.figures is None or not results.figures.is_dir():
-        return []
+        return own
     found = [
         FigureInfo(f"{name}.png", *_TITLES[name])
         for name in _SHOWN_FIGURES
         if (results.figures / f"{name}.png").exists()
     ]
-    return _inlined(found, results.figures)
+    return _inlined(found, results.figures) + own
 
 
 def _suggestion_table(found: Sequence[Suggestion], budget: DepthBudget) -> HtmlTable:

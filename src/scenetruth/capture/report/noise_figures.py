@@ -1,10 +1,11 @@
-"""Figures of the sensor of a capture: temporal noise over the grey value, and fixed patterns."""
+"""Figures of the noise of a capture: of the sensor, its fixed patterns, and standard deviations of the depth."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.capture.folder_reading import CaptureFolder
@@ -23,9 +24,10 @@ from scenetruth.scoring.figures.figure_style import (
     save,
     show_map,
     style,
+    void_legend,
 )
 
-__all__ = ["draw_noise", "noise_words"]
+__all__ = ["draw_depth_std", "draw_noise", "noise_words", "split_std"]
 
 Array = NDArray[np.float64]
 
@@ -130,3 +132,40 @@ def _pattern(name: str, values: Array) -> tuple[Array, str, str]:
     if name == "dark":
         return np.asarray(values - values.mean()), "DN", "Dark frame less its mean"
     return np.asarray(values / values.mean()), "", "Flat field over its mean"
+
+
+def split_std(frame: xr.Dataset) -> dict[str, Array]:
+    """Return the standard deviations of the depth of a frame: of single pixels, and in common with all pixels."""
+    if "depth_std" not in frame:
+        return {}
+    whole = frame["depth_std"].values.astype(np.float64)
+    if "depth_std_common" not in frame:
+        return {"of single pixels": whole}
+    common = frame["depth_std_common"].values.astype(np.float64)
+    return {"of single pixels": np.sqrt(np.maximum(whole**2 - common**2, 0.0)), "in common": common}
+
+
+def draw_depth_std(estimate: xr.Dataset, target: Path) -> list[FigureInfo]:
+    """Draw the standard deviations of the depth of the middle frame; nothing if the estimate has none."""
+    parts = split_std(estimate.isel(t=estimate.sizes["t"] // 2))
+    if not any(np.isfinite(values).any() for values in parts.values()):
+        return []
+    first = next(iter(parts.values()))
+    with style():
+        figure = new_figure(5.6 * len(parts), map_height(first, 4.3, 1.1))
+        panels = figure.subplots(1, len(parts), squeeze=False)[0]
+        for axes, (title, values) in zip(panels, parts.items(), strict=True):
+            low, high = robust_limits(values)
+            drawn = show_map(axes, values, cmap="cividis", vmin=low, vmax=high)
+            axes.set_title(f"Standard deviation of depth, {title}")
+            pixel_axes(axes)
+            colorbar(figure, drawn, axes, "mm", extend="both")
+        void_legend(figure)
+        save(figure, target / "depth_std.png")
+    text = "Left: scatter from pixel to pixel, by the noise of the images."
+    if len(parts) > 1:
+        text += (
+            " Right: errors of calibration, stage and lens, which neighbouring pixels share: differences within the "
+        )
+        text += "map, and changes from frame to frame, have a smaller part of them."
+    return [FigureInfo("depth_std.png", "Standard deviation of depth", text)]

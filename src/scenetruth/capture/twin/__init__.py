@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         fit_noise_line,
         make_texture,
     )
-    from scenetruth.capture.twin.twin_rig import SensorModel, TwinRig, describe_sensor, make_rig, rig_problems
+    from scenetruth.capture.twin.twin_rig import SensorModel, TwinRig, describe_sensor, make_rig
     from scenetruth.capture.twin.twin_run import TwinRun, run_twin
     from scenetruth.capture.twin.twin_scene import Twin, make_twin, open_run
 
@@ -33,7 +33,7 @@ __all__ = [
     "Canvas", "Comparison", "GridMesh", "ImageMean", "ImageSet", "MeasuredMotion", "NoiseLine", "RegionError",
     "SensorModel", "SurfacePart", "Twin", "TwinPrediction", "TwinRig", "TwinRun", "average_images", "describe_sensor",
     "find_parts", "fit_motion", "fit_noise_line", "make_rig", "make_texture", "make_twin", "mesh_part", "open_run",
-    "predict_errors", "rig_problems", "run_twin", "smooth_map",
+    "predict_errors", "run_twin", "smooth_map",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -43,7 +43,7 @@ __getattr__, __dir__ = export_lazily(
         "measured_surface": "Canvas GridMesh SurfacePart find_parts mesh_part smooth_map",
         "prediction": "Comparison RegionError TwinPrediction predict_errors",
         "surface_texture": "ImageMean ImageSet NoiseLine average_images fit_noise_line make_texture",
-        "twin_rig": "SensorModel TwinRig describe_sensor make_rig rig_problems",
+        "twin_rig": "SensorModel TwinRig describe_sensor make_rig",
         "twin_run": "TwinRun run_twin",
         "twin_scene": "Twin make_twin open_run",
     },

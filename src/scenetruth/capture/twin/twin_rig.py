@@ -18,16 +18,14 @@ from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.radiometry import SensorNoise
 from scenetruth.capture.rectification import ideal_rotation
 from scenetruth.capture.twin.surface_texture import NoiseLine
-from scenetruth.errors import Problem
 
-__all__ = ["SensorModel", "TwinRig", "describe_sensor", "make_rig", "rig_problems"]
+__all__ = ["SensorModel", "TwinRig", "describe_sensor", "make_rig"]
 
 Floats = NDArray[np.float64]
 
 _SHOT_SHARE = 1e-3
 """Share of shot noise in the variance at full scale below which the noise of a sensor does not depend on light."""
-_LARGEST_URAD = 1e5
-_DIGITS = 6
+_DIGITS, _SAME_MM, _LEAST_TILT_URAD = 6, 1e-6, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,25 +42,6 @@ class TwinRig:
     reference_rotation: Floats
 
 
-def rig_problems(capture: Capture, calibration: RigCalibration | None) -> list[Problem]:
-    """Return why a calibration is not that of a capture."""
-    if calibration is None:
-        return []
-    problems = []
-    size, own = (capture.camera.width, capture.camera.height), (calibration.width, calibration.height)
-    if size != own:
-        message = f"is of images of {own[0]} x {own[1]} px, and the capture has {size[0]} x {size[1]} px"
-        problems.append(Problem("calibration", message))
-    if capture.stage.rows > 1:
-        message = "must be 1 with a calibration, which describes positions along one axis"
-        problems.append(Problem("stage.rows", message, capture.stage.rows))
-    count = len(calibration.positions_mm)
-    if count != capture.stage.positions:
-        message = f"is of {count} positions, and the capture has {capture.stage.positions}"
-        problems.append(Problem("calibration", message))
-    return problems
-
-
 def make_rig(capture: Capture, calibration: RigCalibration | None, recording: xr.Dataset) -> TwinRig:
     """Return camera and stage of a capture; with a calibration, the estimated lens and poses."""
     given = capture.stage
@@ -71,6 +50,12 @@ def make_rig(capture: Capture, calibration: RigCalibration | None, recording: xr
         include={"positions", "baseline_mm", "positions_mm", "rows", "row_spacing_mm", "scan", "time_per_position_s"},
         exclude_none=True,
     )
+    along = recording["stage_x_mm"].values if calibration is None else calibration.positions_mm
+    x_mm = along - along[(len(along) - 1) // 2]
+    if np.abs(x_mm - given.x_mm).max() > _SAME_MM:
+        # Measured positions.
+        stage["positions_mm"] = np.round(x_mm, _DIGITS).tolist()
+        del stage["positions"]
     errors = None if given.errors is None else given.errors.model_dump(mode="json", exclude={"preset"})
     if calibration is None:
         # Guide errors are not measured; visits vary as stated.
@@ -81,15 +66,15 @@ def make_rig(capture: Capture, calibration: RigCalibration | None, recording: xr
         stage["errors"] = errors
     rectified = recording.attrs.get("geometry") == "rectified"
     rotation = ideal_rotation(calibration) if rectified else np.eye(3)
-    along = rotation.T @ calibration.axis
-    tilt = 1e6 * along[1:] / along[0]
-    if np.abs(tilt).max() > 1e-3:
+    axis = rotation.T @ calibration.axis
+    tilt = 1e6 * axis[1:] / axis[0]
+    if np.abs(tilt).max() > _LEAST_TILT_URAD:
         stage["axis_tilt_urad"] = np.round(tilt, _DIGITS).tolist()
+    direction = np.array([1.0, *(1e-6 * np.array(stage.get("axis_tilt_urad", (0.0, 0.0))))])
     poses = []
-    for position, x_mm in enumerate(given.x_mm.tolist()):
+    for position, x in enumerate(np.round(x_mm, _DIGITS).tolist()):
         view = calibration.viewpoint(position)
-        nominal = x_mm * np.array([1.0, *(1e-6 * tilt if "axis_tilt_urad" in stage else (0.0, 0.0))])
-        offset_um = 1e3 * (rotation.T @ view.position_mm - nominal)
+        offset_um = 1e3 * (rotation.T @ view.position_mm - x * direction)
         turn_urad = 1e6 * Rotation.from_matrix(rotation.T @ view.rotation).as_rotvec()
         names = ("x_um", "y_um", "z_um", "pitch_urad", "yaw_urad", "roll_urad")
         poses.append(dict(zip(names, np.round([*offset_um, *turn_urad], _DIGITS).tolist(), strict=True)))

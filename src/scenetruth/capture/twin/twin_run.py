@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.capture.calibration import RigCalibration
+from scenetruth.capture.calibration_errors import add_calibration_errors
 from scenetruth.capture.capture_file import Capture, CaptureLike, load_capture
 from scenetruth.capture.folder_reading import CaptureFolder, import_capture, open_capture
 from scenetruth.capture.simulated_capture import simulate_capture
@@ -23,7 +24,15 @@ from scenetruth.capture.twin.prediction import (
     predict_errors,
 )
 from scenetruth.capture.twin.surface_texture import ImageSet
-from scenetruth.capture.twin.twin_scene import SCENE_FILE, MeasuredRun, Twin, find_calibration, make_twin, open_run
+from scenetruth.capture.twin.twin_scene import (
+    SCENE_FILE,
+    MeasuredRun,
+    Twin,
+    find_calibration,
+    make_twin,
+    open_run,
+    twin_problems,
+)
 from scenetruth.errors import CaptureError, Problem, SceneWarning
 from scenetruth.estimators import estimate, find_method
 from scenetruth.estimators.registry import validate_settings
@@ -149,9 +158,12 @@ def run_twin(
     folder = open_capture(capture)
     measured = open_run(run, method)
     rig = find_calibration(measured, calibration)
+    problems = twin_problems(folder, rig, measured)
     if measured.method == "external":
         message = "is of a program that is not installed as a method; estimate with an installed one"
-        raise CaptureError([Problem("method", message, measured.method)], source=folder.capture.folder)
+        problems.append(Problem("method", message, measured.method))
+    if problems:
+        raise CaptureError(problems, source=folder.capture.folder)
     # Raises before any work if the method is not installed.
     validate_settings(find_method(measured.method), measured.settings)
     settings = score_settings if isinstance(score_settings, ScoreSettings) else ScoreSettings(**(score_settings or {}))
@@ -203,8 +215,12 @@ class _Running:
         return TwinRun(self.place, self.place / _SCENE / SCENE_FILE, prediction, scored)
 
     def _with_calibration(self) -> xr.Dataset:
-        """Return the estimate of the measurement with the common part of its standard deviations."""
-        return self.measured.estimate
+        """Return the estimate of the measurement with the errors of the calibration."""
+        found = self.measured.estimate
+        rectified = self.measured.recording.attrs.get("geometry") == "rectified"
+        if self.calibration is None or not rectified or "calibration_modes" in found or "depth_std" not in found:
+            return found
+        return add_calibration_errors(found, self.calibration)
 
     def _put(self, name: str, text: str, folder: str = "") -> None:
         with write_atomically(self.place / folder / name, overwrite=True) as partial:
@@ -264,8 +280,15 @@ class _Running:
             if self.calibration is not None:
                 geometry = self.measured.recording.attrs.get("geometry", "recorded")
                 given = {"calibration": self.calibration, "geometry": geometry}
+            elif self._undistorted():
+                given = {"undistort": True}
             import_capture(self._capture(folder), output=store.parent, progress=self.progress, **given)
         return open_store(store, kind="recording")
+
+    def _undistorted(self) -> bool:
+        """Return whether the recording of the measurement has been resampled to images without distortion."""
+        attrs = self.measured.recording.attrs
+        return self.folder.capture.camera.distortion is not None and "distortion" not in attrs
 
     def _estimate(self, recording: xr.Dataset) -> xr.Dataset:
         store = self.place / _RUN / store_name(f"estimate.{self.measured.method}", zipped=False)

@@ -18,6 +18,7 @@ from scenetruth.capture.calibration import RigCalibration
 from scenetruth.capture.capture_calibration import CALIBRATION_FILE
 from scenetruth.capture.capture_file import Capture, CaptureLike
 from scenetruth.capture.folder_reading import CaptureFolder, open_capture
+from scenetruth.capture.rectification import Geometry, calibration_problems
 from scenetruth.capture.twin.measured_motion import MeasuredMotion, fit_motion
 from scenetruth.capture.twin.measured_surface import Canvas, GridMesh, SurfacePart, find_parts, mesh_part
 from scenetruth.capture.twin.surface_texture import (
@@ -28,7 +29,7 @@ from scenetruth.capture.twin.surface_texture import (
     fit_noise_line,
     make_texture,
 )
-from scenetruth.capture.twin.twin_rig import SensorModel, TwinRig, describe_sensor, make_rig, rig_problems
+from scenetruth.capture.twin.twin_rig import SensorModel, TwinRig, describe_sensor, make_rig
 from scenetruth.errors import CaptureError, Problem
 from scenetruth.output import OwnershipResult, check_output, write_atomically
 from scenetruth.progress import Progress
@@ -38,7 +39,7 @@ from scenetruth.schema import STATUS_VALID
 from scenetruth.storage import RECORDING, is_store, open_store, store_name
 from scenetruth.truth import make_truth
 
-__all__ = ["SCENE_FILE", "MeasuredRun", "Twin", "find_calibration", "make_twin", "open_run"]
+__all__ = ["SCENE_FILE", "MeasuredRun", "Twin", "find_calibration", "make_twin", "open_run", "twin_problems"]
 
 Floats = NDArray[np.float64]
 
@@ -262,7 +263,7 @@ def make_twin(
     folder = open_capture(capture)
     measured = open_run(run, method)
     rig = find_calibration(measured, calibration)
-    problems = rig_problems(folder.capture, rig) + _run_problems(folder.capture, rig, measured)
+    problems = twin_problems(folder, rig, measured)
     if problems:
         raise CaptureError(problems, source=folder.capture.folder)
     check_output(output, overwrite=overwrite, claim=claim_twin)
@@ -285,9 +286,13 @@ def claim_twin(path: Path) -> OwnershipResult:
     return OwnershipResult(foreign=tuple(entry.name for entry in path.iterdir() if not _OWN.fullmatch(entry.name)))
 
 
-def _run_problems(capture: Capture, calibration: RigCalibration | None, run: MeasuredRun) -> list[Problem]:
-    """Return why a run is not that of a capture."""
-    problems = []
+def twin_problems(folder: CaptureFolder, calibration: RigCalibration | None, run: MeasuredRun) -> list[Problem]:
+    """Return why a calibration or a run is not that of a capture."""
+    capture, problems = folder.capture, list[Problem]()
+    if calibration is not None:
+        geometry: Geometry = "rectified" if run.recording.attrs.get("geometry") == "rectified" else "recorded"
+        pixels, x_mm = folder.images.pixels, folder.positions_mm()
+        problems += calibration_problems(capture, calibration, pixels, geometry, x_mm)
     sizes = run.recording["image"].sizes
     pixels = capture.camera.pixels
     height, width = pixels.shape(capture.camera.height, capture.camera.width)
