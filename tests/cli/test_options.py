@@ -142,13 +142,13 @@ def test_the_commands_are_those_of_the_reference() -> None:
 
 
 GROUPS = {
-    "capture": {"init", "check", "import", "simulate"},
+    "capture": {"init", "check", "import", "simulate", "twin"},
     "dataset": {"check", "preview", "run", "sample", "status", "estimate", "catalogue", "card"},
     "design": {"predict", "budget", "sweep", "optimise", "pattern"},
     "validation": {"paper-figure2", "emva1288", "rendering"},
 }
 OUTPUT_REQUIRED = {
-    *("run", "render", "export", "compare", "capture import", "capture simulate"),
+    *("run", "render", "export", "compare", "capture import", "capture simulate", "capture twin"),
     *("dataset preview", "dataset run", "dataset sample"),
     *("design sweep", "design optimise", "design pattern", *(f"validation {name}" for name in GROUPS["validation"])),
 }

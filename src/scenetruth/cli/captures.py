@@ -151,7 +151,9 @@ Method = Annotated[
 SurfaceMesh = Annotated[
     Path | None,
     options.option(
-        "--mesh", metavar="FILE", help="Mesh of the surface in mm, in the frame of the recording, instead of the depth."
+        "--surface",
+        metavar="FILE",
+        help="Mesh of the surface in mm, in the frame of the recording, instead of the depth.",
     ),
 ]
 
@@ -391,7 +393,7 @@ def twin(
     *,
     calibration: Calibration = None,
     method: Method = None,
-    mesh: SurfaceMesh = None,
+    surface: SurfaceMesh = None,
     scene_only: SceneOnly = False,
     overwrite: options.Overwrite = False,
     as_json: options.Json = False,
@@ -412,7 +414,7 @@ def twin(
                 output,
                 calibration=calibration,
                 method=method,
-                mesh=mesh,
+                mesh=surface,
                 overwrite=overwrite,
                 progress=reporter,
             )
@@ -422,7 +424,7 @@ def twin(
         return
     with reporting() as reporter:
         found = run_twin(
-            capture, run, output, calibration=calibration, method=method, mesh=mesh, progress=reporter
+            capture, run, output, calibration=calibration, method=method, mesh=surface, progress=reporter
         )  # fmt: skip
     if as_json:
         typer.echo(json.dumps(found.prediction.to_dict(), indent=2))

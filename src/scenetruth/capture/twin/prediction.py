@@ -50,6 +50,16 @@ class RegionError:
     ``rmse``: Predicted root-mean-square error of the measurement: the root of the sum of squares of the three.
     ``stated_capture``, ``stated_twin``: Root mean square of the stated standard deviation of a pixel.
     ``capture_density``: Share of the pixels of the region that the measurement has.
+
+    See Also
+    --------
+    TwinPrediction : Contains one for each region and quantity.
+
+    Examples
+    --------
+    >>> row = RegionError("interior", "depth", "mm", 900, 0.9, 0.03, 0.0, 0.04, 0.05, 0.03, 0.03, 0.9)
+    >>> row.rmse
+    0.05
     """
 
     region: str
@@ -68,7 +78,18 @@ class RegionError:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A value that capture and twin show without a truth."""
+    """A value that capture and twin show without a truth.
+
+    See Also
+    --------
+    TwinPrediction : Contains them.
+
+    Examples
+    --------
+    >>> residual = Comparison("residual of the fit", "DN", 1.2, 0.8)
+    >>> round(residual.ratio, 2), residual.agrees
+    (1.5, False)
+    """
 
     name: str
     unit: str
