@@ -18,14 +18,14 @@ from scenetruth.output import write_atomically
 from scenetruth.results import QuantityValue, Result, refuse_unknown
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import QUANTITIES, Score
-from scenetruth.scoring.regions import further_regions, main_regions, visible_throughout
+from scenetruth.scoring.regions import edge_distance, further_regions, main_regions, visible_throughout
 from scenetruth.scoring.scorer import local_contrast, reference_images
 from scenetruth.settings import ScoreSettings
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Comparison", "RegionError", "TwinPrediction", "draw_prediction", "predict_errors"]
+__all__ = ["Comparison", "RegionError", "TwinPrediction", "draw_prediction", "mark_bends", "predict_errors"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,6 +36,7 @@ _EVERYWHERE = ("depth", "velocity_z")
 _LIKE = (0.8, 1.25)
 """Ratios of capture and twin between which a value is taken to be the same."""
 _ERROR_WINDOW_PX = 6.0
+_BEND_PX, _BEND_DEG = 6, 40.0
 
 
 @dataclass(frozen=True)
@@ -210,6 +211,29 @@ class TwinPrediction(Result):
             for each in self.comparisons
             if each.agrees is False
         ]  # fmt: skip
+
+
+def mark_bends(truth: xr.Dataset) -> xr.Dataset:
+    """Return a truth whose mixed pixels contain strong bends: creases that a method has rounded.
+
+    The normals at 6 px on either side of a bend differ by more than 40°.
+    """
+    normal = truth["normal"].transpose("t", "y", "x", "component").values
+    bent = np.zeros(normal.shape[:-1], dtype=np.bool_)
+    for axis in (1, 2):
+        one, other = (np.roll(normal, shift, axis=axis) for shift in (-_BEND_PX, _BEND_PX))
+        inside = np.zeros(bent.shape[axis], dtype=np.bool_)
+        inside[_BEND_PX:-_BEND_PX] = True
+        shape = [1, 1, 1]
+        shape[axis] = -1
+        with np.errstate(invalid="ignore"):
+            bent |= (np.sum(one * other, axis=-1) < np.cos(np.deg2rad(_BEND_DEG))) & inside.reshape(shape)
+    mixed = truth["mixed"].values.astype(bool) | bent
+    distance = edge_distance(mixed)
+    return truth.assign(
+        mixed=(truth["mixed"].dims, mixed, truth["mixed"].attrs),
+        boundary_distance=(truth["boundary_distance"].dims, distance, truth["boundary_distance"].attrs),
+    )
 
 
 def predict_errors(

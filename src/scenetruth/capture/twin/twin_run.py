@@ -21,6 +21,7 @@ from scenetruth.capture.twin.prediction import (
     TwinPrediction,
     compare_estimates,
     draw_prediction,
+    mark_bends,
     predict_errors,
 )
 from scenetruth.capture.twin.surface_texture import ImageSet
@@ -314,7 +315,7 @@ class _Running:
                 # Warnings of the scene have been given by the simulation.
                 warnings.simplefilter("ignore", SceneWarning)
                 found = make_truth(ideal, truth_poses="nominal", progress=self.progress)
-            save_store(found, store)
+            save_store(mark_bends(found), store)
         return open_store(store, kind="truth")
 
     def _compare(self, found: xr.Dataset, recording: xr.Dataset, folder: Path) -> list[Comparison]:

@@ -1,0 +1,72 @@
+"""Predictions of twins: bends that count as edges, common parts, and values that both show."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import scenetruth as st
+from scenetruth.capture import Comparison, RegionError, TwinPrediction
+from scenetruth.capture.twin import mark_bends, predict_errors
+
+
+def scene(mesh: dict[str, object], *rotations: dict[str, object]) -> dict[str, object]:
+    body = {"name": "body", "mesh": mesh, "texture": {"kind": "noise", "wavelength_mm": [2, 8]}}
+    body["pose"] = {"position_mm": [0, 0, 600], "rotations": list(rotations)}
+    return {
+        "camera": {"width": 80, "height": 60, "focal_length_px": 800},
+        "stage": {"positions": 3, "baseline_mm": 8},
+        "frames": {"count": 1},
+        "objects": [body],
+        "sensor": {"noise_std": 0.01},
+        "render": {"backend": "raycast"},
+    }
+
+
+def test_a_strong_bend_is_an_edge_and_a_weak_one_is_not() -> None:
+    # At 600 mm a pixel is 0.75 mm: normals at a distance of 12 px differ by 9 / R.
+    for radius, bent in ((8.0, True), (60.0, False)):
+        mesh = {"kind": "cylinder", "radius_mm": radius, "length_mm": 200}
+        truth = st.make_truth(st.Scene.from_dict(scene(mesh)))
+        marked = mark_bends(truth)
+        middle = marked["mixed"].values[0, 25:35, 38:42]
+        assert bool(middle.all()) is bent
+        assert bool(middle.any()) is bent
+        assert (marked["mixed"].values >= truth["mixed"].values).all()
+    assert marked["boundary_distance"].values == pytest.approx(truth["boundary_distance"].values)
+
+
+def test_rows_add_the_parts_and_know_what_the_capture_states() -> None:
+    plain = scene({"kind": "plane", "size_mm": [200, 160]})
+    recording, truth = st.simulate(plain)
+    depth = truth["depth"].values
+    std = np.full(depth.shape, 0.5)
+    twin = st.make_estimate(recording=recording, depth=depth + 0.2, depth_std=std)
+    capture = twin.assign(depth_std_common=(("t", "y", "x"), np.full(depth.shape, 0.3, np.float32)))
+    settings = {"interior_margin_px": 0.0}
+    score = st.score(twin, truth, recording, settings=settings)
+    found = predict_errors(score, twin, truth, recording, capture)
+    row = next(each for each in found.rows if (each.region, each.quantity) == ("all", "depth"))
+    assert row.bias == pytest.approx(0.2, abs=1e-4)
+    assert row.common_std == pytest.approx(0.3, rel=1e-6)
+    assert row.rmse == pytest.approx(math.hypot(0.2, 0.3), rel=1e-3)
+    assert row.stated_twin == pytest.approx(0.5)
+    assert row.stated_capture == pytest.approx(0.4)
+    assert row.capture_density == 1.0
+    assert row.density == 1.0
+
+
+def test_differences_between_capture_and_twin_are_named() -> None:
+    row = RegionError("interior", "depth", "mm", 900, 0.9, 0.03, 0.0, 0.04, 0.05, 0.03, 0.03, 0.9)
+    same, other = Comparison("residual", "DN", 1.1, 1.0), Comparison("noise", "DN", 2.0, 1.0)
+    undefined = Comparison("closure", "mm", math.nan, 1.0)
+    found = TwinPrediction((row,), (same, other, undefined), ("a note",))
+    assert [problem.path for problem in found.disagreements] == ["noise"]
+    assert undefined.agrees is None
+    assert math.isnan(Comparison("x", "", 1.0, 0.0).ratio)
+    text = found.summary()
+    assert "noise: 2.00 and 1.00 DN; ratio 2.00" in text
+    assert "residual: 1.10 and 1.00 DN\n" in text
+    assert text.endswith("note: a note")
