@@ -78,6 +78,12 @@ def test_a_folder_of_another_twin_is_rejected(measured: MeasuredCapture, predict
         run_twin(measured.capture, measured.run, predicted.folder, seed=4, score_settings=MARGIN)
 
 
+def test_invalid_settings_are_rejected_before_any_work(measured: MeasuredCapture, tmp_path: Path) -> None:
+    with pytest.raises(st.ScoreError, match="interior_margin_px"):
+        run_twin(measured.capture, measured.run, tmp_path / "new", score_settings={"interior_margin_px": -1.0})
+    assert not (tmp_path / "new").exists()
+
+
 def test_summary_and_values(predicted: TwinRun) -> None:
     text = predicted.prediction.summary()
     assert "interior" in text

@@ -119,6 +119,10 @@ def test_all_problems_are_reported_together(measured: MeasuredCapture, tmp_path:
         open_run(tmp_path)
     with pytest.raises(st.CaptureError, match=r"has no estimate in .*; it has refined"):
         make_twin(measured.capture, measured.run, tmp_path / "twin", method="structure_tensor")
+    for name in ("nothing.obj", "wrong.obj"):
+        (tmp_path / "wrong.obj").write_text("v 0 0\n")
+        with pytest.raises(st.SceneError, match="mesh: "):
+            make_twin(measured.capture, measured.run, tmp_path / "twin", mesh=tmp_path / name)
     assert not (tmp_path / "twin").exists()
 
 

@@ -29,6 +29,7 @@ from scenetruth.capture.twin.twin_scene import (
     SCENE_FILE,
     MeasuredRun,
     Twin,
+    check_mesh,
     find_calibration,
     make_twin,
     open_run,
@@ -44,6 +45,7 @@ from scenetruth.provenance import own_release
 from scenetruth.scene import Scene, load_scene
 from scenetruth.schema import digest
 from scenetruth.scoring import Score, score
+from scenetruth.scoring.scorer import score_settings as read_settings
 from scenetruth.settings import ScoreSettings
 from scenetruth.storage import RECORDING, TRUTH, is_store, open_store, save_store, store_name
 from scenetruth.truth import make_truth
@@ -129,6 +131,10 @@ def run_twin(
         If the capture, the run or the calibration cannot be used, or do not belong together; lists every problem.
     EstimateError
         If the method of the estimate is not installed.
+    SceneError
+        If the mesh cannot be read.
+    ScoreError
+        If the settings of the score are invalid.
     OutputExistsError
         If the folder contains another twin, or other data.
 
@@ -165,16 +171,17 @@ def run_twin(
         problems.append(Problem("method", message, measured.method))
     if problems:
         raise CaptureError(problems, source=folder.capture.folder)
+    check_mesh(mesh)
     # Raises before any work if the method is not installed.
     validate_settings(find_method(measured.method), measured.settings)
-    settings = score_settings if isinstance(score_settings, ScoreSettings) else ScoreSettings(**(score_settings or {}))
+    settings = score_settings if isinstance(score_settings, ScoreSettings) else read_settings(**(score_settings or {}))
     identity = {
         "format": 1,
         "release": own_release(),
         "capture": digest(folder.capture.to_dict()),
         "estimate": measured.estimate.attrs.get("estimate_hash", ""),
         "calibration": None if rig is None else digest([list(rig.names), rig.values.tolist()]),
-        "mesh": None if mesh is None else str(Path(mesh).resolve()),
+        "mesh": None if mesh is None else digest(Path(mesh).read_bytes().hex()),
         "score": settings.model_dump(mode="json"),
         "seed": seed,
     }

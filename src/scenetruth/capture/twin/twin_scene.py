@@ -30,7 +30,7 @@ from scenetruth.capture.twin.surface_texture import (
     make_texture,
 )
 from scenetruth.capture.twin.twin_rig import SensorModel, TwinRig, describe_sensor, make_rig
-from scenetruth.errors import CaptureError, Problem
+from scenetruth.errors import CaptureError, Problem, SceneError
 from scenetruth.output import OwnershipResult, check_output, write_atomically
 from scenetruth.progress import Progress
 from scenetruth.scene import Scene, load_scene
@@ -39,7 +39,16 @@ from scenetruth.schema import STATUS_VALID
 from scenetruth.storage import RECORDING, is_store, open_store, store_name
 from scenetruth.truth import make_truth
 
-__all__ = ["SCENE_FILE", "MeasuredRun", "Twin", "find_calibration", "make_twin", "open_run", "twin_problems"]
+__all__ = [
+    "SCENE_FILE",
+    "MeasuredRun",
+    "Twin",
+    "check_mesh",
+    "find_calibration",
+    "make_twin",
+    "open_run",
+    "twin_problems",
+]
 
 Floats = NDArray[np.float64]
 
@@ -266,6 +275,7 @@ def make_twin(
     problems = twin_problems(folder, rig, measured)
     if problems:
         raise CaptureError(problems, source=folder.capture.folder)
+    check_mesh(mesh)
     check_output(output, overwrite=overwrite, claim=claim_twin)
     making = _Making(folder, measured, rig, seed, progress)
     with write_atomically(output, overwrite=overwrite, claim=claim_twin) as partial:
@@ -277,6 +287,16 @@ def make_twin(
         load_scene(partial / SCENE_FILE)
     place = Path(output)
     return Twin(place, load_scene(place / SCENE_FILE), making.rig, making.sensor, making.motions, tuple(making.notes))
+
+
+def check_mesh(mesh: str | Path | None) -> None:
+    """Raise if a mesh file cannot be read."""
+    if mesh is None:
+        return
+    try:
+        load_mesh_file(Path(mesh))
+    except SceneError as error:
+        raise SceneError([Problem("mesh", each.message, str(mesh)) for each in error.problems]) from error
 
 
 def claim_twin(path: Path) -> OwnershipResult:
