@@ -99,6 +99,6 @@ def test_errors_of_a_stated_camera_are_those_of_closed_forms() -> None:
 def test_words_name_the_largest_sources() -> None:
     _, _, _, budget = drawn()
     first, second = budget.words()
-    assert first.startswith(f"Depth of all pixels at 660 mm: ± {budget.total.mean_std:.2g} mm in common")
+    assert first.startswith(f"Depth of all pixels at 660 mm from one scan: ± {budget.total.mean_std:.2g} mm in common")
     assert budget.parts[0].title in first
     assert "Differences of depth within a map" in second

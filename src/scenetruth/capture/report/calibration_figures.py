@@ -34,9 +34,9 @@ __all__ = ["CalibrationData", "draw_calibration"]
 Array = NDArray[np.float64]
 
 _CELL_PX = 12  # cells of the map of residuals along the larger side
-_LONGEST = 0.05
+_LONGEST = 0.04
 """Length of the vector of a residual of three standard deviations, as a share of the image width."""
-_SHOWN_VECTORS = 4000
+_SHOWN_VECTORS = 1500
 _FEWEST_IN_CELL = 4
 _TOO_FEW = "#b9bfc7"
 
@@ -102,7 +102,8 @@ def _draw_residuals(data: CalibrationData, folder: Path) -> FigureInfo:
     factor_text = format_two_digits(calibration.variance_factor)
     return FigureInfo(
         "residuals.png", "Residuals of the calibration",
-        f"Detected minus projected points, {typical:.2g} px rms; colours: length in standard deviations, from 0 (dark) "
+        f"Detected minus projected points, {typical:.2g} px rms (at most {_SHOWN_VECTORS:,} are drawn); colours: "
+        "length in standard deviations, from 0 (dark) "
         "to 3 (bright). Right: 1 if the stated noise explains the residuals; red regions are not described by the "
         f"model of the lens, or their light or sharpness differs; grey: fewer than {_FEWEST_IN_CELL} points. "
         f"Chi-squared per degree of freedom: {factor_text}.",

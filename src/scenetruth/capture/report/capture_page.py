@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from scenetruth.capture.calibration import RigCalibration, RigFit, RigPriors
 from scenetruth.capture.calibration.rig_model import INTRINSICS
@@ -112,8 +113,8 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
 def _depths(results: CaptureResults) -> tuple[float, tuple[float, float] | None]:
     """Return the distance for which errors are stated, and the depth range of the surface, in mm."""
     if results.estimate is not None and "depth" in results.estimate:
-        values = results.estimate["depth"].isel(t=results.estimate.sizes["t"] // 2).values
-        values = values[np.isfinite(values)]
+        frame = results.estimate.isel(t=results.estimate.sizes["t"] // 2)
+        values = frame["depth"].values[_valid(frame)]
         if values.size:
             low, high = np.percentile(values, _SURFACE_PERCENT)
             return float(np.median(values)), (float(low), float(high))
@@ -124,17 +125,23 @@ def _depths(results: CaptureResults) -> tuple[float, tuple[float, float] | None]
     return 1.0, None
 
 
+def _valid(frame: xr.Dataset) -> NDArray[np.bool_]:
+    """Return the pixels with a depth that is no fallback."""
+    known = np.isfinite(frame["depth"].values)
+    return np.asarray(known & frame["valid"].values if "valid" in frame else known)
+
+
 def _estimate_sentences(results: CaptureResults) -> list[str]:
     """Return what the estimate states, in sentences."""
     estimate = results.estimate
     if estimate is None or "depth" not in estimate:
         return []
     frame = estimate.isel(t=estimate.sizes["t"] // 2)
-    valid = np.isfinite(frame["depth"].values)
+    valid = _valid(frame)
     if not valid.any():
         return ["No pixel has a valid depth: see the check of the images below."]
     sentences = [
-        f"{100 * valid.mean():.0f} % of the pixels have a depth; its median is "
+        f"{100 * valid.mean():.0f} % of the pixels have a valid depth; its median is "
         f"{float(np.median(frame['depth'].values[valid])):.2f} mm."
     ]
     parts = [

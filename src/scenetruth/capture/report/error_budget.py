@@ -72,8 +72,8 @@ class DepthBudget:
         listed = [part for part in self.parts if part.mean_mm > 0.1 * self.total.mean_std][:4]
         named = ", ".join(f"{part.title} {format_two_digits(part.mean_mm)}" for part in listed)
         return [
-            f"Depth of all pixels at {self.depth_mm:.0f} mm: ± {format_two_digits(self.total.mean_std)} mm in common, "
-            f"of which {named}.",
+            f"Depth of all pixels at {self.depth_mm:.0f} mm from one scan: "
+            f"± {format_two_digits(self.total.mean_std)} mm in common, of which {named}.",
             f"Differences of depth within a map: ± {format_two_digits(self.calibration.rest_rms)} mm (RMS over the "
             "image) by the calibration.",
         ]
