@@ -23,6 +23,7 @@ __all__ = [
     "has_std",
     "list_quantities",
     "percent_per_hour",
+    "read_common_std",
     "read_pair",
     "read_quantity",
     "read_std",
@@ -123,10 +124,18 @@ def read_quantity(dataset: xr.Dataset, name: str) -> Map:
 
 def read_std(estimate: xr.Dataset, name: str) -> Map | None:
     """Return the stated standard deviation of a quantity, in its units, float64, shape (t, y, x); None if missing."""
-    if not has_std(estimate, name):
-        return None
+    return _read_std(estimate, name, "_std") if has_std(estimate, name) else None
+
+
+def read_common_std(estimate: xr.Dataset, name: str) -> Map | None:
+    """Return the part of a stated standard deviation that pixels have in common, as `read_std`; None if missing."""
+    common = f"{QUANTITIES[name].variable}_std_common"
+    return _read_std(estimate, name, "_std_common") if has_std(estimate, name) and common in estimate else None
+
+
+def _read_std(estimate: xr.Dataset, name: str, ending: str) -> Map:
     entry = QUANTITIES[name]
-    values = _read(estimate, f"{entry.variable}_std", entry.component)
+    values = _read(estimate, f"{entry.variable}{ending}", entry.component)
     if entry.units == "%/h":
         return percent_per_hour(read_intrinsics(estimate)) * values
     # Angles are stored in radians.
