@@ -95,7 +95,7 @@ def draw_rig(
         axis = tilt * np.array([np.cos(about), np.sin(about), 0.0])
         spin = np.array([0.0, 0.0, generator.uniform(-0.3, 0.3)])
         turns[pose] = rotation_matrix(axis) @ rotation_matrix(spin)
-        start = layout.first_pose + 6 * pose
+        start = layout.pose(pose)
         # The board's centre stays near the axis, so that the corners lie in all images.
         values[start + 3 : start + 6] = [generator.uniform(-3, 3), generator.uniform(-3, 3), 660]
         values[start + 5] += generator.uniform(-35, 35)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         check_scale,
         compare_halves,
         diagnose,
+        field_of_residuals,
         identify_combinations,
         inconsistent_images,
         step_problems,
@@ -57,15 +58,21 @@ if TYPE_CHECKING:
         rotation_matrix,
     )
     from scenetruth.capture.calibration.start_values import start_state
+    from scenetruth.capture.calibration.variance_components import (
+        VarianceComponents,
+        estimate_components,
+        scatter_of_poses,
+    )
 
 __all__ = [
     "Board", "BoardImage", "CalibrationError", "CalibrationTarget", "CharucoBoard", "Checkerboard", "Combination",
     "CommonError", "Detection", "DotGrid", "HalvesTest", "ModelTest", "Moment", "Observations", "RefinedPoints",
     "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigState", "ScaleTest",
-    "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
-    "check_scale", "common_error", "compare_halves", "detect_board", "diagnose", "disc_bias", "estimate_noise",
-    "export_calibration", "identify_combinations", "import_calibration", "import_camera", "inconsistent_images",
-    "observe_boards", "project", "refine_points", "rotation_matrix", "start_state", "step_problems", "triangulate",
+    "TargetView", "VarianceComponents", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board",
+    "check_models", "check_scale", "common_error", "compare_halves", "detect_board", "diagnose", "disc_bias",
+    "estimate_components", "estimate_noise", "export_calibration", "field_of_residuals", "identify_combinations",
+    "import_calibration", "import_camera", "inconsistent_images", "observe_boards", "project", "refine_points",
+    "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -77,7 +84,8 @@ __getattr__, __dir__ = export_lazily(
         "corner_detection": "Detection charuco_board detect_board",
         "corner_refinement": "RefinedPoints disc_bias estimate_noise refine_points",
         "diagnostics": (
-            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose identify_combinations "
+            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose field_of_residuals "
+            "identify_combinations "
             "inconsistent_images step_problems check_models check_scale"
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
@@ -88,5 +96,6 @@ __getattr__, __dir__ = export_lazily(
             "rotation_matrix"
         ),
         "start_values": "start_state",
+        "variance_components": "VarianceComponents estimate_components scatter_of_poses",
     },
 )
