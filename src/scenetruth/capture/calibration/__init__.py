@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         rotation_matrix,
     )
     from scenetruth.capture.calibration.start_values import start_state
+    from scenetruth.capture.calibration.strip_detection import observe_strip
     from scenetruth.capture.calibration.variance_components import (
         VarianceComponents,
         estimate_components,
@@ -71,8 +72,8 @@ __all__ = [
     "TargetView", "VarianceComponents", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board",
     "check_models", "check_scale", "common_error", "compare_halves", "detect_board", "diagnose", "disc_bias",
     "estimate_components", "estimate_noise", "export_calibration", "field_of_residuals", "identify_combinations",
-    "import_calibration", "import_camera", "inconsistent_images", "observe_boards", "project", "refine_points",
-    "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
+    "import_calibration", "import_camera", "inconsistent_images", "observe_boards", "observe_strip", "project",
+    "refine_points", "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -96,6 +97,7 @@ __getattr__, __dir__ = export_lazily(
             "rotation_matrix"
         ),
         "start_values": "start_state",
+        "strip_detection": "observe_strip",
         "variance_components": "VarianceComponents estimate_components scatter_of_poses",
     },
 )

@@ -79,11 +79,11 @@ def refine_points(image: Array, variance: Array | float, board: Board, detection
     points = board.points_mm[detection.ids, :2]
     homography = fit_homography(points, detection.pixels)
     if isinstance(board, DotGrid):
-        return _refine_dots(grey, noise, board, detection, _axes(homography, points) * (board.diameter_mm / 2))
-    return _refine_corners(grey, noise, board, detection, _axes(homography, points) * board.square_mm)
+        return _refine_dots(grey, noise, board, detection, axes_of(homography, points) * (board.diameter_mm / 2))
+    return _refine_corners(grey, noise, board, detection, axes_of(homography, points) * board.square_mm)
 
 
-def _axes(homography: Array, points: Array) -> Array:
+def axes_of(homography: Array, points: Array) -> Array:
     """Return the derivatives of a homography at points, in px per mm, shape (n, 2, 2)."""
     inside = np.column_stack([points, np.ones(len(points))]) @ homography.T
     x, y, w = inside.T
@@ -129,11 +129,23 @@ def _covariances(xx: Array, yy: Array, xy: Array) -> Array:
 
 def _refine_dots(grey: Array, noise: Array, board: DotGrid, detection: Detection, axes: Array) -> RefinedPoints:
     nearest = board.spacing_mm / (np.sqrt(2) if board.kind == "asymmetric_dots" else 1)
-    radius = board.diameter_mm / 2
+    return refine_dots(grey, noise, detection.ids, detection.pixels, axes, 2 * nearest / board.diameter_mm)
+
+
+def refine_dots(
+    image: Array, variance: Array | float, ids: NDArray[np.int64], centres: Array, axes: Array, neighbour_radii: float
+) -> RefinedPoints:
+    """Return the centroids of dots with their covariance.
+
+    ``axes``: Pixels per radius along the rows and columns of the board, shape (n, 2, 2).
+    ``neighbour_radii``: Distance to the nearest dot in radii.
+    """
+    grey = np.ascontiguousarray(image, dtype=np.float64)
+    noise = np.ascontiguousarray(np.broadcast_to(np.maximum(variance, 1e-12), grey.shape), dtype=np.float64)
     # Half-way to the neighbours, or the usual window.
-    outer = min(_DOT_OUTER, (nearest - radius) / radius * 0.95)
+    outer = min(_DOT_OUTER, (neighbour_radii - 1) * 0.95)
     inner = min(_DOT_INNER, outer - 0.15)
-    starts = np.ascontiguousarray(detection.pixels)
+    starts = np.ascontiguousarray(centres)
     found = np.empty((len(starts), 5))
     for _ in range(4):
         centroids(grey, noise, starts, axes, inner, outer, found)
@@ -143,10 +155,10 @@ def _refine_dots(grey: Array, noise: Array, board: DotGrid, detection: Detection
         if moved < 0.01:
             break
     with np.errstate(invalid="ignore"):
-        kept = np.hypot(*(found[:, :2] - detection.pixels).T) < _FARTHEST_PX
+        kept = np.hypot(*(found[:, :2] - centres).T) < _FARTHEST_PX
     part = found[kept]
     covariance = _covariances(part[:, 2], part[:, 3], part[:, 4]) + _FLOOR_PX**2 * np.eye(2)
-    return RefinedPoints(detection.ids[kept], part[:, :2].copy(), covariance, np.nan, np.nan, int((~kept).sum()))
+    return RefinedPoints(ids[kept], part[:, :2].copy(), covariance, np.nan, np.nan, int((~kept).sum()))
 
 
 def disc_bias(camera: Camera, rotation: Array, translation: Array, points: Array, radius_mm: float) -> Array:
