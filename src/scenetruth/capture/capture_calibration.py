@@ -25,9 +25,9 @@ from scenetruth.capture.calibration import (
     DotGrid,
     Observations,
     RigCalibration,
-    RigFit,
     RigGuess,
     RigPriors,
+    RigSolution,
     TargetView,
     describe_fit,
     estimate_noise,
@@ -73,6 +73,7 @@ _LEAST_POSES, _ADVISED_POSES = 3, 8
 _MOST_SATURATED = 0.01  # share of the pixels of an image
 _SATURATED_VARIANCE = 1e3  # in squares of full scale: saturated pixels have no weight
 _STATED_FOCAL, _STATED_CENTRE_PX = 1e-3, 5.0
+_COEFFICIENTS = (*INTRINSICS[3:], "aspect")
 _ADVICE = "tilted by 35 to 40° about different axes"
 
 
@@ -111,7 +112,8 @@ def calibrate_capture(
         Standard deviations of the intrinsic parameters of a guess without a covariance, by name; default: 0.1 % of the
         focal length and 5 px of the principal point.
     distortion
-        Estimated coefficients of the distortion; default: k1, k2, p1, p2.
+        Estimated coefficients of the distortion, and ``aspect``; default: k1, k2, p1, p2, and those that the residuals
+        ask for.
     progress
         Called with (what, done, total).
 
@@ -153,11 +155,11 @@ def calibrate_capture(
     """
     for file in () if output is None else output_files(Path(output)):
         check_output(file, overwrite=overwrite)
-    calibration, fit = calibrate_folder(
+    calibration, solution = calibrate_folder(
         open_capture(load_capture(capture)), guess=guess, std=std, distortion=distortion, progress=progress
     )
     if output is not None:
-        save_calibration(calibration, fit, Path(output), overwrite=overwrite)
+        save_calibration(calibration, solution, Path(output), overwrite=overwrite)
     return calibration
 
 
@@ -167,13 +169,15 @@ def output_files(output: Path) -> tuple[Path, ...]:
     return file, file.with_suffix(".npz"), output / POINTS_FILE
 
 
-def save_calibration(calibration: RigCalibration, fit: RigFit | None, output: Path, *, overwrite: bool) -> Path:
+def save_calibration(
+    calibration: RigCalibration, solution: RigSolution | None, output: Path, *, overwrite: bool
+) -> Path:
     """Write a calibration and its points; the file of the calibration is the last, and stands for all of them."""
     output.mkdir(parents=True, exist_ok=True)
     file, _, points = output_files(output)
-    if fit is not None:
+    if solution is not None:
         with write_atomically(points, overwrite=overwrite) as partial:
-            partial.write_bytes(_points_bytes(fit.offered))
+            partial.write_bytes(_points_bytes(solution.observed))
     return calibration.save(file, overwrite=overwrite)
 
 
@@ -184,7 +188,7 @@ def calibrate_folder(
     std: Mapping[str, float] | None = None,
     distortion: Sequence[str] | None = None,
     progress: Progress | None = None,
-) -> tuple[RigCalibration, RigFit | None]:
+) -> tuple[RigCalibration, RigSolution | None]:
     """Return the calibration of an opened folder, and its fit; None without a board."""
     problems = board_problems(folder, has_guess=guess is not None)
     start = start_values(folder, guess, std, problems)
@@ -197,13 +201,13 @@ def calibrate_folder(
         return _stated_calibration(folder, start, std, priors), None
     if folder.capture.strip is not None:
         say("strip: its points are not detected; visits of the measurement have the tolerances of the stage")
-    fit = fit_points(folder, _detect(folder, progress), start, priors)
-    return replace(describe_fit(fit, priors), bit_depth=folder.images.pixels.bit_depth), fit
+    solution = fit_points(folder, _detect(folder, progress), start, priors)
+    return replace(describe_fit(solution), bit_depth=folder.images.pixels.bit_depth), solution
 
 
 def fit_points(
     folder: CaptureFolder, given: Observations, start: RigGuess | RigCalibration | None, priors: RigPriors
-) -> RigFit:
+) -> RigSolution:
     """Return the fit of detected points of a capture."""
     board = _board(folder)
     return fit_rig(given, start, priors, board if isinstance(board, DotGrid) else None)
@@ -320,12 +324,13 @@ def rig_priors(
     if stage.scan == "bidirectional":
         repeatability = float(np.hypot(repeatability, errors.backlash_um / 2))
     changed = errors.model_copy(update={"repeatability_um": repeatability, "backlash_um": 0.0})
-    free = tuple(distortion) if distortion is not None else ("k1", "k2", "p1", "p2")
-    unknown = [name for name in free if name not in INTRINSICS[3:]]
+    if distortion is None:
+        return RigPriors(errors=changed, step_std=stage.step_std)
+    unknown = [name for name in distortion if name not in _COEFFICIENTS]
     if unknown and problems is not None:
-        message = f"must be some of {', '.join(INTRINSICS[3:])}"
+        message = f"must be some of {', '.join(_COEFFICIENTS)}"
         problems.append(Problem("distortion", message, unknown))
-    return RigPriors(errors=changed, step_std=stage.step_std, free_distortion=free)
+    return RigPriors(errors=changed, step_std=stage.step_std, free_distortion=tuple(distortion))
 
 
 def _stated_calibration(

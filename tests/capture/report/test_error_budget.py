@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from scenetruth.camera import Camera, StageErrors
-from scenetruth.capture.calibration import Observations, RigCalibration, RigFit, RigPriors, describe_fit, refit
+from scenetruth.capture.calibration import Observations, RigCalibration, RigFit, RigPriors, refit
 from scenetruth.capture.report import DepthBudget, depth_budget
-from tests.helpers.drawn_rigs import BOARD, DrawnRig, draw_rig, fit_draw
+from tests.helpers.drawn_rigs import BOARD, DrawnRig, described, draw_rig, fit_draw
 
 DEPTH_MM = 660.0
 
@@ -20,7 +20,7 @@ DEPTH_MM = 660.0
 def drawn() -> tuple[DrawnRig, RigFit, RigCalibration, DepthBudget]:
     rig = draw_rig(3, poses=4, positions=3)
     fit = fit_draw(rig)
-    calibration = describe_fit(fit, rig.priors)
+    calibration = described(fit, rig.priors)
     return rig, fit, calibration, depth_budget(calibration, DEPTH_MM, fit)
 
 
@@ -29,7 +29,7 @@ def mean_std(given: Observations, priors: RigPriors, visits: float) -> float:
     _, fit, _, _ = drawn()
     again = refit(given, fit, priors)
     assert again is not None
-    found = depth_budget(describe_fit(again, priors), DEPTH_MM, again)
+    found = depth_budget(described(again, priors), DEPTH_MM, again)
     return float(np.hypot(found.calibration.mean_std, visits))
 
 

@@ -21,7 +21,14 @@ from scenetruth.camera import Camera, Viewpoint
 from scenetruth.capture.calibration.bundle_adjustment import ViewResidual
 from scenetruth.capture.calibration.diagnostics import Combination
 from scenetruth.capture.calibration.measurement_covariance import CommonError, Moment, RigGeometry, common_error
-from scenetruth.capture.calibration.rig_model import INTRINSICS, CalibrationError, RigLayout, RigPriors, RigState
+from scenetruth.capture.calibration.rig_model import (
+    INTRINSICS,
+    STAGE,
+    CalibrationError,
+    RigLayout,
+    RigPriors,
+    RigState,
+)
 from scenetruth.errors import Problem
 from scenetruth.output import check_output, write_atomically
 from scenetruth.scene.yaml_reader import read_text, read_yaml
@@ -205,7 +212,7 @@ class RigCalibration:
                 raise CalibrationError([Problem(f"std.{name}", f"must be one of {', '.join(INTRINSICS)}")])
             deviations[INTRINSICS.index(name)] = value
         if priors is not None:
-            axis = [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * priors.errors.backlash_um]
+            axis = [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * priors.errors.backlash_um, 0.0]
             deviations[len(INTRINSICS) :] = [*axis, *priors.guide_std * len(positions), *priors.visit_std]
         middle = (len(positions) - 1) // 2 if reference is None else reference
         return cls(
@@ -343,7 +350,14 @@ class RigCalibration:
     def summary(self) -> str:
         """Return the parameters with their standard deviations, and the quality of the fit, as text."""
         lines = []
-        for name in (*INTRINSICS, "axis_y", "axis_z", "step_scale", *(f"{name}.scale" for name in self.targets)):
+        for name in (
+            *INTRINSICS,
+            "aspect",
+            "axis_y",
+            "axis_z",
+            "step_scale",
+            *(f"{name}.scale" for name in self.targets),
+        ):
             if name in self.names and (self.std(name) > 0 or self.value(name) != 0):
                 unit = f" {_UNITS[name]}" if _UNITS.get(name) else ""
                 lines.append(f"{name:>14} = {self.value(name):.8g} ± {self.std(name):.2g}{unit}")
@@ -523,7 +537,7 @@ class RigCalibration:
 def _parameter_names(positions: int, visits: Sequence[int], targets: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the parameters of a rig, in their order."""
     motion = ("pitch", "yaw", "roll", "x", "y", "z")
-    names = [*INTRINSICS, "axis_y", "axis_z", "step_scale", "backlash"]
+    names = [*INTRINSICS, *STAGE]
     names += [f"position[{index}].{name}" for index in range(positions) for name in motion]
     names += [f"visit[{visit}].{name}" for visit in visits for name in motion]
     names += [f"{target}.{name}" for target in targets for name in ("scale", "warp_uu", "warp_uv", "warp_vv")]

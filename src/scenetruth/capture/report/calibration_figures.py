@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.capture.calibration import RigCalibration, RigFit
+from scenetruth.capture.calibration import RigCalibration, RigFit, RigSolution
 from scenetruth.capture.report.error_budget import DepthBudget
 from scenetruth.capture.report.suggestions import PoseEffect, place_targets
 from scenetruth.number_format import format_two_digits
@@ -49,10 +49,15 @@ class CalibrationData:
     """
 
     calibration: RigCalibration
-    fit: RigFit
+    solution: RigSolution
     budget: DepthBudget
     poses: tuple[PoseEffect, ...]
     surface_mm: tuple[float, float] | None = None
+
+    @property
+    def fit(self) -> RigFit:
+        """The fit of the calibration."""
+        return self.solution.fit
 
 
 def draw_calibration(data: CalibrationData, folder: Path) -> list[FigureInfo]:
@@ -126,7 +131,7 @@ def _frame(axes: Any, calibration: RigCalibration) -> None:
 def _draw_images(data: CalibrationData, folder: Path) -> FigureInfo:
     """Draw the residuals of every image."""
     fit = data.fit
-    views = [view for view in fit.offered.views if view.target == 0]
+    views = [view for view in data.solution.observed.views if view.target == 0]
     squares = {view.name: view for view in fit.views}
     poses = list(dict.fromkeys(view.pose for view in views))
     count = len(fit.given.positions_mm)

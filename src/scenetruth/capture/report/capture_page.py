@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.capture.calibration import RigCalibration, RigFit, RigPriors
+from scenetruth.capture.calibration import RigCalibration, RigSolution
 from scenetruth.capture.calibration.rig_model import INTRINSICS
 from scenetruth.capture.capture_check import CaptureReport
 from scenetruth.capture.folder_reading import CaptureFolder
@@ -43,7 +43,7 @@ class CaptureResults:
     """Everything that the page of a capture shows.
 
     ``folder``, ``check``: Files of the capture, and findings of their check.
-    ``calibration``, ``fit``, ``priors``: Calibration from images of a board; None without them.
+    ``calibration``, ``solution``: Calibration from images of a board, and its fit; None without them.
     ``estimate``, ``method``: Estimate, and the name of its method; None if there is none.
     ``report``: Page of the estimate, relative to that of the capture, and the directory of its figures.
     """
@@ -51,8 +51,7 @@ class CaptureResults:
     folder: CaptureFolder
     check: CaptureReport
     calibration: RigCalibration | None = None
-    fit: RigFit | None = None
-    priors: RigPriors | None = None
+    solution: RigSolution | None = None
     estimate: xr.Dataset | None = None
     method: str = ""
     report: str = ""
@@ -70,15 +69,16 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
     depth, surface = _depths(results)
     found: dict[str, Any] = {"calibration_figures": [], "suggestions": None, "coverage": [], "tolerances": []}
     sentences = _estimate_sentences(results)
-    if results.calibration is not None and results.fit is not None and results.priors is not None:
-        calibration, fit = results.calibration, results.fit
+    if results.calibration is not None and results.solution is not None:
+        calibration, solution = results.calibration, results.solution
+        fit, priors = solution.fit, solution.priors
         budget = depth_budget(calibration, depth, fit)
-        poses = assess_poses(fit, results.priors, calibration, budget)
+        poses = assess_poses(fit, priors, calibration, budget)
         reached(1)
         sentences = budget.words() + sentences
-        found["suggestions"] = _suggestion_table(suggest(fit, results.priors, calibration, budget, poses), budget)
+        found["suggestions"] = _suggestion_table(suggest(fit, priors, calibration, budget, poses), budget)
         reached(2)
-        data = CalibrationData(calibration, fit, budget, poses, surface)
+        data = CalibrationData(calibration, solution, budget, poses, surface)
         found |= {
             "calibration_figures": _inlined(draw_calibration(data, pictures), pictures),
             "parameters": _parameter_table(calibration),
@@ -120,8 +120,8 @@ def _depths(results: CaptureResults) -> tuple[float, tuple[float, float] | None]
             return float(np.median(values)), (float(low), float(high))
     if results.folder.capture.distance_mm is not None:
         return results.folder.capture.distance_mm, None
-    if results.fit is not None:
-        return float(np.mean(cover(results.fit).depth_mm)), None
+    if results.solution is not None:
+        return float(np.mean(cover(results.solution.fit).depth_mm)), None
     return 1.0, None
 
 
