@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 import yaml
+from benchmarks.capture_rectification import make_scene, true_maps
 from numpy.typing import NDArray
 
 import scenetruth as st
-from benchmarks.capture_rectification import make_scene, true_maps
 from scenetruth.camera import Camera
 from scenetruth.capture import (
     add_calibration_errors,
@@ -107,10 +107,8 @@ def run_chain(name: str, seed: int, scratch: Path) -> dict[str, Any]:
         if quantity not in estimate:
             continue
         number = None if component is None else "XYZ".index(component)
-        value, std, common = (
-            np.asarray(now[f"{quantity}{ending}"].values if number is None else now[f"{quantity}{ending}"].values[number])
-            for ending in ("", "_std", "_std_common")
-        )  # fmt: skip
+        each = (now[f"{quantity}{ending}"].values for ending in ("", "_std", "_std_common"))
+        value, std, common = (np.asarray(values if number is None else values[number]) for values in each)
         truth = true[quantity] if number is None else true[quantity][number]
         among = usable & np.isfinite(value) & np.isfinite(std) & np.isfinite(truth)
         if among.sum() < 500:

@@ -37,6 +37,16 @@ class RegionMean:
         Units of all values.
     count
         Number of pixels of each region.
+
+    See Also
+    --------
+    region_mean : Computes it.
+
+    Examples
+    --------
+    >>> mean = RegionMean(601.24, 0.087, 0.012, 0.086, "mm", (2400,))
+    >>> print(mean)
+    601.24 ± 0.087 mm (in common: 0.086)
     """
 
     value: float
@@ -93,6 +103,10 @@ def region_mean(
     ArgumentError
         If the estimate lacks the quantity or its standard deviation, a region is not valid anywhere, or the windows are
         not stated; lists every problem.
+
+    See Also
+    --------
+    add_calibration_errors : Adds the errors of a calibration to an estimate.
 
     Notes
     -----
