@@ -388,7 +388,7 @@ class _Run:
             write_estimate(work, scratch)
             found = open_store(scratch, kind="estimate")
             if {"depth", "depth_std"} <= set(found):
-                save_store(add_calibration_errors(found, calibration), partial)
+                save_store(add_calibration_errors(found, calibration.measured()), partial)
                 shutil.rmtree(scratch)
             else:
                 say(f"method '{self.name}' states no standard deviation of depth: calibration errors are not added")

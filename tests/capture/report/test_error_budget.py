@@ -77,7 +77,7 @@ def test_noise_halved_agrees_with_another_adjustment() -> None:
         views.append(replace(view, pixels=view.pixels - off / 2, covariance_px2=view.covariance_px2 / 4))
     again = mean_std(fit.given.selected(views), rig.priors, visits_mm())
     # The weights of points beyond three standard deviations differ slightly.
-    assert halved("noise of the points of the board") == pytest.approx(again, rel=5e-3)
+    assert halved("noise of the detected points") == pytest.approx(again, rel=5e-3)
 
 
 def test_errors_of_a_stated_camera_are_those_of_closed_forms() -> None:
@@ -90,7 +90,7 @@ def test_errors_of_a_stated_camera_are_those_of_closed_forms() -> None:
     assert parts["step length"] == pytest.approx(DEPTH_MM * 2e-4, rel=1e-3)
     # Disparity from positions -1, 0, 1 with errors of their own: Z / b / √2.
     assert parts["repeatability in the measurement"] == pytest.approx(DEPTH_MM / 5 * 1e-3 / np.sqrt(2), rel=1e-3)
-    assert parts["noise of the points of the board"] == pytest.approx(0, abs=1e-4)
+    assert parts["noise of the detected points"] == pytest.approx(0, abs=1e-4)
     lens = next(part for part in budget.parts if part.title == "stated lens")
     rest = budget.total.mean_std**2 - lens.mean_mm**2
     assert lens.halved_mm == pytest.approx(np.sqrt(rest + lens.mean_mm**2 / 4), rel=1e-3)

@@ -83,6 +83,8 @@ class RigPriors(FrozenModel):
     """Errors of the guide, which repeat at every visit, and repeatability and backlash of the moves."""
     visit_errors: StageErrors = Field(default_factory=StageErrors)
     """Angles and straightness that are new at every visit of a position."""
+    strip_errors: StageErrors | None = None
+    """The same at visits that show a strip, by which they are determined; null: those of other visits."""
     step_std: NonNegative = 1e-4
     """Standard deviation of the relative length of the steps."""
     axis_rad: NonNegative = 5e-3
@@ -106,7 +108,14 @@ class RigPriors(FrozenModel):
     @property
     def visit_std(self) -> list[float]:
         """Standard deviations of what a visit adds to the pose of its position."""
-        fresh = self.visit_errors
+        return self._fresh_std(self.visit_errors)
+
+    @property
+    def strip_visit_std(self) -> list[float]:
+        """Standard deviations of what a visit that shows a strip adds to the pose of its position."""
+        return self._fresh_std(self.visit_errors if self.strip_errors is None else self.strip_errors)
+
+    def _fresh_std(self, fresh: StageErrors) -> list[float]:
         turns = [1e-6 * value for value in (fresh.pitch_urad, fresh.yaw_urad, fresh.roll_urad)]
         along = 1e-3 * float(np.hypot(self.errors.repeatability_um, fresh.repeatability_um))
         return [*turns, along, 1e-3 * fresh.straightness_um, 1e-3 * fresh.straightness_um]
@@ -274,13 +283,14 @@ class RigLayout:
             std.append(priors.intrinsics.get(name, np.inf) if free else 0.0)
         std += [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * priors.errors.backlash_um]
         std += [np.inf if "aspect" in priors.free_distortion else 0.0]
-        guide, anew = priors.guide_std, priors.visit_std
+        guide, anew, seen = priors.guide_std, priors.visit_std, priors.strip_visit_std
+        with_strip = {view.visit for view in given.views if view.target > 0}
         for index in range(len(given.positions_mm)):
             names += [f"position[{index}].{name}" for name in _MOTION]
             std += guide
         for visit in visits:
             names += [f"visit[{visit}].{name}" for name in _MOTION]
-            std += anew
+            std += seen if visit in with_strip else anew
         for target in given.targets:
             names += [f"{target.name}.{name}" for name in _TARGET]
             std += [target.scale_std, *(target.warp_mm,) * 3]
