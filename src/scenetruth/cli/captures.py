@@ -67,8 +67,8 @@ FreeDistortion = Annotated[
     options.option(
         "--distortion",
         metavar="NAMES",
-        help="Estimated coefficients of the distortion, such as k1,k2,p1,p2,k3; if not given, k1,k2,p1,p2 and those that "
-        "the residuals ask for.",
+        help="Estimated coefficients of the distortion, such as k1,k2,p1,p2,k3; if not given, k1,k2,p1,p2 and those "
+        "that the residuals ask for.",
     ),
 ]
 
