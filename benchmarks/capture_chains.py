@@ -159,9 +159,10 @@ def main() -> None:
     given = parser.parse_args()
     results = []
     for seed in range(given.first, given.first + given.seeds):
-        for name in given.scenes:
+        for place, name in enumerate(given.scenes):
+            # No two chains have the same draws.
             with tempfile.TemporaryDirectory() as scratch:
-                found = run_chain(name, seed, Path(scratch))
+                found = run_chain(name, 100 * place + seed, Path(scratch))
             results.append(found)
             print(json.dumps(found), flush=True)
             if given.output is not None:
