@@ -44,7 +44,7 @@ def chain_scene(name: str, seed: int) -> dict[str, Any]:
     if name == "leaf":
         from scenetruth.scene import load_scene
 
-        scene = load_scene("leaf").to_dict()
+        scene = load_scene(Path(__file__).parents[1] / "scenes" / "leaf.yaml").to_dict()
         scene["camera"] |= {"width": 320, "height": 240, "focal_length_px": 2200}
         scene["frames"]["count"] = 5
     else:
