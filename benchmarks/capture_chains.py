@@ -44,7 +44,7 @@ def chain_scene(name: str, seed: int) -> dict[str, Any]:
     if name == "leaf":
         from scenetruth.scene import load_scene
 
-        scene = load_scene("leaf").to_dict()
+        scene = load_scene(Path(__file__).parents[1] / "scenes" / "leaf.yaml").to_dict()
         scene["camera"] |= {"width": 320, "height": 240, "focal_length_px": 2200}
         scene["frames"]["count"] = 5
     else:
@@ -159,9 +159,10 @@ def main() -> None:
     given = parser.parse_args()
     results = []
     for seed in range(given.first, given.first + given.seeds):
-        for name in given.scenes:
+        for place, name in enumerate(given.scenes):
+            # No two chains have the same draws.
             with tempfile.TemporaryDirectory() as scratch:
-                found = run_chain(name, seed, Path(scratch))
+                found = run_chain(name, 100 * place + seed, Path(scratch))
             results.append(found)
             print(json.dumps(found), flush=True)
             if given.output is not None:

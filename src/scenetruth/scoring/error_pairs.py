@@ -19,6 +19,7 @@ __all__ = [
     "compute_pixel_coordinates",
     "compute_surface_points",
     "find_valid_pixels",
+    "has_common_std",
     "has_quantity",
     "has_std",
     "list_quantities",
@@ -129,8 +130,7 @@ def read_std(estimate: xr.Dataset, name: str) -> Map | None:
 
 def read_common_std(estimate: xr.Dataset, name: str) -> Map | None:
     """Return the part of a stated standard deviation that pixels have in common, as `read_std`; None if missing."""
-    common = f"{QUANTITIES[name].variable}_std_common"
-    return _read_std(estimate, name, "_std_common") if has_std(estimate, name) and common in estimate else None
+    return _read_std(estimate, name, "_std_common") if has_common_std(estimate, name) else None
 
 
 def _read_std(estimate: xr.Dataset, name: str, ending: str) -> Map:
@@ -147,6 +147,11 @@ def has_std(estimate: xr.Dataset, name: str) -> bool:
     variable = f"{QUANTITIES[name].variable}_std"
     # Only the variables of the data model have been checked for their dimensions. A distance has no standard deviation.
     return variable in estimate and variable in VARIABLES["estimate"] and QUANTITIES[name].error != "distance"
+
+
+def has_common_std(estimate: xr.Dataset, name: str) -> bool:
+    """Return whether an estimate states the part of a standard deviation that pixels have in common."""
+    return has_std(estimate, name) and f"{QUANTITIES[name].variable}_std_common" in estimate
 
 
 def percent_per_hour(intrinsics: Intrinsics) -> float:
