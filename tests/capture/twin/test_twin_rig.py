@@ -81,6 +81,15 @@ def test_without_a_calibration_the_guide_is_ideal_and_visits_vary() -> None:
     assert made.camera["focal_length_px"] == FOCAL_PX
 
 
+def test_visits_that_a_strip_has_measured_have_no_errors() -> None:
+    given_, rig = recording(geometry="rectified"), calibration(2)
+    share = np.ones((5, 3, 240, 320), np.float32)
+    with_visits = given_.assign(noise_share=(("s", "t", "y", "x"), share))
+    without = given_.assign(noise_share=(("s", "y", "x"), share[:, 0]))
+    assert make_rig(capture(), rig, with_visits).stage["errors"]["repeatability_um"] == 0
+    assert make_rig(capture(), rig, without).stage["errors"]["repeatability_um"] == 1
+
+
 def test_measured_positions_are_those_of_the_stage() -> None:
     made = make_rig(capture(), None, recording(stage=[-9.2, -5.0, 0.0, 4.1, 10.0]))
     assert Stage.model_validate({**made.stage, "errors": None}).x_mm.tolist() == [-9.2, -5.0, 0.0, 4.1, 10.0]

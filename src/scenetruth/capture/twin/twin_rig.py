@@ -63,7 +63,9 @@ def make_rig(capture: Capture, calibration: RigCalibration | None, recording: xr
             stage["errors"] = {name: errors[name] for name in ("repeatability_um", "backlash_um")}
         return TwinRig(_camera_section(capture.camera.to_camera()), stage, np.eye(3))
     if errors is not None:
-        stage["errors"] = errors
+        # Visits that a fiducial strip has measured, image by image, were removed by the rectification.
+        known = "noise_share" in recording and "t" in recording["noise_share"].dims
+        stage["errors"] = {**errors, "repeatability_um": 0.0, "backlash_um": 0.0} if known else errors
     rectified = recording.attrs.get("geometry") == "rectified"
     rotation = ideal_rotation(calibration) if rectified else np.eye(3)
     axis = rotation.T @ calibration.axis
