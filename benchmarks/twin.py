@@ -258,8 +258,8 @@ def main() -> None:
             ratios = np.array([row[name][which] for row in rows])
             inside = np.mean((ratios >= WANTED[0]) & (ratios <= WANTED[1]))
             print(
-                f"{name:10} {which:6} predicted / obtained: geometric mean {np.exp(np.log(ratios).mean()):.2f}, "
-                f"spread {np.exp(np.log(ratios).std()):.2f}, between 0.8 and 1.25: {100 * inside:.0f} %"
+                f"{name:10} {which:6} predicted / obtained: geometric mean {np.exp(np.nanmean(np.log(ratios))):.2f}, "
+                f"spread {np.exp(np.nanstd(np.log(ratios))):.2f}, between 0.8 and 1.25: {100 * inside:.0f} %"
             )
 
 

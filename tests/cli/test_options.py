@@ -142,13 +142,14 @@ def test_the_commands_are_those_of_the_reference() -> None:
 
 
 GROUPS = {
-    "capture": {"init", "check", "import", "simulate", "twin"},
+    "capture": {"init", "check", "calibrate", "import", "run", "simulate", "twin"},
     "dataset": {"check", "preview", "run", "sample", "status", "estimate", "catalogue", "card"},
     "design": {"predict", "budget", "sweep", "optimise", "pattern"},
     "validation": {"paper-figure2", "emva1288", "rendering"},
 }
 OUTPUT_REQUIRED = {
-    *("run", "render", "export", "compare", "capture import", "capture simulate", "capture twin"),
+    *("run", "render", "export", "compare", "capture import", "capture calibrate", "capture run"),
+    *("capture simulate", "capture twin"),
     *("dataset preview", "dataset run", "dataset sample"),
     *("design sweep", "design optimise", "design pattern", *(f"validation {name}" for name in GROUPS["validation"])),
 }
@@ -177,7 +178,17 @@ def test_one_option_has_one_help_text() -> None:
         for parameter in command.params:
             texts.setdefault(max(parameter.opts, key=len), set()).add(parameter.help)
     assert {name for name, several in texts.items() if len(several) > 1 and name.startswith("--")} == {
-        *("--output", "--method", "--seed", "--seeds", "--command", "--distance-mm", "--type", "--calibration"),
+        *(
+            "--output",
+            "--method",
+            "--seed",
+            "--seeds",
+            "--command",
+            "--distance-mm",
+            "--type",
+            "--calibration",
+            "--focal-length-px",
+        ),
     }
 
 

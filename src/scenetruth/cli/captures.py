@@ -312,7 +312,7 @@ def run(
     limits: options.Limits = None,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Check, calibrate, import and estimate a capture, and write its report; if interrupted, repeat it to resume."""
+    """Check, calibrate, import and estimate a capture, and write its report."""
     from scenetruth.capture import run_capture
     from scenetruth.cli.console import reporting
     from scenetruth.estimators.method_specs import parse_method

@@ -66,6 +66,7 @@ def test_differences_between_capture_and_twin_are_named() -> None:
     assert [problem.path for problem in found.disagreements] == ["noise"]
     assert undefined.agrees is None
     assert math.isnan(Comparison("x", "", 1.0, 0.0).ratio)
+    assert "no pixel of the twin" in TwinPrediction(()).summary()
     text = found.summary()
     assert "noise: 2.00 and 1.00 DN; ratio 2.00" in text
     assert "residual: 1.10 and 1.00 DN\n" in text

@@ -190,6 +190,8 @@ class TwinPrediction(Result):
             symbol, total = QUANTITIES[row.quantity].symbol, format_number(row.rmse)
             share = format_percent_value(row.density)
             lines.append(f"  {row.region:18} {symbol:4} {total:>8} {row.unit} = {parts}, {share} %")
+        if not any(row.count for row in self.rows):
+            lines.append("  none: no pixel of the twin has a valid estimate")
         if self.comparisons:
             lines.append("shown by the capture and by its twin:")
         for each in self.comparisons:
@@ -261,18 +263,18 @@ def predict_errors(
     rows = []
     for region, quantities in score.regions.items():
         for name, values in quantities.items():
-            if name not in QUANTITIES or values.get("bias") is None or region not in masks:
+            if name not in QUANTITIES or "bias" not in values or region not in masks:
                 continue
             rows.append(_row(region, name, values, masks[region], one, other))
     return TwinPrediction(tuple(rows), comparisons, notes)
 
 
 def _row(region: str, name: str, values: Any, mask: Mask, twin: xr.Dataset, capture: xr.Dataset) -> RegionError:
-    bias, rmse = float(values["bias"]), float(values["rmse"])
+    bias, rmse = (math.nan if values[each] is None else float(values[each]) for each in ("bias", "rmse"))
     quantity = QUANTITIES[name]
     scale = _unit_factor(quantity.variable, quantity.units, twin)
     common = scale * _rms(_map(capture, f"{quantity.variable}_std_common", quantity.component), mask)
-    pixel = math.sqrt(max(rmse**2 - bias**2, 0.0))
+    pixel = math.sqrt(max(rmse**2 - bias**2, 0.0)) if math.isfinite(rmse) else math.nan
     total = math.sqrt(rmse**2 + (common**2 if math.isfinite(common) else 0.0))
     valid = _valid(capture, quantity.needs)
     share = float((valid & mask).sum() / mask.sum()) if mask.any() else math.nan
