@@ -118,3 +118,16 @@ def test_surfaces_end_where_they_are_not_measured_but_not_at_the_border_of_the_i
     # The margin next to the surface belongs to it, at a distance from it nothing does.
     assert part.front[: place.margin, : place.margin + 50].all()
     assert not part.front[:, place.margin + 78 :].any()
+
+
+def test_pixels_that_show_a_surface_belong_to_the_nearest_one() -> None:
+    depth = planar(0.1, 0.0)
+    depth[:, 40:] = np.nan
+    shown = np.zeros(SHAPE, dtype=bool)
+    shown[:, :48] = True
+    place = canvas()
+    (part,) = find_parts(place, depth, np.full(SHAPE, 0.05), 10.0, shown)
+    inside = place.crop(part.front)
+    assert inside[:, :48].all()
+    assert not inside[20:40, 52:].any()
+    assert np.abs(place.crop(part.depth_mm) - planar(0.1, 0.0))[:, :48].max() < 0.05

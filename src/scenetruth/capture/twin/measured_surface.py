@@ -88,11 +88,14 @@ class SurfacePart:
     measured: Mask
 
 
-def find_parts(canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm: float) -> list[SurfacePart]:
+def find_parts(
+    canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm: float, shown: Mask | None = None
+) -> list[SurfacePart]:
     """Return the surfaces of a depth map of the reference image, the largest first.
 
     ``depth_mm``, ``depth_std_mm``: Maps of the image; NaN where the depth is invalid.
     ``reach_mm``: Largest displacement of a camera from the reference, for the surfaces behind others.
+    ``shown``: Pixels of the image that show a surface by their brightness, measured or not.
     """
     depth, std = canvas.extend(depth_mm), canvas.extend(depth_std_mm)
     known = np.isfinite(depth) & np.isfinite(canvas.rays).all(axis=-1)
@@ -102,7 +105,7 @@ def find_parts(canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm:
     if count == 0:
         return []
     distance, (rows, columns) = ndimage.distance_transform_edt(labels == 0, return_indices=True)
-    owner = np.where(_continued(canvas, labels > 0, distance), labels[rows, columns], 0)
+    owner = np.where(_continued(canvas, distance, shown), labels[rows, columns], 0)
     smooth = {}
     for number in range(1, count + 1):
         inside = labels == number
@@ -124,10 +127,10 @@ def find_parts(canvas: Canvas, depth_mm: Floats, depth_std_mm: Floats, reach_mm:
     return parts
 
 
-def _continued(canvas: Canvas, measured: Mask, distance: Floats) -> Mask:
+def _continued(canvas: Canvas, distance: Floats, shown: Mask | None) -> Mask:
     """Return where surfaces are assumed: next to measured pixels, in gaps that they enclose, and beyond the image.
 
-    ``distance``: Distance to the nearest measured pixel in px.
+    ``distance``: Distance to the nearest measured pixel in px. ``shown``: Pixels of the image that show a surface.
     """
     outside = np.ones(canvas.shape, dtype=np.bool_)
     canvas.crop(outside)[...] = False
@@ -135,6 +138,10 @@ def _continued(canvas: Canvas, measured: Mask, distance: Floats) -> Mask:
     # Estimates often lack pixels at the border of the image, where surfaces do not end.
     band = ndimage.distance_transform_edt(~outside) <= _BAND_PX if canvas.margin else np.zeros_like(outside)
     near = (distance <= _BORDER_PX) | (enclosed & (distance <= canvas.margin)) | (band & (distance <= _BAND_PX))
+    if shown is not None:
+        seen = np.zeros(canvas.shape, dtype=np.bool_)
+        canvas.crop(seen)[...] = shown
+        near |= seen & (distance <= canvas.margin)
     reached, (rows, columns) = ndimage.distance_transform_edt(~(near & ~outside), return_indices=True)
     beyond = outside & (reached <= np.sqrt(2) * canvas.margin) & near[rows, columns]
     return np.asarray((near | beyond) & np.isfinite(canvas.rays).all(axis=-1))

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 import yaml
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from scenetruth.capture.calibration import RigCalibration
 from scenetruth.capture.capture_calibration import CALIBRATION_FILE
@@ -59,6 +60,7 @@ _MARGIN_PX = 20
 _FINE_PX, _STEP_PX = 400, 2
 _SEED = 20
 _SAME_FOCAL = 1e-6
+_FREE_PX, _LEAST_FREE, _LEAST_DIFFERENCE = 4, 200, 0.03
 _OWN = re.compile(r"scene\.yaml|surface_\d+(\.obj|\.png|_positions\.npy)")
 
 
@@ -423,7 +425,7 @@ class _Making:
         if std is None:
             std = np.full(depth.shape, np.nan)
             self.notes.append("the estimate has no depth_std: its depth is smoothed by its own scatter")
-        parts = find_parts(self.canvas, depth, std, reach)
+        parts = find_parts(self.canvas, depth, std, reach, self._shown(np.isfinite(depth)))
         if not parts:
             message = f"has no surface: {np.isfinite(depth).sum():,} pixels of frame 0 have a valid depth"
             raise CaptureError([Problem(self.run.file.name, message)], source=self.run.file.parent)
@@ -431,6 +433,16 @@ class _Making:
         if lost.any():
             self.notes.append(f"{int(lost.sum()):,} pixels with a depth belong to no surface of 64 px or more")
         return parts
+
+    def _shown(self, measured: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+        """Return the pixels of the reference image whose brightness differs from that of the background."""
+        free = ~ndimage.binary_dilation(measured, iterations=_FREE_PX)
+        values = self.images.reference()
+        smooth = ndimage.gaussian_filter(np.nan_to_num(values), 1.0)
+        if free.sum() < _LEAST_FREE:
+            return None
+        differs = np.abs(smooth - np.median(smooth[free])) > _LEAST_DIFFERENCE
+        return np.asarray(ndimage.binary_closing(differs, iterations=_FREE_PX) & np.isfinite(values))
 
     def _given_part(self, mesh: Path) -> SurfacePart:
         """Return the surface of a mesh file as seen by the reference camera."""
@@ -510,8 +522,6 @@ class _Making:
 
     def _given_mesh(self, file: Path, part: SurfacePart, motion: MeasuredMotion) -> tuple[Any, Any, Any, Any]:
         """Return vertices, faces, texture coordinates and velocities of a mesh file."""
-        from scipy import ndimage
-
         mesh = load_mesh_file(file)
         vertices = np.asarray(mesh.vertices_mm, dtype=np.float64)
         pixels = self.canvas.camera.project(vertices) + self.canvas.margin
