@@ -114,5 +114,5 @@ def test_too_few_poses_say_what_to_add(poses: int) -> None:
     from scenetruth.capture.calibration import CalibrationError
 
     rig = draw_rig(6, poses=poses, positions=1, tilt_deg=(0.0, 1.0))
-    with pytest.raises(CalibrationError, match="add poses|tilt the board"):
+    with pytest.raises(CalibrationError, match=r"add poses|tilt the board"):
         calibrate(rig.observations)

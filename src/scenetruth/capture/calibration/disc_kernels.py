@@ -91,7 +91,7 @@ def fit_discs(
     image: NDArray[np.float64], variance: NDArray[np.float64], starts: NDArray[np.float64],
     axes: NDArray[np.float64], inner: float, outer: float, found: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Fit ellipses of known form with blurred edges, under a linear light, to the images of dots.
+    """Fit ellipses of given form with blurred edges, under a linear light, to the images of dots.
 
     ``image``, ``variance``: Grey values and the variances of their noise, shape (rows, columns).
     ``starts``: Start positions (x, y) in px, shape (n, 2).
