@@ -1,7 +1,8 @@
 """Calibration from whole images of boards: accuracy of the corners, and coverage of the stated uncertainty.
 
 Run it from the top of the repository:
-``python -m benchmarks.capture_images [--captures N] [--poses N] [--board charuco|dots] [--blur PX] [--light SHARE]``.
+``python -m benchmarks.capture_images [--captures N] [--poses N] [--board charuco|dots] [--blur PX] [--light SHARE]
+[--bits N]``.
 Each capture has a new rig, drawn from its prior distribution, and new poses, which are fixed before any image is made;
 none is excluded. Images are sampled densely (`tests.helpers.rendered_boards`), with shot and read noise of 12 bits.
 """
@@ -67,6 +68,9 @@ def run_capture(seed: int, given: argparse.Namespace) -> dict[str, Any]:
         rotation, translation = poses_in_camera(rig, number)
         clean = given.light * render_board(real, camera, rotation, translation, blur_px=given.blur, fine=16)
         image, variance = noisy(clean, 1000 * seed + number), rendered_noise_variance(clean)
+        if given.bits < 12:
+            step = 2.0 ** (12 - given.bits)
+            image, variance = np.rint(image / step), variance / step**2 + 1 / 12
         images.append(BoardImage(image, view.position, view.pose, view.visit, name=view.name, variance=variance))
         detection = detect_board(image, board)
         if detection.reason:
@@ -114,6 +118,7 @@ def main() -> None:
     parser.add_argument("--board", choices=("charuco", "dots"), default="charuco")
     parser.add_argument("--blur", type=float, default=0.6, help="standard deviation of the blur, px")
     parser.add_argument("--light", type=float, default=1.0, help="share of the light; 1 is 3000 DN at white")
+    parser.add_argument("--bits", type=int, default=12, choices=(8, 10, 12))
     given = parser.parse_args()
     rows = []
     for seed in range(given.first, given.first + given.captures):

@@ -27,7 +27,11 @@ _NEAR = 0.3
 """Largest distance of a dot from its expected place, in units of the distance of neighbouring dots."""
 _SHARE = 0.6
 """Least share of the dots that must be detected: half could be another row."""
+_CERTAIN = 0.8
+"""Share of the dots from which the search ends."""
 _LEAST = 6
+_LINE = 0.02
+"""Ratio of the extents of points below which they are on a line."""
 _SHARE_OF_IMAGES = 0.25
 _SAME_SIZE = 1.6
 """Largest ratio of the diameter of a dot to the median."""
@@ -105,7 +109,8 @@ def observe_strip(
         if len(refined.ids) < _LEAST:
             lost.append(Problem(name, f"has {len(refined.ids)} dots of the strip that are free of other objects"))
             continue
-        known = (x_mm, fit_homography(points[refined.ids, :2], refined.pixels))
+        if not _on_a_line(points[refined.ids, :2]):
+            known = (x_mm, fit_homography(points[refined.ids, :2], refined.pixels))
         views.append(
             TargetView(
                 name, given.position, number if given.visit is None else given.visit, given.pose,
@@ -125,6 +130,8 @@ def _problems(points: Array, images: Sequence[BoardImage]) -> list[Problem]:
         problems.append(Problem("points_mm", f"must be at least {_LEAST} points of 3 finite coordinates", points.shape))
     elif np.ptp(points[:, 2]) > 1e-2 * np.ptp(points[:, :2]):
         problems.append(Problem("points_mm", "must lie in a plane z = constant", float(np.ptp(points[:, 2]))))
+    elif _on_a_line(points[:, :2]):
+        problems.append(Problem("points_mm", "must not lie on one line: use two rows", None))
     if len({image.pose for image in images}) > 1:
         problems.append(Problem("images", "must have one pose: the strip does not move"))
     return problems
@@ -147,7 +154,11 @@ def _match(
             pairs = _settled(blobs, points, _apply(known[1], shifted))
         if len(pairs) < _SHARE * len(points):
             pairs = _search(blobs, points)
-        if len(pairs) >= max(_LEAST, _SHARE * len(points)) and (best is None or len(pairs) > len(best[0])):
+        if (
+            len(pairs) >= max(_LEAST, _SHARE * len(points))
+            and not _on_a_line(points[pairs[:, 0]])
+            and (best is None or len(pairs) > len(best[0]))
+        ):
             radius = float(np.sqrt(np.median(blobs.areas[pairs[:, 1]]) / np.pi))
             best = (pairs[:, 0], blobs.centres[pairs[:, 1]], radius)
             if len(pairs) == len(points):
@@ -189,7 +200,7 @@ def _settled(blobs: Blobs, points: Array, expected: Array) -> NDArray[np.int64]:
     for _ in range(_ROUNDS):
         if len(pairs) < _LEAST:
             break
-        again = _nearest(blobs, _apply(fit_homography(points[pairs[:, 0]], blobs.centres[pairs[:, 1]]), points))
+        again = _nearest(blobs, _expected(points[pairs[:, 0]], blobs.centres[pairs[:, 1]], points))
         if len(again) <= len(pairs) and (len(again) < len(pairs) or (again == pairs).all()):
             break
         pairs = again
@@ -218,15 +229,28 @@ def _search(blobs: Blobs, points: Array) -> NDArray[np.int64]:
                 pairs = _grown(blobs, tree, points, lengths, (start, one), (end, other))
                 if len(pairs) > len(best):
                     best = pairs
-                if len(best) == len(points):
-                    return best
+                if len(best) >= _CERTAIN * len(points):
+                    return _settled_from(blobs, points, best)
     return _settled_from(blobs, points, best)
 
 
 def _settled_from(blobs: Blobs, points: Array, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
     if len(pairs) < _LEAST:
         return pairs
-    return _settled(blobs, points, _apply(fit_homography(points[pairs[:, 0]], blobs.centres[pairs[:, 1]]), points))
+    return _settled(blobs, points, _expected(points[pairs[:, 0]], blobs.centres[pairs[:, 1]], points))
+
+
+def _on_a_line(points: Array) -> bool:
+    """Return whether points, shape (n, 2), do not determine a homography."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] < _LINE * spread[0])
+
+
+def _expected(points: Array, seen: Array, all_points: Array) -> Array:
+    """Return the places of all points by a homography, or by a similarity if the points seen are on a line."""
+    if _on_a_line(points):
+        return _similar(points, seen, all_points)
+    return _apply(fit_homography(points, seen), all_points)
 
 
 def _grown(
@@ -235,26 +259,28 @@ def _grown(
     """Return pairs that continue two correspondences from dot to dot; 2 if a similarity of them does not fit."""
     found = dict((one, other))
     spacing = float(lengths[one[0], other[0]])
+    lacking: set[int] = set()
     while True:
         where = np.array(list(found))
         seen = blobs.centres[list(found.values())]
         expected = _similar(points[where], seen, points)
         scale = np.hypot(*(expected[other[0]] - expected[one[0]])) / spacing
         # The next dots are those nearest to the matched dots.
-        rest = np.setdiff1d(np.arange(len(points)), where)
+        rest = np.setdiff1d(np.arange(len(points)), [*where, *lacking])
         if not len(rest):
             break
         gap = lengths[np.ix_(rest, where)].min(axis=1)
         reach = max(1.05 * spacing, 1.01 * float(gap.min()) if len(found) >= _LEAST else 0.0)
-        added = 0
+        before = len(found)
         for point in rest[gap <= reach].tolist():
             anchor = int(where[lengths[point, where].argmin()])
             guess = blobs.centres[found[anchor]] + expected[point] - expected[anchor]
             away, blob = tree.query(guess)  # type: ignore[attr-defined]
             if away < _NEAR * spacing * scale and blob not in found.values():
                 found[point] = int(blob)
-                added += 1
-        if not added:
+            elif len(found) >= _LEAST:
+                lacking.add(point)
+        if len(found) == before and len(found) < _LEAST:
             break
     return np.array(sorted(found.items()), dtype=np.int64)
 
