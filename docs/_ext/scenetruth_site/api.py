@@ -66,6 +66,7 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "BoardImage",
             "RigCalibration",
             "observe_boards",
+            "observe_strip",
             "import_calibration",
             "import_camera",
             "export_calibration",

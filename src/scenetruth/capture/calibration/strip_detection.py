@@ -153,7 +153,7 @@ def _match(
             shifted = points - [x_mm - known[0], 0.0]
             pairs = _settled(blobs, points, _apply(known[1], shifted))
         if len(pairs) < _SHARE * len(points):
-            pairs = _search(blobs, points)
+            pairs = _search(blobs, points, grey.shape)
         if (
             len(pairs) >= max(_LEAST, _SHARE * len(points))
             and not _on_a_line(points[pairs[:, 0]])
@@ -207,7 +207,15 @@ def _settled(blobs: Blobs, points: Array, expected: Array) -> NDArray[np.int64]:
     return pairs
 
 
-def _search(blobs: Blobs, points: Array) -> NDArray[np.int64]:
+def _missing(blobs: Blobs, points: Array, pairs: NDArray[np.int64], shape: tuple[int, ...]) -> int:
+    """Return how many dots should be in the image and are not matched."""
+    expected = _expected(points[pairs[:, 0]], blobs.centres[pairs[:, 1]], points)
+    border = _NEAR * _spacing(expected)
+    inside = (expected > border[:, None]) & (expected < [shape[1] - 1, shape[0] - 1] - border[:, None])
+    return int(np.delete(inside.all(axis=1), pairs[:, 0]).sum())
+
+
+def _search(blobs: Blobs, points: Array, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return pairs (point, blob) of the upright strip: the best of all similarities by two neighbouring dots."""
     from scipy.spatial import cKDTree
 
@@ -216,7 +224,7 @@ def _search(blobs: Blobs, points: Array) -> NDArray[np.int64]:
     vectors = points[:, None] - points[None]
     lengths = np.hypot(vectors[..., 0], vectors[..., 1])
     np.fill_diagonal(lengths, np.inf)
-    best = np.empty((0, 2), dtype=np.int64)
+    best, highest = np.empty((0, 2), dtype=np.int64), 0
     for one in range(len(blobs.centres)):
         for other in np.atleast_1d(near[one])[1:].tolist():
             step = blobs.centres[other] - blobs.centres[one]
@@ -227,10 +235,14 @@ def _search(blobs: Blobs, points: Array) -> NDArray[np.int64]:
                 if abs(turn) > _TURN or nominal @ step <= 0:
                     continue
                 pairs = _grown(blobs, tree, points, lengths, (start, one), (end, other))
-                if len(pairs) > len(best):
-                    best = pairs
-                if len(best) >= _CERTAIN * len(points):
-                    return _settled_from(blobs, points, best)
+                if len(pairs) < _LEAST:
+                    continue
+                # A row that is shifted by a dot lacks one in the image; a row that is cut off does not.
+                score = len(pairs) - _missing(blobs, points, pairs, shape)
+                if score > highest:
+                    best, highest = pairs, score
+            if highest >= _CERTAIN * len(points):
+                return _settled_from(blobs, points, best)
     return _settled_from(blobs, points, best)
 
 
