@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -29,11 +30,12 @@ from scenetruth.capture.image_reading import (
 )
 from scenetruth.capture.ingest import ImageSeries, RecordingPlan, collect_images, no_match_message, times_of
 from scenetruth.capture.radiometry import find_defects
-from scenetruth.errors import CaptureError, Problem
+from scenetruth.errors import CaptureError, CaptureWarning, Problem
 from scenetruth.output import check_output, write_atomically
 from scenetruth.progress import Progress
 from scenetruth.scene.picture_file import PictureFileError
 from scenetruth.schema import tolerance_attributes
+from scenetruth.schema.plausible_units import describe_distance, describe_rig
 from scenetruth.storage import RECORDING, StoreWriter, claim_store, open_store, save_store, store_name
 
 __all__ = ["CaptureFolder", "FrameSet", "import_capture", "open_capture"]
@@ -184,6 +186,19 @@ class CaptureFolder:
             raise CaptureError(problems, source=self.capture.folder)
         return RecordingPlan(self.images, geometry, self.correction() if correct else None)
 
+    def describe_units(self) -> list[str]:
+        """Return which values of the capture file are likely to be in another unit; empty if none is."""
+        capture = self.capture
+        camera, stage = capture.camera, capture.stage
+        lens = None if camera.focal_length_px is None and camera.focal_length_mm is None else camera.to_camera()
+        found = []
+        if lens is not None:
+            found += describe_rig(lens.focal_px, stage.baseline_mm, camera.width, camera.height)
+        if capture.distance_mm is not None:
+            focal = None if lens is None else lens.focal_px
+            found += describe_distance(capture.distance_mm, focal, stage.baseline_mm, camera.width, stage.positions)
+        return found
+
 
 def open_capture(capture: CaptureLike) -> CaptureFolder:
     """Return the files of a capture after a check of their names and headers.
@@ -299,6 +314,8 @@ def _geometry(folder: CaptureFolder, problems: list[Problem]) -> dict[str, Any]:
         given["principal_point_px"] = lens.principal_point
         if lens.distortion is not None:
             given["distortion"] = list(lens.distortion.coefficients)
+    if capture.distance_mm is not None:
+        given["attrs"] = {"distance_mm": capture.distance_mm}
     std = {"focal_length_std_px": camera.focal_length_std_px, "principal_point_std_px": camera.principal_point_std_px}
     given["lens_tolerances"] = {name: value for name, value in std.items() if value}
     given["stage_tolerances"] = _tolerances(capture)
@@ -488,7 +505,7 @@ def import_capture(
     Warns
     -----
     CaptureWarning
-        If images are missing, or the bit depth is unlikely.
+        If images are missing, the bit depth is unlikely, or the stated distance is likely to be in another unit.
 
     See Also
     --------
@@ -534,4 +551,8 @@ def import_capture(
                 writer.put("exclusion_mask", {}, blank["exclusion_mask"].values)
         recording = open_store(store, kind="recording")
     plan.warn()
+    if folder.capture.distance_mm is not None:
+        for message in folder.describe_units():
+            if message.startswith("distance_mm"):
+                warnings.warn(message, CaptureWarning, stacklevel=2)
     return recording
