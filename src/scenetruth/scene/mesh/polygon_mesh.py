@@ -101,12 +101,17 @@ class PolygonMesh:
         keep = ~repeated
         counts = np.where(left >= _LEAST_CORNERS, left, self.counts)
         starts = np.concatenate([[0], np.cumsum(counts)]).astype(self.starts.dtype)
-        of_corners = {name: getattr(self, name) for name in ("uv", "normals", "colours")}
+
+        def kept(values: Floats | None) -> Floats | None:
+            return None if values is None else values[keep]
+
         return replace(
             self,
             corners=self.corners[keep],
             starts=starts,
-            **{name: None if values is None else values[keep] for name, values in of_corners.items()},
+            uv=kept(self.uv),
+            normals=kept(self.normals),
+            colours=kept(self.colours),
         )
 
     def area_vectors(self) -> Floats:
