@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import EstimateWarning, Problem, RecordingError
 from scenetruth.schema.attributes import Intrinsics, estimate_hash, read_intrinsics
-from scenetruth.schema.input_arrays import real_array
+from scenetruth.schema.input_arrays import order_problems, real_array
 from scenetruth.schema.pixel_grid import compute_pixel_grid
 from scenetruth.schema.plausible_units import describe_estimated_depth
 from scenetruth.schema.scene_flow import depth_from_disparity, depth_rate_along, flow_from_velocity, velocity_from_flow
@@ -187,6 +187,15 @@ def assemble_estimate(
 
 def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[Problem]) -> Map | None:
     """Return an array as float64 with a frame dimension, or None after appending a problem."""
+    if isinstance(values, xr.DataArray):
+        disordered = order_problems(name, values)
+        if disordered:
+            problems += disordered
+            return None
+        # Dimensions of these names are in any order; an array with other names is read in the order of its dimensions.
+        usual = ("component", "image_component", "t", "y", "x")
+        if {"y", "x"} <= set(values.dims) <= set(usual):
+            values = values.transpose(*(dim for dim in usual if dim in values.dims))
     raw = real_array(name, values, problems, masked_is_nan=True)
     if raw is None:
         return None
