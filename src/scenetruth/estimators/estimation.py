@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import EstimateError, EstimateWarning, Problem, RecordingError, ScenetruthError, StoreError
-from scenetruth.estimators.axis_order import describe_likely_causes, is_nearly_invalid
+from scenetruth.estimators.axis_order import describe_likely_causes, share_of_valid
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec
 from scenetruth.estimators.protocol import Estimator, StreamingMethod
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate_settings
@@ -190,9 +190,9 @@ def estimate(
     -----
     EstimateWarning
         If the settings of a method make many pixels invalid unnecessarily, for example if the threshold ``tau`` of the
-        structure tensor is too high for low-contrast textures. If under 1 % of the pixels are valid and the images move
-        as if the axes s and t, or rows and columns, were swapped, or the sign of the baseline were reversed. If the
-        median depth of real images contradicts the distance that the recording states (attribute ``distance_mm``), is
+        structure tensor is too high for low-contrast textures. If under 20 % of the pixels are valid and the images
+        move as if the axes s and t, or rows and columns, were swapped, or the sign of the baseline were reversed. If
+        the median depth of real images contradicts the distance that the recording states (attribute ``distance_mm``), is
         below ten baselines or 10 mm, or above 200 m, or neighbouring images have nothing in common: the message
         names the unit that is likely to be wrong.
 
@@ -328,12 +328,10 @@ class EstimationTask:
         return flat_attributes(found)
 
     def _warn_of_causes(self, valid_pixels: int, estimate: xr.Dataset, depth: _DepthSample) -> None:
-        """Warn of an estimate that is nearly invalid, if the order of axes explains it, or of an implausible depth."""
-        if is_nearly_invalid(valid_pixels, estimate, self._recording):
-            messages = [describe_likely_causes(self._recording)]
-        else:
-            messages = describe_estimated_depth(depth.median(), self._recording)
-        for message in filter(None, messages):
+        """Warn of few valid pixels, if the order of the axes explains them, or of an implausible depth."""
+        share = share_of_valid(valid_pixels, estimate, self._recording)
+        cause = describe_likely_causes(self._recording, share)
+        for message in [cause] if cause else describe_estimated_depth(depth.median(), self._recording):
             warnings.warn(f"method '{self._method.name}': {message}", EstimateWarning, stacklevel=4)
 
     def _checked(self, found: Any) -> xr.Dataset:
