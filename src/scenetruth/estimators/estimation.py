@@ -192,9 +192,9 @@ def estimate(
         If the settings of a method make many pixels invalid unnecessarily, for example if the threshold ``tau`` of the
         structure tensor is too high for low-contrast textures. If under 20 % of the pixels are valid and the images
         move as if the axes s and t, or rows and columns, were swapped, or the sign of the baseline were reversed. If
-        the median depth of real images contradicts the distance that the recording states (attribute ``distance_mm``), is
-        below ten baselines or 10 mm, or above 200 m, or neighbouring images have nothing in common: the message
-        names the unit that is likely to be wrong.
+        the median depth of real images contradicts the distance that the recording states (attribute
+        ``distance_mm``), is below ten baselines or 10 mm, or above 200 m, or neighbouring images have nothing in
+        common: the message names the unit that is likely to be wrong.
 
     See Also
     --------
