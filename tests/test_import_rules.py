@@ -89,7 +89,7 @@ MAY_IMPORT = {
     "capture": {
         *LEAVES,
         *("scene", "camera", "render", "truth", "resources", "provenance", "schema", "estimators"),
-        *("output", "storage", "jobs"),
+        *("output", "storage", "jobs", "pipeline", "scoring"),
     },
     "testing": {
         *LEAVES,

@@ -10,6 +10,9 @@ import pytest
 import yaml
 
 import scenetruth as st
+from scenetruth.camera import Camera
+from scenetruth.capture import RigCalibration
+from tests.helpers.board_captures import make_board_capture
 from tests.helpers.captured_folders import CapturedFolder, write_capture
 from tests.helpers.command_line import scenetruth
 from tests.helpers.scenes import cube
@@ -48,6 +51,20 @@ def test_from_a_folder_to_a_recording(made: CapturedFolder, tmp_path: Path) -> N
     done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "run", "--overwrite", "--no-correct")
     assert done.returncode == 0, done.stderr
     assert st.load_store(tmp_path / "run" / "recording.zarr").image.dtype == np.uint16
+
+
+def test_import_with_a_calibration(made: CapturedFolder, tmp_path: Path) -> None:
+    camera = Camera(width=64, height=48, focal_length_px=990)
+    file = RigCalibration.from_camera(camera, [-2.0, 0.0, 2.0]).save(tmp_path / "calibration.yaml")
+    done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "run", "--calibration", file)
+    assert done.returncode == 0, done.stderr
+    recording = st.load_store(tmp_path / "run" / "recording.zarr")
+    assert recording.attrs["focal_length_px"] == 990
+    assert "noise_share" in recording
+    file = RigCalibration.from_camera(camera, [-3.0, 0.0, 3.0]).save(tmp_path / "other.yaml")
+    done = scenetruth("capture", "import", made.folder, "-o", tmp_path / "other", "--calibration", file)
+    assert done.returncode == 2
+    assert "is for the positions -3, 0, 3 mm, but the stage has -2, 0, 2 mm" in done.stderr
 
 
 def test_check_ends_with_1_for_mistakes_and_2_for_an_invalid_file(made: CapturedFolder) -> None:
@@ -109,3 +126,21 @@ def test_wrong_options_are_named_together(tmp_path: Path) -> None:
     assert "--poses: is also given by --parameter poses" in done.stderr
     assert "--parameter" in done.stderr
     assert not (tmp_path / "c").exists()
+
+
+def test_calibration_prints_its_parameters_and_writes_its_files(tmp_path: Path) -> None:
+    folder = make_board_capture(tmp_path / "lab", poses=3, static=0)
+    done = scenetruth(
+        "capture", "calibrate", folder, "-o", tmp_path / "out", "--std", "f=1", "--focal-length-px", "1900"
+    )
+    assert done.returncode == 2
+    assert "--std: states the standard deviations of a camera of --import" in done.stderr
+    done = scenetruth("capture", "calibrate", folder, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert " f = 1" in done.stdout
+    assert "points in 9 of 9 images" in done.stdout
+    assert (tmp_path / "out" / "calibration.yaml").exists()
+    for more in ((), ("--import", tmp_path / "cameras.yaml", "--overwrite")):
+        done = scenetruth("capture", "calibrate", folder, "-o", tmp_path / "out", *more)
+        assert done.returncode == 2
+        assert ("cameras.yaml: cannot be read" if more else "--overwrite") in done.stderr

@@ -28,7 +28,7 @@ ARGUMENTS = {
     "compare": "methods suite cases levels seeds limits output workers scheduler fresh",
     "capture init": "folder focal_length_px baseline_mm",
     "capture check": "capture",
-    "capture import": "capture output overwrite correct undistort",
+    "capture import": "capture output overwrite correct undistort calibration geometry",
     "dataset check": "recipe overrides limits",
     "dataset preview": "recipe overrides samples output overwrite workers scheduler",
     "dataset run": "recipe output overrides partition retries threads scheduler max_tasks_per_worker extend limits "
@@ -177,7 +177,7 @@ def test_one_option_has_one_help_text() -> None:
         for parameter in command.params:
             texts.setdefault(max(parameter.opts, key=len), set()).add(parameter.help)
     assert {name for name, several in texts.items() if len(several) > 1 and name.startswith("--")} == {
-        *("--output", "--method", "--seed", "--seeds", "--command", "--distance-mm", "--type"),
+        *("--output", "--method", "--seed", "--seeds", "--command", "--distance-mm", "--type", "--calibration"),
     }
 
 

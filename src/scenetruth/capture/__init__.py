@@ -25,8 +25,11 @@ if TYPE_CHECKING:
         project_points,
     )
     from scenetruth.capture.calibration import RigCalibration, calibrate
+    from scenetruth.capture.calibration_errors import add_calibration_errors
+    from scenetruth.capture.capture_calibration import calibrate_capture
     from scenetruth.capture.capture_check import CaptureFinding, CaptureReport, check_capture
     from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
+    from scenetruth.capture.capture_run import CaptureRun, run_capture
     from scenetruth.capture.capture_template import capture_text, write_capture_file
     from scenetruth.capture.corrections import FixedPatternCorrection, correct_images, undistort_images
     from scenetruth.capture.file_patterns import (
@@ -59,18 +62,20 @@ if TYPE_CHECKING:
         measure_linearity,
         measure_noise,
     )
+    from scenetruth.capture.region_means import RegionMean, region_mean
     from scenetruth.capture.simulated_capture import simulate_capture
     from scenetruth.capture.simulated_rig import BoardPose, CaptureSimulation
 
 __all__ = [
     "CAPTURE_FILE", "BoardArtwork", "BoardKind", "BoardLight", "BoardPose", "BoardPrint", "BoardRenderer", "Capture",
-    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureSimulation", "FilePattern",
-    "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "InkRenderer", "Linearity",
-    "PixelFormat", "PlacedBoard", "RigCalibration", "SensorNoise", "average_frames", "calibrate", "capture_text",
-    "check_capture", "compare_exposures", "correct_images", "default_board", "draw_board", "draw_dots",
-    "expected_indices", "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names",
-    "load_capture", "measure_linearity", "measure_noise", "nearest_patterns", "open_board_renderer", "open_capture",
-    "project_points", "read_board_print", "read_header", "read_images", "read_pattern", "read_pixels",
+    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureRun", "CaptureSimulation",
+    "FilePattern", "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader",
+    "InkRenderer", "Linearity", "PixelFormat", "PlacedBoard", "RegionMean", "RigCalibration", "SensorNoise",
+    "add_calibration_errors", "average_frames", "calibrate", "calibrate_capture", "capture_text", "check_capture",
+    "compare_exposures", "correct_images", "default_board", "draw_board", "draw_dots", "expected_indices",
+    "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names", "load_capture",
+    "measure_linearity", "measure_noise", "nearest_patterns", "open_board_renderer", "open_capture", "project_points",
+    "read_board_print", "read_header", "read_images", "read_pattern", "read_pixels", "region_mean", "run_capture",
     "simulate_capture", "undistort_images", "write_capture_file",
 ]  # fmt: skip
 
@@ -78,8 +83,12 @@ __getattr__, __dir__ = export_lazily(
     __name__,
     {
         "calibration": "RigCalibration calibrate",
+        "calibration_errors": "add_calibration_errors",
+        "region_means": "RegionMean region_mean",
+        "capture_calibration": "calibrate_capture",
         "capture_check": "CaptureFinding CaptureReport check_capture",
         "capture_file": "CAPTURE_FILE Capture CaptureLike load_capture",
+        "capture_run": "CaptureRun run_capture",
         "capture_template": "capture_text write_capture_file",
         "corrections": "FixedPatternCorrection correct_images undistort_images",
         "file_patterns": (

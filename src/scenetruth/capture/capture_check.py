@@ -18,7 +18,7 @@ from scenetruth.capture.radiometry import GammaFit, SensorNoise, fit_gamma, meas
 from scenetruth.errors import ArgumentError, CaptureError, Problem
 from scenetruth.progress import Progress
 
-__all__ = ["CaptureFinding", "CaptureReport", "check_capture"]
+__all__ = ["CaptureFinding", "CaptureReport", "check_capture", "sensor_noise"]
 
 Floats = NDArray[np.float64]
 Severity = Literal["error", "warning", "note"]
@@ -115,6 +115,18 @@ class CaptureReport:
             "noise": noise,
         }
 
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> CaptureReport:
+        """Return the report of `to_dict`, without the exponent of the response and the notes on the noise."""
+        noise = values["noise"]
+        known: dict[str, Any] | None = None
+        if noise is not None:
+            known = {name: np.nan if value is None else value for name, value in noise.items()}
+        return cls(
+            tuple(CaptureFinding(**finding) for finding in values["findings"]), values["images"],
+            tuple(values["missing"]), None if known is None else SensorNoise(**known),
+        )  # fmt: skip
+
 
 @dataclass
 class _ImageStatistics:
@@ -196,7 +208,7 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
     findings += [CaptureFinding("units", "warning", message) for message in folder.describe_units()]
     try:
         statistics = _read_images(folder, progress)
-        noise = _noise(folder)
+        noise = sensor_noise(folder)
         saturated = _saturation(statistics, folder.dark, noise)
         findings += saturated
         findings += _brightness(folder, statistics)
@@ -560,7 +572,7 @@ def _exposures(folder: CaptureFolder) -> list[CaptureFinding]:
     return [CaptureFinding("gamma", "note", message)]
 
 
-def _noise(folder: CaptureFolder) -> SensorNoise | None:
+def sensor_noise(folder: CaptureFolder) -> SensorNoise | None:
     """Return the noise of the sensor, None if the frames do not determine it."""
     dark = folder.dark
     if dark is None or dark.count < 2 or dark.mean.ndim != 2:

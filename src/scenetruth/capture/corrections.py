@@ -17,7 +17,7 @@ from scenetruth.camera import Camera, Distortion, two_point_correction
 from scenetruth.errors import ArgumentError, Problem, RecordingError
 from scenetruth.schema import IncrementalDataset, blank_map, check_dataset, digest, read_intrinsics
 
-__all__ = ["FixedPatternCorrection", "correct_images", "undistort_images"]
+__all__ = ["FixedPatternCorrection", "correct_images", "resample_image", "touched_pixels", "undistort_images"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -275,8 +275,10 @@ def undistort_images(recording: xr.Dataset, distortion: Sequence[float] | None =
     def resample(values: NDArray[Any]) -> NDArray[np.float32]:
         bad = values >= full_scale if digital else ~np.isfinite(values)
         if values.ndim == 2:
-            return _resampled(values, bad, where, order)
-        return np.stack([_resampled(values[..., n], bad[..., n], where, order) for n in range(values.shape[-1])], -1)
+            return resample_image(values, bad, where, order)
+        return np.stack(
+            [resample_image(values[..., n], bad[..., n], where, order) for n in range(values.shape[-1])], -1
+        )
 
     done = _each_image(recording, resample, {})
     if "recording_hash" in recording.attrs:
@@ -287,7 +289,7 @@ def undistort_images(recording: xr.Dataset, distortion: Sequence[float] | None =
     if "exclusion_mask" in recording:
         mask = recording["exclusion_mask"]
         flat = mask.values.reshape(-1, *mask.shape[-2:])
-        moved = np.stack([_touched(each, where) for each in flat]).reshape(mask.shape)
+        moved = np.stack([touched_pixels(each, where) for each in flat]).reshape(mask.shape)
         done = done.assign(exclusion_mask=(mask.dims, moved, mask.attrs))
     return done
 
@@ -320,7 +322,7 @@ def _lens(recording: xr.Dataset, given: Any) -> tuple[Distortion | None, list[Pr
     return (None, [Problem("distortion", problem)]) if problem else (lens, [])
 
 
-def _resampled(values: NDArray[Any], bad: Mask, where: Floats, order: int) -> NDArray[np.float32]:
+def resample_image(values: NDArray[Any], bad: Mask, where: Floats, order: int) -> NDArray[np.float32]:
     """Return an image at other places, shape (2, y, x) in rows and columns; NaN where it rests on a bad pixel."""
     if bad.all():
         return np.full(where.shape[1:], np.nan, dtype=np.float32)
@@ -331,7 +333,7 @@ def _resampled(values: NDArray[Any], bad: Mask, where: Floats, order: int) -> ND
         map_coordinates(given, where, order=order, mode="constant", cval=np.nan), dtype=np.float32
     )
     if bad.any():
-        out[_touched(bad, where)] = np.nan
+        out[touched_pixels(bad, where)] = np.nan
     return out
 
 
@@ -343,7 +345,7 @@ def _filled(values: Floats, bad: Mask) -> Floats:
     return np.where(bad, np.where(weight > 1e-6, near, values[~bad].mean()), values)
 
 
-def _touched(bad: Mask, where: Floats) -> Mask:
+def touched_pixels(bad: Mask, where: Floats) -> Mask:
     """Return the places whose spline rests on a bad pixel, or that lie outside the image."""
     around = binary_dilation(bad, np.ones((3, 3)), iterations=_REACH_PX) if bad.any() else bad
     nearest = np.rint(np.nan_to_num(where, nan=-1e6)).astype(np.intp)

@@ -6,8 +6,9 @@ import csv
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import StageErrors
+from scenetruth.capture.calibration import RigCalibration
 from scenetruth.capture.capture_file import Capture, CaptureLike, load_capture
 from scenetruth.capture.corrections import FixedPatternCorrection, correction_problems, undistort_images
 from scenetruth.capture.file_patterns import IMAGE_SUFFIXES, TIME_FIELD, FilePattern, list_names, read_pattern
@@ -30,6 +32,14 @@ from scenetruth.capture.image_reading import (
 )
 from scenetruth.capture.ingest import ImageSeries, RecordingPlan, collect_images, no_match_message, times_of
 from scenetruth.capture.radiometry import find_defects
+from scenetruth.capture.rectification import (
+    Geometry,
+    Rectification,
+    calibration_problems,
+    estimate_distance_mm,
+    load_calibration,
+    recorded_geometry,
+)
 from scenetruth.errors import CaptureError, CaptureWarning, Problem
 from scenetruth.output import check_output, write_atomically
 from scenetruth.progress import Progress
@@ -45,6 +55,7 @@ Floats = NDArray[np.float64]
 _SETS = ("dark", "flat", "static")
 _DEFECT_FRAMES = 4
 _HALF = 0.5
+_DISTANT = 1e6  # depth of a distant plane in mm per px of focal length
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,19 +183,76 @@ class CaptureFolder:
         usable = moments is not None and moments.count >= _DEFECT_FRAMES and not mosaic
         return find_defects(self.dark, moments if usable else None)
 
-    def plan(self, *, correct: bool = True) -> RecordingPlan:
-        """Return the recording that the folder makes.
+    def positions_mm(self) -> Floats:
+        """Return the camera positions along the stage: measured, or planned; raises `CaptureError`."""
+        problems: list[Problem] = []
+        measured = _positions(self, problems)
+        if problems:
+            raise CaptureError(problems, source=self.capture.folder)
+        return self.capture.stage.x_mm if measured is None else measured
+
+    def plan(
+        self,
+        *,
+        correct: bool = True,
+        calibration: RigCalibration | None = None,
+        geometry: Geometry = "rectified",
+    ) -> RecordingPlan:
+        """Return the recording that the folder makes, with a calibration rectified or with its lens.
 
         Raises
         ------
         CaptureError
-            If the focal length is missing, or a table of positions or times does not fit; lists every problem.
+            If the focal length is missing, a table of positions or times does not fit, or the calibration is that of
+            another rig; lists every problem.
         """
         problems: list[Problem] = []
-        geometry = _geometry(self, problems)
+        if calibration is not None:
+            x_mm = self.positions_mm()
+            problems += calibration_problems(self.capture, calibration, self.images.pixels, geometry, x_mm)
+        stated = _geometry(self, problems, calibrated=calibration is not None)
         if problems:
             raise CaptureError(problems, source=self.capture.folder)
-        return RecordingPlan(self.images, geometry, self.correction() if correct else None)
+        plan = RecordingPlan(self.images, stated, self.correction() if correct else None)
+        if calibration is None:
+            return plan
+        if geometry == "recorded":
+            return replace(plan, geometry={**stated, **recorded_geometry(self.capture, calibration)})
+        return self._rectified(plan, calibration)
+
+    def _rectified(self, plan: RecordingPlan, calibration: RigCalibration) -> RecordingPlan:
+        """Return a recording that is resampled to the ideal rig of a calibration."""
+        images, given = self.images, self.capture
+        height, width, *_ = images.shape
+        far = Rectification(calibration, images.pixels, (height, width), _DISTANT * calibration.value("f"))
+        depth = given.distance_mm if given.distance_mm is not None else self._distance_mm(plan, far)
+        rectification = replace(far, depth_mm=depth)
+        geometry = {**plan.geometry, **rectification.geometry(given)}
+        return replace(plan, geometry=geometry, rectification=rectification)
+
+    def _distance_mm(self, plan: RecordingPlan, far: Rectification) -> float:
+        """Return the distance of the surface, from the first frame that two neighbouring positions have."""
+        files, places = dict(self.images.indices()), range(len(self.images.positions))
+        middle = (len(places) - 1) // 2
+        pairs = [(middle, middle + 1), (middle - 1, middle), *pairwise(places)]
+        if len(places) == 1:
+            # Without a second position, the depth of the plane has no effect.
+            return far.depth_mm
+        for (one, other), frame in product(pairs, range(len(self.images.frames))):
+            found = [files.get((0, place, frame)) for place in (one, other)]
+            if None in found:
+                continue
+            here, there = (
+                far.apply(plan.image(file), place, frame) for place, file in zip((one, other), found, strict=True)
+            )
+            along = far.calibration.positions_mm[other] - far.calibration.positions_mm[one]
+            focal = far.calibration.value("f") / far.pixels.step
+            distance = estimate_distance_mm(here, there, focal, float(far.step * along))
+            if distance is not None:
+                return distance
+            break
+        message = "is missing, and the images do not determine it: measure the distance of the surface"
+        raise CaptureError([Problem("distance_mm", message)], source=self.capture.folder)
 
     def describe_units(self) -> list[str]:
         """Return which values of the capture file are likely to be in another unit; empty if none is."""
@@ -293,8 +361,8 @@ def _checked_headers(
     return headers, problems
 
 
-def _geometry(folder: CaptureFolder, problems: list[Problem]) -> dict[str, Any]:
-    """Return the arguments of `make_recording` that a capture states."""
+def _geometry(folder: CaptureFolder, problems: list[Problem], *, calibrated: bool = False) -> dict[str, Any]:
+    """Return the arguments of `make_recording` that a capture states; with a calibration, without those of the lens."""
     capture, images = folder.capture, folder.images
     camera, stage, frames = capture.camera, capture.stage, capture.frames
     grid = stage.rows > 1
@@ -305,7 +373,9 @@ def _geometry(folder: CaptureFolder, problems: list[Problem]) -> dict[str, Any]:
         "stage_x_mm": _positions(folder, problems),
         "stage_y_mm": stage.y_mm if grid else None,
     }
-    if camera.focal_length_px is None and camera.focal_length_mm is None:
+    if calibrated:
+        pass
+    elif camera.focal_length_px is None and camera.focal_length_mm is None:
         message = "is missing: give focal_length_px, or focal_length_mm with pixel_pitch_um"
         problems.append(Problem("camera.focal_length_px", message))
     else:
@@ -470,6 +540,8 @@ def import_capture(
     overwrite: bool = False,
     correct: bool = True,
     undistort: bool = False,
+    calibration: RigCalibration | str | Path | None = None,
+    geometry: Geometry = "rectified",
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Read the images of a capture as a recording.
@@ -486,6 +558,15 @@ def import_capture(
         Correct the images with the dark frames and flat fields of the capture.
     undistort
         Remove the distortion of the lens, see `scenetruth.undistort_images`; method ``refined`` needs no such step.
+    calibration
+        Calibration of the rig, or its file; default: the lens that the capture states.
+    geometry
+        With a calibration, ``rectified``: the images are resampled to an ideal rig, a pinhole camera of the estimated
+        focal length that moves along its X axis, with Z nearest that of the reference camera. Errors of stage and lens
+        that the calibration has estimated are removed; of the tolerances of the stage, the repeatability of new visits
+        remains. `scenetruth.capture.add_calibration_errors` adds the uncertainty of the calibration to an estimate.
+        ``recorded``: the images are as recorded, with the lens, its tolerances and the step length of the calibration;
+        methods that correct poses estimate those of the stage anew within its tolerances.
     progress
         Called with the number of images read.
 
@@ -493,12 +574,14 @@ def import_capture(
     -------
     xarray.Dataset
         The recording; with ``output`` it is read lazily from the store. Missing images are NaN, and listed in the
-        attribute ``missing_images``.
+        attribute ``missing_images``. Rectified recordings have the variable ``noise_share``: the variance of the image
+        noise after the resampling relative to that before, which method ``refined`` takes into account.
 
     Raises
     ------
     CaptureError
-        If the files do not fit the capture; lists every problem.
+        If the files do not fit the capture, or the calibration is that of another camera or of other positions; lists
+        every problem.
     OutputExistsError, StoreError
         If the recording exists already, or cannot be written.
 
@@ -527,10 +610,16 @@ def import_capture(
     [91.0, 92.0, 93.0]
     """
     store = None if output is None else Path(output) / store_name(RECORDING, zipped=False)
+    if undistort and calibration is not None:
+        message = "must not be combined with a calibration, whose rectification removes the distortion"
+        raise CaptureError([Problem("undistort", message, undistort)])
+    if geometry not in ("rectified", "recorded"):
+        raise CaptureError([Problem("geometry", "must be 'rectified' or 'recorded'", geometry)])
+    rig = None if calibration is None else load_calibration(calibration)
     folder = open_capture(capture)
     if store is not None:
         check_output(store, overwrite=overwrite, claim=claim_store)
-    plan = folder.plan(correct=correct)
+    plan = folder.plan(correct=correct, calibration=rig, geometry=geometry)
     if undistort and "distortion" not in plan.geometry:
         message = "is missing: there is no distortion to remove"
         raise CaptureError([Problem("camera.distortion", message)], source=folder.capture.folder)

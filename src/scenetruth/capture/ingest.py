@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -40,7 +40,10 @@ from scenetruth.capture.image_reading import (
 from scenetruth.errors import CaptureError, CaptureWarning, Problem, RecordingError
 from scenetruth.progress import Progress
 from scenetruth.scene.picture_file import PictureFileError
-from scenetruth.schema import IncrementalDataset, Put, blank_map, make_recording
+from scenetruth.schema import IncrementalDataset, Put, blank_map, describe_variable, make_recording
+
+if TYPE_CHECKING:
+    from scenetruth.capture.rectification import Rectification
 
 __all__ = [
     "ImageSeries",
@@ -272,16 +275,20 @@ class RecordingPlan:
 
     ``geometry``: Arguments of `make_recording` in pixels of the camera.
     ``correction``: Correction of every image; None for digital numbers as they are.
+    ``rectification``: Resampling of every image after its correction; None for the recorded pixels.
     """
 
     series: ImageSeries
     geometry: Mapping[str, Any]
     correction: FixedPatternCorrection | None = None
+    rectification: Rectification | None = None
 
     @property
     def floats(self) -> bool:
         """Whether the recording holds floats, in which invalid pixels are NaN."""
-        return self.correction is not None or bool(self.series.missing) or self.series.pixels.encoding != "linear"
+        if self.correction is not None or self.rectification is not None:
+            return True
+        return bool(self.series.missing) or self.series.pixels.encoding != "linear"
 
     @property
     def full_scale(self) -> float:
@@ -299,17 +306,30 @@ class RecordingPlan:
         given["focal_length_px"] = given["focal_length_px"] / pixels.step
         given["line_time_s"] = given.get("line_time_s", 0.0) * pixels.step
         if "exclusion_mask" in given:
-            given["exclusion_mask"] = _selected(given["exclusion_mask"], pixels)
+            given["exclusion_mask"] = self._mask(_selected(given["exclusion_mask"], pixels))
         attrs = {**(given.pop("attrs", None) or {})}
         if series.missing:
             attrs["missing_images"] = json.dumps(list(series.missing))
         dtype = np.dtype(np.float32) if self.floats else pixels.dtype
         try:
-            return make_recording(
+            blank = make_recording(
                 blank_map(dtype, (*sizes, *series.shape)), full_scale=self.full_scale, attrs=attrs, copy=False, **given
             )
         except RecordingError as error:
             raise CaptureError(error.problems, source=error.source) from error
+        if self.rectification is not None:
+            dims = ("s", "y", "x") if self.rectification.constant else ("s", "t", "y", "x")
+            share = blank_map(np.float32, [blank.sizes[dim] for dim in dims])
+            blank["noise_share"] = (dims, share, describe_variable("recording", "noise_share"))
+        return blank
+
+    def _mask(self, excluded: NDArray[Any]) -> NDArray[Any]:
+        """Return the excluded pixels of the recording, from those of the images."""
+        if self.rectification is None:
+            return excluded
+        frames = range(1 if self.rectification.constant else len(self.series.frames))
+        places = range(len(self.series.positions))
+        return np.array([[self.rectification.mask(excluded, s, t) for t in frames] for s in places])
 
     def fill(self, put: Put, progress: Progress | None = None) -> None:
         """Read every image and hand it over; missing images are NaN."""
@@ -317,7 +337,12 @@ class RecordingPlan:
         every = list(self.series.indices())
         for number, ((row, position, frame), file) in enumerate(every):
             at = {**({"s_y": row} if grid else {}), "s": position, "t": frame}
-            put("image", at, self.image(file))
+            values = self.image(file)
+            if self.rectification is not None:
+                values = self.rectification.apply(values, position, frame)
+                if frame == 0 or not self.rectification.constant:
+                    put("noise_share", at, self.rectification.noise_share(position, frame))
+            put("image", at, values)
             if progress is not None:
                 progress("read", number + 1, len(every))
 

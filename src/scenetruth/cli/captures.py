@@ -37,6 +37,71 @@ Correct = Annotated[
 Undistort = Annotated[bool, options.flag("--undistort", help="Resampling to images without lens distortion.")]
 
 
+StartFocalLengthPx = Annotated[
+    float | None,
+    options.option("--focal-length-px", metavar="PX", help="Start value of the focal length in px."),
+]
+
+ImportedFile = Annotated[
+    Path | None,
+    options.option(
+        "--import",
+        metavar="FILE",
+        help="Calibration file, or camera file of OpenCV, Kalibr, COLMAP, MATLAB, MatchID or DICe: the start values; "
+        "without board images, the camera.",
+    ),
+]
+
+StatedStd = Annotated[
+    list[str] | None,
+    options.repeatable(
+        "--std",
+        "NAME=VALUE",
+        "Standard deviation of an intrinsic parameter of the imported camera (f, c_x, c_y, k1, ...); 0.1 % of f and "
+        "5 px of c_x and c_y if not given.",
+    ),
+]
+
+FreeDistortion = Annotated[
+    str | None,
+    options.option(
+        "--distortion",
+        metavar="NAMES",
+        help="Estimated coefficients of the distortion, such as k1,k2,p1,p2,k3; k1,k2,p1,p2 if not given.",
+    ),
+]
+
+
+RunMethod = Annotated[
+    str,
+    typer.Option(
+        "--method", metavar="METHOD", help="Method of estimation, with settings as in refined[window_sigma_px: 4]."
+    ),
+]
+
+RunCheck = Annotated[
+    bool, typer.Option("--check/--no-check", help="End the run if the check of the images finds mistakes.")
+]
+
+Calibration = Annotated[
+    Path | None,
+    options.option("--calibration", metavar="FILE", help="Calibration of camera and stage."),
+]
+
+
+class ImageGeometry(StrEnum):
+    """Images of a recording with a calibration."""
+
+    rectified = "rectified"
+    recorded = "recorded"
+
+
+Geometry = Annotated[
+    ImageGeometry,
+    typer.Option("--geometry", help="With a calibration: images of an ideal rig, or recorded images with its lens."),
+]
+
+
 class BoardType(StrEnum):
     """Types of calibration boards."""
 
@@ -74,14 +139,16 @@ CaptureParameters = Annotated[
     ),
 ]
 
-app = typer.Typer(name="capture", help="Read, check and simulate real images.", no_args_is_help=True)
+app = typer.Typer(name="capture", help="Read, check, calibrate and simulate real images.", no_args_is_help=True)
 
 
 def register(parent: typer.Typer) -> None:
     """Add the commands to the command line."""
     options.add_command(app, init)
     options.add_command(app, check)
+    options.add_command(app, calibrate)
     options.add_command(app, import_, "import")
+    options.add_command(app, run)
     options.add_command(app, simulate)
     parent.add_typer(app)
 
@@ -125,12 +192,66 @@ def check(capture: CapturePath, *, as_json: options.Json = False) -> None:
         raise typer.Exit(_EXIT_MISTAKES)
 
 
+def calibrate(
+    capture: CapturePath,
+    output: options.Output,
+    *,
+    focal_length_px: StartFocalLengthPx = None,
+    import_file: ImportedFile = None,
+    std: StatedStd = None,
+    distortion: FreeDistortion = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Calibrate camera and stage from the board images of a capture."""
+    from scenetruth.capture import calibrate_capture
+    from scenetruth.cli.console import reporting
+
+    start = _read_start(focal_length_px, import_file, std, distortion)
+    with reporting() as reporter:
+        found = calibrate_capture(
+            capture,
+            output=output,
+            overwrite=overwrite,
+            progress=reporter,
+            **start,
+        )
+    for line in found.summary().splitlines():
+        echo(line)
+    print_wrote(Path(output) / "calibration.yaml")
+    print_message(f"next: scenetruth capture import {capture} --calibration {Path(output) / 'calibration.yaml'} -o RUN")
+
+
+def _read_start(
+    focal_length_px: float | None, import_file: Path | None, std: list[str] | None, distortion: str | None
+) -> dict[str, Any]:
+    """Return the arguments of a calibration that describe its start."""
+    from scenetruth.errors import ArgumentError, Problem
+
+    values, problems = options.parse_assignments("--std", std)
+    for name, value in values.items():
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            problems.append(Problem(f"--std {name}", "must be a number", value))
+    if focal_length_px is not None and import_file is not None:
+        problems.append(Problem("--focal-length-px", "is part of the file of --import; specify one of them"))
+    if values and import_file is None:
+        problems.append(Problem("--std", "states the standard deviations of a camera of --import, which is missing"))
+    if problems:
+        raise ArgumentError(problems, source="a calibration")
+    return {
+        "guess": import_file if focal_length_px is None else focal_length_px,
+        "std": values or None,
+        "distortion": None if distortion is None else [one.strip() for one in distortion.split(",") if one.strip()],
+    }
+
+
 def import_(
     capture: CapturePath,
     output: options.Output,
     *,
     correct: Correct = True,
     undistort: Undistort = False,
+    calibration: Calibration = None,
+    geometry: Geometry = ImageGeometry.rectified,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Read the images of a capture into a run directory, as a recording."""
@@ -140,13 +261,59 @@ def import_(
 
     with reporting() as reporter:
         recording = import_capture(
-            capture, output=output, overwrite=overwrite, correct=correct, undistort=undistort, progress=reporter
+            capture,
+            output=output,
+            overwrite=overwrite,
+            correct=correct,
+            undistort=undistort,
+            calibration=calibration,
+            geometry=geometry.value,
+            progress=reporter,
         )
     sizes = recording["image"].sizes
     count = sizes["s"] * sizes["t"] * sizes.get("s_y", 1)
     store = Path(output) / store_name(RECORDING, zipped=False)
     print_wrote(store, f"{count:,} images of {sizes['x']} x {sizes['y']} px")
     print_message(f"next: scenetruth estimate {output} --method refined")
+
+
+def run(
+    capture: CapturePath,
+    output: options.Output,
+    *,
+    method: RunMethod = "refined",
+    focal_length_px: StartFocalLengthPx = None,
+    import_file: ImportedFile = None,
+    std: StatedStd = None,
+    distortion: FreeDistortion = None,
+    check: RunCheck = True,
+    limits: options.Limits = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Check, calibrate, import and estimate a capture, and write its report; if interrupted, repeat it to resume."""
+    from scenetruth.capture import run_capture
+    from scenetruth.cli.console import reporting
+    from scenetruth.estimators.method_specs import parse_method
+    from scenetruth.resources.limits import limits_from
+
+    start = _read_start(focal_length_px, import_file, std, distortion)
+    with reporting() as reporter:
+        done = run_capture(
+            capture,
+            output,
+            method=parse_method(method),
+            check=check,
+            limits=limits_from(limits or ()),
+            overwrite=overwrite,
+            progress=reporter,
+            **start,
+        )
+    for finding in done.check.findings:
+        echo(str(finding))
+    if done.calibration is not None:
+        for line in done.calibration.summary().splitlines():
+            echo(line)
+    print_wrote([done.page, done.folder.paths(done.folder.own_method).report])
 
 
 def simulate(

@@ -10,15 +10,20 @@ if TYPE_CHECKING:
     from scenetruth.pipeline.figure_worker import FigureWorker, open_figure_worker
     from scenetruth.pipeline.finished_runs import VerificationResult, export_run, verify_run
     from scenetruth.pipeline.precompilation import precompile
-    from scenetruth.pipeline.preflight import compute_method_workload, method_choices, run_problems
+    from scenetruth.pipeline.preflight import (
+        compute_method_workload,
+        compute_recording_workload,
+        method_choices,
+        run_problems,
+    )
     from scenetruth.pipeline.run_directory import MethodPaths, RunDirectory
-    from scenetruth.pipeline.runner import PipelineRunner, RunResult
+    from scenetruth.pipeline.runner import PipelineRunner, RunResult, write_estimate
     from scenetruth.pipeline.scene_pipeline import STAGES, RunStage, run_pipeline, run_scene
 
 __all__ = [
     "STAGES", "FigureWorker", "MethodPaths", "PipelineRunner", "RunDirectory", "RunResult", "RunStage",
-    "VerificationResult", "compute_method_workload", "export_run", "method_choices", "open_figure_worker", "precompile",
-    "run_pipeline", "run_problems", "run_scene", "verify_run",
+    "VerificationResult", "compute_method_workload", "compute_recording_workload", "export_run", "method_choices",
+    "open_figure_worker", "precompile", "run_pipeline", "run_problems", "run_scene", "verify_run", "write_estimate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -27,9 +32,9 @@ __getattr__, __dir__ = export_lazily(
         "figure_worker": "FigureWorker open_figure_worker",
         "finished_runs": "VerificationResult export_run verify_run",
         "precompilation": "precompile",
-        "preflight": "compute_method_workload method_choices run_problems",
+        "preflight": "compute_method_workload compute_recording_workload method_choices run_problems",
         "run_directory": "MethodPaths RunDirectory",
-        "runner": "PipelineRunner RunResult",
+        "runner": "PipelineRunner RunResult write_estimate",
         "scene_pipeline": "STAGES RunStage run_pipeline run_scene",
     },
 )

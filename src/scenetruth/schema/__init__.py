@@ -27,6 +27,7 @@ from scenetruth.schema.recordings import image_to_grey, make_recording
 from scenetruth.schema.validation import check_dataset
 from scenetruth.schema.variables import (
     COMPONENTS,
+    COORDINATES,
     FORMAT_VERSION,
     NO_SURFACE,
     REASONS,
@@ -36,14 +37,15 @@ from scenetruth.schema.variables import (
     STATUS_VALID,
     VARIABLES,
     Variable,
+    describe_variable,
     label,
 )
 
 __all__ = [
-    "COMPONENTS", "FORMAT_VERSION", "NO_SURFACE", "REASONS", "STATUS_FALLBACK", "STATUS_INVALID", "STATUS_NORMAL",
-    "STATUS_VALID", "VARIABLES", "Acquisition", "IncrementalDataset", "Intrinsics", "PixelGrid", "Put",
+    "COMPONENTS", "COORDINATES", "FORMAT_VERSION", "NO_SURFACE", "REASONS", "STATUS_FALLBACK", "STATUS_INVALID",
+    "STATUS_NORMAL", "STATUS_VALID", "VARIABLES", "Acquisition", "IncrementalDataset", "Intrinsics", "PixelGrid", "Put",
     "StageTolerances", "Variable", "assemble_estimate", "blank_estimate", "blank_map", "check_dataset",
-    "check_same_run", "compute_depth_rate", "compute_pixel_grid", "digest", "estimate_hash",
+    "check_same_run", "compute_depth_rate", "compute_pixel_grid", "describe_variable", "digest", "estimate_hash",
     "flat_attributes", "image_to_grey", "label", "make_estimate",
     "make_recording", "put_each", "put_estimate", "read_acquisition", "read_intrinsics", "read_lineage",
     "read_object_names", "read_scene", "tolerance_attributes",

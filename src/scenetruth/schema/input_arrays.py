@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
-from scenetruth.schema.variables import VARIABLES
+from scenetruth.schema.variables import describe_variable
 
 __all__ = [
     "attributes_from",
@@ -19,6 +19,7 @@ __all__ = [
     "exclusion_mask_from",
     "exclusion_mask_problems",
     "images_from",
+    "noise_share_problems",
     "number_from",
     "numbers_from",
     "order_problems",
@@ -254,8 +255,7 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
     ('t', 'y', 'x')
     """
     every = tuple(sizes)
-    entry = VARIABLES["recording"]["exclusion_mask"]
-    attrs = {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
+    attrs = describe_variable("recording", "exclusion_mask")
     if isinstance(values, xr.DataArray | xr.Variable):
         dims = tuple(dim for dim in every if dim in values.dims)
         unknown = sorted(str(dim) for dim in values.dims if dim not in every)
@@ -307,10 +307,25 @@ def exclusion_mask_problems(recording: xr.Dataset) -> list[Problem]:
     problems = []
     if mask.dtype != np.bool_:
         problems.append(Problem("exclusion_mask", _BOOLEANS, str(mask.dtype)))
+    return problems + _dimension_problems(recording, "exclusion_mask")
+
+
+def noise_share_problems(recording: xr.Dataset) -> list[Problem]:
+    """Return the problems of a recording's noise share."""
+    share = recording.variables["noise_share"]
+    problems = _dimension_problems(recording, "noise_share")
+    if share.dtype.kind != "f":
+        problems.append(Problem("noise_share", "must hold floats above 0 and up to 1", str(share.dtype)))
+    return problems
+
+
+def _dimension_problems(recording: xr.Dataset, name: str) -> list[Problem]:
+    """Return the problems of the dimensions of a variable that may lack some of those of the images."""
+    dims = recording.variables[name].dims
     image = recording.variables["image"].dims if "image" in recording else ("s_y", "s", "t", "y", "x")
     # A single selected image lacks the dimensions s and t.
     allowed = tuple(dim for dim in image if dim != "channel")
-    if tuple(dim for dim in allowed if dim in mask.dims) != mask.dims or not {"y", "x"} <= set(mask.dims):
-        message = f"must have the dimensions y and x, and any others of {allowed}, in this order"
-        problems.append(Problem("exclusion_mask", message, mask.dims))
-    return problems
+    if tuple(dim for dim in allowed if dim in dims) == dims and {"y", "x"} <= set(dims):
+        return []
+    message = f"must have the dimensions y and x, and any others of {allowed}, in this order"
+    return [Problem(name, message, dims)]

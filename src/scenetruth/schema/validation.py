@@ -11,7 +11,7 @@ import xarray as xr
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.plain_data import parse_json, plain_problems
 from scenetruth.schema.acquisition import acquisition_problems, is_finite_number
-from scenetruth.schema.input_arrays import exclusion_mask_problems
+from scenetruth.schema.input_arrays import exclusion_mask_problems, noise_share_problems
 from scenetruth.schema.pixel_grid import pixel_grid_problems
 from scenetruth.schema.variables import REQUIRED, REQUIRED_ANY, VARIABLES
 
@@ -97,6 +97,9 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
             continue
         if (kind, name) == ("recording", "exclusion_mask"):
             problems += exclusion_mask_problems(dataset)
+            continue
+        if (kind, name) == ("recording", "noise_share"):
+            problems += noise_share_problems(dataset)
             continue
         dims = tuple(map(str, dataset.variables[name].dims))
         if kind == "recording" and dims[-1:] == ("channel",):

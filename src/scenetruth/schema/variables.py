@@ -15,6 +15,7 @@ from scenetruth.schema.attributes import Intrinsics
 
 __all__ = [
     "COMPONENTS",
+    "COORDINATES",
     "FORMAT_VERSION",
     "MOTION_ACCELERATED",
     "MOTION_ACCELERATED_IN_PART",
@@ -31,6 +32,7 @@ __all__ = [
     "STATUS_VALID",
     "VARIABLES",
     "Variable",
+    "describe_variable",
     "label",
 ]
 
@@ -118,6 +120,9 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "radiance": Variable(("s", *_MAP), "1", "linear radiance before the sensor"),
         "exclusion_mask": Variable(
             ("s", *_MAP), "1", "pixels that must not be used", {"flag_values": [0, 1], "flag_meanings": "usable masked"}
+        ),
+        "noise_share": Variable(
+            ("s", *_MAP), "1", "variance of the image noise after resampling, relative to that of the recorded image"
         ),
     },
     "truth": {
@@ -245,6 +250,17 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             "mm/frame",
             "part of velocity_std that pixels have in common, due to errors of stage and lens",
         ),
+        "growth_rate_std_common": Variable(
+            _MAP, "1/frame", "part of growth_rate_std that pixels have in common, due to the calibration"
+        ),
+        "slope_std_common": Variable(
+            ("slope_component", *_MAP), "1", "part of slope_std that pixels have in common, due to the calibration"
+        ),
+        "calibration_modes": Variable(
+            ("mode", "component", "node_z", "node_y", "node_x"),
+            "mm",
+            "independent errors of points due to the calibration, each by one standard deviation",
+        ),
         "velocity_std": _std(("component", *_MAP), "mm/frame", "velocity"),
         "disparity_std": _std(_MAP, "px/step", "disparity"),
         "coherence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),
@@ -253,7 +269,8 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
     },
 }
 """All variables of the three data sets. Ground truth for all cameras has ``s`` before ``t``. In a grid of cameras,
-``s_y`` precedes ``s``. The exclusion mask of a recording may lack dimensions along which it is constant.
+``s_y`` precedes ``s``. The exclusion mask and the noise share of a recording may lack dimensions along which they are
+constant.
 """
 
 REQUIRED: Mapping[str, tuple[str, ...]] = {
@@ -285,6 +302,9 @@ COORDINATES = {
     "slope_component": ("1", "direction of the slope along the axes of the camera"),
     "principal": ("1", "1 is the larger, 2 the smaller of two principal values"),
     "corner": ("1", "corner of the triangle"),
+    "node_x": ("px", "column of a point with calibration modes"),
+    "node_y": ("px", "row of a point with calibration modes"),
+    "node_z": ("mm", "depth of a point with calibration modes"),
     "texture_component": ("1", "u to the right, v down"),
 }
 
@@ -297,6 +317,12 @@ COMPONENTS: Mapping[str, list[str] | list[int]] = {
     "corner": [2, 3],
     "texture_component": ["u", "v"],
 }
+
+
+def describe_variable(kind: str, name: str) -> dict[str, Any]:
+    """Return the attributes of a variable: units, long name and flags."""
+    entry = VARIABLES[kind][name]
+    return {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
 
 
 def label(
@@ -321,12 +347,9 @@ def label(
     """
     variables: dict[str, xr.Variable] = {}
     for name, array in arrays.items():
-        entry = VARIABLES[kind][name]
         values = np.asarray(array)
-        dims = _list_dims(kind, entry, values.ndim, rows=stage_y_mm is not None)
-        variables[name] = xr.Variable(
-            dims, values, {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
-        )
+        dims = _list_dims(kind, VARIABLES[kind][name], values.ndim, rows=stage_y_mm is not None)
+        variables[name] = xr.Variable(dims, values, describe_variable(kind, name))
     sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
     # Coordinates are copied so that they share no memory with the caller's arrays.
     frames = np.array(t, dtype=np.int64)

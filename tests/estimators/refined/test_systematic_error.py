@@ -164,7 +164,7 @@ def test_fewer_frames_that_contradict_all_frames_have_the_difference_as_their_er
     full, fit = blank_fit(theta, variances=True), blank_fit(theta, variances=True)
     full.variance[:], fit.variance[:] = 1e-8, 1e-6
     fit.theta[6, 0] = [0.09 / 8.0, 0.11 / 8.0, 0.11 / 8.0]
-    found = add_contradiction(full, fit, np.array([[True, True, False]]), 5)
+    found = add_contradiction(full, fit, np.array([[True, True, False]]), spline_transfer(5))
     np.testing.assert_array_equal(found.variance[[0, 1, 2, 4, 5]], fit.variance[[0, 1, 2, 4, 5]])
     np.testing.assert_array_equal(found.variance[3, 0, [0, 2]], fit.variance[3, 0, [0, 2]])
     # Output divides variances by the square of the splines' transfer.

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         diagnose,
         identify_combinations,
         inconsistent_images,
+        refit,
         step_problems,
     )
     from scenetruth.capture.calibration.foreign_calibrations import (
@@ -38,12 +39,20 @@ if TYPE_CHECKING:
     )
     from scenetruth.capture.calibration.measurement_covariance import (
         CommonError,
+        MeasurementSlopes,
         Moment,
         RigGeometry,
         common_error,
+        point_modes,
         triangulate,
     )
-    from scenetruth.capture.calibration.rig_calibration import BoardImage, calibrate, observe_boards
+    from scenetruth.capture.calibration.rig_calibration import (
+        BoardImage,
+        calibrate,
+        describe_fit,
+        fit_rig,
+        observe_boards,
+    )
     from scenetruth.capture.calibration.rig_model import (
         CalibrationError,
         CalibrationTarget,
@@ -60,12 +69,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Board", "BoardImage", "CalibrationError", "CalibrationTarget", "CharucoBoard", "Checkerboard", "Combination",
-    "CommonError", "Detection", "DotGrid", "HalvesTest", "ModelTest", "Moment", "Observations", "RefinedPoints",
-    "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigState", "ScaleTest",
-    "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
-    "check_scale", "common_error", "compare_halves", "detect_board", "diagnose", "disc_bias", "estimate_noise",
-    "export_calibration", "identify_combinations", "import_calibration", "import_camera", "inconsistent_images",
-    "observe_boards", "project", "refine_points", "rotation_matrix", "start_state", "step_problems", "triangulate",
+    "CommonError", "Detection", "DotGrid", "HalvesTest", "MeasurementSlopes", "ModelTest", "Moment", "Observations",
+    "RefinedPoints", "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigState",
+    "ScaleTest", "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
+    "check_scale", "common_error", "compare_halves", "describe_fit", "detect_board", "diagnose", "disc_bias",
+    "estimate_noise", "export_calibration", "fit_rig", "identify_combinations", "import_calibration", "import_camera",
+    "inconsistent_images", "observe_boards", "point_modes", "project", "refine_points", "refit", "rotation_matrix",
+    "start_state", "step_problems", "triangulate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -78,11 +88,13 @@ __getattr__, __dir__ = export_lazily(
         "corner_refinement": "RefinedPoints disc_bias estimate_noise refine_points",
         "diagnostics": (
             "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose identify_combinations "
-            "inconsistent_images step_problems check_models check_scale"
+            "inconsistent_images refit step_problems check_models check_scale"
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
-        "measurement_covariance": "CommonError Moment RigGeometry common_error triangulate",
-        "rig_calibration": "BoardImage calibrate observe_boards",
+        "measurement_covariance": (
+            "CommonError MeasurementSlopes Moment RigGeometry common_error point_modes triangulate"
+        ),
+        "rig_calibration": "BoardImage calibrate describe_fit fit_rig observe_boards",
         "rig_model": (
             "CalibrationError CalibrationTarget Observations RigGuess RigLayout RigPriors RigState TargetView project "
             "rotation_matrix"

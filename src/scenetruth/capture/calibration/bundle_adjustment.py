@@ -65,6 +65,7 @@ class RigFit:
     """Result of a bundle adjustment.
 
     ``given``: Observations used: without outliers and without inconsistent images.
+    ``offered``: All observations.
     ``state``: Parameters at the minimum.
     ``free``: Which parameters are estimated, shape (P,).
     ``data_information``: Information matrix of the observations on the free parameters, without priors.
@@ -75,6 +76,7 @@ class RigFit:
     """
 
     given: Observations
+    offered: Observations = field(repr=False)
     state: RigState
     start: Array = field(repr=False)
     free: NDArray[np.bool_] = field(repr=False)
@@ -233,7 +235,7 @@ def adjust(given: Observations, state: RigState, start: Array | None = None) -> 
     covariance[np.ix_(free, free)] = _invert(equations.information, layout.std, free, layout.names)
     dof = 2 * len(used.pixels) + int(np.isfinite(layout.std[free]).sum()) - int(free.sum())
     return RigFit(
-        given=used, state=state, start=start, free=free, data_information=equations.information,
+        given=used, offered=given, state=state, start=start, free=free, data_information=equations.information,
         covariance=covariance, chi2=equations.squares, dof=dof,
         views=tuple(_view_residuals(given, state, points, whole)), rounds=rounds,
     )  # fmt: skip

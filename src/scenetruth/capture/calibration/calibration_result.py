@@ -21,7 +21,7 @@ from scenetruth.camera import Camera, Viewpoint
 from scenetruth.capture.calibration.bundle_adjustment import ViewResidual
 from scenetruth.capture.calibration.diagnostics import Combination
 from scenetruth.capture.calibration.measurement_covariance import CommonError, Moment, RigGeometry, common_error
-from scenetruth.capture.calibration.rig_model import INTRINSICS, CalibrationError, RigLayout, RigState
+from scenetruth.capture.calibration.rig_model import INTRINSICS, CalibrationError, RigLayout, RigPriors, RigState
 from scenetruth.errors import Problem
 from scenetruth.output import check_output, write_atomically
 from scenetruth.scene.yaml_reader import read_text, read_yaml
@@ -64,6 +64,7 @@ class _Combination(FrozenModel):
 class _Size(FrozenModel):
     width: Annotated[int, Field(ge=1, le=32768)]
     height: Annotated[int, Field(ge=1, le=32768)]
+    bit_depth: Annotated[int, Field(ge=1, le=32)] | None = None
 
 
 class _Positions(FrozenModel):
@@ -121,6 +122,9 @@ class RigCalibration:
         Everything that speaks against the calibration; empty if nothing does.
     combinations
         Combinations of parameters with a prior, and how much the images determine them, the best first.
+    bit_depth
+        Bits of the digital numbers of the camera, by which a calibration of another camera is noticed; None if they are
+        not stated.
 
     See Also
     --------
@@ -155,6 +159,7 @@ class RigCalibration:
     images: tuple[ViewResidual, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
     combinations: tuple[Combination, ...] = field(default=(), repr=False)
+    bit_depth: int | None = None
 
     def __post_init__(self) -> None:
         problems = list(self._problems())
@@ -164,9 +169,9 @@ class RigCalibration:
     @classmethod
     def from_camera(
         cls, camera: Camera, positions_mm: ArrayLike, *, std: Mapping[str, float] | None = None,
-        reference: int | None = None,
+        reference: int | None = None, priors: RigPriors | None = None, bit_depth: int | None = None,
     ) -> RigCalibration:  # fmt: skip
-        """Return a calibration of a given camera on an ideal stage.
+        """Return a calibration of a given camera on a stage with given tolerances.
 
         Parameters
         ----------
@@ -178,14 +183,19 @@ class RigCalibration:
             Standard deviations of intrinsic parameters by name; others are 0.
         reference
             Index of the reference position; default: the middle one.
+        priors
+            Tolerances of the stage; default: an ideal stage.
+        bit_depth
+            Bits of the digital numbers of the camera.
 
         Returns
         -------
         RigCalibration
-            The calibration, with a diagonal covariance.
+            The calibration, with a diagonal covariance. With tolerances it has one visit, which states those of all.
         """
         positions = np.array(positions_mm, dtype=np.float64)
-        names = _parameter_names(len(positions), (), ())
+        visits = () if priors is None else (0,)
+        names = _parameter_names(len(positions), visits, ())
         values, deviations = np.zeros(len(names)), np.zeros(len(names))
         values[:3] = camera.focal_px, *camera.principal_point
         if camera.distortion is not None:
@@ -194,10 +204,14 @@ class RigCalibration:
             if name not in INTRINSICS:
                 raise CalibrationError([Problem(f"std.{name}", f"must be one of {', '.join(INTRINSICS)}")])
             deviations[INTRINSICS.index(name)] = value
+        if priors is not None:
+            axis = [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * priors.errors.backlash_um]
+            deviations[len(INTRINSICS) :] = [*axis, *priors.guide_std * len(positions), *priors.visit_std]
         middle = (len(positions) - 1) // 2 if reference is None else reference
         return cls(
-            camera.width, camera.height, positions, middle, names, values, np.diag(deviations**2), deviations.copy()
-        )
+            camera.width, camera.height, positions, middle, names, values, np.diag(deviations**2), deviations.copy(),
+            visits, bit_depth=bit_depth,
+        )  # fmt: skip
 
     @classmethod
     def from_state(
@@ -272,6 +286,12 @@ class RigCalibration:
         axis = np.array([1.0, *self.values[len(INTRINSICS) : len(INTRINSICS) + 2]]) @ rig.frame[1]
         return np.asarray(axis / np.linalg.norm(axis))
 
+    @property
+    def visit_std(self) -> Array:
+        """Standard deviations of what a new visit adds to a pose: rotation vector in rad and offset in mm, (6,)."""
+        start = self.layout.first_visit
+        return self.prior_std[start : start + 6].copy() if self.visits else np.zeros(6)
+
     def point_errors(
         self, pixels: ArrayLike, depth_mm: ArrayLike, *, displacement_mm: ArrayLike | None = None,
         visit_std: ArrayLike | None = None, visits: Sequence[Sequence[int]] | None = None,
@@ -315,9 +335,7 @@ class RigCalibration:
             Moment(each, None if visits is None else tuple(numbers[visit] for visit in visits[number]))
             for number, each in enumerate(frames)
         ]
-        start = self.layout.first_visit
-        prior = self.prior_std[start : start + 6] if self.visits else np.zeros(6)
-        deviations = prior if visit_std is None else np.asarray(visit_std, dtype=np.float64)
+        deviations = self.visit_std if visit_std is None else np.asarray(visit_std, dtype=np.float64)
         return common_error(
             self.values, self.covariance, self.layout, self.positions_mm, self.reference, moments, visit_std=deviations
         )
@@ -407,7 +425,8 @@ class RigCalibration:
         deviations = np.sqrt(np.diag(self.covariance))
         return {
             "format": 1,
-            "camera": {"width": self.width, "height": self.height},
+            "camera": {"width": self.width, "height": self.height}
+            | ({} if self.bit_depth is None else {"bit_depth": self.bit_depth}),
             "stage": {"positions_mm": self.positions_mm.tolist(), "reference": self.reference},
             "visits": list(self.visits),
             "targets": list(self.targets),
@@ -495,7 +514,7 @@ class RigCalibration:
                 given.camera.width, given.camera.height, np.array(given.stage.positions_mm), given.stage.reference,
                 names, values, covariance, np.array(priors), given.visits, given.targets, given.chi2, given.dof,
                 tuple(ViewResidual(**each.model_dump()) for each in given.images), given.warnings,
-                tuple(Combination(**each.model_dump()) for each in given.combinations),
+                tuple(Combination(**each.model_dump()) for each in given.combinations), given.camera.bit_depth,
             )  # fmt: skip
         except CalibrationError as error:
             raise CalibrationError(error.problems, file) from error

@@ -35,6 +35,7 @@ __all__ = [
     "diagnose",
     "identify_combinations",
     "inconsistent_images",
+    "refit",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -173,7 +174,7 @@ def compare_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str)
     chosen = [index for index in range(len(INTRINSICS)) if fit.free[index]]
     values, covariances = [], []
     for half in halves:
-        part = _refit(given.selected(half), fit, priors)
+        part = refit(given.selected(half), fit, priors)
         if part is None:
             return None
         values.append(part.state.values[chosen])
@@ -185,7 +186,7 @@ def compare_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str)
     return HalvesTest(by, chi2, len(chosen), _survival(chi2, len(chosen)))
 
 
-def _refit(given: Observations, fit: RigFit, priors: RigPriors) -> RigFit | None:
+def refit(given: Observations, fit: RigFit, priors: RigPriors) -> RigFit | None:
     """Return the fit of other observations or priors, from the values of a fit; None if they do not determine it."""
     layout = RigLayout.from_observations(given, priors)
     places = {name: index for index, name in enumerate(fit.state.layout.names)}
@@ -222,7 +223,7 @@ def check_scale(fit: RigFit, priors: RigPriors) -> ScaleTest | None:
     given = Observations(
         fit.given.width, fit.given.height, fit.given.positions_mm, targets, fit.given.views, fit.given.reference
     )
-    found = _refit(given, fit, loose)
+    found = refit(given, fit, loose)
     if found is None:
         return None
     # Excluded images have taken their visits along.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Distortion
 from scenetruth.capture.calibration.rig_model import INTRINSICS, RigLayout, rotation_matrix
 
-__all__ = ["CommonError", "Moment", "RigGeometry", "common_error", "triangulate"]
+__all__ = ["CommonError", "MeasurementSlopes", "Moment", "RigGeometry", "common_error", "point_modes", "triangulate"]
 
 Array = NDArray[np.float64]
 
@@ -186,50 +186,19 @@ def common_error(
       at every image of a moment without visits, shape (6,); default: none.
     """
     count = len(positions_mm)
-    signs = [1.0] if len(moments) == 1 else [-1.0, 1.0]
-    bases = [_visit_motions(values, layout, moment, count) for moment in moments]
-
-    def geometry(changed: Array, number: int, motions: Array) -> RigGeometry:
-        return RigGeometry.from_values(changed, layout, positions_mm, reference, bases[number] + motions)
-
-    none = np.zeros((count, 6))
-    seen = []
-    for number, moment in enumerate(moments):
-        rig = geometry(values, number, none)
-        seen.append(rig.project(rig.to_stage(moment.points_mm)))
-
-    def slope(number: int, step: float, parameter: int | None, visit: tuple[int, int] | None) -> Array:
-        """Return the derivative of the points of a moment by a parameter or a motion of a visit, shape (n, 3)."""
-        ends = []
-        for sign in (step, -step):
-            moved, motions = values, none
-            if parameter is not None:
-                moved = values.copy()
-                moved[parameter] += sign
-            if visit is not None:
-                motions = none.copy()
-                motions[visit] = sign
-            start = moments[number].points_mm[:, 2]
-            ends.append(triangulate(geometry(moved, number, motions), seen[number], start))
-        return np.asarray((ends[0] - ends[1]) / (2 * step))
-
-    steps = np.array([*_INTRINSIC_STEPS, *_STAGE_STEPS, *_MOTION_STEPS * layout.positions])
-    columns: dict[int, Array] = {}
-    for index in range(layout.first_visit):
-        if covariance[index, index] > 0:
-            parts = [sign * slope(number, steps[index], index, None) for number, sign in enumerate(signs)]
-            columns[index] = np.sum(parts, axis=0)
+    slopes = MeasurementSlopes(values, layout, positions_mm, reference, moments)
+    columns = {index: slopes.of_parameter(index) for index in range(layout.first_visit) if covariance[index, index] > 0}
     points = moments[0].points_mm
     total = np.zeros((3, len(points), len(points)))
-    for number, (moment, sign) in enumerate(zip(moments, signs, strict=True)):
+    for number, moment in enumerate(moments):
         for position, motion in np.ndindex(count, 6):
             visit = None if moment.visits is None else layout.first_visit + 6 * moment.visits[position] + motion
             deviation = 0.0 if visit_std is None else float(visit_std[motion])
             if visit is not None and covariance[visit, visit] > 0:
-                part = sign * slope(number, _MOTION_STEPS[motion], None, (position, motion))
+                part = slopes.of_visit(number, position, motion)
                 columns[visit] = columns[visit] + part if visit in columns else part
             elif visit is None and deviation > 0:
-                each = deviation * slope(number, _MOTION_STEPS[motion], None, (position, motion))
+                each = deviation * slopes.of_visit(number, position, motion)
                 total += np.einsum("ni,mi->inm", each, each)
     chosen = sorted(columns)
     if chosen:
@@ -237,6 +206,80 @@ def common_error(
         total += np.einsum("pni,pq,qmi->inm", jacobian, covariance[np.ix_(chosen, chosen)], jacobian)
     x, y, z = (CommonError.from_covariance(part) for part in total)
     return x, y, z
+
+
+class MeasurementSlopes:
+    """Derivatives of triangulated points, or of their displacements, by the parameters of a rig."""
+
+    def __init__(
+        self, values: Array, layout: RigLayout, positions_mm: Array, reference: int, moments: Sequence[Moment]
+    ) -> None:
+        self.values, self.layout, self.moments = values, layout, moments
+        self._rig = (positions_mm, reference)
+        self._none = np.zeros((len(positions_mm), 6))
+        self._bases = [_visit_motions(values, layout, moment, len(positions_mm)) for moment in moments]
+        self._signs = [1.0] if len(moments) == 1 else [-1.0, 1.0]
+        self._steps = np.array([*_INTRINSIC_STEPS, *_STAGE_STEPS, *_MOTION_STEPS * layout.positions])
+        self._seen = []
+        for number, moment in enumerate(moments):
+            rig = self._geometry(values, number, self._none)
+            self._seen.append(rig.project(rig.to_stage(moment.points_mm)))
+
+    def _geometry(self, changed: Array, number: int, motions: Array) -> RigGeometry:
+        positions_mm, reference = self._rig
+        return RigGeometry.from_values(changed, self.layout, positions_mm, reference, self._bases[number] + motions)
+
+    def _points(self, number: int, changed: Array, motions: Array) -> Array:
+        start = self.moments[number].points_mm[:, 2]
+        return triangulate(self._geometry(changed, number, motions), self._seen[number], start)
+
+    def of_parameter(self, index: int) -> Array:
+        """Return the derivative by a parameter before those of the visits, shape (n, 3)."""
+        step, total = float(self._steps[index]), np.zeros_like(self.moments[0].points_mm)
+        for number, sign in enumerate(self._signs):
+            ends = []
+            for change in (step, -step):
+                moved = self.values.copy()
+                moved[index] += change
+                ends.append(self._points(number, moved, self._none))
+            total += sign * (ends[0] - ends[1]) / (2 * step)
+        return total
+
+    def of_visit(self, number: int, position: int, motion: int) -> Array:
+        """Return the derivative by a motion of the visit of a position at one of the moments, shape (n, 3)."""
+        step, ends = _MOTION_STEPS[motion], []
+        for change in (step, -step):
+            motions = self._none.copy()
+            motions[position, motion] = change
+            ends.append(self._points(number, self.values, motions))
+        return np.asarray(self._signs[number] * (ends[0] - ends[1]) / (2 * step))
+
+
+def point_modes(
+    values: Array, covariance: Array, layout: RigLayout, positions_mm: Array, reference: int, points_mm: Array
+) -> Array:
+    """Return the independent errors of points that a calibration causes, without new visits, shape (m, n, 3).
+
+    Every mode is the displacement of all points by one standard deviation of an independent combination of parameters:
+    the covariance of the points is the sum of the outer products of the modes.
+
+    ``points_mm``: Points in the frame of the reference camera, shape (n, 3).
+    """
+    slopes = MeasurementSlopes(values, layout, positions_mm, reference, [Moment(points_mm)])
+    free = [index for index in range(layout.first_visit) if covariance[index, index] > 0]
+    if not free:
+        return np.zeros((0, len(points_mm), 3))
+    jacobian = np.array([slopes.of_parameter(index) for index in free])
+    # Parameters have different units: they are scaled before their covariance is decomposed.
+    scale = np.sqrt(np.diag(covariance)[free])
+    powers, vectors = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(scale, scale))
+    root = vectors * np.sqrt(np.maximum(powers, 0.0))
+    modes = np.einsum("pni,p,pm->mni", jacobian, scale, root, optimize=True)
+    flat = modes.reshape(len(modes), -1)
+    # Orthogonal combinations, the largest first.
+    _, sizes, shapes = np.linalg.svd(flat, full_matrices=False)
+    kept = sizes > _LEAST_MODE * sizes.max(initial=0.0)
+    return np.asarray((sizes[kept, None] * shapes[kept]).reshape(-1, len(points_mm), 3))
 
 
 def _visit_motions(values: Array, layout: RigLayout, moment: Moment, count: int) -> Array:

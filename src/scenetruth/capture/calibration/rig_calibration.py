@@ -31,7 +31,7 @@ from scenetruth.capture.calibration.start_values import complete_guess, fit_homo
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.threads import with_one_blas_thread
 
-__all__ = ["BoardImage", "calibrate", "observe_boards"]
+__all__ = ["BoardImage", "calibrate", "describe_fit", "fit_rig", "observe_boards"]
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,8 @@ class BoardImage:
     name
         Name in messages.
     variance
-        Variance of the noise of every pixel, of the shape of the image or one value; default: estimated from the image.
+        Variance of the noise of every pixel, of the shape of the image or one value; or a function that returns them,
+        called after ``image``. Default: estimated from the image.
 
     See Also
     --------
@@ -84,7 +85,7 @@ class BoardImage:
     visit: int | None = None
     direction: int = 1
     name: str = ""
-    variance: Array | float | None = None
+    variance: Array | float | Callable[[], Array] | None = None
 
 
 def observe_boards(
@@ -149,7 +150,8 @@ def observe_boards(
             message = f"has points {misfit:.1f} squares from a plane; show one board, and check its number of squares"
             problems.append(Problem(name, message))
             continue
-        variance = _noise_variance(image) if given.variance is None else given.variance
+        noise = given.variance() if callable(given.variance) else given.variance
+        variance = _noise_variance(image) if noise is None else noise
         points = refine_points(image, variance, board, detection)
         if len(points.ids) < 6:
             message = f"has {len(points.ids)} corners that fit the edge model, of at least 6; check light and sharpness"
@@ -220,7 +222,7 @@ def calibrate(
         Images of the board, or points detected before. At least three poses; eight poses, tilted by 35 to 40°, are
         advised.
     board
-        The board; required for images.
+        The board; required for images, and for detected dots, whose centroids are corrected for perspective.
     positions_mm
         Nominal X of every stage position in mm; required for images.
     reference
@@ -292,17 +294,35 @@ def calibrate(
     if strip is not None:
         named = strip if strip.name != "board" else strip.model_copy(update={"name": "strip"})
         given = replace(given, targets=(*given.targets, named), views=(*given.views, *strip_views))
+    fit = fit_rig(given, guess, tolerances, board if isinstance(board, DotGrid) else None)
+    return describe_fit(fit, tolerances)
+
+
+def fit_rig(
+    given: Observations,
+    guess: RigGuess | Camera | RigCalibration | float | None,
+    priors: RigPriors,
+    dots: DotGrid | None = None,
+) -> RigFit:
+    """Return the fit of observations; raises `CalibrationError` if they contradict each other or are too few.
+
+    ``dots``: Board with dots, whose centroids are corrected for perspective; None for corners.
+    """
     whole = complete_guess(given, _as_guess(guess))
-    _check_steps(given, whole, tolerances)
-    state = start_state(given, tolerances, whole)
-    dots = board if isinstance(board, DotGrid) and not isinstance(observations, Observations) else None
-    fit, given = _fit(given, state, dots)
+    _check_steps(given, whole, priors)
+    fit = _fit(given, start_state(given, priors, whole), dots)
     _reject(fit)
+    return fit
+
+
+def describe_fit(fit: RigFit, priors: RigPriors) -> RigCalibration:
+    """Return the calibration of a fit, with everything that speaks against it."""
     factor = fit.variance_factor if fit.variance_factor > _SCALED_ABOVE else 1.0
+    given = fit.offered
     return RigCalibration.from_state(
         fit.state, fit.covariance * factor, (given.width, given.height), given.positions_mm, given.reference,
         tuple(target.name for target in given.targets), chi2=fit.chi2, dof=fit.dof, images=fit.views,
-        warnings=tuple(diagnose(given, fit, tolerances)), combinations=tuple(identify_combinations(fit)),
+        warnings=tuple(diagnose(given, fit, priors)), combinations=tuple(identify_combinations(fit)),
     )  # fmt: skip
 
 
@@ -318,11 +338,11 @@ def _as_guess(guess: RigGuess | Camera | RigCalibration | float | None) -> RigGu
     return RigGuess(focal_length_px=guess)
 
 
-def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:
-    """Return the fit, and the observations without the perspective bias of dots."""
+def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> RigFit:
+    """Return the fit, for dots to observations without their perspective bias."""
     fit = adjust(given, state)
     if dots is None:
-        return fit, given
+        return fit
     corrected = given
     for _ in range(4):
         before = np.concatenate([view.pixels for view in corrected.views])
@@ -330,7 +350,7 @@ def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[Ri
         fit = adjust(corrected, fit.state, fit.start)
         if np.abs(np.concatenate([view.pixels for view in corrected.views]) - before).max() < _LARGEST_BIAS_CHANGE:
             break
-    return fit, corrected
+    return fit
 
 
 def _without_bias(given: Observations, state: RigState, dots: DotGrid) -> Observations:

@@ -86,6 +86,21 @@ class RigPriors(FrozenModel):
     free_distortion: Annotated[tuple[str, ...], Field(max_length=8)] = ("k1", "k2", "p1", "p2")
     """Estimated coefficients of the distortion; the others keep their start values."""
 
+    @property
+    def guide_std(self) -> list[float]:
+        """Standard deviations of the pose of a position: rotation vector in rad, and offset in mm."""
+        moves = self.errors
+        turns = [1e-6 * value for value in (moves.pitch_urad, moves.yaw_urad, moves.roll_urad)]
+        return turns + [1e-3 * value for value in (self.position_um, moves.straightness_um, moves.straightness_um)]
+
+    @property
+    def visit_std(self) -> list[float]:
+        """Standard deviations of what a visit adds to the pose of its position."""
+        fresh = self.visit_errors
+        turns = [1e-6 * value for value in (fresh.pitch_urad, fresh.yaw_urad, fresh.roll_urad)]
+        along = 1e-3 * float(np.hypot(self.errors.repeatability_um, fresh.repeatability_um))
+        return [*turns, along, 1e-3 * fresh.straightness_um, 1e-3 * fresh.straightness_um]
+
 
 @dataclass(frozen=True, eq=False)
 class TargetView:
@@ -245,13 +260,8 @@ class RigLayout:
         for name in INTRINSICS:
             free = name in ("f", "c_x", "c_y") or name in priors.free_distortion
             std.append(priors.intrinsics.get(name, np.inf) if free else 0.0)
-        moves, fresh = priors.errors, priors.visit_errors
-        std += [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * moves.backlash_um]
-        guide = [1e-6 * value for value in (moves.pitch_urad, moves.yaw_urad, moves.roll_urad)]
-        guide += [1e-3 * value for value in (priors.position_um, moves.straightness_um, moves.straightness_um)]
-        anew = [1e-6 * value for value in (fresh.pitch_urad, fresh.yaw_urad, fresh.roll_urad)]
-        anew += [1e-3 * np.hypot(moves.repeatability_um, fresh.repeatability_um)]
-        anew += [1e-3 * fresh.straightness_um, 1e-3 * fresh.straightness_um]
+        std += [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * priors.errors.backlash_um]
+        guide, anew = priors.guide_std, priors.visit_std
         for index in range(len(given.positions_mm)):
             names += [f"position[{index}].{name}" for name in _MOTION]
             std += guide

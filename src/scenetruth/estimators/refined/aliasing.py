@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.window_solver import Fit
-from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART
 
 __all__ = ["compute_phase_error_px", "enlarge_variances", "interpolation_error"]
@@ -100,7 +99,7 @@ def enlarge_variances(
     """
     from scipy.ndimage import gaussian_filter
 
-    noise = images.residual_noise(fit.residual[0]) / spline_transfer(images.spline)
+    noise = images.residual_noise(fit.residual[0]) / images.transfer
     if not np.isfinite(noise):
         return fit
     error, block = compute_phase_error_px(images, sigma_px, noise)

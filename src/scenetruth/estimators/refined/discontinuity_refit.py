@@ -50,7 +50,7 @@ from scenetruth.estimators.refined.motion_model_selection import (
     encode_motion_models,
     list_motion_models,
 )
-from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
+from scenetruth.estimators.refined.noise_estimation import textured
 from scenetruth.estimators.refined.row_bands import (
     NO_OCCLUSION,
     PixelEvidence,
@@ -159,7 +159,7 @@ def refit_discontinuities(
     doubtful = (_unexplained(refined.seen, noise) & ~beyond) | outlines
     where = around(doubtful, reach) | beyond | refined.uneven
     # Windows without texture determine no surface.
-    contrast = noise / spline_transfer(images.spline)
+    contrast = noise / images.transfer
     where &= textured(refined.fit.residual[1], contrast, images.count, images.spline) | np.isnan(whole[0])
     if not where.any() or not np.isfinite(noise):
         return refined, DiscontinuityContext(where, np.zeros_like(where))
@@ -307,7 +307,7 @@ def _add_contradicted_motion(fit: Fit, refined: RefinedState, where: Mask, image
     variance = fit.variance.copy()
     for k, place in enumerate(STEADY_PLACES[1:]):
         change = own[place] + own[place + 1] * right + own[place + 2] * down - fit.theta[place, rows, columns]
-        added = np.where(other, (spline_transfer(images.spline) * change) ** 2, 0.0)
+        added = np.where(other, (images.transfer * change) ** 2, 0.0)
         variance[3 + k, rows, columns] += added
     return fit._replace(variance=variance)
 

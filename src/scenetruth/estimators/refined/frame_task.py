@@ -143,7 +143,7 @@ class FrameTask:
         images = self._with_noise(images, images.mean_grey)
         self._require_contrast(images)
         start = self._initialise(frames, images)
-        images = replace(images, priors=self._priors(start))
+        images = replace(images, priors=self._priors(start), noise_share=self._noise_share(frames, start))
         found, beside = _fit(images, start, settings, report)
         errors = None
         if settings.pose_corrections == "auto" and images.priors is None:
@@ -164,7 +164,8 @@ class FrameTask:
         source.outline = images
         agreement = lambda fields: measure_agreement(source, fields, settings.window_sigma_px)  # noqa: E731
         start = self._initialise(frames, images, agreement)
-        source.outline = replace(images, priors=self._priors(start))
+        priors, share = self._priors(start), self._noise_share(frames, start)
+        source.outline = replace(images, priors=priors, noise_share=share)
         start = InitialEstimate(start.fields.astype(np.float32), start.known)
         release_memory()
         sample = sample_images(source, start.fields, settings, report)
@@ -226,6 +227,29 @@ class FrameTask:
     def _priors(self, start: InitialEstimate) -> Any:
         px_per_mm = abs(float(np.median(start.fields[0])) / self._baseline_mm)
         return read_priors(self._recording, self._settings, self._rig.focal, px_per_mm, self.grid.step_px)
+
+    def _noise_share(self, frames: FramesNeeded, start: InitialEstimate) -> NDArray[np.float64] | None:
+        """Return the noise share of the pixels: mean over all images, and of the reference, shape (2, y, x).
+
+        Pixels of other images are those that show the median disparity.
+        """
+        if "noise_share" not in self._recording:
+            return None
+        share = self._recording["noise_share"]
+        share = share.isel(t=slice(frames.first, frames.last)).mean("t") if "t" in share.dims else share
+        order = ("s_y", "s", "y", "x")
+        sizes = [self._recording["image"].sizes.get(dim, 1) for dim in order]
+        given = np.broadcast_to(share.values.reshape([share.sizes.get(dim, 1) for dim in order]), sizes)
+        each = given.reshape(-1, *sizes[2:]).astype(np.float64)
+        disparity = float(np.median(start.fields[0]))
+        rows, columns = (np.arange(size) for size in sizes[2:])
+        total = np.zeros(sizes[2:])
+        for image, (s, s_y) in zip(each, self._positions, strict=True):
+            down, right = (np.rint(-disparity * step).astype(int) for step in (s_y, s))
+            at = np.clip(rows + down, 0, sizes[2] - 1), np.clip(columns + right, 0, sizes[3] - 1)
+            total += image[np.ix_(*at)]
+        reference = int(np.argmin(np.abs(self._positions).sum(axis=1)))
+        return np.stack([total / len(each), each[reference]])
 
     def _maps(
         self, found: RefinedState, beside: DiscontinuityContext, start: InitialEstimate, errors: PoseErrors | None

@@ -160,6 +160,10 @@ def find_inconsistent_of_regions(
     return frozenset(found)
 
 
+# Power of the noise share by which a quintic resampling reduces second differences of noise, to 10 %.
+_SHARE_POWER = 2.6
+
+
 def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
     """Return the standard deviation (y, x) of noise and finest texture of an image, infinite at too few valid pixels.
 
@@ -175,6 +179,7 @@ def fine_contrast(images: ImageStack, sigma_px: float) -> Map:
     for channel in range(images.channels):
         grey = images.grey(frame, camera, channel)
         squares += convolve1d(convolve1d(grey, second, 0, mode="mirror"), second, 1, mode="mirror") ** 2
+    squares /= images.reference_share**_SHARE_POWER
     share = gaussian_filter(usable, sigma_px)
     mean = gaussian_filter(usable * squares, sigma_px) / images.channels / np.maximum(share, _LEAST_USABLE)
     return np.where(share > _LEAST_USABLE, np.sqrt(mean), np.inf)

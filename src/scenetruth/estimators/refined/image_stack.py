@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.acquisition import PosePriors
 from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, ImageView
 from scenetruth.estimators.refined.lens_distortion import Lens
-from scenetruth.estimators.refined.noise_estimation import EVEN, GreyVariance, estimate_noise
+from scenetruth.estimators.refined.noise_estimation import (
+    EVEN,
+    GreyVariance,
+    estimate_noise,
+    resampled_transfer,
+    spline_transfer,
+)
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.threads import in_threads
 
@@ -138,6 +144,8 @@ class ImageStack:
     ``noise``: Residual of windows that fit well; None if it is estimated from those of this stack. If it is given, so
       are the excluded images and ``variance``: all are properties of whole images, from a sample of them.
     ``noise_limit``: Largest residual of windows that fit well.
+    ``noise_share``: Variance of the noise after a resampling of the images, relative to that before, at the pixels of
+      the whole image: mean over all images, and that of the reference, shape (2, y, x); None for images as recorded.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -159,6 +167,7 @@ class ImageStack:
     noise: float | None = None
     beside: tuple[Region, Map] | None = None
     noise_limit: float = math.inf
+    noise_share: Map | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -190,6 +199,33 @@ class ImageStack:
     def channels(self) -> int:
         """Number of colour channels."""
         return len(self.coefficients[0])
+
+    @property
+    def transfer(self) -> float:
+        """Ratio of the standard deviation of residuals due to noise to that of the noise of recorded images."""
+        if self.noise_share is None:
+            return spline_transfer(self.spline)
+        return float(resampled_transfer(self.spline, self.mean_share))
+
+    @property
+    def mean_share(self) -> float:
+        """Mean of the noise share over all images; 1 for images as they were recorded."""
+        return 1.0 if self.noise_share is None else float(np.mean(self.noise_share[0]))
+
+    @property
+    def reference_share(self) -> Map | float:
+        """Noise share of the reference at every pixel of the region, shape (y, x); 1 for images as recorded."""
+        return 1.0 if self.noise_share is None else self._of_region(self.noise_share[1])
+
+    def _of_region(self, values: Map) -> Map:
+        return values if self.region is None else values[self.region.rows, self.region.columns]
+
+    @property
+    def transfers(self) -> Map | float:
+        """Ratio as `transfer` of every pixel of the region, shape (y, x), or of all."""
+        if self.noise_share is None:
+            return spline_transfer(self.spline)
+        return np.asarray(resampled_transfer(self.spline, self._of_region(self.noise_share[0])))
 
     @property
     def farthest(self) -> float:

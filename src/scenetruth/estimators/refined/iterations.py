@@ -29,7 +29,6 @@ from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
     estimate_noise,
     estimate_variance,
-    spline_transfer,
     textured,
 )
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections, ShiftObservations
@@ -325,8 +324,8 @@ def _estimated_variance(images: ImageStack, seen: PixelEvidence) -> GreyVariance
 def _still(before: Map, after: Map, fit: Fit, images: ImageStack, tolerance_px: float) -> bool:
     """Return whether 90 % of the well-fitted pixels moved by less than a tolerance in all images."""
     moved = images.moved_px(extract_fields(before), extract_fields(after))
-    left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
-    noise = images.residual_noise(fit.residual[0]) / spline_transfer(images.spline)
+    left = np.sqrt(fit.residual[0]) / images.transfer
+    noise = images.residual_noise(fit.residual[0]) / images.transfer
     with np.errstate(invalid="ignore"):
         fitted = textured(fit.residual[1], noise, images.count, images.spline) & (left < _FITTED * noise)
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)

@@ -14,7 +14,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.lattice import carry_rows, find_smooth_cells, interpolate_rows
 from scenetruth.estimators.refined.kernels.window_solver import DIRECTION, EVERY_VARIANCE, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL, solve_rows
-from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
+from scenetruth.estimators.refined.noise_estimation import textured
 from scenetruth.estimators.refined.row_bands import FIT_LIMITS, RowBand, pieces, window_weights
 from scenetruth.threads import in_threads
 
@@ -262,7 +262,7 @@ class _Level:
                     std[place] = np.sqrt(nodes.variance[number, near])
             limit = np.fmax(self._error_px, _ERROR_SHARE * images.moved_px(fields, fields + std))
             # Without texture, fits are of noise alone, and no values are wanted.
-            noise = np.sqrt(residual[0]) / spline_transfer(images.spline)
+            noise = np.sqrt(residual[0]) / images.transfer
             clear = textured(residual[1], noise, images.count, images.spline)
             rough = ~(error <= limit) & (clear | np.isnan(noise))
             known = np.isfinite(theta).all(axis=0) & self._of_nodes[model, near]

@@ -22,7 +22,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.pixel_equations import PRODUCTS
 from scenetruth.estimators.refined.kernels.window_solver import ALL, EVERY_VARIANCE, FULL, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL, solve_rows
-from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
+from scenetruth.estimators.refined.noise_estimation import textured
 from scenetruth.estimators.refined.row_bands import FrameSubset, RowBand, around, bands, pieces, window_weights
 from scenetruth.estimators.refined.velocity_curvature import add_velocity, remove_slopes, remove_velocity
 from scenetruth.threads import in_threads
@@ -185,7 +185,7 @@ def find_far(images: ImageStack, state: Map, fit: Fit) -> Mask:
     ``state``: Parameters at which the fit was linearised, at the same windows.
     """
     before = accelerated(state) if len(fit.theta) == ALL else state[:FULL]
-    noise = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
+    noise = np.sqrt(fit.residual[0]) / images.transfer
     clear = textured(fit.residual[1], noise, images.count, images.spline)
     with np.errstate(invalid="ignore"):
         far = ~(images.moved_px(extract_fields(before), extract_fields(fit.theta)) <= _LINEAR_PX)

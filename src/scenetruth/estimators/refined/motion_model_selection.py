@@ -46,7 +46,6 @@ from scenetruth.estimators.refined.model_tests import (
     find_far,
     large_areas,
 )
-from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.estimators.refined.systematic_error import list_alternatives
 from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
@@ -214,7 +213,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
             fit = last.fit._replace(variance=np.where(settled, last.fit.variance, np.nan))
             growth = None
             if _compares_growth(refined.fit, motion):
-                growth = compare_growth(refined.fit, fit, sigma, where, spline_transfer(images.spline)).significant
+                growth = compare_growth(refined.fit, fit, sigma, where, images.transfer).significant
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
     noise = settings.max_residual_ratio * images.residual_noise(refined.fit.residual[0])
@@ -283,7 +282,7 @@ def _test_motion_models(
         changed = _changed(simpler, fit, suited[nodes], sigma)
         found = suited & enlarged(changed, at.step, suited.shape)
         if _compares_growth(refined.fit, motion):
-            growth = compare_growth(present, fit, sigma, among[1][nodes], spline_transfer(motion.images.spline))
+            growth = compare_growth(present, fit, sigma, among[1][nodes], motion.images.transfer)
             found |= among[1] & enlarged(growth.significant, at.step, suited.shape)
             refined = replace(refined, growth_bias=enlarged(growth.bias, at.step, suited.shape))
         if not motion.settings.accelerated:

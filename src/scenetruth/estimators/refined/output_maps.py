@@ -23,7 +23,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, Fit
-from scenetruth.estimators.refined.noise_estimation import spline_transfer, textured
+from scenetruth.estimators.refined.noise_estimation import textured
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
 from scenetruth.estimators.refined.systematic_error import sees_second_camera
@@ -174,9 +174,9 @@ def compute_maps(
     theta, focal = fit.theta, images.focal
     d, q = theta[0], theta[[6, 9, 12]]
     with np.errstate(invalid="ignore", divide="ignore"):
-        left = np.sqrt(fit.residual[0]) / spline_transfer(images.spline)
-        usual = images.residual_noise(fit.residual[0]) / spline_transfer(images.spline)
-        variance = fit.variance / spline_transfer(images.spline) ** 2
+        left = np.sqrt(fit.residual[0]) / images.transfers
+        usual = images.residual_noise(fit.residual[0]) / images.transfer
+        variance = fit.variance / images.transfers**2
         common, of_element = None, None
         if calibration is not None or poses is not None:
             errors, effect = poses or refined.cameras, None
@@ -240,7 +240,7 @@ def compute_maps(
                 # In a window of too few frames, it is zero by definition, hence invalid.
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
-        found |= _element(fit, baseline_mm, images.spline, of_element)
+        found |= _element(fit, baseline_mm, images.transfers, of_element)
     fallback = compute_fallback(shown, start, known | normal, theta[0], usual, settings.fallback)
     rough = fallback.where & ~ambiguous
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
@@ -376,12 +376,13 @@ def _compute_common_element(
     return total
 
 
-def _element(fit: Fit, baseline_mm: float, spline: int, common: Map | None) -> dict[str, Map]:
+def _element(fit: Fit, baseline_mm: float, transfer: Map | float, common: Map | None) -> dict[str, Map]:
     """Return the quantities of the surface element with their standard deviations; see `describe_element`.
 
-    ``common``: Variances to be added, shape (11, y, x).
+    ``transfer``: Ratio of the noise after interpolation to that before. ``common``: Variances to be added, shape (11,
+    y, x).
     """
-    variance = fit.element_variance.astype(np.float64) / spline_transfer(spline) ** 2
+    variance = fit.element_variance.astype(np.float64) / transfer**2
     values, std = fit.element.astype(np.float64), np.sqrt(variance if common is None else variance + common)
     # For negative baselines, disparities are negative.
     for place, unit in ((2, abs(baseline_mm)), (3, baseline_mm**2)):

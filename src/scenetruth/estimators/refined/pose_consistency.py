@@ -16,7 +16,6 @@ from scenetruth.estimators.refined.fit_maps import extract_fields
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
-from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.pose_corrections import (
     Blocks,
     CorrectionUncertainty,
@@ -219,7 +218,7 @@ class _Observed:
     def own(self) -> Map:
         """Return the median variances of disparity and velocity, without errors of poses, shape (4,)."""
         parts = [each.fit.variance[[0, 3, 4, 5]][:, _find_predicted(each)] for each in self.fits]
-        scale = spline_transfer(self.images.spline) ** 2
+        scale = self.images.transfer**2
         return np.asarray(np.median(np.concatenate(parts, axis=1), axis=1) / scale)
 
     def effect(self, rooted: Map) -> Map:
@@ -246,7 +245,7 @@ def _observe(regions: Sequence[RefinedState], settings: RefinedSettings) -> _Obs
 
 def _noise_of(observed: _Observed, parts: Map, equations: Equations, excess: float) -> float:
     """Return the variance of the image noise, at least that of the finest displacement."""
-    noise = excess * (observed.blocks.noise / spline_transfer(observed.images.spline)) ** 2
+    noise = excess * (observed.blocks.noise / observed.images.transfer) ** 2
     return max(noise, _FINEST_PX**2 * float(np.diag(parts.T @ equations.matrix @ parts).max()))
 
 

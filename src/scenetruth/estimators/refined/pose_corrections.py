@@ -14,7 +14,6 @@ from scenetruth.estimators.refined.acquisition import PosePriors
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.photo_consistency import SUMS, add_shifts
 from scenetruth.estimators.refined.kernels.warp import ImageView
-from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.threads import in_threads
 
 __all__ = [
@@ -450,7 +449,7 @@ class PoseCorrections:
         unknown: Array = self._unknown
         for _ in range(_PASSES):
             entries = elimination.equations(kept)
-            noise = excess * (blocks.noise / spline_transfer(images.spline)) ** 2
+            noise = excess * (blocks.noise / images.transfer) ** 2
             matrix = parts.T @ entries.matrix @ parts / noise
             covariance, step = solve_with_prior(matrix, parts.T @ entries.side / noise, self._unknown)
             unknown = self._unknown + step

@@ -39,7 +39,6 @@ from scenetruth.estimators.refined.model_tests import (
     large_areas,
     of_nearest_node,
 )
-from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
 
@@ -501,14 +500,14 @@ def _converged(
     return theta
 
 
-def add_contradiction(full: Fit, fit: Fit, where: Mask, spline: int) -> Fit:
+def add_contradiction(full: Fit, fit: Fit, where: Mask, transfer: float) -> Fit:
     """Return a fit to fewer frames, with its difference in the variances of velocity where both fits are explained.
 
     An unsteady motion leaves residuals over all frames. If there are none, but velocities differ by more than a tenth
     of a pixel per frame, the texture does not determine them.
 
     ``full``: Fit to all frames.
-    ``spline``: Order of the splines, whose transfer the variances include.
+    ``transfer``: Ratio of the noise after interpolation to that before, whose square the variances include.
     """
     places = STEADY_PLACES[1:]
     change = fit.theta[places] - full.theta[places]
@@ -516,7 +515,7 @@ def add_contradiction(full: Fit, fit: Fit, where: Mask, spline: int) -> Fit:
         moved = np.abs(fit.theta[0]) * np.hypot(change[0], change[1])
         contradicted = where & (moved > _CONTRADICTION_PX)
     variance = fit.variance.copy()
-    added = (spline_transfer(spline) * change) ** 2
+    added = (transfer * change) ** 2
     variance[3:6] = np.where(contradicted, variance[3:6] + added, variance[3:6])
     return fit._replace(variance=variance)
 
@@ -558,7 +557,7 @@ def _with_fewer_frames(
         begun = np.where(around(where, 2 * (window_weights(settings.window_sigma_px).shape[2] // 2)), theta, np.nan)
         last = fit_final(part, begun, models, own, chosen)
         sound = where & is_valid_step(theta, last.fit.theta)
-        chosen_last = add_contradiction(refined.fit, last.fit, sound & all_fit, part.spline)
+        chosen_last = add_contradiction(refined.fit, last.fit, sound & all_fit, part.transfer)
         result = replace(
             result,
             fit=chosen_fit(sound, chosen_last, result.fit),

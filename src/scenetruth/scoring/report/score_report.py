@@ -29,7 +29,7 @@ from scenetruth.scoring.report.viewer import Viewer, build_viewer, json_for_scri
 from scenetruth.scoring.score_result import Score
 from scenetruth.scoring.scorer import score as evaluate
 
-__all__ = ["matches_fingerprint", "write_report", "write_report_with"]
+__all__ = ["inline_picture", "matches_fingerprint", "write_report", "write_report_with"]
 
 _SCREEN_SCALE = 0.6
 """CSS pixels per pixel of a figure."""
@@ -204,7 +204,7 @@ def _render(
         made_of=made_of,
         name=(scene or {}).get("description"),
         notices=list(_notices(metadata)),
-        figures=[(figure, *_inline(folder / figure.file)) for figure in figures],
+        figures=[(figure, *inline_picture(folder / figure.file)) for figure in figures],
         metadata=list(_metadata_rows(recording, estimate, score)),
         scene=None if scene is None else json.dumps(scene, indent=2, ensure_ascii=False),
         viewer_data=json_for_script(viewer.plain),
@@ -250,7 +250,7 @@ def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | N
             yield humanise(key), flatten(value)
 
 
-def _inline(file: Path) -> tuple[str, int]:
+def inline_picture(file: Path) -> tuple[str, int]:
     """Return a figure as a data URL with 256 colours, and the width at which all figures have the same text size."""
     from PIL import Image
 

@@ -1,0 +1,517 @@
+"""Calibration of a capture: board images of a folder in linear light with the noise of their pixels, and tolerances."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
+
+from scenetruth.camera import Camera, StageErrors
+from scenetruth.capture.calibration import (
+    Board,
+    BoardImage,
+    CalibrationError,
+    CalibrationTarget,
+    DotGrid,
+    Observations,
+    RigCalibration,
+    RigFit,
+    RigGuess,
+    RigPriors,
+    TargetView,
+    describe_fit,
+    estimate_noise,
+    fit_rig,
+    import_camera,
+    observe_boards,
+)
+from scenetruth.capture.calibration.corner_detection import opencv
+from scenetruth.capture.calibration.rig_model import INTRINSICS
+from scenetruth.capture.capture_check import sensor_noise
+from scenetruth.capture.capture_file import CaptureLike, load_capture
+from scenetruth.capture.corrections import FixedPatternCorrection
+from scenetruth.capture.file_patterns import MatchedFile, read_pattern
+from scenetruth.capture.folder_reading import CaptureFolder, open_capture
+from scenetruth.capture.radiometry import SensorNoise
+from scenetruth.capture.rectification import calibration_problems
+from scenetruth.errors import CaptureError, Problem
+from scenetruth.output import check_output, write_atomically
+from scenetruth.progress import Progress, say
+
+__all__ = [
+    "CALIBRATION_FILE",
+    "POINTS_FILE",
+    "CaptureGuess",
+    "board_problems",
+    "calibrate_capture",
+    "calibrate_folder",
+    "fit_points",
+    "load_points",
+    "output_files",
+    "rig_priors",
+    "save_calibration",
+    "start_values",
+]
+
+Floats = NDArray[np.float64]
+CaptureGuess = RigGuess | Camera | RigCalibration | float | str | PathLike[str]
+"""Start values of a calibration: focal length in px, a camera, a calibration, or a file with either."""
+
+CALIBRATION_FILE, POINTS_FILE = "calibration.yaml", "calibration_points.npz"
+"""Names of the calibration and of the detected points in an output directory."""
+_LEAST_POSES, _ADVISED_POSES = 3, 8
+_MOST_SATURATED = 0.01  # share of the pixels of an image
+_SATURATED_VARIANCE = 1e3  # in squares of full scale: saturated pixels have no weight
+_STATED_FOCAL, _STATED_CENTRE_PX = 1e-3, 5.0
+_ADVICE = "tilted by 35 to 40° about different axes"
+
+
+def calibrate_capture(
+    capture: CaptureLike,
+    *,
+    output: str | Path | None = None,
+    overwrite: bool = False,
+    guess: CaptureGuess | None = None,
+    std: Mapping[str, float] | None = None,
+    distortion: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> RigCalibration:
+    """Calibrate camera and stage from the images of a capture folder.
+
+    Boards are detected in images of linear light: dark frames and flat fields of the capture are applied. The noise of
+    every pixel follows from the measured noise of the sensor where dark frames with flat or static frames determine it,
+    else from the images. Tolerances of the capture file are the priors: ``stage.errors`` (a screw stage if they are not
+    stated), ``stage.step_std``, ``board.scale_std`` and ``board.warp_mm``.
+
+    Parameters
+    ----------
+    capture
+        Folder with a ``capture.yaml``, the path of such a file, or a capture.
+    output
+        Directory of ``calibration.yaml``, its covariance ``calibration.npz``, and the detected points
+        ``calibration_points.npz``; default: no files.
+    overwrite
+        Replace existing files.
+    guess
+        Start values: focal length in px, a camera, a calibration, or a file: one of `RigCalibration.save`, or of
+        another program (see `scenetruth.capture.calibration.import_camera`). Default: ``camera`` of the capture file.
+        Without board images, the camera of the guess is the result, with the standard deviations ``std`` and the
+        tolerances of the stage.
+    std
+        Standard deviations of the intrinsic parameters of a guess without a covariance, by name; default: 0.1 % of the
+        focal length and 5 px of the principal point.
+    distortion
+        Estimated coefficients of the distortion; default: k1, k2, p1, p2.
+    progress
+        Called with (what, done, total).
+
+    Returns
+    -------
+    RigCalibration
+        The calibration. Its ``warnings`` list everything that speaks against it.
+
+    Raises
+    ------
+    CaptureError
+        If files of the capture do not serve for a calibration; lists every problem before any image is analysed.
+    ValueError
+        A `CalibrationError` if boards are not detected, contradict each other, or determine too little.
+    OutputExistsError
+        If an output file exists and ``overwrite`` is not set.
+
+    See Also
+    --------
+    scenetruth.capture.calibration.calibrate : The calibration of images in memory.
+    scenetruth.capture.check_capture : Checks the images in advance.
+
+    Examples
+    --------
+    A capture without a board, whose camera another program has calibrated:
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import imageio.v3 as imageio
+    >>> from scenetruth.capture import Capture
+    >>> plain = {"camera": {"width": 40, "height": 30}, "frames": {"count": 1}}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "files": {"images": "s{s:+d}.png"}}
+    >>> with TemporaryDirectory() as folder:
+    ...     for s in (-1, 0, 1):
+    ...         imageio.imwrite(f"{folder}/s{s:+d}.png", np.full((30, 40), 100, dtype=np.uint8))
+    ...     _ = Path(folder, "cameras.txt").write_text("1 RADIAL 40 30 500 20 15 -0.5 3.0")
+    ...     found = calibrate_capture(Capture.from_dict(plain, folder=Path(folder)), guess=f"{folder}/cameras.txt")
+    >>> found.value("f"), found.std("f"), found.std("step_scale")
+    (500.0, 0.5, 0.0001)
+    """
+    for file in () if output is None else output_files(Path(output)):
+        check_output(file, overwrite=overwrite)
+    calibration, fit = calibrate_folder(
+        open_capture(load_capture(capture)), guess=guess, std=std, distortion=distortion, progress=progress
+    )
+    if output is not None:
+        save_calibration(calibration, fit, Path(output), overwrite=overwrite)
+    return calibration
+
+
+def output_files(output: Path) -> tuple[Path, ...]:
+    """Return the files of a calibration in an output directory."""
+    file = output / CALIBRATION_FILE
+    return file, file.with_suffix(".npz"), output / POINTS_FILE
+
+
+def save_calibration(calibration: RigCalibration, fit: RigFit | None, output: Path, *, overwrite: bool) -> Path:
+    """Write a calibration and its points; the file of the calibration is the last, and stands for all of them."""
+    output.mkdir(parents=True, exist_ok=True)
+    file, _, points = output_files(output)
+    if fit is not None:
+        with write_atomically(points, overwrite=overwrite) as partial:
+            partial.write_bytes(_points_bytes(fit.offered))
+    return calibration.save(file, overwrite=overwrite)
+
+
+def calibrate_folder(
+    folder: CaptureFolder,
+    *,
+    guess: CaptureGuess | None = None,
+    std: Mapping[str, float] | None = None,
+    distortion: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> tuple[RigCalibration, RigFit | None]:
+    """Return the calibration of an opened folder, and its fit; None without a board."""
+    problems = board_problems(folder, has_guess=guess is not None)
+    start = start_values(folder, guess, std, problems)
+    priors = rig_priors(folder, distortion=distortion, problems=problems)
+    if problems:
+        raise CaptureError(problems, source=folder.capture.folder)
+    if not folder.board:
+        assert start is not None
+        say("no board images: the given camera is used with its stated standard deviations")
+        return _stated_calibration(folder, start, std, priors), None
+    if folder.capture.strip is not None:
+        say("strip: its points are not detected; visits of the measurement have the tolerances of the stage")
+    fit = fit_points(folder, _detect(folder, progress), start, priors)
+    return replace(describe_fit(fit, priors), bit_depth=folder.images.pixels.bit_depth), fit
+
+
+def fit_points(
+    folder: CaptureFolder, given: Observations, start: RigGuess | RigCalibration | None, priors: RigPriors
+) -> RigFit:
+    """Return the fit of detected points of a capture."""
+    board = _board(folder)
+    return fit_rig(given, start, priors, board if isinstance(board, DotGrid) else None)
+
+
+def board_problems(folder: CaptureFolder, *, has_guess: bool = False) -> list[Problem]:
+    """Return why the files of a capture do not serve for a calibration."""
+    capture, problems = folder.capture, list[Problem]()
+    if capture.stage.rows > 1:
+        message = "must be 1 for a calibration, whose model has positions along one axis; capture each row by itself"
+        problems.append(Problem("stage.rows", message, capture.stage.rows))
+    if not folder.board:
+        if not has_guess:
+            message = (
+                "is missing: add images of a board, or import a calibration of another program (--import); without "
+                "either, `corrections` of method `refined` correct the poses of the camera only"
+            )
+            problems.append(Problem("files.board", message))
+        return problems
+    pattern = read_pattern(capture.files.board or "", ("pose", "s", "row"))
+    if "s" in pattern.fields:
+        foreign = sorted({s for _, _, s in folder.board} - set(folder.images.positions))
+        if foreign:
+            message = f"has images at s = {', '.join(map(str, foreign))}, where there are no images of the measurement"
+            problems.append(Problem("files.board", message, pattern.text))
+    poses = len({pose for pose, _, _ in folder.board})
+    if poses < _LEAST_POSES:
+        message = f"shows {poses} poses of the board; take {_LEAST_POSES} at least, better {_ADVISED_POSES}, {_ADVICE}"
+        problems.append(Problem("files.board", message, pattern.text))
+    pixels = folder.images.pixels
+    if pixels.bayer is not None and pixels.plane == "mosaic" and "flat" not in folder.sets:
+        message = "of a mosaic has pixels of different colours; add flat fields, or set camera.plane to green"
+        problems.append(Problem("files.board", message))
+    try:
+        opencv()
+    except CalibrationError as error:
+        problems += error.problems
+    for read in (folder.correction, folder.positions_mm):
+        try:
+            read()
+        except CaptureError as error:
+            problems += error.problems
+    return problems
+
+
+def start_values(
+    folder: CaptureFolder, guess: CaptureGuess | None, std: Mapping[str, float] | None, problems: list[Problem]
+) -> RigGuess | RigCalibration | None:
+    """Return start values of the intrinsic parameters; None if there is a problem."""
+    size = (folder.capture.camera.width, folder.capture.camera.height)
+    for name in std or {}:
+        if name not in INTRINSICS:
+            problems.append(Problem(f"std.{name}", f"must be one of {', '.join(INTRINSICS)}"))
+        elif not (std or {})[name] >= 0:
+            problems.append(Problem(f"std.{name}", "must not be negative", (std or {})[name]))
+    if isinstance(guess, str | PathLike):
+        try:
+            guess = _read_guess(Path(guess), size)
+        except CalibrationError as error:
+            problems += [
+                Problem(f"{guess}: {each.path}".rstrip(": "), each.message, each.value) for each in error.problems
+            ]
+            return None
+    if isinstance(guess, RigCalibration):
+        x_mm = folder.positions_mm()
+        problems += calibration_problems(folder.capture, guess, folder.images.pixels, "recorded", x_mm)
+        return guess
+    if isinstance(guess, Camera):
+        if (guess.width, guess.height) != size:
+            message = f"has images of {guess.width} x {guess.height} px, not {size[0]} x {size[1]}: another camera"
+            problems.append(Problem("guess", message))
+        return RigGuess(
+            focal_length_px=guess.focal_px, principal_point_px=guess.principal_point, distortion=guess.distortion
+        )
+    if isinstance(guess, RigGuess):
+        return guess
+    return _stated_start(folder, guess)
+
+
+def _read_guess(file: Path, size: tuple[int, int]) -> Camera | RigCalibration:
+    """Return the calibration or the camera of a file."""
+    try:
+        text = file.read_bytes()[:4000].decode("utf-8", errors="replace")
+    except OSError as error:
+        raise CalibrationError([Problem("", f"cannot be read: {error.strerror or error}")], file) from error
+    if "covariance:" in text or text.startswith("format: 1"):
+        return RigCalibration.load(file)
+    return import_camera(file, size=size)
+
+
+def _stated_start(folder: CaptureFolder, focal_length_px: float | None) -> RigGuess:
+    """Return the camera of the capture file as start values."""
+    camera = folder.capture.camera
+    if focal_length_px is None and (camera.focal_length_px or camera.focal_length_mm) is not None:
+        focal_length_px = camera.to_camera().focal_px
+    return RigGuess(
+        focal_length_px=focal_length_px, principal_point_px=camera.principal_point_px, distortion=camera.distortion
+    )
+
+
+def rig_priors(
+    folder: CaptureFolder, *, distortion: Sequence[str] | None = None, problems: list[Problem] | None = None
+) -> RigPriors:
+    """Return the tolerances of a capture file as priors.
+
+    Tolerances of the guide that are not stated are those of a screw stage. The direction of approach of board images is
+    unknown for a bidirectional scan, so that half of the backlash adds to the repeatability.
+    """
+    stage = folder.capture.stage
+    errors = stage.errors or StageErrors(preset="screw_stage")
+    if stage.errors is None:
+        say("stage.errors: not stated; the tolerances of a screw stage are assumed")
+    repeatability = errors.repeatability_um
+    if stage.scan == "bidirectional":
+        repeatability = float(np.hypot(repeatability, errors.backlash_um / 2))
+    changed = errors.model_copy(update={"repeatability_um": repeatability, "backlash_um": 0.0})
+    free = tuple(distortion) if distortion is not None else ("k1", "k2", "p1", "p2")
+    unknown = [name for name in free if name not in INTRINSICS[3:]]
+    if unknown and problems is not None:
+        message = f"must be some of {', '.join(INTRINSICS[3:])}"
+        problems.append(Problem("distortion", message, unknown))
+    return RigPriors(errors=changed, step_std=stage.step_std, free_distortion=free)
+
+
+def _stated_calibration(
+    folder: CaptureFolder, start: RigGuess | RigCalibration, std: Mapping[str, float] | None, priors: RigPriors
+) -> RigCalibration:
+    """Return a given camera as a calibration, whose stage has its tolerances."""
+    if isinstance(start, RigCalibration) and std is None:
+        return start
+    size = (folder.capture.camera.width, folder.capture.camera.height)
+    if isinstance(start, RigCalibration):
+        camera = start.camera
+    else:
+        camera = Camera(
+            width=size[0], height=size[1], focal_length_px=start.focal_length_px,
+            principal_point_px=start.principal_point_px, distortion=start.distortion,
+        )  # fmt: skip
+    deviations = std or {
+        "f": _STATED_FOCAL * camera.focal_px, "c_x": _STATED_CENTRE_PX, "c_y": _STATED_CENTRE_PX,
+    }  # fmt: skip
+    return RigCalibration.from_camera(
+        camera, folder.positions_mm(), std=deviations, priors=priors, bit_depth=folder.images.pixels.bit_depth
+    )
+
+
+def _board(folder: CaptureFolder) -> Board:
+    """Return the board of a capture file as a board of the detection."""
+    section = folder.capture.board
+    assert section is not None  # given together with its files
+    plain = section.model_dump(exclude_none=True)
+    if section.kind != "charuco":
+        plain.pop("legacy")
+    found: Board = TypeAdapter(Board).validate_python(plain)
+    return found
+
+
+def _detect(folder: CaptureFolder, progress: Progress | None) -> Observations:
+    """Return the detected points of all board images."""
+    pattern = read_pattern(folder.capture.files.board or "", ("pose", "s", "row"))
+    positions = folder.images.positions
+    middle = (len(positions) - 1) // 2
+    reader = _BoardReader.open(folder, progress)
+    images = []
+    for number, ((pose, _, s), name) in enumerate(sorted(folder.board.items())):
+        place = positions.index(s) if "s" in pattern.fields else middle
+        images.append(reader.board_image(name, place, pose, number))
+    found = observe_boards(images, _board(folder), folder.positions_mm(), reference=middle)
+    if progress is not None:
+        progress("detect boards", len(images), len(images))
+    for name, share in reader.saturated.items():
+        say(f"{name}: {100 * share:.2g} % of the pixels are saturated, and not used; shorten the exposure")
+    return _in_camera_pixels(found, folder)
+
+
+def _in_camera_pixels(given: Observations, folder: CaptureFolder) -> Observations:
+    """Return points of images of one colour of a mosaic in pixels of the camera."""
+    pixels, camera = folder.images.pixels, folder.capture.camera
+    if pixels.step == 1:
+        return given
+    row, column = pixels.offset
+    views = tuple(
+        replace(
+            view,
+            pixels=pixels.step * view.pixels + np.array([column, row]),
+            covariance_px2=pixels.step**2 * view.covariance_px2,
+        )
+        for view in given.views
+    )
+    return replace(given, width=camera.width, height=camera.height, views=views)
+
+
+@dataclass(eq=False)
+class _BoardReader:
+    """Reads board images in linear light, with the variance of the noise of every pixel.
+
+    ``saturated``: Share of saturated pixels of images with more of them than usual.
+    """
+
+    folder: CaptureFolder
+    correction: FixedPatternCorrection | None
+    noise: SensorNoise | None
+    progress: Progress | None
+    saturated: dict[str, float]
+    _variance: Floats | None = None
+
+    @classmethod
+    def open(cls, folder: CaptureFolder, progress: Progress | None) -> _BoardReader:
+        """Return a reader with the measured noise, if there is one."""
+        linear = folder.images.pixels.encoding == "linear"
+        noise = sensor_noise(folder) if linear else None
+        known = noise is not None and bool(np.isfinite([noise.gain_dn_per_e, noise.dark_noise_dn]).all())
+        return cls(folder, folder.correction(), noise if known else None, progress, {})
+
+    def board_image(self, name: str, position: int, pose: int, number: int) -> BoardImage:
+        """Return an image that is read when it is analysed."""
+
+        def read() -> Floats:
+            if self.progress is not None:
+                self.progress("detect boards", number, len(self.folder.board))
+            image, self._variance = self._read(name)
+            return image
+
+        def variance() -> Floats:
+            assert self._variance is not None  # the image is read before
+            return self._variance
+
+        return BoardImage(read, position, pose, number, name=name, direction=0, variance=variance)
+
+    def _read(self, name: str) -> tuple[Floats, Floats]:
+        values = self.folder.images.read(MatchedFile(name, {})).astype(np.float64)
+        full = self.folder.images.pixels.full_scale
+        dark, gain = self.folder.black(), np.ones(values.shape)
+        if self.correction is not None and self.correction.flat is not None:
+            light = self.correction.flat - dark
+            gain = light.mean(axis=(0, 1)) / np.where(light > 0, light, np.nan)
+        image = (values - dark) * gain
+        saturated = np.asarray(values >= full)
+        if self.correction is not None and self.correction.defects is not None:
+            image[self.correction.defects] = np.nan
+        if image.ndim == 3:
+            image, saturated = image.mean(axis=-1), np.asarray(saturated.any(axis=-1))
+        share = float(saturated.mean())
+        if share > _MOST_SATURATED:
+            self.saturated[name] = share
+        variance = self._noise_variance(values, dark, gain) if self.noise is not None and values.ndim == 2 else None
+        if variance is None:
+            least = np.mean(gain[np.isfinite(gain)] ** 2) / 12
+            variance = np.full(image.shape, max(estimate_noise(image) ** 2, float(least)))
+        variance[saturated] = _SATURATED_VARIANCE * full**2
+        return image, np.nan_to_num(variance, nan=_SATURATED_VARIANCE * full**2)
+
+    def _noise_variance(self, values: Floats, dark: Floats, gain: Floats) -> Floats:
+        """Return the variance of a corrected image: its noise, and that of the mean dark frame and flat field."""
+        assert self.noise is not None
+        still = max(self.noise.dark_noise_dn**2, 1 / 12)
+        signal = np.maximum(values - dark, 0.0)
+        variance = self.noise.gain_dn_per_e * signal + still
+        if self.folder.dark is not None:
+            variance += still / self.folder.dark.count
+        level = self.folder.flat_level()
+        if self.correction is not None and self.correction.flat is not None and level is not None:
+            light = self.correction.flat - dark
+            bright = self.noise.gain_dn_per_e * np.maximum(light, 0.0) + still
+            variance += bright / self.folder.sets["flat"].moments(level).count * (signal / np.maximum(light, 1e-9)) ** 2
+        return np.asarray(gain**2 * variance)
+
+
+_ARRAYS = ("first", "points_mm", "pixels", "covariance_px2")
+
+
+def _points_bytes(given: Observations) -> bytes:
+    """Return detected points as the content of an NPZ file."""
+    described = {
+        "size": [given.width, given.height],
+        "positions_mm": given.positions_mm.tolist(),
+        "reference": given.reference,
+        "targets": [target.model_dump(mode="json") for target in given.targets],
+        "views": [
+            [view.name, view.position, view.visit, view.pose, view.target, view.direction] for view in given.views
+        ],
+    }
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer, described=np.array(json.dumps(described)), first=given.first, points_mm=given.points_mm,
+        pixels=given.pixels, covariance_px2=np.concatenate([view.covariance_px2 for view in given.views]),
+    )  # fmt: skip
+    return buffer.getvalue()
+
+
+def load_points(file: str | PathLike[str]) -> Observations:
+    """Return the detected points of a calibration; raises `CalibrationError` if the file holds none."""
+    try:
+        with np.load(file, allow_pickle=False) as arrays:
+            described: dict[str, Any] = json.loads(str(arrays["described"]))
+            first, points, pixels, covariance = (arrays[name] for name in _ARRAYS)
+        parts = [slice(int(low), int(high)) for low, high in itertools.pairwise(first)]
+        views = [
+            TargetView(name, position, visit, pose, points[part], pixels[part], covariance[part], target, direction)
+            for (name, position, visit, pose, target, direction), part in zip(described["views"], parts, strict=True)
+        ]
+        width, height = described["size"]
+        return Observations(
+            width, height, np.array(described["positions_mm"], dtype=np.float64),
+            tuple(CalibrationTarget.model_validate(each) for each in described["targets"]), tuple(views),
+            described["reference"],
+        )  # fmt: skip
+    except CalibrationError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise CalibrationError([Problem("", f"holds no detected points: {error}")], Path(file)) from error

@@ -1,0 +1,311 @@
+"""Suggestions that follow from the covariance of a calibration: poses to add or replace, tolerances that dominate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.capture.calibration import (
+    MeasurementSlopes,
+    Moment,
+    Observations,
+    RigCalibration,
+    RigFit,
+    RigLayout,
+    RigPriors,
+    RigState,
+    TargetView,
+    project,
+    refit,
+    rotation_matrix,
+)
+from scenetruth.capture.calibration.bundle_adjustment import build_equations
+from scenetruth.capture.report.error_budget import CORNERS, VISITS, DepthBudget, depth_grid
+from scenetruth.threads import with_one_blas_thread
+
+__all__ = ["BoardCoverage", "PoseEffect", "Suggestion", "assess_poses", "cover", "place_targets", "suggest"]
+
+Array = NDArray[np.float64]
+
+_TILT_DEG = 37.0
+_DEPTH_SHARE = 0.05
+_DIRECTIONS = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
+"""Edges and corners of the board, clockwise from the right."""
+_EDGE_PX = 4.0
+_FEWEST_POINTS = 6
+_CELLS = (4, 3)  # columns and rows of parts of the image
+_NOTABLE = 0.02
+_MOST = 4
+
+
+@dataclass(frozen=True)
+class PoseEffect:
+    """A pose of the board and its effect.
+
+    ``tilt_deg``: Angle between the normal of the board and the optical axis.
+    ``farther``: Edge or corner of the board that is farther away; empty for a frontal board.
+    ``depth_mm``: Distance of its centre.
+    ``images``, ``points``, ``rms_px``: Images used, their points, and their residuals.
+    ``without_mm``: Standard deviation of the mean depth without the pose; NaN if the others determine too little.
+    """
+
+    pose: int
+    tilt_deg: float
+    farther: str
+    depth_mm: float
+    images: int
+    points: int
+    rms_px: float
+    without_mm: float
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A change, and the standard deviation of the mean depth with it in mm."""
+
+    text: str
+    after_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class BoardCoverage:
+    """Parts of the image and of the depth range in which points of the board were seen.
+
+    ``counts``: Number of points in every part of the image, shape (rows, columns).
+    ``share``: Area of the convex hull of the points, as a share of the image.
+    ``depth_mm``: Smallest and largest distance of a point.
+    """
+
+    counts: NDArray[np.int64]
+    share: float
+    depth_mm: tuple[float, float]
+
+    def words(self, surface_mm: tuple[float, float] | None) -> list[str]:
+        """Return what is not covered; ``surface_mm`` is the depth range of the measured surface."""
+        found = [f"Points of the board surround {100 * self.share:.0f} % of the image."]
+        rows, columns = self.counts.shape
+        empty = [
+            " ".join(dict.fromkeys((_name(row, rows, ("upper", "middle", "lower")), _name(column, columns, _SIDES))))
+            for row, column in np.argwhere(self.counts < _FEWEST_POINTS).tolist()
+        ]
+        if empty:
+            found.append(f"No points of the board in parts of the image: {', '.join(dict.fromkeys(empty))}.")
+        low, high = self.depth_mm
+        text = f"Points of the board lie between {low:.0f} and {high:.0f} mm"
+        if surface_mm is None:
+            return [*found, f"{text}."]
+        near, far = surface_mm
+        outside = near < low - 1e-9 or far > high + 1e-9
+        range_text = f"the surface between {near:.0f} and {far:.0f} mm"
+        tail = f", {range_text}" + (": take poses at its whole range." if outside else ".")
+        return [*found, text + tail]
+
+
+_SIDES = ("left", "centre left", "centre right", "right")
+
+
+def _name(place: int, count: int, names: tuple[str, ...]) -> str:
+    return names[place * len(names) // count]
+
+
+def cover(fit: RigFit) -> BoardCoverage:
+    """Return which parts of image and depth range the boards of a fit cover."""
+    from scipy.spatial import ConvexHull
+
+    given = fit.given
+    pixels = np.concatenate([view.pixels for view in given.views if view.target == 0])
+    columns, rows = _CELLS
+    column = np.clip(pixels[:, 0] / given.width * columns, 0, columns - 1).astype(int)
+    row = np.clip(pixels[:, 1] / given.height * rows, 0, rows - 1).astype(int)
+    counts = np.zeros((rows, columns), dtype=np.int64)
+    np.add.at(counts, (row, column), 1)
+    depths = np.concatenate(
+        [place[:, 2] for place, view in zip(place_targets(fit), given.views, strict=True) if view.target == 0]
+    )
+    share = float(ConvexHull(pixels).volume) / (given.width * given.height)
+    return BoardCoverage(counts, share, (float(depths.min()), float(depths.max())))
+
+
+def place_targets(fit: RigFit) -> list[Array]:
+    """Return the points of every view in the frame of the stage in mm, each of shape (n, 3)."""
+    found = []
+    for view in fit.given.views:
+        rotation, centre = _placed(fit.state, view.pose)
+        found.append(view.points_mm @ rotation.T + centre)
+    return found
+
+
+def _placed(state: RigState, pose: int) -> tuple[Array, Array]:
+    """Return rotation and centre of a pose of a target in the frame of the stage."""
+    number = state.layout.poses.index(pose)
+    start = state.layout.names.index(f"pose[{pose}].pitch")
+    turn = rotation_matrix(state.values[start : start + 3]) @ state.turns[number]
+    return turn, state.values[start + 3 : start + 6]
+
+
+@with_one_blas_thread
+def assess_poses(
+    fit: RigFit, priors: RigPriors, calibration: RigCalibration, budget: DepthBudget
+) -> tuple[PoseEffect, ...]:
+    """Return the poses of the board, and the error of the depth without each of them."""
+    mean_std = _mean_std(calibration, budget)
+    found = []
+    for pose in fit.state.layout.poses:
+        views = [view for view in fit.given.views if view.pose == pose]
+        if not views or any(view.target != 0 for view in views):
+            continue
+        others = [view for view in fit.given.views if view.pose != pose]
+        rest = refit(fit.given.selected(others), fit, priors) if others else None
+        rotation, centre = _placed(fit.state, pose)
+        names = {view.name for view in views}
+        used = [view for view in fit.views if view.name in names]
+        points = sum(view.points for view in used)
+        squares = sum(view.points * view.rms_px**2 for view in used)
+        tilt, farther = _tilt(rotation)
+        found.append(
+            PoseEffect(
+                pose, tilt, farther, float(centre[2]), len(views), points, float(np.sqrt(squares / max(points, 1))),
+                np.nan if rest is None else mean_std(rest.covariance),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _tilt(rotation: Array) -> tuple[float, str]:
+    """Return the tilt of a board in degrees, and which edge of it is farther away."""
+    normal = rotation[:, 2] * np.sign(rotation[2, 2])
+    tilt = float(np.rad2deg(np.arccos(np.clip(normal[2], -1, 1))))
+    # On the plane, z grows against the components of the normal.
+    return tilt, "" if tilt < 3 else _direction(-normal[:2])
+
+
+def _direction(vector: Array) -> str:
+    return _DIRECTIONS[round(float(np.arctan2(vector[1], vector[0])) / (np.pi / 4)) % 8]
+
+
+def _mean_std(calibration: RigCalibration, budget: DepthBudget) -> Callable[[Array], float]:
+    """Return a function from a covariance to the standard deviation of the mean depth, with new visits."""
+    points = calibration.camera.ray_directions(depth_grid(calibration)) * budget.depth_mm
+    slopes = MeasurementSlopes(
+        calibration.values, calibration.layout, calibration.positions_mm, calibration.reference, [Moment(points)]
+    )
+    count = calibration.layout.first_visit
+    free = np.diag(calibration.covariance)[:count] > 0
+    mean = np.array([slopes.of_parameter(index)[:, 2].mean() if free[index] else 0.0 for index in range(count)])
+    visits = budget.total.mean_std**2 - budget.calibration.mean_std**2
+
+    def std(covariance: Array) -> float:
+        return float(np.sqrt(max(mean @ covariance[:count, :count] @ mean + visits, 0.0)))
+
+    return std
+
+
+@with_one_blas_thread
+def suggest(
+    fit: RigFit, priors: RigPriors, calibration: RigCalibration, budget: DepthBudget, poses: tuple[PoseEffect, ...]
+) -> list[Suggestion]:
+    """Return changes that reduce the error of the depth, the most effective first."""
+    before = budget.total.mean_std
+    found = [
+        Suggestion(_halve(part.title), part.halved_mm)
+        for part in budget.parts
+        if part.halved_mm < (1 - _NOTABLE) * before
+    ]
+    found += _best_pose(fit, priors, calibration, budget)
+    known = [pose for pose in poses if np.isfinite(pose.without_mm)]
+    found = sorted(found, key=lambda one: one.after_mm)[:_MOST]
+    if len(known) > 3:
+        least = min(known, key=lambda pose: pose.without_mm)
+        text = f"Pose {least.pose} contributes least: replace it by another before others"
+        found.append(Suggestion(text, least.without_mm))
+    return found
+
+
+def _halve(title: str) -> str:
+    if title == CORNERS:
+        return "Halve the noise of the points of the board: more light, a sharper image, or four times as many images"
+    if title == VISITS:
+        return "Halve the repeatability of the stage in the measurement, or add a fiducial strip"
+    return f"Halve the tolerance of: {title}"
+
+
+def _best_pose(fit: RigFit, priors: RigPriors, calibration: RigCalibration, budget: DepthBudget) -> list[Suggestion]:
+    """Return the pose of the board whose images would reduce the error most."""
+    boards = [view for view in fit.given.views if view.target == 0]
+    centres = np.array([_placed(fit.state, pose)[1] for pose in dict.fromkeys(view.pose for view in boards)])
+    middle = np.median(centres, axis=0)
+    mean_std = _mean_std(calibration, budget)
+    tilts = [(np.deg2rad(_TILT_DEG) * np.array([np.cos(a), np.sin(a), 0.0])) for a in np.arange(8) * np.pi / 4]
+    found: list[tuple[float, Array, Array]] = [
+        (mean_std(_covariance_with(fit, priors, rotation_matrix(tilt), middle)), tilt, middle) for tilt in tilts
+    ]
+    _, tilt, _ = min(found, key=lambda each: each[0])
+    for share in (-_DEPTH_SHARE, _DEPTH_SHARE):
+        centre = middle * (1 + share)
+        found.append((mean_std(_covariance_with(fit, priors, rotation_matrix(tilt), centre)), tilt, centre))
+    after, tilt, centre = min(found, key=lambda each: each[0])
+    if not after < (1 - _NOTABLE / 2) * budget.total.mean_std:
+        return []
+    _, farther = _tilt(rotation_matrix(tilt))
+    text = (
+        f"Add a pose at {centre[2]:.0f} mm, tilted by {_TILT_DEG:.0f}° with the {farther} "
+        f"{'corner' if ' ' in farther else 'edge'} of the board farther away"
+    )
+    return [Suggestion(text, after)]
+
+
+def _covariance_with(fit: RigFit, priors: RigPriors, rotation: Array, centre: Array) -> Array:
+    """Return the covariance with images of one more pose at all positions."""
+    given, state = fit.given, fit.state
+    boards = [view for view in given.views if view.target == 0]
+    points = np.unique(np.round(np.concatenate([view.points_mm for view in boards]), 9), axis=0)
+    noise = float(np.median(np.concatenate([view.covariance_px2[:, (0, 1), (0, 1)] for view in boards])))
+    pose, visit = max(view.pose for view in given.views) + 1, max(view.visit for view in given.views) + 1
+    covariance = np.tile(noise * np.eye(2), (len(points), 1, 1))
+    views = [
+        TargetView(f"new {s}", s, visit + s, pose, points, np.zeros((len(points), 2)), covariance)
+        for s in range(len(given.positions_mm))
+    ]
+    wider = given.selected([*given.views, *views])
+    layout = RigLayout.from_observations(wider, priors)
+    places = {name: index for index, name in enumerate(state.layout.names)}
+    values = np.array([state.values[places[name]] if name in places else 0.0 for name in layout.names])
+    start = layout.names.index(f"pose[{pose}].pitch")
+    values[start + 3 : start + 6] = centre
+    turns = np.array([
+        state.turns[state.layout.poses.index(one)] if one in state.layout.poses else rotation for one in layout.poses
+    ])  # fmt: skip
+    moved = RigState(layout, values, turns)
+    pixels = project(wider, moved, derivatives=False)[0]
+    seen = []
+    for number, view in enumerate(wider.views):
+        if view.pose != pose:
+            seen.append(view)
+            continue
+        shown = pixels[wider.first[number] : wider.first[number + 1]]
+        inside = (shown > _EDGE_PX) & (shown < np.array([given.width, given.height]) - 1 - _EDGE_PX)
+        kept = replace(view, pixels=shown).without(np.asarray(~inside.all(axis=1)))
+        if len(kept.pixels) >= _FEWEST_POINTS:
+            seen.append(kept)
+    if len(seen) == len(given.views):
+        return fit.covariance
+    return _posterior(fit, replace(wider, views=tuple(seen)), moved)
+
+
+def _posterior(fit: RigFit, given: Observations, state: RigState) -> Array:
+    """Return the covariance of all parameters at a state."""
+    free = state.layout.std > 0
+    start = np.zeros(state.layout.size)
+    count = fit.state.layout.first_position
+    start[:count] = fit.start[:count]
+    equations = build_equations(given, state, start, free)
+    total = equations.information + np.diag(1 / state.layout.std[free] ** 2)
+    scale = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
+    # More images than those of a fit that is determined.
+    inverse = np.linalg.inv(total * scale[:, None] * scale)
+    covariance = np.zeros((state.layout.size,) * 2)
+    covariance[np.ix_(free, free)] = inverse * scale[:, None] * scale
+    return covariance
