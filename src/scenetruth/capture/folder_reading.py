@@ -217,7 +217,7 @@ class CaptureFolder:
         if calibration is None:
             return plan
         if geometry == "recorded":
-            return replace(plan, geometry={**stated, **recorded_geometry(self.capture, calibration)})
+            return replace(plan, geometry=_joined(stated, recorded_geometry(self.capture, calibration)))
         return self._rectified(plan, calibration)
 
     def _rectified(self, plan: RecordingPlan, calibration: RigCalibration) -> RecordingPlan:
@@ -227,8 +227,9 @@ class CaptureFolder:
         far = Rectification(calibration, images.pixels, (height, width), _DISTANT * calibration.value("f"))
         depth = given.distance_mm if given.distance_mm is not None else self._distance_mm(plan, far)
         rectification = replace(far, depth_mm=depth)
-        geometry = {**plan.geometry, **rectification.geometry(given)}
-        return replace(plan, geometry=geometry, rectification=rectification)
+        return replace(
+            plan, geometry=_joined(plan.geometry, rectification.geometry(given)), rectification=rectification
+        )
 
     def _distance_mm(self, plan: RecordingPlan, far: Rectification) -> float:
         """Return the distance of the surface, from the first frame that two neighbouring positions have."""
@@ -266,6 +267,12 @@ class CaptureFolder:
             focal = None if lens is None else lens.focal_px
             found += describe_distance(capture.distance_mm, focal, stage.baseline_mm, camera.width, stage.positions)
         return found
+
+
+def _joined(stated: Mapping[str, Any], calibrated: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of `make_recording` that a calibration replaces in part; attributes are joined."""
+    attrs = {**stated.get("attrs", {}), **calibrated.get("attrs", {})}
+    return {**stated, **calibrated, **({"attrs": attrs} if attrs else {})}
 
 
 def open_capture(capture: CaptureLike) -> CaptureFolder:
