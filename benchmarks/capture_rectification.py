@@ -239,7 +239,7 @@ def estimate_all(scene: str, seed: int, scratch: Path) -> dict[str, tuple[xr.Dat
         add("rectified, share unknown", recording.drop_vars("noise_share"), rectified)
         depth_mm = float(recording.attrs["rectified_depth_mm"])
         known = partial(estimate_recorded, folder, calibration, depth_mm)
-        add("recorded, poses known", None, recorded, known)
+        add("recorded, poses given", None, recorded, known)
         add("recorded, poses estimated", import_capture(folder, calibration=calibration, geometry="recorded"), recorded)
     return found
 

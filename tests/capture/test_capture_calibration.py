@@ -71,8 +71,8 @@ def test_files_hold_the_calibration_and_its_points(board_capture: Path, board_ca
     folder, points = open_capture(board_capture), load_points(output / "calibration_points.npz")
     again = fit_points(folder, points, found, rig_priors(folder))
     kept = len(found.names)
-    np.testing.assert_allclose(again.state.values[:kept], found.values, rtol=0, atol=1e-3 * found.std("f"))
-    assert again.chi2 == pytest.approx(found.chi2, rel=1e-6)
+    np.testing.assert_allclose(again.fit.state.values[:kept], found.values, rtol=0, atol=1e-3 * found.std("f"))
+    assert again.fit.chi2 == pytest.approx(found.chi2, rel=1e-6)
     with pytest.raises(OutputExistsError):
         calibrate_capture(board_capture, output=output)
     (output / "other.npz").write_bytes(b"PK")

@@ -230,3 +230,15 @@ def test_single_precision_and_no_points_without_depth(export: Export, recording:
     estimate = st.make_estimate(flow=np.zeros((2, 3, 48, 64)), recording=recording)
     with pytest.raises(st.ExportError, match="depth: is missing, and disparity too: there are no points"):
         st.export((recording, estimate), "ply", output=f"{tmp_path}/none")
+
+
+def test_ply_has_both_parts_of_standard_deviations(recording: xr.Dataset, tmp_path: Path) -> None:
+    shape = (recording.sizes["y"], recording.sizes["x"])
+    std = np.linspace(0.1, 0.2, shape[0] * shape[1]).reshape(shape)
+    estimate = st.make_estimate(depth=np.full(shape, 500.0), depth_std=std, recording=recording)
+    estimate["depth_std_common"] = 0.5 * estimate["depth_std"]
+    folder = st.export((recording, estimate), "ply", output=tmp_path / "both").folder
+    vertex = plyfile.PlyData.read(folder / "s+0_t+0.ply")["vertex"]
+    expected = std[vertex["row"], vertex["column"]]
+    np.testing.assert_allclose(vertex["depth_std"], expected, rtol=1e-6)
+    np.testing.assert_allclose(vertex["depth_std_common"], 0.5 * expected, rtol=1e-6)

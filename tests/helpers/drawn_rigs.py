@@ -15,22 +15,25 @@ from scenetruth.capture.calibration import (
     CommonError,
     Moment,
     Observations,
+    RigCalibration,
     RigFit,
     RigGeometry,
     RigGuess,
     RigLayout,
     RigPriors,
+    RigSolution,
     RigState,
     TargetView,
     adjust,
     common_error,
+    describe_fit,
     project,
     rotation_matrix,
     start_state,
     triangulate,
 )
 
-__all__ = ["DrawnRig", "assess_draw", "board_points", "depth_errors", "draw_rig", "fit_draw", "summarise"]
+__all__ = ["DrawnRig", "assess_draw", "board_points", "depth_errors", "described", "draw_rig", "fit_draw", "summarise"]
 
 Array = NDArray[np.float64]
 
@@ -95,7 +98,7 @@ def draw_rig(
         axis = tilt * np.array([np.cos(about), np.sin(about), 0.0])
         spin = np.array([0.0, 0.0, generator.uniform(-0.3, 0.3)])
         turns[pose] = rotation_matrix(axis) @ rotation_matrix(spin)
-        start = layout.first_pose + 6 * pose
+        start = layout.pose(pose)
         # The board's centre stays near the axis, so that the corners lie in all images.
         values[start + 3 : start + 6] = [generator.uniform(-3, 3), generator.uniform(-3, 3), 660]
         values[start + 5] += generator.uniform(-35, 35)
@@ -145,6 +148,11 @@ def patterns(grid: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         found[f"{name} corner less mean"] = pixel[index] - 1 / n
     found["left less right"] = pixel[corners[0]] - pixel[corners[1]]
     return found
+
+
+def described(fit: RigFit, priors: RigPriors) -> RigCalibration:
+    """Return the calibration of a fit."""
+    return describe_fit(RigSolution(fit, priors, (), fit.given))
 
 
 def fit_draw(rig: DrawnRig, **options: Any) -> RigFit:

@@ -179,6 +179,11 @@ class MeasuredPoints:
             normal = np.stack([own, turned])
         return cls(rays, at("depth"), velocity, normal)
 
+    def slices(self) -> Iterator[slice]:
+        """Yield parts of the points that are evaluated together."""
+        for first in range(0, len(self.depth), _PIXELS):
+            yield slice(first, first + _PIXELS)
+
     def part(self, some: slice) -> MeasuredPoints:
         """Return some of the points."""
         velocity = None if self.velocity is None else self.velocity[:, some]
@@ -346,8 +351,7 @@ def common_variance(estimate: xr.Dataset, field: CommonField, name: str) -> Floa
             where &= np.isfinite(values if values.ndim == 2 else values.all(axis=0))
         points = MeasuredPoints.from_estimate(estimate, t, where)
         variance = np.empty((*shape[:-3], len(points.depth)))
-        for first in range(0, len(points.depth), _PIXELS):
-            some = slice(first, first + _PIXELS)
+        for some in points.slices():
             variance[..., some] = np.square(field.errors(name, points.part(some))).sum(axis=0).reshape(*shape[:-3], -1)
         rows, columns = np.nonzero(where)
         found[..., t, rows, columns] = variance

@@ -25,15 +25,16 @@ from scenetruth.capture.calibration import (
     DotGrid,
     Observations,
     RigCalibration,
-    RigFit,
     RigGuess,
     RigPriors,
+    RigSolution,
     TargetView,
     describe_fit,
     estimate_noise,
     fit_rig,
     import_camera,
     observe_boards,
+    observe_strip,
 )
 from scenetruth.capture.calibration.corner_detection import opencv
 from scenetruth.capture.calibration.rig_model import INTRINSICS
@@ -41,7 +42,7 @@ from scenetruth.capture.capture_check import sensor_noise
 from scenetruth.capture.capture_file import CaptureLike, load_capture
 from scenetruth.capture.corrections import FixedPatternCorrection
 from scenetruth.capture.file_patterns import MatchedFile, read_pattern
-from scenetruth.capture.folder_reading import CaptureFolder, open_capture
+from scenetruth.capture.folder_reading import CaptureFolder, measurement_hash, open_capture, read_table
 from scenetruth.capture.radiometry import SensorNoise
 from scenetruth.capture.rectification import calibration_problems
 from scenetruth.errors import CaptureError, Problem
@@ -73,6 +74,7 @@ _LEAST_POSES, _ADVISED_POSES = 3, 8
 _MOST_SATURATED = 0.01  # share of the pixels of an image
 _SATURATED_VARIANCE = 1e3  # in squares of full scale: saturated pixels have no weight
 _STATED_FOCAL, _STATED_CENTRE_PX = 1e-3, 5.0
+_COEFFICIENTS = (*INTRINSICS[3:], "aspect")
 _ADVICE = "tilted by 35 to 40° about different axes"
 
 
@@ -111,7 +113,8 @@ def calibrate_capture(
         Standard deviations of the intrinsic parameters of a guess without a covariance, by name; default: 0.1 % of the
         focal length and 5 px of the principal point.
     distortion
-        Estimated coefficients of the distortion; default: k1, k2, p1, p2.
+        Estimated coefficients of the distortion, and ``aspect``; default: k1, k2, p1, p2, and those that the residuals
+        ask for.
     progress
         Called with (what, done, total).
 
@@ -153,11 +156,11 @@ def calibrate_capture(
     """
     for file in () if output is None else output_files(Path(output)):
         check_output(file, overwrite=overwrite)
-    calibration, fit = calibrate_folder(
+    calibration, solution = calibrate_folder(
         open_capture(load_capture(capture)), guess=guess, std=std, distortion=distortion, progress=progress
     )
     if output is not None:
-        save_calibration(calibration, fit, Path(output), overwrite=overwrite)
+        save_calibration(calibration, solution, Path(output), overwrite=overwrite)
     return calibration
 
 
@@ -167,13 +170,15 @@ def output_files(output: Path) -> tuple[Path, ...]:
     return file, file.with_suffix(".npz"), output / POINTS_FILE
 
 
-def save_calibration(calibration: RigCalibration, fit: RigFit | None, output: Path, *, overwrite: bool) -> Path:
+def save_calibration(
+    calibration: RigCalibration, solution: RigSolution | None, output: Path, *, overwrite: bool
+) -> Path:
     """Write a calibration and its points; the file of the calibration is the last, and stands for all of them."""
     output.mkdir(parents=True, exist_ok=True)
     file, _, points = output_files(output)
-    if fit is not None:
+    if solution is not None:
         with write_atomically(points, overwrite=overwrite) as partial:
-            partial.write_bytes(_points_bytes(fit.offered))
+            partial.write_bytes(_points_bytes(solution.observed))
     return calibration.save(file, overwrite=overwrite)
 
 
@@ -184,7 +189,7 @@ def calibrate_folder(
     std: Mapping[str, float] | None = None,
     distortion: Sequence[str] | None = None,
     progress: Progress | None = None,
-) -> tuple[RigCalibration, RigFit | None]:
+) -> tuple[RigCalibration, RigSolution | None]:
     """Return the calibration of an opened folder, and its fit; None without a board."""
     problems = board_problems(folder, has_guess=guess is not None)
     start = start_values(folder, guess, std, problems)
@@ -195,15 +200,35 @@ def calibrate_folder(
         assert start is not None
         say("no board images: the given camera is used with its stated standard deviations")
         return _stated_calibration(folder, start, std, priors), None
-    if folder.capture.strip is not None:
-        say("strip: its points are not detected; visits of the measurement have the tolerances of the stage")
-    fit = fit_points(folder, _detect(folder, progress), start, priors)
-    return replace(describe_fit(fit, priors), bit_depth=folder.images.pixels.bit_depth), fit
+    solution = fit_points(folder, _detect(folder, progress), start, priors)
+    found = replace(describe_fit(solution), bit_depth=folder.images.pixels.bit_depth)
+    return _with_measured_visits(found, folder), solution
+
+
+def _with_measured_visits(found: RigCalibration, folder: CaptureFolder) -> RigCalibration:
+    """Return a calibration with the visits of the measurement, if a strip has determined all of them."""
+    images = folder.images
+    if folder.capture.strip is None:
+        return found
+    frames, first = len(images.frames), _first_measured(folder)
+    visits = tuple(
+        tuple(first + position * frames + frame for frame in range(frames)) for position in range(len(images.positions))
+    )
+    lost = {visit for each in visits for visit in each} - set(found.visits)
+    if lost:
+        say(f"strip: not detected in {len(lost)} images, so that all visits have the tolerances of the stage")
+        return found
+    return replace(found, measured_visits=visits, measured_images=measurement_hash(images))
+
+
+def _first_measured(folder: CaptureFolder) -> int:
+    """Return the number of the first visit of the measurement; those of the board precede."""
+    return len(folder.board)
 
 
 def fit_points(
     folder: CaptureFolder, given: Observations, start: RigGuess | RigCalibration | None, priors: RigPriors
-) -> RigFit:
+) -> RigSolution:
     """Return the fit of detected points of a capture."""
     board = _board(folder)
     return fit_rig(given, start, priors, board if isinstance(board, DotGrid) else None)
@@ -237,6 +262,7 @@ def board_problems(folder: CaptureFolder, *, has_guess: bool = False) -> list[Pr
     if pixels.bayer is not None and pixels.plane == "mosaic" and "flat" not in folder.sets:
         message = "of a mosaic has pixels of different colours; add flat fields, or set camera.plane to green"
         problems.append(Problem("files.board", message))
+    strip_points(folder, problems)
     try:
         opencv()
     except CalibrationError as error:
@@ -247,6 +273,18 @@ def board_problems(folder: CaptureFolder, *, has_guess: bool = False) -> list[Pr
         except CaptureError as error:
             problems += error.problems
     return problems
+
+
+def strip_points(folder: CaptureFolder, problems: list[Problem]) -> Floats | None:
+    """Return the points of the strip about their middle, shape (n, 3); None without a strip, or with a problem."""
+    strip = folder.capture.strip
+    if strip is None:
+        return None
+    rows = read_table(Path(strip.file), ("x_mm", "y_mm", "z_mm"), "strip.file", problems)
+    points = np.array([[row["x_mm"], row["y_mm"], row["z_mm"]] for row in rows]).reshape(-1, 3)
+    if not len(points):
+        return None
+    return np.asarray(points - (points.max(axis=0) + points.min(axis=0)) / 2)
 
 
 def start_values(
@@ -320,12 +358,21 @@ def rig_priors(
     if stage.scan == "bidirectional":
         repeatability = float(np.hypot(repeatability, errors.backlash_um / 2))
     changed = errors.model_copy(update={"repeatability_um": repeatability, "backlash_um": 0.0})
-    free = tuple(distortion) if distortion is not None else ("k1", "k2", "p1", "p2")
-    unknown = [name for name in free if name not in INTRINSICS[3:]]
+    strip = folder.capture.strip
+    fresh = None
+    if strip is not None:
+        # Whatever the stage does, the strip shows it.
+        fresh = strip.errors or errors
+        fresh = fresh.model_copy(update={"repeatability_um": max(fresh.repeatability_um, repeatability)})
+    if distortion is None:
+        return RigPriors(errors=changed, step_std=stage.step_std, strip_errors=fresh)
+    unknown = [name for name in distortion if name not in _COEFFICIENTS]
     if unknown and problems is not None:
-        message = f"must be some of {', '.join(INTRINSICS[3:])}"
+        message = f"must be some of {', '.join(_COEFFICIENTS)}"
         problems.append(Problem("distortion", message, unknown))
-    return RigPriors(errors=changed, step_std=stage.step_std, free_distortion=free)
+    return RigPriors(
+        errors=changed, step_std=stage.step_std, strip_errors=fresh, free_distortion=tuple(distortion)
+    )  # fmt: skip
 
 
 def _stated_calibration(
@@ -374,9 +421,29 @@ def _detect(folder: CaptureFolder, progress: Progress | None) -> Observations:
     found = observe_boards(images, _board(folder), folder.positions_mm(), reference=middle)
     if progress is not None:
         progress("detect boards", len(images), len(images))
+    found = _with_strip(found, folder, reader)
     for name, share in reader.saturated.items():
         say(f"{name}: {100 * share:.2g} % of the pixels are saturated, and not used; shorten the exposure")
     return _in_camera_pixels(found, folder)
+
+
+def _with_strip(given: Observations, folder: CaptureFolder, reader: _BoardReader) -> Observations:
+    """Return observations with the views of the strip in all images of the measurement."""
+    points = strip_points(folder, [])
+    if points is None or folder.capture.strip is None:
+        return given
+    pose = 1 + max(pose for pose, _, _ in folder.board)
+    files = [(index, file) for index, file in folder.images.indices() if file is not None]
+    first, frames = _first_measured(folder), len(folder.images.frames)
+    images = [
+        reader.board_image(file.name, position, pose, first + position * frames + frame, "detect strip", len(files))
+        for (_, position, frame), file in files
+    ]
+    views = observe_strip(images, points, given.positions_mm)
+    strip = folder.capture.strip
+    half = float(np.abs(points).max())
+    target = CalibrationTarget(name="strip", half_width_mm=half, scale_std=strip.scale_std, warp_mm=strip.warp_mm)
+    return replace(given, targets=(*given.targets, target), views=(*given.views, *views))
 
 
 def _in_camera_pixels(given: Observations, folder: CaptureFolder) -> Observations:
@@ -418,12 +485,16 @@ class _BoardReader:
         known = noise is not None and bool(np.isfinite([noise.gain_dn_per_e, noise.dark_noise_dn]).all())
         return cls(folder, folder.correction(), noise if known else None, progress, {})
 
-    def board_image(self, name: str, position: int, pose: int, number: int) -> BoardImage:
+    def board_image(
+        self, name: str, position: int, pose: int, visit: int, task: str = "detect boards", total: int | None = None
+    ) -> BoardImage:
         """Return an image that is read when it is analysed."""
+        count = len(self.folder.board) if total is None else total
+        done = visit if total is None else visit - len(self.folder.board)
 
         def read() -> Floats:
             if self.progress is not None:
-                self.progress("detect boards", number, len(self.folder.board))
+                self.progress(task, min(done, count), count)
             image, self._variance = self._read(name)
             return image
 
@@ -431,7 +502,7 @@ class _BoardReader:
             assert self._variance is not None  # the image is read before
             return self._variance
 
-        return BoardImage(read, position, pose, number, name=name, direction=0, variance=variance)
+        return BoardImage(read, position, pose, visit, name=name, direction=0, variance=variance)
 
     def _read(self, name: str) -> tuple[Floats, Floats]:
         values = self.folder.images.read(MatchedFile(name, {})).astype(np.float64)

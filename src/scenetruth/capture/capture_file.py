@@ -20,7 +20,7 @@ from pydantic import (
     model_validator,
 )
 
-from scenetruth.camera import Camera, Distortion, Frames, Stage
+from scenetruth.camera import Camera, Distortion, Frames, Stage, StageErrors
 from scenetruth.capture.board_artwork import BoardPrint
 from scenetruth.capture.file_patterns import TIME_FIELD, read_pattern
 from scenetruth.capture.image_reading import PixelFormat
@@ -169,6 +169,11 @@ class StripSection(FrozenModel):
     """CSV file of its points, columns ``x_mm``, ``y_mm``, ``z_mm``."""
     scale_std: Positive = 1e-4
     """Relative standard deviation of its size."""
+    warp_mm: NonNegative = 0.02
+    """Standard deviation of the deviation from a plane in mm."""
+    errors: StageErrors | None = None
+    """Errors of the stage that may be new at every visit of the measurement, which the strip determines; null for
+    those of ``stage.errors``."""
 
 
 class CaptureFiles(FrozenModel):

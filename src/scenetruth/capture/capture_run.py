@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from scenetruth.capture.calibration import RigCalibration, RigFit, RigGuess
+from scenetruth.capture.calibration import RigCalibration, RigGuess, RigSolution
 from scenetruth.capture.calibration_errors import add_calibration_errors
 from scenetruth.capture.capture_calibration import (
     CALIBRATION_FILE,
@@ -209,7 +209,7 @@ class _Run:
         self.name = method.choice().method
         self.run = RunDirectory(output, self.name)
         self.calibration: RigCalibration | None = None
-        self.fit: RigFit | None = None
+        self.solution: RigSolution | None = None
         self.report: CaptureReport | None = None
         self.stages = self._stages()
 
@@ -343,23 +343,23 @@ class _Run:
             raise CaptureError([Problem(one.mistake, one.message) for one in errors], source=self.folder.capture.folder)
 
     def _calibrate(self) -> None:
-        self.calibration, self.fit = calibrate_folder(
+        self.calibration, self.solution = calibrate_folder(
             self.folder, guess=self.guess, std=self.std, distortion=self.distortion, progress=self.progress
         )
-        save_calibration(self.calibration, self.fit, self.output, overwrite=True)
+        save_calibration(self.calibration, self.solution, self.output, overwrite=True)
 
     def _calibrated(self) -> RigCalibration | None:
         if self.calibration is None and self.folder.board:
             self.calibration = RigCalibration.load(self.output / CALIBRATION_FILE)
         return self.calibration
 
-    def _fitted(self) -> RigFit | None:
+    def _fitted(self) -> RigSolution | None:
         """Return the fit of the calibration; that of an earlier call is repeated from its points."""
         calibration = self._calibrated()
-        if self.fit is None and calibration is not None:
+        if self.solution is None and calibration is not None:
             priors = rig_priors(self.folder, distortion=self.distortion)
-            self.fit = fit_points(self.folder, load_points(self.output / POINTS_FILE), calibration, priors)
-        return self.fit
+            self.solution = fit_points(self.folder, load_points(self.output / POINTS_FILE), calibration, priors)
+        return self.solution
 
     def _import(self) -> None:
         calibration, capture, undistort = self._calibrated(), self.folder.capture, False
@@ -388,7 +388,7 @@ class _Run:
             write_estimate(work, scratch)
             found = open_store(scratch, kind="estimate")
             if {"depth", "depth_std"} <= set(found):
-                save_store(add_calibration_errors(found, calibration), partial)
+                save_store(add_calibration_errors(found, calibration.measured()), partial)
                 shutil.rmtree(scratch)
             else:
                 say(f"method '{self.name}' states no standard deviation of depth: calibration errors are not added")
@@ -402,8 +402,7 @@ class _Run:
         files = self.run.paths(self.name)
         results = CaptureResults(
             self.folder, self._findings(), self._calibrated(), self._fitted(),
-            rig_priors(self.folder, distortion=self.distortion), open_store(files.estimate, kind="estimate"),
-            self.name, files.report.name, files.figures,
+            open_store(files.estimate, kind="estimate"), self.name, files.report.name, files.figures,
         )  # fmt: skip
         with (
             write_atomically(self.output / _PAGE, overwrite=True) as page,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -48,7 +49,7 @@ from scenetruth.schema import tolerance_attributes
 from scenetruth.schema.plausible_units import describe_distance, describe_rig
 from scenetruth.storage import RECORDING, StoreWriter, claim_store, open_store, save_store, store_name
 
-__all__ = ["CaptureFolder", "FrameSet", "import_capture", "open_capture"]
+__all__ = ["CaptureFolder", "FrameSet", "import_capture", "measurement_hash", "open_capture", "read_table"]
 
 Floats = NDArray[np.float64]
 
@@ -224,7 +225,17 @@ class CaptureFolder:
         """Return a recording that is resampled to the ideal rig of a calibration."""
         images, given = self.images, self.capture
         height, width, *_ = images.shape
-        far = Rectification(calibration, images.pixels, (height, width), _DISTANT * calibration.value("f"))
+        visits = None
+        if calibration.measured_visits and calibration.measured_images == measurement_hash(images):
+            # A strip has determined the pose of every image.
+            calibration = calibration.measured()
+            visits = {
+                (position, frame): visit
+                for position, each in enumerate(calibration.measured_visits)
+                for frame, visit in enumerate(each)
+            }
+        distant = _DISTANT * calibration.value("f")
+        far = Rectification(calibration, images.pixels, (height, width), distant, visits)
         depth = given.distance_mm if given.distance_mm is not None else self._distance_mm(plan, far)
         rectification = replace(far, depth_mm=depth)
         return replace(
@@ -273,6 +284,13 @@ def _joined(stated: Mapping[str, Any], calibrated: Mapping[str, Any]) -> dict[st
     """Return arguments of `make_recording` that a calibration replaces in part; attributes are joined."""
     attrs = {**stated.get("attrs", {}), **calibrated.get("attrs", {})}
     return {**stated, **calibrated, **({"attrs": attrs} if attrs else {})}
+
+
+def measurement_hash(images: ImageSeries) -> str:
+    """Return a hash of the first and the last image, by which a measurement is recognised."""
+    files = [images.files[index] for index in sorted(images.files)]
+    contents = [(images.folder / file.name).read_bytes() for file in (files[0], files[-1])]
+    return hashlib.sha256(b"".join(contents)).hexdigest()
 
 
 def open_capture(capture: CaptureLike) -> CaptureFolder:
@@ -419,7 +437,7 @@ def _positions(folder: CaptureFolder, problems: list[Problem]) -> Floats | None:
     if stage.positions_file is None:
         return stage.x_mm if stage.positions_mm is not None else None
     file = Path(stage.positions_file)
-    rows = _table(file, ("s", "x_mm"), "stage.positions_file", problems)
+    rows = read_table(file, ("s", "x_mm"), "stage.positions_file", problems)
     listed = {int(row["s"]): row["x_mm"] for row in rows}
     lacking = [str(s) for s in images.positions if s not in listed]
     if rows and lacking:
@@ -466,7 +484,7 @@ def _times(folder: CaptureFolder, problems: list[Problem]) -> Floats | None:
     if frames.times == "file":
         assert frames.times_file is not None
         names = ("row", "s", "t", "time_s") if grid else ("s", "t", "time_s")
-        rows = _table(Path(frames.times_file), names, "frames.times_file", problems)
+        rows = read_table(Path(frames.times_file), names, "frames.times_file", problems)
         stamps = {(int(row.get("row", 0)), int(row["s"]), int(row["t"])): row["time_s"] for row in rows}
     elif frames.times == "name":
         stamps = {index: file.time_s for index, file in images.files.items()}
@@ -505,7 +523,7 @@ def _mask(file: Path, images: ImageSeries, problems: list[Problem]) -> NDArray[n
     return np.asarray(values != 0)
 
 
-def _table(file: Path, columns: Sequence[str], path: str, problems: list[Problem]) -> list[dict[str, float]]:
+def read_table(file: Path, columns: Sequence[str], path: str, problems: list[Problem]) -> list[dict[str, float]]:
     """Return the rows of a CSV file as numbers; empty after appending a problem."""
     try:
         with file.open(encoding="utf-8-sig", newline="") as stream:

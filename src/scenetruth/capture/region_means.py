@@ -37,6 +37,16 @@ class RegionMean:
         Units of all values.
     count
         Number of pixels of each region.
+
+    See Also
+    --------
+    region_mean : Computes it.
+
+    Examples
+    --------
+    >>> mean = RegionMean(601.24, 0.087, 0.012, 0.086, "mm", (2400,))
+    >>> print(mean)
+    601.24 ± 0.087 mm (in common: 0.086)
     """
 
     value: float
@@ -93,6 +103,10 @@ def region_mean(
     ArgumentError
         If the estimate lacks the quantity or its standard deviation, a region is not valid anywhere, or the windows are
         not stated; lists every problem.
+
+    See Also
+    --------
+    add_calibration_errors : Adds the errors of a calibration to an estimate.
 
     Notes
     -----
@@ -188,10 +202,12 @@ class _Selected:
         where = weights != 0
         rest, total = self._common[where] ** 2, 0.0
         if field is not None and has_common_part(self._now, self._quantity):
-            errors = field.errors(self._quantity, MeasuredPoints.from_estimate(self._now, 0, where))
-            errors = errors[:, 0 if self._number is None else self._number]
-            total = float(((errors @ weights[where]) ** 2).sum())
-            rest = rest - (errors**2).sum(axis=0)
+            points, sums = MeasuredPoints.from_estimate(self._now, 0, where), np.zeros(len(field.modes))
+            for some in points.slices():
+                errors = field.errors(self._quantity, points.part(some))[:, self._number or 0]
+                sums += errors @ weights[where][some]
+                rest[some] -= (errors**2).sum(axis=0)
+            total = float((sums**2).sum())
         # Poses that the method has corrected.
         others = float(np.sqrt(np.maximum(rest, 0.0)) @ weights[where])
         return float(np.sqrt(total + others**2))

@@ -67,7 +67,8 @@ FreeDistortion = Annotated[
     options.option(
         "--distortion",
         metavar="NAMES",
-        help="Estimated coefficients of the distortion, such as k1,k2,p1,p2,k3; k1,k2,p1,p2 if not given.",
+        help="Estimated coefficients of the distortion, such as k1,k2,p1,p2,k3; if not given, k1,k2,p1,p2 and those "
+        "that the residuals ask for.",
     ),
 ]
 

@@ -196,6 +196,9 @@ def _opencv_matrix(values: NDArray[np.float64]) -> str:
     return f"!!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {data} ]\n"
 
 
+_SCALARS = ("growth_rate", "depth_std", "depth_std_common", "growth_rate_std", "growth_rate_std_common")
+
+
 class Ply(ExportFormat):
     """Surface points as PLY, binary little endian, one file per camera and frame.
 
@@ -203,11 +206,12 @@ class Ply(ExportFormat):
       frame of the nominal reference camera (X right, Y down, Z forward), ``red green blue`` (grey value or colour of
       the image, full scale 255), ``column row`` of the pixel, and where available ``nx ny nz`` (unit normal, towards
       the camera),
-    ``velocity_x velocity_y velocity_z`` (instantaneous, mm per frame), ``growth_rate`` (areal growth rate, per frame)
-    and
-    ``object_id``. Vectors refer to the axes of the world; normals, velocities and growth are float32. Points of cameras
-    with actual poses are at their actual positions. Viewers with an upward Y axis show them upside down. Pixels without
-    a surface or a depth have no vertex; invalid velocities are NaN. A velocity is not a displacement to the next frame.
+    ``velocity_x velocity_y velocity_z`` (instantaneous, mm per frame), ``growth_rate`` (areal growth rate, per frame),
+    ``depth_std`` and ``growth_rate_std`` (stated standard deviations), each with ``_common`` (the part that pixels have
+    in common), and ``object_id``. Vectors refer to the axes of the world; normals, velocities and scalars are float32.
+    Points of cameras with actual poses are at their actual positions. Viewers with an upward Y axis show them upside
+    down. Pixels without a surface or a depth have no vertex; invalid velocities are NaN. A velocity is not a
+    displacement to the next frame.
     Lost: visibility in other images, digits of vectors beyond float32.
     """
 
@@ -255,8 +259,9 @@ class Ply(ExportFormat):
                 turned = axes @ source.map(map_name, s, t)[:, rows, columns]
                 fields |= dict(zip(names, turned.astype(np.float32), strict=True))
         fields |= dict(zip(("red", "green", "blue"), colours.T, strict=True))
-        if "growth_rate" in source.maps:
-            fields["growth_rate"] = source.map("growth_rate", s, t)[rows, columns].astype(np.float32)
+        for name in _SCALARS:
+            if name in source.maps:
+                fields[name] = source.map(name, s, t)[rows, columns].astype(np.float32)
         if "object_id" in source.maps:
             fields["object_id"] = source.raw("object_id", s, t)[rows, columns].astype(np.int32)
         fields |= {"column": columns.astype(np.int32), "row": rows.astype(np.int32)}

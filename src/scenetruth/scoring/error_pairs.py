@@ -19,10 +19,12 @@ __all__ = [
     "compute_pixel_coordinates",
     "compute_surface_points",
     "find_valid_pixels",
+    "has_common_std",
     "has_quantity",
     "has_std",
     "list_quantities",
     "percent_per_hour",
+    "read_common_std",
     "read_pair",
     "read_quantity",
     "read_std",
@@ -123,10 +125,17 @@ def read_quantity(dataset: xr.Dataset, name: str) -> Map:
 
 def read_std(estimate: xr.Dataset, name: str) -> Map | None:
     """Return the stated standard deviation of a quantity, in its units, float64, shape (t, y, x); None if missing."""
-    if not has_std(estimate, name):
-        return None
+    return _read_std(estimate, name, "_std") if has_std(estimate, name) else None
+
+
+def read_common_std(estimate: xr.Dataset, name: str) -> Map | None:
+    """Return the part of a stated standard deviation that pixels have in common, as `read_std`; None if missing."""
+    return _read_std(estimate, name, "_std_common") if has_common_std(estimate, name) else None
+
+
+def _read_std(estimate: xr.Dataset, name: str, ending: str) -> Map:
     entry = QUANTITIES[name]
-    values = _read(estimate, f"{entry.variable}_std", entry.component)
+    values = _read(estimate, f"{entry.variable}{ending}", entry.component)
     if entry.units == "%/h":
         return percent_per_hour(read_intrinsics(estimate)) * values
     # Angles are stored in radians.
@@ -138,6 +147,11 @@ def has_std(estimate: xr.Dataset, name: str) -> bool:
     variable = f"{QUANTITIES[name].variable}_std"
     # Only the variables of the data model have been checked for their dimensions. A distance has no standard deviation.
     return variable in estimate and variable in VARIABLES["estimate"] and QUANTITIES[name].error != "distance"
+
+
+def has_common_std(estimate: xr.Dataset, name: str) -> bool:
+    """Return whether an estimate states the part of a standard deviation that pixels have in common."""
+    return has_std(estimate, name) and f"{QUANTITIES[name].variable}_std_common" in estimate
 
 
 def percent_per_hour(intrinsics: Intrinsics) -> float:

@@ -11,15 +11,26 @@ from hypothesis import strategies as st
 
 from scenetruth import ArgumentError
 from scenetruth.camera import StageErrors, Viewpoint
-from scenetruth.capture.calibration import Observations, RigLayout, RigPriors, RigState, project, rotation_matrix
+from scenetruth.capture.calibration import (
+    CalibrationTarget,
+    Observations,
+    RigLayout,
+    RigPriors,
+    RigState,
+    project,
+    rotation_matrix,
+)
 from tests.helpers.drawn_rigs import SIZE, draw_rig
 
 NEW_ANGLES = RigPriors(visit_errors=StageErrors(pitch_urad=20, yaw_urad=20, roll_urad=5, straightness_um=1))
 
+HELD = CalibrationTarget(half_width_mm=36.0, scale_std=1e-4, warp_mm=0.02, bend_mm=0.2, point_mm=(0.02, 0.1))
+"""A board that is bent anew in every pose, whose points are not quite on a grid."""
+
 
 def crooked(seed: int) -> tuple[RigState, Observations]:
     """A rig whose parameters all differ from zero, also the coefficients that are usually fixed."""
-    rig = draw_rig(seed, poses=2, positions=3, priors=NEW_ANGLES)
+    rig = draw_rig(seed, poses=2, positions=3, priors=NEW_ANGLES, board=HELD)
     generator = np.random.default_rng(seed)
     values = rig.truth.values.copy()
     rest = slice(11, rig.truth.layout.first_pose)
@@ -46,11 +57,14 @@ def test_projection_is_that_of_a_camera_at_its_viewpoint(seed: int) -> None:
         centre = along * np.array([1, values[11], values[12]])
         centre += values[position + 3 : position + 6] + [0, *values[visit + 4 : visit + 6]]
         q, a, b, c = values[target : target + 4]
-        u, v, _ = view.points_mm.T
+        u, v, w = (view.points_mm + values[layout.point_columns(view)]).T
+        a, b, c = (a, b, c) + values[pose + 6 : pose + 9]
         sag = (a * u**2 + b * u * v + c * v**2) / 36**2
-        board = np.stack([(1 + q) * u, (1 + q) * v, sag], axis=-1)
+        sag += np.stack([u**3, u**2 * v, u * v**2, v**3], axis=-1) @ values[pose + 9 : pose + 13] / 36**3
+        board = np.stack([(1 + q) * u, (1 + q) * v, (1 + q) * w + sag], axis=-1)
         world = board @ state.turns[layout.poses.index(view.pose)].T + values[pose + 3 : pose + 6]
         expected = camera.project(Viewpoint(centre, turn).to_camera(world))
+        expected[:, 1] += values[15] * (expected[:, 1] - values[2])
         count = len(view.pixels)
         np.testing.assert_allclose(pixels[start : start + count], expected, atol=1e-9)
         start += count
@@ -66,9 +80,20 @@ def test_derivatives_are_those_of_central_differences(seed: int) -> None:
     dense = np.zeros((len(slopes), 2, layout.size))
     for view, column in enumerate(columns):
         part = slice(views.first[view], views.first[view + 1])
-        dense[part, :, column] = slopes[part]
+        dense[part, :, column] = slopes[part, :, :45]
+        points = layout.point_columns(views.views[view])
+        for row, own in zip(range(part.start, part.stop), points, strict=True):
+            dense[row][:, own] = slopes[row, :, 45:]
+    flat = dense.reshape(-1, layout.size)
+    # Sums of some hundred products.
+    scale = np.abs(flat).max(axis=0)
+    np.testing.assert_allclose(
+        layout.information(views, slopes), flat.T @ flat, rtol=1e-9, atol=1e-9 * np.outer(scale, scale).max()
+    )
+    gathered = layout.gather(views, slopes, views.pixels[:, :, None])[:, 0]
+    np.testing.assert_allclose(gathered, flat.T @ views.pixels.ravel(), rtol=1e-9, atol=1e-8 * scale.max())
     for index, name in enumerate(layout.names):
-        step = 1e-6 if name.endswith(("pitch", "yaw", "roll", "_y", "_z")) else 1e-3
+        step = 1e-6 if name.endswith(("pitch", "yaw", "roll", "_y", "_z", "aspect")) else 1e-3
         ends = []
         for sign in (1, -1):
             values = state.values.copy()

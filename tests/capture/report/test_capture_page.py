@@ -23,9 +23,8 @@ FIGURES = {
 def results(board_capture: Path, board_calibration: tuple[RigCalibration, Path]) -> CaptureResults:
     folder = open_capture(board_capture)
     calibration, output = board_calibration
-    priors = rig_priors(folder)
-    fit = fit_points(folder, load_points(output / "calibration_points.npz"), calibration, priors)
-    return CaptureResults(folder, check_capture(board_capture), calibration, fit, priors)
+    solution = fit_points(folder, load_points(output / "calibration_points.npz"), calibration, rig_priors(folder))
+    return CaptureResults(folder, check_capture(board_capture), calibration, solution)
 
 
 def test_page_shows_calibration_noise_and_suggestions(results: CaptureResults, tmp_path: Path) -> None:

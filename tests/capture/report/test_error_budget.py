@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from scenetruth.camera import Camera, StageErrors
-from scenetruth.capture.calibration import Observations, RigCalibration, RigFit, RigPriors, describe_fit, refit
+from scenetruth.capture.calibration import Observations, RigCalibration, RigFit, RigPriors, refit
 from scenetruth.capture.report import DepthBudget, depth_budget
-from tests.helpers.drawn_rigs import BOARD, DrawnRig, draw_rig, fit_draw
+from tests.helpers.drawn_rigs import BOARD, DrawnRig, described, draw_rig, fit_draw
 
 DEPTH_MM = 660.0
 
@@ -20,7 +20,7 @@ DEPTH_MM = 660.0
 def drawn() -> tuple[DrawnRig, RigFit, RigCalibration, DepthBudget]:
     rig = draw_rig(3, poses=4, positions=3)
     fit = fit_draw(rig)
-    calibration = describe_fit(fit, rig.priors)
+    calibration = described(fit, rig.priors)
     return rig, fit, calibration, depth_budget(calibration, DEPTH_MM, fit)
 
 
@@ -29,7 +29,7 @@ def mean_std(given: Observations, priors: RigPriors, visits: float) -> float:
     _, fit, _, _ = drawn()
     again = refit(given, fit, priors)
     assert again is not None
-    found = depth_budget(describe_fit(again, priors), DEPTH_MM, again)
+    found = depth_budget(described(again, priors), DEPTH_MM, again)
     return float(np.hypot(found.calibration.mean_std, visits))
 
 
@@ -77,7 +77,7 @@ def test_noise_halved_agrees_with_another_adjustment() -> None:
         views.append(replace(view, pixels=view.pixels - off / 2, covariance_px2=view.covariance_px2 / 4))
     again = mean_std(fit.given.selected(views), rig.priors, visits_mm())
     # The weights of points beyond three standard deviations differ slightly.
-    assert halved("noise of the points of the board") == pytest.approx(again, rel=5e-3)
+    assert halved("noise of the detected points") == pytest.approx(again, rel=5e-3)
 
 
 def test_errors_of_a_stated_camera_are_those_of_closed_forms() -> None:
@@ -90,7 +90,7 @@ def test_errors_of_a_stated_camera_are_those_of_closed_forms() -> None:
     assert parts["step length"] == pytest.approx(DEPTH_MM * 2e-4, rel=1e-3)
     # Disparity from positions -1, 0, 1 with errors of their own: Z / b / √2.
     assert parts["repeatability in the measurement"] == pytest.approx(DEPTH_MM / 5 * 1e-3 / np.sqrt(2), rel=1e-3)
-    assert parts["noise of the points of the board"] == pytest.approx(0, abs=1e-4)
+    assert parts["noise of the detected points"] == pytest.approx(0, abs=1e-4)
     lens = next(part for part in budget.parts if part.title == "stated lens")
     rest = budget.total.mean_std**2 - lens.mean_mm**2
     assert lens.halved_mm == pytest.approx(np.sqrt(rest + lens.mean_mm**2 / 4), rel=1e-3)
@@ -99,6 +99,6 @@ def test_errors_of_a_stated_camera_are_those_of_closed_forms() -> None:
 def test_words_name_the_largest_sources() -> None:
     _, _, _, budget = drawn()
     first, second = budget.words()
-    assert first.startswith(f"Depth of all pixels at 660 mm: ± {budget.total.mean_std:.2g} mm in common")
+    assert first.startswith(f"Depth of all pixels at 660 mm from one scan: ± {budget.total.mean_std:.2g} mm in common")
     assert budget.parts[0].title in first
     assert "Differences of depth within a map" in second

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scenetruth.capture.calibration import RigCalibration, RigFit, RigPriors, describe_fit, refit
+from scenetruth.capture.calibration import RigCalibration, RigFit, RigPriors, refit
 from scenetruth.capture.report import (
     BoardCoverage,
     DepthBudget,
@@ -17,7 +17,7 @@ from scenetruth.capture.report import (
     place_targets,
     suggest,
 )
-from tests.helpers.drawn_rigs import draw_rig, fit_draw
+from tests.helpers.drawn_rigs import described, draw_rig, fit_draw
 
 DEPTH_MM = 660.0
 
@@ -26,7 +26,7 @@ DEPTH_MM = 660.0
 def drawn(poses: int = 5) -> tuple[RigFit, RigPriors, RigCalibration, DepthBudget]:
     rig = draw_rig(4, poses=poses, positions=3)
     fit = fit_draw(rig)
-    calibration = describe_fit(fit, rig.priors)
+    calibration = described(fit, rig.priors)
     return fit, rig.priors, calibration, depth_budget(calibration, DEPTH_MM, fit)
 
 
@@ -41,7 +41,7 @@ def test_error_without_a_pose_is_that_of_another_calibration() -> None:
     kept = [view for view in fit.given.views if view.pose != 2]
     again = refit(fit.given.selected(kept), fit, priors)
     assert again is not None
-    other = depth_budget(describe_fit(again, priors), DEPTH_MM, again)
+    other = depth_budget(described(again, priors), DEPTH_MM, again)
     assert found[2].without_mm == pytest.approx(other.total.mean_std, rel=5e-3)
     # Every fourth pose is nearly frontal.
     assert [one.tilt_deg < 11 for one in found] == [True, False, False, False, True]

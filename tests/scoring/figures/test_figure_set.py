@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -301,6 +302,15 @@ def test_odd_error_bars_are_drawn(full_case: Case, value: float, tmp_path: Path)
     assert error_bars_title(full_case, estimate, tmp_path) == (
         "Stated standard deviations of depth" if value > 0 else None
     )
+
+
+def test_common_part_of_error_bars_is_stated(full_case: Case, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    titles: list[str] = []
+    monkeypatch.setattr(Axes, "set_title", lambda _, text, **__: titles.append(text))
+    common = xr.full_like(full_case.estimate["depth_std"], 0.0123)
+    error_bars_title(full_case, full_case.estimate.assign(depth_std_common=common), tmp_path)
+    assert "Standard deviation of depth\n0.0123 mm (median) common to all pixels" in titles
+    assert not any("common" in title for title in titles if "velocity" in title)
 
 
 def error_bars_title(case: Case, estimate: xr.Dataset, folder: Path) -> str | None:

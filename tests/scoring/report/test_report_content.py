@@ -70,3 +70,17 @@ def test_without_truth_medians_are_told(full_case: Case) -> None:
     assert f"The density is {format_percent_value(found['depth'].density)} %" in depth.rest
     assert motion.title == "Velocity in Z"
     assert depth.where == ""
+
+
+def test_the_common_part_of_standard_deviations_is_stated(full_case: Case) -> None:
+    estimate = full_case.estimate
+    common = estimate["depth_std"] / 4
+    before, _ = summarise_estimate(describe_maps(estimate))
+    assert "common to all pixels" not in before.rest
+    found = describe_maps(estimate.assign(depth_std_common=common))
+    depth, _ = summarise_estimate(found)
+    assert found["depth"].median_common is not None
+    assert found["depth"].median_std is not None
+    # Of a different set: values of zero count as well.
+    assert found["depth"].median_common <= found["depth"].median_std / 4 * (1 + 1e-6)
+    assert f"({format_number(found['depth'].median_common)} of it common to all pixels)" in depth.rest

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         check_scale,
         compare_halves,
         diagnose,
+        field_of_residuals,
         identify_combinations,
         inconsistent_images,
         refit,
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     )
     from scenetruth.capture.calibration.rig_calibration import (
         BoardImage,
+        RigSolution,
         calibrate,
         describe_fit,
         fit_rig,
@@ -66,16 +68,23 @@ if TYPE_CHECKING:
         rotation_matrix,
     )
     from scenetruth.capture.calibration.start_values import start_state
+    from scenetruth.capture.calibration.strip_detection import observe_strip
+    from scenetruth.capture.calibration.variance_components import (
+        VarianceComponents,
+        estimate_components,
+        scatter_of_poses,
+    )
 
 __all__ = [
     "Board", "BoardImage", "CalibrationError", "CalibrationTarget", "CharucoBoard", "Checkerboard", "Combination",
     "CommonError", "Detection", "DotGrid", "HalvesTest", "MeasurementSlopes", "ModelTest", "Moment", "Observations",
-    "RefinedPoints", "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigState",
-    "ScaleTest", "TargetView", "ViewResidual", "adjust", "apparent_steps", "calibrate", "charuco_board", "check_models",
-    "check_scale", "common_error", "compare_halves", "describe_fit", "detect_board", "diagnose", "disc_bias",
-    "estimate_noise", "export_calibration", "fit_rig", "identify_combinations", "import_calibration", "import_camera",
-    "inconsistent_images", "observe_boards", "point_modes", "project", "refine_points", "refit", "rotation_matrix",
-    "start_state", "step_problems", "triangulate",
+    "RefinedPoints", "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigSolution",
+    "RigState", "ScaleTest", "TargetView", "VarianceComponents", "ViewResidual", "adjust", "apparent_steps",
+    "calibrate", "charuco_board", "check_models", "check_scale", "common_error", "compare_halves", "describe_fit",
+    "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise", "export_calibration",
+    "field_of_residuals", "fit_rig", "identify_combinations", "import_calibration", "import_camera",
+    "inconsistent_images", "observe_boards", "observe_strip", "point_modes", "project", "refine_points", "refit",
+    "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -87,18 +96,20 @@ __getattr__, __dir__ = export_lazily(
         "corner_detection": "Detection charuco_board detect_board",
         "corner_refinement": "RefinedPoints disc_bias estimate_noise refine_points",
         "diagnostics": (
-            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose identify_combinations "
-            "inconsistent_images refit step_problems check_models check_scale"
+            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose field_of_residuals "
+            "identify_combinations inconsistent_images refit step_problems check_models check_scale"
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
         "measurement_covariance": (
             "CommonError MeasurementSlopes Moment RigGeometry common_error point_modes triangulate"
         ),
-        "rig_calibration": "BoardImage calibrate describe_fit fit_rig observe_boards",
+        "rig_calibration": "BoardImage RigSolution calibrate describe_fit fit_rig observe_boards",
         "rig_model": (
             "CalibrationError CalibrationTarget Observations RigGuess RigLayout RigPriors RigState TargetView project "
             "rotation_matrix"
         ),
         "start_values": "start_state",
+        "strip_detection": "observe_strip",
+        "variance_components": "VarianceComponents estimate_components scatter_of_poses",
     },
 )

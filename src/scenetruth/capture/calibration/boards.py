@@ -17,6 +17,7 @@ __all__ = ["Board", "CharucoBoard", "Checkerboard", "DotGrid"]
 Array = NDArray[np.float64]
 
 _Count = Annotated[int, Field(ge=2, le=100)]
+_Place = tuple[Annotated[int, Field(ge=0, le=99)], Annotated[int, Field(ge=0, le=99)]]
 
 
 class _Tolerances(FrozenModel):
@@ -109,7 +110,7 @@ class Checkerboard(_Tolerances):
 
 
 class DotGrid(_Tolerances):
-    """Grid of round dots; all dots must be visible."""
+    """Grid of round dots; all dots must be visible, unless three of them are hollow."""
 
     kind: Literal["dots", "asymmetric_dots"]
     """``dots``: a rectangular grid; ``asymmetric_dots``: every second row is shifted by half the spacing."""
@@ -121,12 +122,30 @@ class DotGrid(_Tolerances):
     """Diameter of the dots in mm."""
     dark: bool = True
     """Dark dots on a bright ground; false for bright dots."""
+    markers: tuple[_Place, _Place, _Place] | None = None
+    """Hollow dots (column, row), from 0 at the upper left: one, another in its row, and another in its column."""
 
     @model_validator(mode="after")
     def _apart(self) -> DotGrid:
         nearest = self.spacing_mm / (np.sqrt(2) if self.kind == "asymmetric_dots" else 1)
         if self.diameter_mm > 0.8 * nearest:
             msg = f"diameter_mm must be at most 0.8 of the distance of the dots ({nearest:g}); got {self.diameter_mm:g}"
+            raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _markers_on_the_grid(self) -> DotGrid:
+        if self.markers is None:
+            return self
+        first, right, below = self.markers
+        if self.kind != "dots":
+            msg = "markers are hollow dots of a rectangular grid; use the kind dots"
+            raise ValueError(msg)
+        if any(place[axis] >= self.dots[axis] for place in self.markers for axis in (0, 1)):
+            msg = f"markers must lie on the grid of {self.dots[0]} x {self.dots[1]} dots; got {self.markers}"
+            raise ValueError(msg)
+        if first[1] != right[1] or first[0] != below[0] or first[0] == right[0] or first[1] == below[1]:
+            msg = f"markers must be a dot, another in its row, and another in its column; got {self.markers}"
             raise ValueError(msg)
         return self
 

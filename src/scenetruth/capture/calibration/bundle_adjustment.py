@@ -65,7 +65,6 @@ class RigFit:
     """Result of a bundle adjustment.
 
     ``given``: Observations used: without outliers and without inconsistent images.
-    ``offered``: All observations.
     ``state``: Parameters at the minimum.
     ``free``: Which parameters are estimated, shape (P,).
     ``data_information``: Information matrix of the observations on the free parameters, without priors.
@@ -73,10 +72,10 @@ class RigFit:
     ``chi2``, ``dof``: Weighted sum of squared residuals including the priors, and its degrees of freedom.
     ``views``: Residuals of every image, also of inconsistent images.
     ``rounds``: Iterations of the last minimisation.
+    ``scatter``: Factor by which the results of single poses scatter more than the covariance states, 1 or more.
     """
 
     given: Observations
-    offered: Observations = field(repr=False)
     state: RigState
     start: Array = field(repr=False)
     free: NDArray[np.bool_] = field(repr=False)
@@ -86,6 +85,7 @@ class RigFit:
     dof: int = 0
     views: tuple[ViewResidual, ...] = ()
     rounds: int = 0
+    scatter: float = 1.0
 
     @property
     def variance_factor(self) -> float:
@@ -149,13 +149,8 @@ def build_equations(given: Observations, state: RigState, start: Array, free: ND
     root = np.sqrt(robust_weights(distance))[:, None]
     whitened *= root[:, :, None]
     residual = residual * root
-    size = state.layout.size
-    information, gradient = np.zeros((size, size)), np.zeros(size)
-    for view, columns in enumerate(state.layout.columns(given.views)):
-        low, high = given.first[view], given.first[view + 1]
-        block = whitened[low:high].reshape(-1, whitened.shape[2])
-        information[np.ix_(columns, columns)] += block.T @ block
-        gradient[columns] += block.T @ residual[low:high].ravel()
+    information = state.layout.information(given, whitened)
+    gradient = state.layout.gather(given, whitened, residual[:, :, None])[:, 0]
     prior = prior_information(state.layout.std, free)
     departure = (state.values - start)[free]
     squares = float((residual**2).sum()) + float((prior * departure**2).sum())
@@ -235,7 +230,7 @@ def adjust(given: Observations, state: RigState, start: Array | None = None) -> 
     covariance[np.ix_(free, free)] = _invert(equations.information, layout.std, free, layout.names)
     dof = 2 * len(used.pixels) + int(np.isfinite(layout.std[free]).sum()) - int(free.sum())
     return RigFit(
-        given=used, offered=given, state=state, start=start, free=free, data_information=equations.information,
+        given=used, state=state, start=start, free=free, data_information=equations.information,
         covariance=covariance, chi2=equations.squares, dof=dof,
         views=tuple(_view_residuals(given, state, points, whole)), rounds=rounds,
     )  # fmt: skip

@@ -7,7 +7,7 @@ import io
 import math
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -21,7 +21,14 @@ from scenetruth.camera import Camera, Viewpoint
 from scenetruth.capture.calibration.bundle_adjustment import ViewResidual
 from scenetruth.capture.calibration.diagnostics import Combination
 from scenetruth.capture.calibration.measurement_covariance import CommonError, Moment, RigGeometry, common_error
-from scenetruth.capture.calibration.rig_model import INTRINSICS, CalibrationError, RigLayout, RigPriors, RigState
+from scenetruth.capture.calibration.rig_model import (
+    INTRINSICS,
+    STAGE,
+    CalibrationError,
+    RigLayout,
+    RigPriors,
+    RigState,
+)
 from scenetruth.errors import Problem
 from scenetruth.output import check_output, write_atomically
 from scenetruth.scene.yaml_reader import read_text, read_yaml
@@ -39,6 +46,9 @@ _STRONG = 0.8
 _GAUGE, _LISTED = 1e-2, 5
 """Combinations of less information belong to the choice of the frame; and the number of lines in a summary."""
 _UNITS = {"f": "px", "c_x": "px", "c_y": "px", "axis_y": "rad", "axis_z": "rad", "step_scale": "", "backlash": "mm"}
+
+
+_MOTION = ("pitch", "yaw", "roll", "x", "y", "z")
 
 
 class _Parameter(FrozenModel):
@@ -91,6 +101,8 @@ class _CalibrationFile(FrozenModel):
     images: tuple[_Image, ...]
     warnings: tuple[str, ...]
     combinations: tuple[_Combination, ...]
+    measured_visits: tuple[tuple[Annotated[int, Field(ge=0)], ...], ...] = ()
+    measured_images: str = ""
     covariance: _Covariance
 
 
@@ -125,6 +137,10 @@ class RigCalibration:
     bit_depth
         Bits of the digital numbers of the camera, by which a calibration of another camera is noticed; None if they are
         not stated.
+    measured_visits
+        Visits of the measurement by position and frame, if a strip has determined them; else empty.
+    measured_images
+        Hash of the images of the measurement that show the strip.
 
     See Also
     --------
@@ -160,6 +176,8 @@ class RigCalibration:
     warnings: tuple[str, ...] = ()
     combinations: tuple[Combination, ...] = field(default=(), repr=False)
     bit_depth: int | None = None
+    measured_visits: tuple[tuple[int, ...], ...] = ()
+    measured_images: str = ""
 
     def __post_init__(self) -> None:
         problems = list(self._problems())
@@ -205,7 +223,7 @@ class RigCalibration:
                 raise CalibrationError([Problem(f"std.{name}", f"must be one of {', '.join(INTRINSICS)}")])
             deviations[INTRINSICS.index(name)] = value
         if priors is not None:
-            axis = [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * priors.errors.backlash_um]
+            axis = [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * priors.errors.backlash_um, 0.0]
             deviations[len(INTRINSICS) :] = [*axis, *priors.guide_std * len(positions), *priors.visit_std]
         middle = (len(positions) - 1) // 2 if reference is None else reference
         return cls(
@@ -286,6 +304,34 @@ class RigCalibration:
         axis = np.array([1.0, *self.values[len(INTRINSICS) : len(INTRINSICS) + 2]]) @ rig.frame[1]
         return np.asarray(axis / np.linalg.norm(axis))
 
+    def measured(self) -> RigCalibration:
+        """Return the calibration whose positions are the mean poses of the visits of the measurement.
+
+        Returns
+        -------
+        RigCalibration
+            Its visits are those of the measurement, relative to these means. Without a strip, the calibration itself.
+        """
+        if not self.measured_visits:
+            return self
+        visits = tuple(visit for each in self.measured_visits for visit in each)
+        names = _parameter_names(len(self.positions_mm), visits, self.targets)
+        places = {name: index for index, name in enumerate(self.names)}
+        matrix = np.zeros((len(names), len(self.names)))
+        matrix[np.arange(len(names)), [places[name] for name in names]] = 1.0
+        rows = {name: index for index, name in enumerate(names)}
+        for position, each in enumerate(self.measured_visits):
+            for motion in _MOTION:
+                columns = [places[f"visit[{visit}].{motion}"] for visit in each]
+                matrix[rows[f"position[{position}].{motion}"], columns] += 1 / len(each)
+                for visit in each:
+                    matrix[rows[f"visit[{visit}].{motion}"], columns] -= 1 / len(each)
+        covariance = matrix @ self.covariance @ matrix.T
+        return replace(
+            self, names=names, values=matrix @ self.values, covariance=(covariance + covariance.T) / 2,
+            prior_std=self.prior_std[[places[name] for name in names]], visits=visits,
+        )  # fmt: skip
+
     @property
     def visit_std(self) -> Array:
         """Standard deviations of what a new visit adds to a pose: rotation vector in rad and offset in mm, (6,)."""
@@ -343,7 +389,14 @@ class RigCalibration:
     def summary(self) -> str:
         """Return the parameters with their standard deviations, and the quality of the fit, as text."""
         lines = []
-        for name in (*INTRINSICS, "axis_y", "axis_z", "step_scale", *(f"{name}.scale" for name in self.targets)):
+        for name in (
+            *INTRINSICS,
+            "aspect",
+            "axis_y",
+            "axis_z",
+            "step_scale",
+            *(f"{name}.scale" for name in self.targets),
+        ):
             if name in self.names and (self.std(name) > 0 or self.value(name) != 0):
                 unit = f" {_UNITS[name]}" if _UNITS.get(name) else ""
                 lines.append(f"{name:>14} = {self.value(name):.8g} ± {self.std(name):.2g}{unit}")
@@ -375,6 +428,12 @@ class RigCalibration:
             problems.append(Problem("values", f"must be {len(expected)} finite numbers"))
         elif self.values[0] <= 0:
             problems.append(Problem("parameters.f", "must be positive", float(self.values[0])))
+        listed = [visit for each in self.measured_visits for visit in each]
+        shape = {len(each) for each in self.measured_visits}
+        if listed and (len(self.measured_visits) != len(self.positions_mm) or len(shape) != 1 or 0 in shape):
+            problems.append(Problem("measured_visits", "must list as many visits for every position"))
+        elif not set(listed) <= set(self.visits) or len(set(listed)) < len(listed):
+            problems.append(Problem("measured_visits", "must be different visits of the calibration"))
         message = covariance_problem(self.covariance, self.names)
         return problems + ([Problem("covariance", message)] if message else [])
 
@@ -445,6 +504,14 @@ class RigCalibration:
             "images": [vars(image) for image in self.images],
             "warnings": list(self.warnings),
             "combinations": [{"ratio": float(f"{each.ratio:.3g}"), "words": each.words} for each in self.combinations],
+            **(
+                {
+                    "measured_visits": [list(one) for one in self.measured_visits],
+                    "measured_images": self.measured_images,
+                }
+                if self.measured_visits
+                else {}
+            ),
             "covariance": {"file": matrix, "sha256": digest},
         }
 
@@ -515,6 +582,7 @@ class RigCalibration:
                 names, values, covariance, np.array(priors), given.visits, given.targets, given.chi2, given.dof,
                 tuple(ViewResidual(**each.model_dump()) for each in given.images), given.warnings,
                 tuple(Combination(**each.model_dump()) for each in given.combinations), given.camera.bit_depth,
+                given.measured_visits, given.measured_images,
             )  # fmt: skip
         except CalibrationError as error:
             raise CalibrationError(error.problems, file) from error
@@ -522,10 +590,9 @@ class RigCalibration:
 
 def _parameter_names(positions: int, visits: Sequence[int], targets: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the parameters of a rig, in their order."""
-    motion = ("pitch", "yaw", "roll", "x", "y", "z")
-    names = [*INTRINSICS, "axis_y", "axis_z", "step_scale", "backlash"]
-    names += [f"position[{index}].{name}" for index in range(positions) for name in motion]
-    names += [f"visit[{visit}].{name}" for visit in visits for name in motion]
+    names = [*INTRINSICS, *STAGE]
+    names += [f"position[{index}].{name}" for index in range(positions) for name in _MOTION]
+    names += [f"visit[{visit}].{name}" for visit in visits for name in _MOTION]
     names += [f"{target}.{name}" for target in targets for name in ("scale", "warp_uu", "warp_uv", "warp_vv")]
     return tuple(names)
 

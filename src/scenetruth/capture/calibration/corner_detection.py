@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.capture.calibration.boards import Board, CharucoBoard, Checkerboard, DotGrid
+from scenetruth.capture.calibration.dot_detection import match_marked_grid
 from scenetruth.capture.calibration.rig_model import CalibrationError
 from scenetruth.errors import Problem
 
@@ -82,7 +83,12 @@ def detect_board(image: Array, board: Board) -> Detection:
     if isinstance(board, CharucoBoard):
         return _detect_charuco(image, board)
     found = _detect_squares(image, board) if isinstance(board, Checkerboard) else _detect_dots(image, board)
-    return found if found.reason else _oriented(found, board)
+    return found if found.reason or _is_unique(board) else _oriented(found, board)
+
+
+def _is_unique(board: Checkerboard | DotGrid) -> bool:
+    """Return whether the detector has found the orientation."""
+    return isinstance(board, DotGrid) and board.markers is not None
 
 
 def _detect_charuco(image: Array, board: CharucoBoard) -> Detection:
@@ -124,6 +130,8 @@ def _detect_squares(image: Array, board: Checkerboard) -> Detection:
 def _detect_dots(image: Array, board: DotGrid) -> Detection:
     cv2 = opencv()
     grey = stretched(image) if board.dark else 255 - stretched(image)
+    if board.markers is not None:
+        return Detection(*match_marked_grid(grey, board))
     settings = cv2.SimpleBlobDetector_Params()
     # Any size that a dot of a fully visible grid can have.
     settings.minArea, settings.maxArea = 12.0, grey.size / (2.0 * board.dots[0] * board.dots[1])

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["centroids", "fit_corners"]
+__all__ = ["PART", "PART_VARIANCE", "centroids", "fit_corners", "solve_symmetric"]
 
 _PARAMETERS = 9  # x, y, two angles, blur, mean, half contrast, two slopes of the light
 _ROUNDS = 40
@@ -18,12 +18,12 @@ _LEAST_BLUR, _LARGEST_BLUR = 0.2, 6.0
 _FEWEST = 20  # pixels
 # A pixel integrates over its area. Two points per axis and a Gaussian of this variance have the second and fourth
 # moment of the box, 1 / 12 and 1 / 80: a^2 = 240^-0.5 and 1 / 12 - a^2.
-_PART = 240.0**-0.25
-_PART_VARIANCE = 1.0 / 12.0 - 240.0**-0.5
+PART = 240.0**-0.25
+PART_VARIANCE = 1.0 / 12.0 - 240.0**-0.5
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _solve(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> bool:
+def solve_symmetric(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> bool:
     """Solve a symmetric system by Cholesky's method in place of its right sides, shape (n, m); False if singular."""
     n, m = right.shape
     for i in range(n):
@@ -60,7 +60,7 @@ def _accumulate(
     normal[:] = 0.0
     gradient[:] = 0.0
     c1, s1, c2, s2 = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
-    total = p[4] * p[4] + _PART_VARIANCE
+    total = p[4] * p[4] + PART_VARIANCE
     unit = math.sqrt(2.0 * total)
     slope = np.empty(_PARAMETERS)
     cost = squares = 0.0
@@ -71,8 +71,8 @@ def _accumulate(
         slope[:5] = 0.0
         product = 0.0
         for part in range(4):
-            dx = places[n, 0] - p[0] + (_PART if part % 2 else -_PART)
-            dy = places[n, 1] - p[1] + (_PART if part > 1 else -_PART)
+            dx = places[n, 0] - p[0] + (PART if part % 2 else -PART)
+            dy = places[n, 1] - p[1] + (PART if part > 1 else -PART)
             u, v = (c1 * dx + s1 * dy) / unit, (c2 * dx + s2 * dy) / unit
             e1, e2 = math.erf(u), math.erf(v)
             g1 = 2.0 / math.sqrt(math.pi) * math.exp(-u * u) * e2
@@ -171,7 +171,7 @@ def fit_corners(
                 for j in range(i + 1):
                     work[i, j] = normal[i, j] * scale[i] * scale[j]
                 work[i, i] += damping
-            if not _solve(work, right):
+            if not solve_symmetric(work, right):
                 damping = max(10.0 * damping, 1e-6)
                 continue
             for i in range(_PARAMETERS):
@@ -204,7 +204,7 @@ def fit_corners(
             for j in range(i + 1):
                 work[i, j] = normal[i, j] * scale[i] * scale[j]
         unit[0, 0], unit[1, 1] = 1.0, 1.0
-        if not _solve(work, unit):
+        if not solve_symmetric(work, unit):
             continue
         found[corner, 0], found[corner, 1] = centre_x + p[0], centre_y + p[1]
         found[corner, 2], found[corner, 3] = unit[0, 0] * scale[0] * scale[0], unit[1, 1] * scale[1] * scale[1]
@@ -262,7 +262,7 @@ def centroids(
                     right[1, 0] += image[y, x] * dx
                     right[2, 0] += image[y, x] * dy
         around /= max(normal[0, 0], 1.0)
-        if not usable or normal[0, 0] < 6 or not _solve(normal, right):
+        if not usable or normal[0, 0] < 6 or not solve_symmetric(normal, right):
             continue
         mass = sum_x = sum_y = 0.0
         for y in range(top, bottom + 1):

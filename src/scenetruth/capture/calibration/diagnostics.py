@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust, robust_weights
 from scenetruth.capture.calibration.rig_model import (
     INTRINSICS,
+    STAGE,
     CalibrationError,
     Observations,
     RigGuess,
@@ -33,6 +34,7 @@ __all__ = [
     "check_scale",
     "compare_halves",
     "diagnose",
+    "field_of_residuals",
     "identify_combinations",
     "inconsistent_images",
     "refit",
@@ -46,11 +48,13 @@ hundred exact calibrations has a report.
 """
 _LARGER_THAN_MEDIAN = 1.5**2
 """Ratio of mean squared residuals to the median beyond which an image is named: residuals 1.5 times the others."""
+_CELLS, _FEWEST_IN_CELL = (8, 6), 10
 _NAMED = 4  # parameters of a combination
 _LEAST_SHARE = 0.15  # of the largest component
 _WEAK_TILT = 0.01
 _LOOSE_SCALE = 1e-2
 _SEPARATE_MARK = 1.0
+_ASPECT = len(INTRINSICS) + STAGE.index("aspect")
 _ABSORBED = 1e-7
 """Share of the information of a lacking parameter below which the rounding of the covariance hides it."""
 
@@ -110,7 +114,7 @@ class ScaleTest:
 class ModelTest:
     """Score test of a parameter that the model lacks.
 
-    ``name``: ``k3``, ``k4..k6`` or ``refocus``.
+    ``name``: ``k3``, ``k4..k6``, ``aspect`` or ``refocus``.
     ``chi2``, ``dof``, ``probability``: Statistic, its degrees of freedom, and the probability of a larger value.
     ``estimate``: Estimated value of the parameter for a test with one degree of freedom, else NaN.
     """
@@ -131,8 +135,10 @@ def identify_combinations(fit: RigFit) -> list[Combination]:
     """
     std = fit.state.layout.std[fit.free]
     names = [name for name, free in zip(fit.state.layout.names, fit.free, strict=True) if free]
-    bound = np.isfinite(std)
-    information = fit.data_information
+    # Bends and points of a board are no parameters of the rig: eliminated with their tolerances.
+    ours = np.flatnonzero(fit.free) < fit.state.layout.first_pose
+    bound = np.isfinite(std) & ours
+    information = fit.data_information + np.diag(np.where(ours, 0.0, 1 / std**2))
     scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     free_part = information[np.ix_(~bound, ~bound)] * scale[~bound][:, None] * scale[~bound]
     cross = information[np.ix_(bound, ~bound)] * scale[~bound]
@@ -180,7 +186,7 @@ def compare_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str)
         values.append(part.state.values[chosen])
         covariances.append(part.covariance[np.ix_(chosen, chosen)])
     difference = values[0] - values[1]
-    total = covariances[0] + covariances[1]
+    total = (covariances[0] + covariances[1]) * fit.scatter
     scale = np.sqrt(np.diag(total))
     chi2 = float((difference / scale) @ np.linalg.solve(total / scale[:, None] / scale, difference / scale))
     return HalvesTest(by, chi2, len(chosen), _survival(chi2, len(chosen)))
@@ -232,13 +238,13 @@ def check_scale(fit: RigFit, priors: RigPriors) -> ScaleTest | None:
     step, scale = layout.names.index("step_scale"), layout.first_target
     weights[step], weights[scale] = 1.0, -1.0
     difference = float(weights @ found.state.values)
-    square = float(weights @ found.covariance @ weights)
+    square = float(weights @ found.covariance @ weights) * fit.scatter
     tolerances = priors.step_std**2 + fit.given.targets[0].scale_std ** 2
     return ScaleTest(difference, float(np.sqrt(square + tolerances)), float(np.sqrt(square)))
 
 
 def check_models(fit: RigFit) -> list[ModelTest]:
-    """Return score tests of parameters that the model lacks: k3, k4..k6, and a refocus half-way through the poses."""
+    """Return score tests of parameters that the model lacks: k3, k4..k6, aspect, and a refocus half-way."""
     _, slopes = project(fit.given, fit.state, derivatives=True)
     # The weights are those of the covariance: the poses absorb all but 1e-5 of a refocus, and 1 % would hide it.
     root = np.sqrt(robust_weights(np.hypot(fit.z[:, 0], fit.z[:, 1])))[:, None]
@@ -257,7 +263,10 @@ def check_models(fit: RigFit) -> list[ModelTest]:
     candidates: list[tuple[str, list[Callable[[], Array]]]] = []
     if not fit.free[7]:
         candidates.append(("k3", [lambda: whitened[:, :, 7]]))
+    if not fit.free[8]:
         candidates.append(("k4..k6", [lambda k=k: whitened[:, :, k] for k in (8, 9, 10)]))  # type: ignore[misc]
+    if not fit.free[_ASPECT]:
+        candidates.append(("aspect", [lambda: whitened[:, :, _ASPECT]]))
     if len(poses) > 3:
         candidates.append(("refocus", [lambda: whitened[:, :, 0] * half[:, None]]))
     for name, columns in candidates:
@@ -267,12 +276,8 @@ def check_models(fit: RigFit) -> list[ModelTest]:
 
 def _score_test(name: str, fit: RigFit, whitened: Array, extra: Array, z: Array) -> ModelTest:
     """Return the score test of columns (n, 2, m) in addition to all estimated parameters."""
-    size, count = fit.state.layout.size, extra.shape[2]
-    cross = np.zeros((size, count))
-    for number, columns in enumerate(fit.state.layout.columns(fit.given.views)):
-        part = slice(fit.given.first[number], fit.given.first[number + 1])
-        block = whitened[part].reshape(-1, whitened.shape[2])
-        cross[columns] += block.T @ extra[part].reshape(-1, count)
+    count = extra.shape[2]
+    cross = fit.state.layout.gather(fit.given, whitened, extra)
     flat = extra.reshape(-1, count)
     score = flat.T @ z.ravel()
     whole = flat.T @ flat
@@ -282,7 +287,7 @@ def _score_test(name: str, fit: RigFit, whitened: Array, extra: Array, z: Array)
     # Combinations that the estimated parameters absorb are excluded.
     kept = values > _ABSORBED
     projected = vectors[:, kept].T @ (score * scale)
-    chi2 = float((projected**2 / values[kept]).sum()) / max(fit.variance_factor, 1.0)
+    chi2 = float((projected**2 / values[kept]).sum()) / (max(fit.variance_factor, 1.0) * fit.scatter)
     dof = int(kept.sum())
     estimate = float(score[0] / information[0, 0]) if count == 1 else np.nan
     return ModelTest(name, chi2, dof, _survival(chi2, dof) if dof else 1.0, estimate)
@@ -303,6 +308,21 @@ def inconsistent_images(fit: RigFit) -> list[str]:
             ratio = float(np.sqrt(view.mean_square / median))
             found.append(f"{view.name}: residuals are {ratio:.1f} times those of the other images; check its sharpness")
     return found
+
+
+def field_of_residuals(fit: RigFit) -> float:
+    """Return the mean square of the mean residuals over cells of the image, in units of their standard deviation.
+
+    Noise leaves 1 or a little less; residuals that depend on the place in the image are an error of the lens model.
+    """
+    cells = np.floor(fit.given.pixels / [fit.given.width, fit.given.height] * _CELLS).astype(np.int64)
+    numbers = np.clip(cells[:, 0], 0, _CELLS[0] - 1) + _CELLS[0] * np.clip(cells[:, 1], 0, _CELLS[1] - 1)
+    counts = np.bincount(numbers)
+    sums = np.stack([np.bincount(numbers, fit.z[:, axis]) for axis in (0, 1)], axis=-1)
+    used = counts >= _FEWEST_IN_CELL
+    if used.sum() < _CELLS[0]:
+        return 1.0
+    return float((sums[used] ** 2 / counts[used][:, None]).mean())
 
 
 def apparent_steps(given: Observations, guess: RigGuess) -> tuple[Array, float]:
@@ -382,6 +402,7 @@ def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
     remedies = {
         "k3": "add k3 to free_distortion",
         "k4..k6": "add k3, k4, k5 and k6 to free_distortion",
+        "aspect": "add aspect to free_distortion",
         "refocus": "calibrate again with a fixed focus; the focal length differs between the halves",
     }
     words += [

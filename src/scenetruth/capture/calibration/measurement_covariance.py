@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 _MOTION_STEPS = (1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4)
 _INTRINSIC_STEPS = (1e-2, 1e-2, 1e-2, 1e-3, 1e-1, 1e-5, 1e-5, 1.0, 1e-3, 1e-1, 1.0)
-_STAGE_STEPS = (1e-6, 1e-6, 1e-6, 1e-4)
+_STAGE_STEPS = (1e-6, 1e-6, 1e-6, 1e-4, 1e-6)
 _ROUNDS = 12
 _LEAST_MODE = 1e-6
 """Modes below this fraction of the largest standard deviation are rounding."""

@@ -12,26 +12,36 @@ from pydantic import ValidationError
 
 from scenetruth.camera import Camera
 from scenetruth.capture.calibration.boards import Board, DotGrid
-from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust
+from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust, robust_cost
 from scenetruth.capture.calibration.calibration_result import RigCalibration
 from scenetruth.capture.calibration.corner_detection import Detection, detect_board
 from scenetruth.capture.calibration.corner_refinement import disc_bias, estimate_noise, refine_points
-from scenetruth.capture.calibration.diagnostics import apparent_steps, diagnose, identify_combinations, step_problems
+from scenetruth.capture.calibration.diagnostics import (
+    apparent_steps,
+    check_models,
+    diagnose,
+    field_of_residuals,
+    identify_combinations,
+    step_problems,
+)
 from scenetruth.capture.calibration.rig_model import (
     CalibrationError,
     CalibrationTarget,
     Observations,
     RigGuess,
+    RigLayout,
     RigPriors,
     RigState,
     TargetView,
+    project,
     rotation_matrix,
 )
 from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state
+from scenetruth.capture.calibration.variance_components import carry_state, estimate_components, scatter_of_poses
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.threads import with_one_blas_thread
 
-__all__ = ["BoardImage", "calibrate", "describe_fit", "fit_rig", "observe_boards"]
+__all__ = ["BoardImage", "RigSolution", "calibrate", "describe_fit", "fit_rig", "observe_boards"]
 
 Array = NDArray[np.float64]
 
@@ -42,6 +52,19 @@ _LEAST_NOISE = 1e-4  # of the contrast, the rounding of 12 bits
 _LARGEST_MISFIT = 0.25  # squares, more than any usable lens distorts
 _LARGEST_BIAS_CHANGE = 1e-4  # px
 _SHARE_OF_IMAGES = 0.25
+_LARGEST_NOISE_PX = 0.3
+"""Noise of the corners beyond which images contradict each other: that of a poor phone camera."""
+_COEFFICIENTS = {"aspect": ("aspect",), "k3": ("k3",), "k4..k6": ("k3", "k4", "k5", "k6")}
+_NEXT = ("k3", "aspect")
+"""Coefficients that are tried where the usual model does not fit."""
+_BETTER = 100.0
+"""Decrease of the robust cost for which they are estimated: 1 is expected by chance for each, and five times as much
+where all points of an image have common errors.
+"""
+_SHOWN = 3.5
+"""Ratio to its standard deviation below which an additional coefficient is fixed again."""
+_BEYOND_DOUBT = 1e-6
+"""Probability of an exact lens model below which the next one is used: no chance in any number of calibrations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +281,11 @@ def calibrate(
     Notes
     -----
     The covariance includes the tolerances. It is scaled by chi-squared per degree of freedom where that exceeds 1.1,
-    and never reduced. Depth and velocity have a common error from it, see `RigCalibration.point_errors`.
+    and never reduced. Where the residuals show it, the board may bend from pose to pose and its points deviate from
+    their places, with standard deviations that are estimated from the images, and the corners have more noise than
+    that of the pixels explains; results of single poses that still scatter more than stated scale the covariance. The
+    coefficients k3 and k4 to k6 are estimated where the residuals ask for them, unless ``free_distortion`` is set.
+    Depth and velocity have a common error from it, see `RigCalibration.point_errors`.
 
     Examples
     --------
@@ -294,8 +321,23 @@ def calibrate(
     if strip is not None:
         named = strip if strip.name != "board" else strip.model_copy(update={"name": "strip"})
         given = replace(given, targets=(*given.targets, named), views=(*given.views, *strip_views))
-    fit = fit_rig(given, guess, tolerances, board if isinstance(board, DotGrid) else None)
-    return describe_fit(fit, tolerances)
+    return describe_fit(fit_rig(given, guess, tolerances, board if isinstance(board, DotGrid) else None))
+
+
+@dataclass(frozen=True, eq=False)
+class RigSolution:
+    """A fit with everything that led to it.
+
+    ``fit``: The fit.
+    ``priors``: Tolerances, with the coefficients of the lens that the residuals ask for.
+    ``notes``: What was added to the model, in words.
+    ``observed``: All observations, as detected.
+    """
+
+    fit: RigFit
+    priors: RigPriors
+    notes: tuple[str, ...]
+    observed: Observations
 
 
 def fit_rig(
@@ -303,26 +345,26 @@ def fit_rig(
     guess: RigGuess | Camera | RigCalibration | float | None,
     priors: RigPriors,
     dots: DotGrid | None = None,
-) -> RigFit:
+) -> RigSolution:
     """Return the fit of observations; raises `CalibrationError` if they contradict each other or are too few.
 
     ``dots``: Board with dots, whose centroids are corrected for perspective; None for corners.
     """
     whole = complete_guess(given, _as_guess(guess))
     _check_steps(given, whole, priors)
-    fit = _fit(given, start_state(given, priors, whole), dots)
-    _reject(fit)
-    return fit
+    fit, chosen, notes = _fit_model(given, start_state(given, priors, whole), priors, dots)
+    return RigSolution(fit, chosen, tuple(notes), given)
 
 
-def describe_fit(fit: RigFit, priors: RigPriors) -> RigCalibration:
+def describe_fit(solution: RigSolution) -> RigCalibration:
     """Return the calibration of a fit, with everything that speaks against it."""
-    factor = fit.variance_factor if fit.variance_factor > _SCALED_ABOVE else 1.0
-    given = fit.offered
+    fit, given = solution.fit, solution.observed
+    factor = (fit.variance_factor if fit.variance_factor > _SCALED_ABOVE else 1.0) * fit.scatter
     return RigCalibration.from_state(
         fit.state, fit.covariance * factor, (given.width, given.height), given.positions_mm, given.reference,
         tuple(target.name for target in given.targets), chi2=fit.chi2, dof=fit.dof, images=fit.views,
-        warnings=tuple(diagnose(given, fit, priors)), combinations=tuple(identify_combinations(fit)),
+        warnings=(*solution.notes, *diagnose(fit.given, fit, solution.priors)),
+        combinations=tuple(identify_combinations(fit)),
     )  # fmt: skip
 
 
@@ -338,11 +380,100 @@ def _as_guess(guess: RigGuess | Camera | RigCalibration | float | None) -> RigGu
     return RigGuess(focal_length_px=guess)
 
 
-def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> RigFit:
-    """Return the fit, for dots to observations without their perspective bias."""
+def _fit_model(
+    given: Observations, state: RigState, priors: RigPriors, dots: DotGrid | None
+) -> tuple[RigFit, RigPriors, list[str]]:
+    """Return the fit, the priors with the coefficients of the lens that the images ask for, and notes."""
+    if "free_distortion" in priors.model_fields_set:
+        fit, words = _fit_board(_fit(given, state, dots), priors)
+        return fit, priors, words
+    first = _fit(given, state, dots)
+    if first[0].variance_factor > _SCALED_ABOVE:
+        richer = _with(priors, *_NEXT)
+        second = _fit(given, carry_state(first[0].state, RigLayout.from_observations(given, richer)), dots)
+        if _cost_of(first) - _cost_of(second) > _BETTER:
+            first, priors = second, richer
+    while True:
+        fit, words = _fit_board(first, priors)
+        chosen = _without_insignificant(fit, priors) or _wanted_coefficients(fit, priors)
+        if chosen is None:
+            break
+        priors = chosen
+        first = _fit(given, carry_state(fit.state, RigLayout.from_observations(given, priors)), dots)
+    added = [name for name in priors.free_distortion if name not in RigPriors().free_distortion]
+    if added:
+        words.append(f"the residuals ask for {', '.join(added)}: estimated as well")
+    return fit, priors, words
+
+
+def _with(priors: RigPriors, *names: str) -> RigPriors:
+    """Return priors with more estimated coefficients."""
+    return priors.model_copy(update={"free_distortion": (*priors.free_distortion, *names)})
+
+
+def _cost_of(result: tuple[RigFit, Observations]) -> float:
+    """Return the robust cost of all points, also of excluded points, with residuals of the usual size."""
+    fit, given = result
+    residual = given.pixels - project(given, fit.state, derivatives=False)[0]
+    distance = np.hypot(*np.einsum("nij,nj->ni", given.whitening, residual).T)
+    return robust_cost(distance) / max(fit.variance_factor, 1.0)
+
+
+def _without_insignificant(fit: RigFit, priors: RigPriors) -> RigPriors | None:
+    """Return priors without the additional coefficients that the images do not show; None if they show all."""
+    optional = [name for name in _NEXT if name in priors.free_distortion]
+    if "k4" in priors.free_distortion:
+        optional.remove("k3")
+    lost = [
+        name for name in optional
+        if abs(fit.state.value(name)) < _SHOWN * fit.std(name) * np.sqrt(fit.scatter)
+    ]  # fmt: skip
+    if not lost:
+        return None
+    kept = tuple(name for name in priors.free_distortion if name not in lost)
+    return priors.model_copy(update={"free_distortion": kept})
+
+
+def _wanted_coefficients(fit: RigFit, priors: RigPriors) -> RigPriors | None:
+    """Return priors with the coefficients of the next lens model if the residuals ask for it beyond doubt."""
+    for test in check_models(fit):
+        if test.name in _COEFFICIENTS and test.probability < _BEYOND_DOUBT:
+            return _with(priors, *(name for name in _COEFFICIENTS[test.name] if name not in priors.free_distortion))
+    return None
+
+
+def _fit_board(first: tuple[RigFit, Observations], priors: RigPriors) -> tuple[RigFit, list[str]]:
+    """Return a fit with the variance components of the board and the corners where the residuals need them."""
+    plain, corrected = first
+    lost = [view for view in plain.views if not view.consistent]
+    if plain.variance_factor <= _SCALED_ABOVE or len(lost) > _SHARE_OF_IMAGES * len(plain.views):
+        _reject(plain)
+        return plain, []
+    names = {view.name for view in lost}
+    usable = corrected.selected([view for view in corrected.views if view.name not in names])
+    parts, _, fit = estimate_components(usable, plain, priors)
+    if not parts.structured and plain.variance_factor <= _REJECTED_ABOVE:
+        _reject(plain)
+        return plain, []
+    noise = parts.usual_noise_px
+    if noise > _LARGEST_NOISE_PX or field_of_residuals(fit) > _REJECTED_ABOVE:
+        _reject(plain)
+    fit = replace(fit, views=(*fit.views, *lost), scatter=scatter_of_poses(fit, priors))
+    _reject(fit)
+    words = parts.words([view.name for view in usable.views])
+    if fit.scatter > 1:
+        words.append(
+            f"results of single poses scatter {np.sqrt(fit.scatter):.1f} times as much as the noise of the corners "
+            "explains; the stated uncertainty includes it"
+        )
+    return fit, words
+
+
+def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:
+    """Return the fit, and the observations without the perspective bias of dots."""
     fit = adjust(given, state)
     if dots is None:
-        return fit
+        return fit, given
     corrected = given
     for _ in range(4):
         before = np.concatenate([view.pixels for view in corrected.views])
@@ -350,7 +481,7 @@ def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> RigFit:
         fit = adjust(corrected, fit.state, fit.start)
         if np.abs(np.concatenate([view.pixels for view in corrected.views]) - before).max() < _LARGEST_BIAS_CHANGE:
             break
-    return fit
+    return fit, corrected
 
 
 def _without_bias(given: Observations, state: RigState, dots: DotGrid) -> Observations:

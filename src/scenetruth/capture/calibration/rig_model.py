@@ -17,8 +17,8 @@ from scenetruth.errors import ArgumentError, Problem
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
 
 __all__ = [
-    "INTRINSICS", "CalibrationError", "CalibrationTarget", "Observations", "RigGuess", "RigLayout", "RigPriors",
-    "RigState", "TargetView", "project", "rotation_matrix",
+    "BENDS", "INTRINSICS", "STAGE", "CalibrationError", "CalibrationTarget", "Observations", "RigGuess", "RigLayout",
+    "RigPriors", "RigState", "TargetView", "project", "rotation_matrix",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -48,10 +48,14 @@ class CalibrationError(ArgumentError):
     _of = "in"
 
 
-_STAGE = ("axis_y", "axis_z", "step_scale", "backlash")
+STAGE = ("axis_y", "axis_z", "step_scale", "backlash", "aspect")
 _MOTION = ("pitch", "yaw", "roll", "x", "y", "z")
 _TARGET = ("scale", "warp_uu", "warp_uv", "warp_vv")
-_SIZE_OF_VIEW = 37
+_BEND = ("bend_uu", "bend_uv", "bend_vv", "bend_uuu", "bend_uuv", "bend_uvv", "bend_vvv")
+BENDS = len(_BEND)
+_OF_POSE, _OF_POINT = 6 + BENDS, 3
+_SIZE_OF_VIEW = 45  # parameters of a view besides the deviations of its points
+_SAME_POINT_MM = 1e-6
 _LEAST_POINTS = 4
 
 
@@ -66,6 +70,10 @@ class CalibrationTarget(FrozenModel):
     """Standard deviation of the relative scale: 1e-3 for a print, 1e-4 for a measured board; 0 for an exact scale."""
     warp_mm: NonNegative = 0.02
     """Standard deviation of each quadratic coefficient of the flatness error, in mm at the half width."""
+    bend_mm: NonNegative = 0.0
+    """The same of a bend of degree 2 and 3 that is new in every pose, of a board that is held by hand."""
+    point_mm: tuple[NonNegative, NonNegative] = (0.0, 0.0)
+    """Standard deviations of the deviations of each point in the plane of the target and along its normal, in mm."""
 
 
 class RigPriors(FrozenModel):
@@ -75,6 +83,8 @@ class RigPriors(FrozenModel):
     """Errors of the guide, which repeat at every visit, and repeatability and backlash of the moves."""
     visit_errors: StageErrors = Field(default_factory=StageErrors)
     """Angles and straightness that are new at every visit of a position."""
+    strip_errors: StageErrors | None = None
+    """The same at visits that show a strip, by which they are determined; null: those of other visits."""
     step_std: NonNegative = 1e-4
     """Standard deviation of the relative length of the steps."""
     axis_rad: NonNegative = 5e-3
@@ -83,8 +93,10 @@ class RigPriors(FrozenModel):
     """Standard deviation along X of each position in µm, without what the repeatability and the backlash add."""
     intrinsics: dict[str, Positive] = Field(default_factory=dict)
     """Standard deviations of intrinsic parameters about their start values, by name; others have no prior."""
-    free_distortion: Annotated[tuple[str, ...], Field(max_length=8)] = ("k1", "k2", "p1", "p2")
-    """Estimated coefficients of the distortion; the others keep their start values."""
+    free_distortion: Annotated[tuple[str, ...], Field(max_length=9)] = ("k1", "k2", "p1", "p2")
+    """Estimated coefficients of the distortion; the others keep their start values. ``aspect`` is the ratio of the
+    focal lengths along y and x less 1.
+    """
 
     @property
     def guide_std(self) -> list[float]:
@@ -96,7 +108,14 @@ class RigPriors(FrozenModel):
     @property
     def visit_std(self) -> list[float]:
         """Standard deviations of what a visit adds to the pose of its position."""
-        fresh = self.visit_errors
+        return self._fresh_std(self.visit_errors)
+
+    @property
+    def strip_visit_std(self) -> list[float]:
+        """Standard deviations of what a visit that shows a strip adds to the pose of its position."""
+        return self._fresh_std(self.visit_errors if self.strip_errors is None else self.strip_errors)
+
+    def _fresh_std(self, fresh: StageErrors) -> list[float]:
         turns = [1e-6 * value for value in (fresh.pitch_urad, fresh.yaw_urad, fresh.roll_urad)]
         along = 1e-3 * float(np.hypot(self.errors.repeatability_um, fresh.repeatability_um))
         return [*turns, along, 1e-3 * fresh.straightness_um, 1e-3 * fresh.straightness_um]
@@ -250,36 +269,53 @@ class RigLayout:
     std: Array
     """Prior standard deviations: infinite without a prior, 0 for a fixed parameter."""
     names: tuple[str, ...]
+    points: tuple[dict[tuple[int, ...], int], ...] = field(default=(), repr=False)
+    """For each target, the offset of each point that has deviations, by its place."""
 
     @classmethod
     def from_observations(cls, given: Observations, priors: RigPriors) -> RigLayout:
         """Return the layout for observations and priors."""
         visits = tuple(sorted({view.visit for view in given.views}))
         poses = tuple(sorted({view.pose for view in given.views}))
-        names, std = [*INTRINSICS, *_STAGE], []
+        names, std = [*INTRINSICS, *STAGE], []
         for name in INTRINSICS:
             free = name in ("f", "c_x", "c_y") or name in priors.free_distortion
             std.append(priors.intrinsics.get(name, np.inf) if free else 0.0)
         std += [priors.axis_rad, priors.axis_rad, priors.step_std, 1e-3 * priors.errors.backlash_um]
-        guide, anew = priors.guide_std, priors.visit_std
+        std += [np.inf if "aspect" in priors.free_distortion else 0.0]
+        guide, anew, seen = priors.guide_std, priors.visit_std, priors.strip_visit_std
+        with_strip = {view.visit for view in given.views if view.target > 0}
         for index in range(len(given.positions_mm)):
             names += [f"position[{index}].{name}" for name in _MOTION]
             std += guide
         for visit in visits:
             names += [f"visit[{visit}].{name}" for name in _MOTION]
-            std += anew
+            std += seen if visit in with_strip else anew
         for target in given.targets:
             names += [f"{target.name}.{name}" for name in _TARGET]
             std += [target.scale_std, *(target.warp_mm,) * 3]
+        shown = {view.pose: given.targets[view.target] for view in given.views}
         for pose in poses:
-            names += [f"pose[{pose}].{name}" for name in _MOTION]
-            std += [np.inf] * 6
-        return cls(len(given.positions_mm), visits, len(given.targets), poses, np.array(std), tuple(names))
+            names += [f"pose[{pose}].{name}" for name in (*_MOTION, *_BEND)]
+            std += [*[np.inf] * 6, *[shown[pose].bend_mm] * BENDS]
+        points: list[dict[tuple[int, ...], int]] = []
+        for index, target in enumerate(given.targets):
+            points.append({})
+            if not any(target.point_mm):
+                continue
+            places = {place for view in given.views if view.target == index for place in _places(view)}
+            for number, place in enumerate(sorted(places)):
+                points[-1][place] = len(names)
+                names += [f"{target.name}.point[{number}].{name}" for name in "uvw"]
+                std += [target.point_mm[0], *target.point_mm]
+        return cls(
+            len(given.positions_mm), visits, len(given.targets), poses, np.array(std), tuple(names), tuple(points)
+        )
 
     @property
     def first_position(self) -> int:
         """Offset of the first position."""
-        return len(INTRINSICS) + len(_STAGE)
+        return len(INTRINSICS) + len(STAGE)
 
     @property
     def first_visit(self) -> int:
@@ -293,8 +329,17 @@ class RigLayout:
 
     @property
     def first_pose(self) -> int:
-        """Offset of the first pose; parameters before it describe the rig and the targets."""
+        """Offset of the first pose; parameters before it describe the rig and the targets, without their points."""
         return self.first_target + 4 * self.targets
+
+    def pose(self, number: int) -> int:
+        """Return the offset of a pose by its index in ``poses``: rotation vector, translation, bend."""
+        return self.first_pose + _OF_POSE * number
+
+    @property
+    def first_point(self) -> int:
+        """Offset of the deviations of the points."""
+        return self.pose(len(self.poses))
 
     @property
     def size(self) -> int:
@@ -310,20 +355,59 @@ class RigLayout:
                 self.first_position + 6 * view.position,
                 self.first_visit + 6 * visits[view.visit],
                 self.first_target + 4 * view.target,
-                self.first_pose + 6 * poses[view.pose],
+                self.pose(poses[view.pose]),
             )
             for view in views
         ]
         return np.array(rows, dtype=np.int64)
 
     def columns(self, views: Sequence[TargetView]) -> NDArray[np.int64]:
-        """Return the parameters of the 37 derivatives of each view, shape (views, 37)."""
-        common = np.arange(self.first_position)
+        """Return the parameters of the derivatives of each view but those by its points, shape (views, 45)."""
+        common, sizes = np.arange(self.first_position), (6, 6, 4, _OF_POSE)
         rows = [
-            np.concatenate([common, *(start + np.arange(size) for start, size in zip(row, (6, 6, 4, 6), strict=True))])
+            np.concatenate([common, *(start + np.arange(size) for start, size in zip(row, sizes, strict=True))])
             for row in self.offsets(views)
         ]
         return np.array(rows, dtype=np.int64)
+
+    def point_columns(self, view: TargetView) -> NDArray[np.int64]:
+        """Return the parameters of the deviations of the points of a view, shape (points or 0, 3)."""
+        offsets = self.points[view.target] if self.points else {}
+        if not offsets:
+            return np.empty((0, 3), dtype=np.int64)
+        return np.array([offsets[place] for place in _places(view)])[:, None] + np.arange(3)
+
+    def gather(self, given: Observations, slopes: Array, other: Array) -> Array:
+        """Return the sums over the points of the products of derivatives (n, 2, 48) with columns (n, 2, m): (P, m)."""
+        found, columns = np.zeros((self.size, other.shape[2])), self.columns(given.views)
+        for number, view in enumerate(given.views):
+            part = slice(given.first[number], given.first[number + 1])
+            block = slopes[part, :, :_SIZE_OF_VIEW].reshape(-1, _SIZE_OF_VIEW)
+            found[columns[number]] += block.T @ other[part].reshape(-1, other.shape[2])
+            points = self.point_columns(view)
+            if len(points):
+                found[points] += np.einsum("nij,nik->njk", slopes[part, :, _SIZE_OF_VIEW:], other[part])
+        return found
+
+    def information(self, given: Observations, slopes: Array) -> Array:
+        """Return the sums over the points of the products of derivatives (n, 2, 48) with themselves: (P, P)."""
+        found, columns = np.zeros((self.size, self.size)), self.columns(given.views)
+        for number, view in enumerate(given.views):
+            rows, points = slopes[given.first[number] : given.first[number + 1]], self.point_columns(view)
+            block = rows[:, :, :_SIZE_OF_VIEW].reshape(-1, _SIZE_OF_VIEW)
+            found[np.ix_(columns[number], columns[number])] += block.T @ block
+            if len(points):
+                single = rows[:, :, _SIZE_OF_VIEW:]
+                cross = np.einsum("nij,nik->njk", single, rows[:, :, :_SIZE_OF_VIEW]).reshape(-1, _SIZE_OF_VIEW)
+                found[np.ix_(points.ravel(), columns[number])] += cross
+                found[np.ix_(columns[number], points.ravel())] += cross.T
+                found[points[:, :, None], points[:, None, :]] += np.einsum("nij,nik->njk", single, single)
+        return found
+
+
+def _places(view: TargetView) -> list[tuple[int, ...]]:
+    """Return the places of the points of a view on its target, in units in which they are whole numbers."""
+    return [tuple(place) for place in np.rint(view.points_mm / _SAME_POINT_MM).astype(np.int64).tolist()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,7 +430,7 @@ class RigState:
         """Return the state after a step of all parameters, with the rotations of the poses absorbed."""
         values, turns = self.values + step, self.turns.copy()
         for number in range(len(self.layout.poses)):
-            start = self.layout.first_pose + 6 * number
+            start = self.layout.pose(number)
             turns[number] = rotation_matrix(values[start : start + 3]) @ turns[number]
             values[start : start + 3] = 0.0
         return RigState(self.layout, values, turns)
@@ -360,17 +444,24 @@ class RigState:
 
 
 def project(given: Observations, state: RigState, *, derivatives: bool) -> tuple[Array, Array]:
-    """Return the pixels of all points, shape (n, 2), and their derivatives, shape (n or 0, 2, 37)."""
+    """Return the pixels of all points, shape (n, 2), and their derivatives, shape (n or 0, 2, 48)."""
     numbers = {pose: number for number, pose in enumerate(state.layout.poses)}
     turns = state.turns[[numbers[view.pose] for view in given.views]]
     travel = np.array([(given.positions_mm[view.position], view.direction) for view in given.views], dtype=np.float64)
     half = np.array([given.targets[view.target].half_width_mm for view in given.views])
     pixels = np.empty((len(given.points_mm), 2))
-    slopes = np.empty((len(given.points_mm) if derivatives else 0, 2, _SIZE_OF_VIEW))
+    slopes = np.empty((len(given.points_mm) if derivatives else 0, 2, _SIZE_OF_VIEW + _OF_POINT))
     offsets = state.layout.offsets(given.views)
-    project_views(
-        given.points_mm, given.first, offsets, state.values, np.ascontiguousarray(turns), travel, half, pixels, slopes
-    )
+    points = given.points_mm
+    if any(state.layout.points):
+        moves = [state.values[state.layout.point_columns(view)] for view in given.views]
+        points = points + np.concatenate(
+            [
+                move if len(move) else np.zeros((len(view.pixels), 3))
+                for move, view in zip(moves, given.views, strict=True)
+            ]
+        )
+    project_views(points, given.first, offsets, state.values, np.ascontiguousarray(turns), travel, half, pixels, slopes)
     return pixels, slopes
 
 

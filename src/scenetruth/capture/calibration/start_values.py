@@ -98,7 +98,7 @@ def _is_flat(view: TargetView) -> bool:
 def _place(given: Observations, state: RigState, number: int, views: list[TargetView]) -> RigState:
     """Return the state with the pose of one target: the better of two tilts, refined over all images of the pose."""
     layout = state.layout
-    start = layout.first_pose + 6 * number
+    start = layout.pose(number)
     free = np.zeros(layout.size, dtype=bool)
     free[start : start + 6] = True
     first = min(views, key=lambda view: (abs(given.positions_mm[view.position]), -len(view.pixels)))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.capture.calibration import RigCalibration, RigFit
+from scenetruth.capture.calibration import RigCalibration, RigFit, RigSolution
 from scenetruth.capture.report.error_budget import DepthBudget
 from scenetruth.capture.report.suggestions import PoseEffect, place_targets
 from scenetruth.number_format import format_two_digits
@@ -34,9 +34,9 @@ __all__ = ["CalibrationData", "draw_calibration"]
 Array = NDArray[np.float64]
 
 _CELL_PX = 12  # cells of the map of residuals along the larger side
-_LONGEST = 0.05
+_LONGEST = 0.04
 """Length of the vector of a residual of three standard deviations, as a share of the image width."""
-_SHOWN_VECTORS = 4000
+_SHOWN_VECTORS = 1500
 _FEWEST_IN_CELL = 4
 _TOO_FEW = "#b9bfc7"
 
@@ -49,10 +49,15 @@ class CalibrationData:
     """
 
     calibration: RigCalibration
-    fit: RigFit
+    solution: RigSolution
     budget: DepthBudget
     poses: tuple[PoseEffect, ...]
     surface_mm: tuple[float, float] | None = None
+
+    @property
+    def fit(self) -> RigFit:
+        """The fit of the calibration."""
+        return self.solution.fit
 
 
 def draw_calibration(data: CalibrationData, folder: Path) -> list[FigureInfo]:
@@ -102,7 +107,8 @@ def _draw_residuals(data: CalibrationData, folder: Path) -> FigureInfo:
     factor_text = format_two_digits(calibration.variance_factor)
     return FigureInfo(
         "residuals.png", "Residuals of the calibration",
-        f"Detected minus projected points, {typical:.2g} px rms; colours: length in standard deviations, from 0 (dark) "
+        f"Detected minus projected points, {typical:.2g} px rms (at most {_SHOWN_VECTORS:,} are drawn); colours: "
+        "length in standard deviations, from 0 (dark) "
         "to 3 (bright). Right: 1 if the stated noise explains the residuals; red regions are not described by the "
         f"model of the lens, or their light or sharpness differs; grey: fewer than {_FEWEST_IN_CELL} points. "
         f"Chi-squared per degree of freedom: {factor_text}.",
@@ -125,7 +131,7 @@ def _frame(axes: Any, calibration: RigCalibration) -> None:
 def _draw_images(data: CalibrationData, folder: Path) -> FigureInfo:
     """Draw the residuals of every image."""
     fit = data.fit
-    views = [view for view in fit.offered.views if view.target == 0]
+    views = [view for view in data.solution.observed.views if view.target == 0]
     squares = {view.name: view for view in fit.views}
     poses = list(dict.fromkeys(view.pose for view in views))
     count = len(fit.given.positions_mm)

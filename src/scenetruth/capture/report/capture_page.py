@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from scenetruth.capture.calibration import RigCalibration, RigFit, RigPriors
+from scenetruth.capture.calibration import RigCalibration, RigSolution
 from scenetruth.capture.calibration.rig_model import INTRINSICS
 from scenetruth.capture.capture_check import CaptureReport
 from scenetruth.capture.folder_reading import CaptureFolder
@@ -42,7 +43,7 @@ class CaptureResults:
     """Everything that the page of a capture shows.
 
     ``folder``, ``check``: Files of the capture, and findings of their check.
-    ``calibration``, ``fit``, ``priors``: Calibration from images of a board; None without them.
+    ``calibration``, ``solution``: Calibration from images of a board, and its fit; None without them.
     ``estimate``, ``method``: Estimate, and the name of its method; None if there is none.
     ``report``: Page of the estimate, relative to that of the capture, and the directory of its figures.
     """
@@ -50,8 +51,7 @@ class CaptureResults:
     folder: CaptureFolder
     check: CaptureReport
     calibration: RigCalibration | None = None
-    fit: RigFit | None = None
-    priors: RigPriors | None = None
+    solution: RigSolution | None = None
     estimate: xr.Dataset | None = None
     method: str = ""
     report: str = ""
@@ -69,15 +69,16 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
     depth, surface = _depths(results)
     found: dict[str, Any] = {"calibration_figures": [], "suggestions": None, "coverage": [], "tolerances": []}
     sentences = _estimate_sentences(results)
-    if results.calibration is not None and results.fit is not None and results.priors is not None:
-        calibration, fit = results.calibration, results.fit
+    if results.calibration is not None and results.solution is not None:
+        calibration, solution = results.calibration, results.solution
+        fit, priors = solution.fit, solution.priors
         budget = depth_budget(calibration, depth, fit)
-        poses = assess_poses(fit, results.priors, calibration, budget)
+        poses = assess_poses(fit, priors, calibration, budget)
         reached(1)
         sentences = budget.words() + sentences
-        found["suggestions"] = _suggestion_table(suggest(fit, results.priors, calibration, budget, poses), budget)
+        found["suggestions"] = _suggestion_table(suggest(fit, priors, calibration, budget, poses), budget)
         reached(2)
-        data = CalibrationData(calibration, fit, budget, poses, surface)
+        data = CalibrationData(calibration, solution, budget, poses, surface)
         found |= {
             "calibration_figures": _inlined(draw_calibration(data, pictures), pictures),
             "parameters": _parameter_table(calibration),
@@ -112,16 +113,22 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
 def _depths(results: CaptureResults) -> tuple[float, tuple[float, float] | None]:
     """Return the distance for which errors are stated, and the depth range of the surface, in mm."""
     if results.estimate is not None and "depth" in results.estimate:
-        values = results.estimate["depth"].isel(t=results.estimate.sizes["t"] // 2).values
-        values = values[np.isfinite(values)]
+        frame = results.estimate.isel(t=results.estimate.sizes["t"] // 2)
+        values = frame["depth"].values[_valid(frame)]
         if values.size:
             low, high = np.percentile(values, _SURFACE_PERCENT)
             return float(np.median(values)), (float(low), float(high))
     if results.folder.capture.distance_mm is not None:
         return results.folder.capture.distance_mm, None
-    if results.fit is not None:
-        return float(np.mean(cover(results.fit).depth_mm)), None
+    if results.solution is not None:
+        return float(np.mean(cover(results.solution.fit).depth_mm)), None
     return 1.0, None
+
+
+def _valid(frame: xr.Dataset) -> NDArray[np.bool_]:
+    """Return the pixels with a depth that is no fallback."""
+    known = np.isfinite(frame["depth"].values)
+    return np.asarray(known & frame["valid"].values if "valid" in frame else known)
 
 
 def _estimate_sentences(results: CaptureResults) -> list[str]:
@@ -130,11 +137,11 @@ def _estimate_sentences(results: CaptureResults) -> list[str]:
     if estimate is None or "depth" not in estimate:
         return []
     frame = estimate.isel(t=estimate.sizes["t"] // 2)
-    valid = np.isfinite(frame["depth"].values)
+    valid = _valid(frame)
     if not valid.any():
         return ["No pixel has a valid depth: see the check of the images below."]
     sentences = [
-        f"{100 * valid.mean():.0f} % of the pixels have a depth; its median is "
+        f"{100 * valid.mean():.0f} % of the pixels have a valid depth; its median is "
         f"{float(np.median(frame['depth'].values[valid])):.2f} mm."
     ]
     parts = [

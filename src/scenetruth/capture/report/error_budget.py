@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.capture.calibration import CommonError, MeasurementSlopes, Moment, RigCalibration, RigFit, RigLayout
+from scenetruth.capture.calibration import CommonError, MeasurementSlopes, Moment, RigCalibration, RigFit
 from scenetruth.number_format import format_two_digits
 
-__all__ = ["BudgetPart", "DepthBudget", "depth_budget", "depth_grid"]
+__all__ = ["BudgetPart", "DepthBudget", "depth_budget", "depth_grid", "depth_slopes"]
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ _SOURCES: tuple[tuple[str, str], ...] = (
     ("size of the board", r"board\.scale"),
     ("size of the strip", r"\w+\.scale"),
     ("flatness of the target", r"\w+\.(warp|bend)_\w+|pose\[\d+\]\.bend_\w+"),
-    ("places of its points", r"\w+\.point\[\d+\]\.\w+"),
+    ("places of the points of the target", r"\w+\.point\[\d+\]\.\w+"),
     ("angles of the stage", r"position\[\d+\]\.(pitch|yaw|roll)"),
     ("straightness of the stage", r"position\[\d+\]\.[xyz]"),
     ("repeatability in the board images", r"visit\[\d+\]\.\w+"),
@@ -33,7 +34,7 @@ _SOURCES: tuple[tuple[str, str], ...] = (
     ("stated lens", r"f|c_[xy]|[kp]\d"),
 )
 """Sources and the parameters whose priors state them; the first that fits."""
-CORNERS, VISITS = "noise of the points of the board", "repeatability in the measurement"
+CORNERS, VISITS = "noise of the detected points", "repeatability in the measurement"
 """The other sources: the images of the calibration, and the visits of the measurement."""
 
 
@@ -72,11 +73,16 @@ class DepthBudget:
         listed = [part for part in self.parts if part.mean_mm > 0.1 * self.total.mean_std][:4]
         named = ", ".join(f"{part.title} {format_two_digits(part.mean_mm)}" for part in listed)
         return [
-            f"Depth of all pixels at {self.depth_mm:.0f} mm: ± {format_two_digits(self.total.mean_std)} mm in common, "
-            f"of which {named}.",
+            f"Depth of all pixels at {self.depth_mm:.0f} mm{self._scan}: "
+            f"± {format_two_digits(self.total.mean_std)} mm in common, of which {named}.",
             f"Differences of depth within a map: ± {format_two_digits(self.calibration.rest_rms)} mm (RMS over the "
             "image) by the calibration.",
         ]
+
+    @property
+    def _scan(self) -> str:
+        """New visits are new at every scan."""
+        return "" if self.total.mean_std == self.calibration.mean_std else " from one scan"
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -106,69 +112,76 @@ def depth_budget(calibration: RigCalibration, depth_mm: float, fit: RigFit | Non
     ``fit``: Fit of the calibration, whose covariance includes the poses of the board; None for stated covariances.
     """
     pixels = depth_grid(calibration)
-    points = calibration.camera.ray_directions(pixels) * depth_mm
-    slopes = MeasurementSlopes(
-        calibration.values, calibration.layout, calibration.positions_mm, calibration.reference, [Moment(points)]
-    )
+    slopes, fresh = depth_slopes(calibration, pixels, depth_mm)
     names, std, covariance, factor = _covariance(calibration, fit)
-    jacobian = _jacobian(slopes, calibration.layout, covariance)
-    fresh = _new_visits(slopes, calibration)
-    total = jacobian.T @ covariance[: len(jacobian), : len(jacobian)] @ jacobian * factor
-    parts = _parts(names, std, covariance, jacobian, factor, fresh)
+    rows = [names.index(name) for name in slopes]
+    jacobian = np.array(list(slopes.values()))
+    total = jacobian.T @ covariance[np.ix_(rows, rows)] @ jacobian * factor
+    effect = covariance[:, rows] @ jacobian
+    parts = _parts(_members(names, std, calibration), std, covariance, effect, total / factor, factor, fresh)
     return DepthBudget(
         depth_mm, pixels, CommonError.from_covariance(total), CommonError.from_covariance(total + fresh), parts
     )
 
 
-def _covariance(calibration: RigCalibration, fit: RigFit | None) -> tuple[Sequence[str], Array, Array, float]:
+def _covariance(calibration: RigCalibration, fit: RigFit | None) -> tuple[list[str], Array, Array, float]:
     """Return names, prior standard deviations and covariance of all parameters, and the factor of a covariance."""
     if fit is None:
-        return calibration.names, calibration.prior_std, calibration.covariance, 1.0
+        return list(calibration.names), calibration.prior_std, calibration.covariance, 1.0
     layout = fit.state.layout
     # A covariance that was scaled by chi-squared, because the tolerances or the noise are understated.
     place = int(np.argmax(np.diag(calibration.covariance)))
     factor = float(calibration.covariance[place, place] / fit.covariance[place, place])
-    return layout.names, layout.std, fit.covariance, factor
+    return list(layout.names), layout.std, fit.covariance, factor
 
 
-def _jacobian(slopes: MeasurementSlopes, layout: RigLayout, covariance: Array) -> Array:
-    """Return the derivatives of the depth by the parameters before the visits, shape (P, n)."""
-    count = len(slopes.moments[0].points_mm)
-    rows = [
-        slopes.of_parameter(index)[:, 2] if covariance[index, index] > 0 else np.zeros(count)
-        for index in range(layout.first_visit)
-    ]
-    return np.array(rows)
+def depth_slopes(calibration: RigCalibration, pixels: Array, depth_mm: float) -> tuple[dict[str, Array], Array]:
+    """Return the derivatives of the depth of a frontal plane at pixels by name of the parameter, each of shape (n,).
 
-
-def _new_visits(slopes: MeasurementSlopes, calibration: RigCalibration) -> Array:
-    """Return the covariance of the depth by the repeatability of new visits, shape (n, n)."""
+    With a strip, they include those by the visits of the measurement, of which all frames together have the mean. The
+    covariance by the repeatability of new visits, shape (n, n), is 0 with a strip.
+    """
+    points = calibration.camera.ray_directions(pixels) * depth_mm
+    slopes = MeasurementSlopes(
+        calibration.values, calibration.layout, calibration.positions_mm, calibration.reference, [Moment(points)]
+    )
+    found = {
+        name: slopes.of_parameter(index)[:, 2]
+        for index, name in enumerate(calibration.names[: calibration.layout.first_visit])
+        if calibration.covariance[index, index] > 0
+    }
+    fresh = np.zeros((len(pixels), len(pixels)))
     deviations = calibration.visit_std
-    found = np.zeros((len(slopes.moments[0].points_mm),) * 2)
-    for position, motion in np.ndindex(len(calibration.positions_mm), 6):
-        if deviations[motion] > 0:
+    for position, (motion, name) in product(range(len(calibration.positions_mm)), enumerate(_MOTIONS)):
+        if calibration.measured_visits:
+            each = slopes.of_visit(0, position, motion)[:, 2]
+            visits = calibration.measured_visits[position]
+            found |= {f"visit[{visit}].{name}": each / len(visits) for visit in visits}
+        elif deviations[motion] > 0:
             each = deviations[motion] * slopes.of_visit(0, position, motion)[:, 2]
-            found += np.outer(each, each)
-    return found
+            fresh += np.outer(each, each)
+    return found, fresh
+
+
+_MOTIONS = ("pitch", "yaw", "roll", "x", "y", "z")
 
 
 def _parts(
-    names: Sequence[str], std: Array, covariance: Array, jacobian: Array, factor: float, fresh: Array
-) -> tuple[BudgetPart, ...]:
-    """Return the contributions of all sources to the variance of the depth."""
-    kept = len(jacobian)
-    # Errors of the depth by the prior of each parameter in units of its standard deviation.
-    effect = covariance[:, :kept] @ jacobian
-    usable = np.isfinite(std) & (std > 0)
-    by_prior = np.zeros_like(effect)
-    by_prior[usable] = effect[usable] / std[usable][:, None]
-    members = _members(names, usable)
-    whole = jacobian.T @ covariance[:kept, :kept] @ jacobian
+    members: dict[str, list[int]], std: Array, covariance: Array, effect: Array, whole: Array, factor: float,
+    fresh: Array,
+) -> tuple[BudgetPart, ...]:  # fmt: skip
+    """Return the contributions of all sources to the variance of the depth.
+
+    ``effect``: Covariance of all parameters with the depth, shape (P, n). ``whole``: Covariance of the depth.
+    """
+    usable = np.sort([index for rows in members.values() for index in rows])
     visits = _moments(fresh)
     total = factor * _moments(whole)[0] + visits[0]
     found, rest = [], whole
     for title, rows in members.items():
-        own = by_prior[rows].T @ by_prior[rows]
+        # The error of the depth by one standard deviation of the prior of each parameter.
+        by_prior = effect[rows] / std[rows][:, None]
+        own = by_prior.T @ by_prior
         rest = rest - own
         inner = covariance[np.ix_(rows, rows)] + np.diag(std[rows] ** 2 / 3)
         less = effect[rows].T @ np.linalg.solve(inner, effect[rows])
@@ -177,16 +190,16 @@ def _parts(
     mean, other = (factor * value for value in _moments(rest))
     quiet = factor * _moments(whole / 4 + _gain_of_quiet_corners(covariance, std, usable, effect))[0] + visits[0]
     found.append(_part(CORNERS, mean, other, quiet))
-    found.append(_part(VISITS, *visits, total - 0.75 * visits[0]))
+    if visits[0] > 0:
+        found.append(_part(VISITS, *visits, total - 0.75 * visits[0]))
     return tuple(sorted(found, key=lambda part: -part.mean_mm))
 
 
-def _gain_of_quiet_corners(covariance: Array, std: Array, usable: NDArray[np.bool_], effect: Array) -> Array:
+def _gain_of_quiet_corners(covariance: Array, std: Array, rows: NDArray[np.int64], effect: Array) -> Array:
     """Return what the covariance of the depth with half the noise exceeds a quarter of that with the whole noise.
 
     With half the noise the information is 4 (C⁻¹ - P⁻¹) + P⁻¹, whose inverse Woodbury's formula gives.
     """
-    rows = np.flatnonzero(usable)
     inner = np.diag(std[rows] ** 2 / 3) - covariance[np.ix_(rows, rows)] / 4
     return np.asarray(effect[rows].T @ np.linalg.solve(inner, effect[rows]) / 16)
 
@@ -201,11 +214,14 @@ def _moments(covariance: Array) -> tuple[float, float]:
     return mean, float(np.diag(covariance).mean()) - mean
 
 
-def _members(names: Sequence[str], usable: NDArray[np.bool_]) -> dict[str, list[int]]:
+def _members(names: Sequence[str], std: Array, calibration: RigCalibration) -> dict[str, list[int]]:
     """Return the indices of the parameters of each source, for parameters with a prior."""
+    measured = {f"visit[{visit}]" for each in calibration.measured_visits for visit in each}
     found: dict[str, list[int]] = {}
     for index, name in enumerate(names):
-        if usable[index]:
+        if np.isfinite(std[index]) and std[index] > 0:
             title = next((title for title, pattern in _SOURCES if re.fullmatch(pattern, name)), "other tolerances")
+            if name.rpartition(".")[0] in measured:
+                title = VISITS
             found.setdefault(title, []).append(index)
     return found

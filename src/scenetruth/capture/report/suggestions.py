@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.capture.calibration import (
-    MeasurementSlopes,
-    Moment,
     Observations,
     RigCalibration,
     RigFit,
@@ -23,7 +21,7 @@ from scenetruth.capture.calibration import (
     rotation_matrix,
 )
 from scenetruth.capture.calibration.bundle_adjustment import build_equations
-from scenetruth.capture.report.error_budget import CORNERS, VISITS, DepthBudget, depth_grid
+from scenetruth.capture.report.error_budget import CORNERS, VISITS, DepthBudget, depth_grid, depth_slopes
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = ["BoardCoverage", "PoseEffect", "Suggestion", "assess_poses", "cover", "place_targets", "suggest"]
@@ -168,7 +166,7 @@ def assess_poses(
         found.append(
             PoseEffect(
                 pose, tilt, farther, float(centre[2]), len(views), points, float(np.sqrt(squares / max(points, 1))),
-                np.nan if rest is None else mean_std(rest.covariance),
+                np.nan if rest is None else mean_std(rest.state.layout.names, rest.covariance),
             )
         )  # fmt: skip
     return tuple(found)
@@ -186,19 +184,16 @@ def _direction(vector: Array) -> str:
     return _DIRECTIONS[round(float(np.arctan2(vector[1], vector[0])) / (np.pi / 4)) % 8]
 
 
-def _mean_std(calibration: RigCalibration, budget: DepthBudget) -> Callable[[Array], float]:
-    """Return a function from a covariance to the standard deviation of the mean depth, with new visits."""
-    points = calibration.camera.ray_directions(depth_grid(calibration)) * budget.depth_mm
-    slopes = MeasurementSlopes(
-        calibration.values, calibration.layout, calibration.positions_mm, calibration.reference, [Moment(points)]
-    )
-    count = calibration.layout.first_visit
-    free = np.diag(calibration.covariance)[:count] > 0
-    mean = np.array([slopes.of_parameter(index)[:, 2].mean() if free[index] else 0.0 for index in range(count)])
+def _mean_std(calibration: RigCalibration, budget: DepthBudget) -> Callable[[Sequence[str], Array], float]:
+    """Return a function from a covariance and its names to the standard deviation of the mean depth."""
+    slopes, _ = depth_slopes(calibration, depth_grid(calibration), budget.depth_mm)
+    means = np.array([values.mean() for values in slopes.values()])
     visits = budget.total.mean_std**2 - budget.calibration.mean_std**2
 
-    def std(covariance: Array) -> float:
-        return float(np.sqrt(max(mean @ covariance[:count, :count] @ mean + visits, 0.0)))
+    def std(names: Sequence[str], covariance: Array) -> float:
+        places = {name: index for index, name in enumerate(names)}
+        rows = [places[name] for name in slopes]
+        return float(np.sqrt(max(means @ covariance[np.ix_(rows, rows)] @ means + visits, 0.0)))
 
     return std
 
@@ -226,7 +221,7 @@ def suggest(
 
 def _halve(title: str) -> str:
     if title == CORNERS:
-        return "Halve the noise of the points of the board: more light, a sharper image, or four times as many images"
+        return "Halve the noise of the detected points: more light, a sharper image, or four times as many images"
     if title == VISITS:
         return "Halve the repeatability of the stage in the measurement, or add a fiducial strip"
     return f"Halve the tolerance of: {title}"
@@ -240,12 +235,12 @@ def _best_pose(fit: RigFit, priors: RigPriors, calibration: RigCalibration, budg
     mean_std = _mean_std(calibration, budget)
     tilts = [(np.deg2rad(_TILT_DEG) * np.array([np.cos(a), np.sin(a), 0.0])) for a in np.arange(8) * np.pi / 4]
     found: list[tuple[float, Array, Array]] = [
-        (mean_std(_covariance_with(fit, priors, rotation_matrix(tilt), middle)), tilt, middle) for tilt in tilts
+        (mean_std(*_covariance_with(fit, priors, rotation_matrix(tilt), middle)), tilt, middle) for tilt in tilts
     ]
     _, tilt, _ = min(found, key=lambda each: each[0])
     for share in (-_DEPTH_SHARE, _DEPTH_SHARE):
         centre = middle * (1 + share)
-        found.append((mean_std(_covariance_with(fit, priors, rotation_matrix(tilt), centre)), tilt, centre))
+        found.append((mean_std(*_covariance_with(fit, priors, rotation_matrix(tilt), centre)), tilt, centre))
     after, tilt, centre = min(found, key=lambda each: each[0])
     if not after < (1 - _NOTABLE / 2) * budget.total.mean_std:
         return []
@@ -257,8 +252,8 @@ def _best_pose(fit: RigFit, priors: RigPriors, calibration: RigCalibration, budg
     return [Suggestion(text, after)]
 
 
-def _covariance_with(fit: RigFit, priors: RigPriors, rotation: Array, centre: Array) -> Array:
-    """Return the covariance with images of one more pose at all positions."""
+def _covariance_with(fit: RigFit, priors: RigPriors, rotation: Array, centre: Array) -> tuple[Sequence[str], Array]:
+    """Return names and covariance of the parameters with images of one more pose at all positions."""
     given, state = fit.given, fit.state
     boards = [view for view in given.views if view.target == 0]
     points = np.unique(np.round(np.concatenate([view.points_mm for view in boards]), 9), axis=0)
@@ -291,8 +286,8 @@ def _covariance_with(fit: RigFit, priors: RigPriors, rotation: Array, centre: Ar
         if len(kept.pixels) >= _FEWEST_POINTS:
             seen.append(kept)
     if len(seen) == len(given.views):
-        return fit.covariance
-    return _posterior(fit, replace(wider, views=tuple(seen)), moved)
+        return state.layout.names, fit.covariance
+    return layout.names, _posterior(fit, replace(wider, views=tuple(seen)), moved)
 
 
 def _posterior(fit: RigFit, given: Observations, state: RigState) -> Array:

@@ -227,7 +227,11 @@ def _draw_map(figure: Any, axes: Any, views: FigureArrays, name: str) -> None:
     positive = np.where(std > 0, std, np.nan)
     low, high = robust_limits(positive)
     drawn = show_map(axes, positive, cmap="cividis", norm=LogNorm(low, high), extent=views.grid.extent)
-    axes.set_title(f"Standard deviation of {entry.title[0].lower()}{entry.title[1:]}")
+    title = f"Standard deviation of {entry.title[0].lower()}{entry.title[1:]}"
+    common = views.common.get(name)
+    if common is not None and np.isfinite(common).any():
+        title += f"\n{format_number(float(np.nanmedian(common)))} {entry.units} (median) common to all pixels"
+    axes.set_title(title)
     pixel_axes(axes)
     # Less than a decade may contain no major tick of a logarithmic scale.
     ticks = MaxNLocator(5) if high < 8 * low else LogLocator(subs=(1, 2, 5) if high < 1000 * low else (1,))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
@@ -16,9 +16,11 @@ from scenetruth.scoring.error_pairs import (
     compute_pixel_coordinates,
     compute_surface_points,
     find_valid_pixels,
+    has_common_std,
     has_quantity,
     has_std,
     list_quantities,
+    read_common_std,
     read_quantity,
     read_std,
 )
@@ -59,6 +61,7 @@ class FigureArrays:
     ``estimate``, ``truth``: Maps of the scalar `QUANTITIES` of the estimate by name, NaN where invalid, and their truth
       (empty without truth).
     ``stds``: Stated standard deviations by the names of `QUANTITIES`, in the units of the quantity; NaN where invalid.
+    ``common``: Part of the standard deviations that pixels have in common, where it is stated.
     ``fallback``: Fallback pixels that the maps of disparity and depth show; None if they show valid pixels only.
     ``statuses``: The available maps of ``status``, ``status_disparity`` and ``status_motion``.
     """
@@ -77,6 +80,7 @@ class FigureArrays:
     reasons: NDArray[np.int64] | None
     statuses: dict[str, NDArray[np.int64]]
     fallback: Mask | None = None
+    common: Mapping[str, Map] = field(default_factory=dict)
 
     def knows(self, name: str) -> bool:
         """Return whether the estimate has any valid value of a quantity, a key of `QUANTITIES`."""
@@ -138,6 +142,10 @@ def collect_figure_arrays(
         values = read_std(estimate, name)
         return np.full(grey.shape, np.nan) if values is None else known(name, values)
 
+    def common(name: str) -> Map:
+        values = read_common_std(estimate, name)
+        return np.full(grey.shape, np.nan) if values is None else known(name, values)
+
     exact = estimate if truth is None else truth
     return FigureArrays(
         frame=frames[at],
@@ -153,6 +161,7 @@ def collect_figure_arrays(
         ),
         mixed=np.zeros(grey.shape, dtype=bool) if truth is None else truth["mixed"].values[0].astype(bool),
         stds=_ReadWhenNeeded([name for name in names if has_std(estimate, name)], std),
+        common=_ReadWhenNeeded([name for name in names if has_common_std(estimate, name)], common),
         coherence=estimate["coherence"].values[0].astype(np.float64) if "coherence" in estimate else None,
         reasons=_codes(estimate, "invalid_reason", REASONS.index("not_determined"))
         if "invalid_reason" in estimate

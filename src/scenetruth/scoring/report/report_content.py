@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
-from scenetruth.scoring.error_pairs import find_valid_pixels, list_quantities, percent_per_hour, read_quantity, read_std
+from scenetruth.scoring.error_pairs import (
+    find_valid_pixels,
+    list_quantities,
+    percent_per_hour,
+    read_common_std,
+    read_quantity,
+    read_std,
+)
 from scenetruth.scoring.growth_rate import compute_growth_rate
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, get_title, get_units
 from scenetruth.scoring.regions import REGIONS
@@ -170,6 +177,7 @@ class MapSummary:
 
     ``median``, ``low``, ``high``: Median, 5th and 95th percentile of the valid values; None without any.
     ``median_std``: Median of the standard deviations that the estimate states there, or None.
+    ``median_common``: Median of the part of them that pixels have in common, or None.
     ``density``, ``count``: Fraction (0 to 1) and number of pixels with a valid value.
     """
 
@@ -179,6 +187,7 @@ class MapSummary:
     low: float | None
     high: float | None
     median_std: float | None
+    median_common: float | None
     density: float
     count: int
 
@@ -192,10 +201,11 @@ def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
         for name in list_quantities(part):
             full = find_valid_pixels(part, QUANTITIES[name].variable)
             values = np.where(full, read_quantity(part, name), np.nan)
-            found.setdefault(name, _Values(single=single)).add(values, read_std(part, name))
+            stated = read_std(part, name), read_common_std(part, name)
+            found.setdefault(name, _Values(single=single)).add(values, *stated)
         if "growth_rate" not in part and {"depth", "velocity"} <= set(part):
             growth = percent_per_hour(read_intrinsics(part)) * compute_growth_rate(part).values
-            found.setdefault("growth_rate", _Values(single=single)).add(growth, None)
+            found.setdefault("growth_rate", _Values(single=single)).add(growth, None, None)
     summaries = {name: values.summary(get_title(name), get_units(name)) for name, values in found.items()}
     return {name: item for name, item in summaries.items() if name != "growth_rate" or item.count}
 
@@ -204,10 +214,10 @@ class _Values:
     """Accumulates the values of one quantity, block by block."""
 
     def __init__(self, *, single: bool) -> None:
-        self._values, self._stds = StreamingQuantiles(single=single), StreamingQuantiles(single=single)
-        self._size = self._count = self._stated = 0
+        self._values, self._stds, self._commons = (StreamingQuantiles(single=single) for _ in range(3))
+        self._size = self._count = self._stated = self._common = 0
 
-    def add(self, values: Map, std: Map | None) -> None:
+    def add(self, values: Map, std: Map | None, common: Map | None) -> None:
         known = np.isfinite(values)
         self._size += values.size
         self._count += int(known.sum())
@@ -216,6 +226,10 @@ class _Values:
             stated = std[known & np.isfinite(std) & (std > 0)]
             self._stated += stated.size
             self._stds.add(stated)
+        if common is not None:
+            shared = common[known & np.isfinite(common)]
+            self._common += shared.size
+            self._commons.add(shared)
 
     def summary(self, title: str, units: str) -> MapSummary:
         low, median, high = self._values.at([5, 50, 95]) if self._count else (None, None, None)
@@ -226,6 +240,7 @@ class _Values:
             low=low,
             high=high,
             median_std=self._stds.at([50])[0] if self._stated else None,
+            median_common=self._commons.at([50])[0] if self._common else None,
             density=self._count / self._size,
             count=self._count,
         )
@@ -274,11 +289,11 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
         if name is None:
             continue
         entries = summaries[name]
-        bar = (
-            ""
-            if entries.median_std is None
-            else f", with a median stated standard deviation of {format_number(entries.median_std)} {entries.units}"
-        )
+        bar = ""
+        if entries.median_std is not None:
+            bar = f", with a median stated standard deviation of {format_number(entries.median_std)} {entries.units}"
+        if entries.median_common is not None:
+            bar += f" ({format_number(entries.median_common)} of it common to all pixels)"
         rest = (
             f"is the median{bar}; 90 % of the values lie between {format_number(entries.low)} and "
             f"{format_number(entries.high)} {entries.units}. "

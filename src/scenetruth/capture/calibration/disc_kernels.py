@@ -1,0 +1,192 @@
+"""Kernels that fit the blurred edge of an ellipse to the image of a dot."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.capture.calibration.corner_kernels import PART, PART_VARIANCE, solve_symmetric
+
+__all__ = ["fit_discs"]
+
+_PARAMETERS = 8  # x, y, radius, blur, ground, contrast, two slopes of the light
+_ROUNDS = 40
+_HUBER = 3.0
+_CONVERGED = 1e-4  # squared length of a step in standard deviations: 0.01 of the uncertainty
+_LEAST_BLUR, _LARGEST_BLUR = 0.1, 8.0
+_FEWEST = 20  # pixels
+_SMALLEST, _LARGEST = 0.6, 1.4  # radius, in the expected radius
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _accumulate(
+    values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64], count: int,
+    inverse: NDArray[np.float64], p: NDArray[np.float64], normal: NDArray[np.float64], gradient: NDArray[np.float64],
+) -> tuple[float, float]:  # fmt: skip
+    """Write the normal equations of the disc; return the robust cost and the weighted sum of squares."""
+    normal[:] = 0.0
+    gradient[:] = 0.0
+    total = p[3] * p[3] + PART_VARIANCE
+    unit = math.sqrt(2.0 * total)
+    slope = np.empty(_PARAMETERS)
+    cost = squares = 0.0
+    for n in range(count):
+        light = 1.0 + p[6] * places[n, 0] + p[7] * places[n, 1]
+        slope[:4] = 0.0
+        inside = 0.0
+        for part in range(4):
+            dx = places[n, 0] - p[0] + (PART if part % 2 else -PART)
+            dy = places[n, 1] - p[1] + (PART if part > 1 else -PART)
+            a = inverse[0, 0] * dx + inverse[0, 1] * dy
+            b = inverse[1, 0] * dx + inverse[1, 1] * dy
+            radius = max(math.hypot(a, b), 1e-9)
+            # Gradient of the radius; the distance from the edge in px is that of the radius over its length.
+            g_x = (inverse[0, 0] * a + inverse[1, 0] * b) / radius
+            g_y = (inverse[0, 1] * a + inverse[1, 1] * b) / radius
+            length = math.hypot(g_x, g_y)
+            u = (radius - p[2]) / (length * unit)
+            inside += 0.125 * math.erfc(u)
+            edge = 0.25 * light * p[5] * math.exp(-u * u) / (math.sqrt(math.pi) * unit)
+            slope[0] += edge * g_x / length
+            slope[1] += edge * g_y / length
+            slope[2] += edge / length
+            slope[3] += edge * unit * u * p[3] / total
+        pattern = p[4] + p[5] * inside
+        slope[4] = light
+        slope[5] = light * inside
+        slope[6] = pattern * places[n, 0]
+        slope[7] = pattern * places[n, 1]
+        residual = values[n] - light * pattern
+        distance = abs(residual) / math.sqrt(variances[n])
+        weight = 1.0 / variances[n]
+        if distance > _HUBER:
+            cost += 2.0 * _HUBER * distance - _HUBER * _HUBER
+            weight *= _HUBER / distance
+        else:
+            cost += distance * distance
+        squares += weight * residual * residual
+        for i in range(_PARAMETERS):
+            gradient[i] += weight * slope[i] * residual
+            for j in range(i + 1):
+                normal[i, j] += weight * slope[i] * slope[j]
+    return cost, squares
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fit_discs(
+    image: NDArray[np.float64], variance: NDArray[np.float64], starts: NDArray[np.float64],
+    axes: NDArray[np.float64], inner: float, outer: float, found: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Fit ellipses of known form with blurred edges, under a linear light, to the images of dots.
+
+    ``image``, ``variance``: Grey values and the variances of their noise, shape (rows, columns).
+    ``starts``: Start positions (x, y) in px, shape (n, 2).
+    ``axes``: Pixels per radius of a dot along the rows and columns of the board, shape (n, 2, 2).
+    ``inner``, ``outer``: Range of the pixels used, in radii; the middle may have a hole.
+    ``found``: Values to write, NaN where the fit fails: x, y, variances of x and y and their covariance, blur in px,
+      mean square of the residuals, contrast, radius in the expected radius; shape (n, 9).
+    """
+    rows, columns = image.shape
+    normal, gradient = np.empty((_PARAMETERS, _PARAMETERS)), np.empty(_PARAMETERS)
+    work, right = np.empty((_PARAMETERS, _PARAMETERS)), np.empty((_PARAMETERS, 1))
+    scale, unit = np.empty(_PARAMETERS), np.empty((_PARAMETERS, 2))
+    p, trial, inverse = np.empty(_PARAMETERS), np.empty(_PARAMETERS), np.empty((2, 2))
+    for dot in range(starts.shape[0]):
+        found[dot] = np.nan
+        a, b, c, d = axes[dot, 0, 0], axes[dot, 0, 1], axes[dot, 1, 0], axes[dot, 1, 1]
+        determinant = a * d - b * c
+        if not abs(determinant) > 0.0:
+            continue
+        inverse[0, 0], inverse[0, 1] = d / determinant, -b / determinant
+        inverse[1, 0], inverse[1, 1] = -c / determinant, a / determinant
+        centre_x, centre_y = round(starts[dot, 0]), round(starts[dot, 1])
+        wide, tall = math.ceil(outer * math.hypot(a, b)) + 1, math.ceil(outer * math.hypot(c, d)) + 1
+        left, last = centre_x - wide, centre_x + wide
+        top, bottom = centre_y - tall, centre_y + tall
+        if left < 0 or top < 0 or last >= columns or bottom >= rows:
+            continue
+        most = (2 * wide + 1) * (2 * tall + 1)
+        values, variances, places = np.empty(most), np.empty(most), np.empty((most, 2))
+        count = within = beyond = 0
+        level = ground = 0.0
+        usable = True
+        for y in range(top, bottom + 1):
+            for x in range(left, last + 1):
+                dx, dy = x - starts[dot, 0], y - starts[dot, 1]
+                radius = math.hypot(
+                    inverse[0, 0] * dx + inverse[0, 1] * dy, inverse[1, 0] * dx + inverse[1, 1] * dy
+                )  # fmt: skip
+                if not inner <= radius <= outer:
+                    continue
+                if not (math.isfinite(image[y, x]) and variance[y, x] > 0.0):
+                    usable = False
+                    continue
+                values[count], variances[count] = image[y, x], variance[y, x]
+                places[count, 0], places[count, 1] = x - centre_x, y - centre_y
+                count += 1
+                if radius < 0.9:
+                    level += image[y, x]
+                    within += 1
+                elif radius > 1.1:
+                    ground += image[y, x]
+                    beyond += 1
+        if not usable or count < _FEWEST or within == 0 or beyond == 0:
+            continue
+        p[0], p[1], p[2], p[3] = starts[dot, 0] - centre_x, starts[dot, 1] - centre_y, 1.0, 0.9
+        p[4], p[5], p[6], p[7] = ground / beyond, level / within - ground / beyond, 0.0, 0.0
+        damping = 1e-3
+        cost, squares = _accumulate(values, variances, places, count, inverse, p, normal, gradient)
+        converged = False
+        for _ in range(_ROUNDS):
+            for i in range(_PARAMETERS):
+                scale[i] = 1.0 / math.sqrt(max(normal[i, i], 1e-300))
+            for i in range(_PARAMETERS):
+                right[i, 0] = gradient[i] * scale[i]
+                for j in range(i + 1):
+                    work[i, j] = normal[i, j] * scale[i] * scale[j]
+                work[i, i] += damping
+            if not solve_symmetric(work, right):
+                damping = max(10.0 * damping, 1e-6)
+                continue
+            for i in range(_PARAMETERS):
+                trial[i] = p[i] + right[i, 0] * scale[i]
+            trial[3] = min(max(trial[3], _LEAST_BLUR), _LARGEST_BLUR)
+            trial[2] = min(max(trial[2], _SMALLEST), _LARGEST)
+            # A parameter at its limit makes no step.
+            step = 0.0
+            for i in range(_PARAMETERS):
+                step += (trial[i] - p[i]) * gradient[i]
+            small = step < _CONVERGED * max(1.0, squares / count)
+            later, later_squares = _accumulate(values, variances, places, count, inverse, trial, normal, gradient)
+            if later <= cost * (1.0 + 1e-9):
+                p[:] = trial
+                cost, squares, damping = later, later_squares, 0.1 * damping
+                if small:
+                    converged = True
+                    break
+            else:
+                damping = max(10.0 * damping, 1e-6)
+                _accumulate(values, variances, places, count, inverse, p, normal, gradient)
+                # At the minimum, rounding decides about a small step.
+                converged = small
+                if converged or damping > 1e6:
+                    break
+        if not converged or not _SMALLEST < p[2] < _LARGEST or p[3] >= _LARGEST_BLUR:
+            continue
+        for i in range(_PARAMETERS):
+            scale[i] = 1.0 / math.sqrt(max(normal[i, i], 1e-300))
+            unit[i, 0], unit[i, 1] = 0.0, 0.0
+        for i in range(_PARAMETERS):
+            for j in range(i + 1):
+                work[i, j] = normal[i, j] * scale[i] * scale[j]
+        unit[0, 0], unit[1, 1] = 1.0, 1.0
+        if not solve_symmetric(work, unit):
+            continue
+        found[dot, 0], found[dot, 1] = centre_x + p[0], centre_y + p[1]
+        found[dot, 2], found[dot, 3] = unit[0, 0] * scale[0] * scale[0], unit[1, 1] * scale[1] * scale[1]
+        found[dot, 4] = unit[1, 0] * scale[1] * scale[0]
+        found[dot, 5], found[dot, 6] = p[3], squares / max(count - _PARAMETERS, 1)
+        found[dot, 7], found[dot, 8] = p[5], p[2]
