@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st_
@@ -176,6 +177,28 @@ def test_missing_saturated_and_masked_pixels_stay_invalid(tmp_path: Path) -> Non
     assert known[8:-8, 8:-8].mean() > 0.95
     within = away_from_borders(known)
     np.testing.assert_allclose(image[within], ideal_image(found, 0)[within], atol=5e-4)
+
+
+def test_excluded_pixels_move_with_the_images(tmp_path: Path) -> None:
+    rig = skewed_rig(8)
+    plain = write_folder(tmp_path, recorded(rig), DEPTH_MM, files={"mask": "mask.tif"})
+    mask = np.zeros((CAMERA.height, CAMERA.width), dtype=np.uint8)
+    mask[30, 40] = 255
+    tifffile.imwrite(tmp_path / "mask.tif", mask)
+    assert plain["files"]["mask"] == "mask.tif"
+    found = import_capture(tmp_path, calibration=rig, output=tmp_path / "run")
+    assert found.exclusion_mask.dims == ("s", "y", "x")
+    geometry, axes = geometry_of(rig), ideal_axes(rig)
+    for s in range(3):
+        excluded = found.exclusion_mask.values[s]
+        c_x, c_y = found.attrs["principal_point_px"]
+        rows, columns = np.nonzero(excluded[8:-8, 8:-8])
+        ray = np.array([columns.mean() + 8 - c_x, rows.mean() + 8 - c_y, found.attrs["focal_length_px"]])
+        point = ray * DEPTH_MM / ray[2] + [float(found.stage_x_mm[s]), 0, 0]
+        # The spline of 7 x 7 pixels around the excluded pixel.
+        assert 40 <= excluded[8:-8, 8:-8].sum() <= 60
+        seen = geometry.project(geometry.to_stage(point[None] @ axes.T))[s, 0]
+        np.testing.assert_allclose(seen, [40, 30], atol=0.6)
 
 
 def test_calibrations_of_other_rigs_are_rejected(tmp_path: Path) -> None:

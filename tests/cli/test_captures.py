@@ -144,3 +144,18 @@ def test_calibration_prints_its_parameters_and_writes_its_files(tmp_path: Path) 
         done = scenetruth("capture", "calibrate", folder, "-o", tmp_path / "out", *more)
         assert done.returncode == 2
         assert ("cameras.yaml: cannot be read" if more else "--overwrite") in done.stderr
+
+
+def test_run_of_a_capture_prints_the_calibration_and_its_pages(tmp_path: Path) -> None:
+    folder = make_board_capture(tmp_path / "lab", poses=3, static=0, dark=4, flat=4)
+    done = scenetruth("capture", "run", folder, "-o", tmp_path / "out", "--method", "opencv_stereo[window: 0]")
+    assert done.returncode == 2
+    assert "window" in done.stderr
+    assert not (tmp_path / "out").exists()
+    done = scenetruth("capture", "run", folder, "-o", tmp_path / "out", "--method", "opencv_stereo")
+    assert done.returncode == 0, done.stderr
+    assert " f = 1" in done.stdout
+    assert f"wrote {tmp_path / 'out' / 'capture.html'}, {tmp_path / 'out' / 'report.html'}" in done.stdout
+    again = scenetruth("capture", "run", folder, "-o", tmp_path / "out", "--method", "opencv_stereo")
+    assert again.returncode == 0, again.stderr
+    assert again.stdout == done.stdout

@@ -218,7 +218,8 @@ class _Run:
         plain = capture.to_dict()
         sets = [name for frames in folder.sets.values() for names in frames.levels.values() for name in names]
         of_sets, of_images = self._marks(sets), self._marks(file.name for file in folder.images.files.values())
-        tables = [capture.stage.positions_file, capture.frames.times_file, capture.files.mask]
+        strip = None if capture.strip is None else capture.strip.file
+        tables = [capture.stage.positions_file, capture.frames.times_file, capture.files.mask, strip]
         # The inputs of a stage are those of all stages before it, and its own.
         values = [own_release(), plain, of_sets, of_images, self._marks(map(str, filter(None, tables)))]
         inputs = digest(values)

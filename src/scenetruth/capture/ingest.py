@@ -327,8 +327,10 @@ class RecordingPlan:
         """Return the excluded pixels of the recording, from those of the images."""
         if self.rectification is None:
             return excluded
-        frames = range(1 if self.rectification.constant else len(self.series.frames))
         places = range(len(self.series.positions))
+        if self.rectification.constant:
+            return np.array([self.rectification.mask(excluded, s, 0) for s in places])
+        frames = range(len(self.series.frames))
         return np.array([[self.rectification.mask(excluded, s, t) for t in frames] for s in places])
 
     def fill(self, put: Put, progress: Progress | None = None) -> None:

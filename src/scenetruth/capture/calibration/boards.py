@@ -139,7 +139,7 @@ class DotGrid(_Tolerances):
             return self
         first, right, below = self.markers
         if self.kind != "dots":
-            msg = "markers are hollow dots of a rectangular grid; use the kind dots"
+            msg = "markers are hollow dots of a rectangular grid; use `dots`"
             raise ValueError(msg)
         if any(place[axis] >= self.dots[axis] for place in self.markers for axis in (0, 1)):
             msg = f"markers must lie on the grid of {self.dots[0]} x {self.dots[1]} dots; got {self.markers}"

@@ -87,7 +87,7 @@ def detect_board(image: Array, board: Board) -> Detection:
 
 
 def _is_unique(board: Checkerboard | DotGrid) -> bool:
-    """Return whether the detector has found the orientation."""
+    """Return whether the detector determines the orientation."""
     return isinstance(board, DotGrid) and board.markers is not None
 
 

@@ -32,10 +32,10 @@ _FARTHEST_PX = 3.0
 _DOT_INNER = 1.3  # radii of the window of the first centroid
 _HOLE, _RING = 0.55, 0.6
 """Pixels used for a dot, in radii: from the hole of a hollow dot to some of the ground."""
-_EDGE_PX, _RING_PX = 1.5, 3.0
-"""Distance that is kept from the edges of neighbours, and least width of the ground."""
+_EDGE_PX, _RING_PX, _RING_MOST_PX = 1.5, 3.0, 12.0
+"""Distance that is kept from the edges of neighbours, and least and largest width of the ground."""
 _SHARP_PX, _SHARP_BLUR_PX = 0.007, 0.4
-"""Error of dots with edges sharper than a pixel, times the root of the radius in px, as measured with renders of 4 and
+"""Error of dots with edges sharper than a pixel, times the root of the radius in px, measured with renders of 4 and
 8 px radius without blur; and the blur from which it vanishes.
 """
 _FLOOR_PX = 5e-4
@@ -153,12 +153,13 @@ def refine_dots(
     noise = np.ascontiguousarray(np.broadcast_to(np.maximum(variance, 1e-12), grey.shape), dtype=np.float64)
     pixel = 1 / max(float(np.median(np.sqrt(np.abs(np.linalg.det(axes))))), 1e-3)
     # The blurred edges of neighbours stay outside.
-    outer = min(1 + max(_RING, _RING_PX * pixel), max(neighbour_radii - 1 - _EDGE_PX * pixel, 0.5 * neighbour_radii))
+    ring = max(min(_RING, _RING_MOST_PX * pixel), _RING_PX * pixel)
+    outer = min(1 + ring, max(neighbour_radii - 1 - _EDGE_PX * pixel, 0.5 * neighbour_radii))
     starts = np.ascontiguousarray(centres)
     rough, found = np.empty((len(starts), 5)), np.empty((len(starts), 9))
-    centroids(grey, noise, starts, axes, min(_DOT_INNER, outer - 0.15), outer, rough)
+    centroids(grey, noise, starts, axes, min(_DOT_INNER, 1 + 0.6 * (outer - 1)), outer, rough)
     starts = np.where(np.isfinite(rough[:, :1]), rough[:, :2], starts)
-    fit_discs(grey, noise, np.ascontiguousarray(starts), axes, _HOLE, outer, found)
+    fit_discs(grey, noise, np.ascontiguousarray(starts), axes, max(_HOLE, 1 - _RING_MOST_PX * pixel), outer, found)
     with np.errstate(invalid="ignore"):
         near = np.hypot(*(found[:, :2] - centres).T) < _FARTHEST_PX + 0.1 / pixel
         usual = max(1.0, float(np.median(found[near, 6]))) if near.any() else 1.0

@@ -27,6 +27,10 @@ _CONCENTRIC = 0.3
 _NEAR = 0.3
 """Largest distance of a dot from its expected place, in units of the distance to its neighbours."""
 _FEWEST = 12
+_MISFIT = 0.15
+"""Largest 90th percentile of the distance of dots from a plane grid, in units of their distances."""
+_LEAST_SHARE = 0.6
+"""Least share of the dots within the extent of a grid that belong to it."""
 _BLOCKS = (8, 20)
 """The local threshold averages over the longer side of the image divided by these."""
 _MOST_MARKERS = 8
@@ -161,7 +165,24 @@ def _grow(blobs: Blobs, places: tuple[tuple[int, int], ...], chosen: tuple[int, 
             where = np.array(list(grid), dtype=np.float64)
             homography = fit_homography(where, blobs.centres[list(grid.values())])
             expect = _through(homography)
-    return grid
+    return grid if _is_lattice(blobs, grid, expect) else {}
+
+
+def _is_lattice(blobs: Blobs, grid: dict[tuple[int, int], int], expect: Callable[[Array], Array]) -> bool:
+    """Return whether dots are a plane grid, and no dot lies half-way between neighbours."""
+    if len(grid) < _FEWEST:
+        return False
+    where, seen = np.array(list(grid), dtype=np.float64), blobs.centres[list(grid.values())]
+    shown = np.array([expect(place) for place in where])
+    step = np.array([expect(place + [1.0, 0.0]) for place in where]) - shown
+    other = np.array([expect(place + [0.0, 1.0]) for place in where]) - shown
+    away = np.hypot(*(seen - shown).T) / np.minimum(np.hypot(*step.T), np.hypot(*other.T))
+    if np.percentile(away, 90) > _MISFIT:
+        return False
+    # Every dot within the grid is a part of it.
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    inside = ((blobs.centres > low) & (blobs.centres < high)).all(axis=1)
+    return bool(len(grid) > _LEAST_SHARE * inside.sum())
 
 
 def _through(homography: Array) -> Callable[[Array], Array]:

@@ -61,6 +61,7 @@ _BETTER = 100.0
 """Decrease of the robust cost for which they are estimated: 1 is expected by chance for each, and five times as much
 where all points of an image have common errors.
 """
+_MOST_CHOICES = 4
 _SHOWN = 3.5
 """Ratio to its standard deviation below which an additional coefficient is fixed again."""
 _BEYOND_DOUBT = 1e-6
@@ -387,19 +388,22 @@ def _fit_model(
     if "free_distortion" in priors.model_fields_set:
         fit, words = _fit_board(_fit(given, state, dots), priors)
         return fit, priors, words
-    first = _fit(given, state, dots)
+    first, tried = _fit(given, state, dots), set(priors.free_distortion)
     if first[0].variance_factor > _SCALED_ABOVE:
         richer = _with(priors, *_NEXT)
         second = _fit(given, carry_state(first[0].state, RigLayout.from_observations(given, richer)), dots)
         if _cost_of(first) - _cost_of(second) > _BETTER:
             first, priors = second, richer
-    while True:
-        fit, words = _fit_board(first, priors)
-        chosen = _without_insignificant(fit, priors) or _wanted_coefficients(fit, priors)
+    fit, words = _fit_board(first, priors)
+    # Coefficients that are fixed again stay so: each is tried once.
+    for _ in range(_MOST_CHOICES):
+        chosen = _without_insignificant(fit, priors) or _wanted_coefficients(fit, priors, tried)
         if chosen is None:
             break
+        tried |= set(priors.free_distortion) | set(chosen.free_distortion)
         priors = chosen
         first = _fit(given, carry_state(fit.state, RigLayout.from_observations(given, priors)), dots)
+        fit, words = _fit_board(first, priors)
     added = [name for name in priors.free_distortion if name not in RigPriors().free_distortion]
     if added:
         words.append(f"the residuals ask for {', '.join(added)}: estimated as well")
@@ -434,11 +438,12 @@ def _without_insignificant(fit: RigFit, priors: RigPriors) -> RigPriors | None:
     return priors.model_copy(update={"free_distortion": kept})
 
 
-def _wanted_coefficients(fit: RigFit, priors: RigPriors) -> RigPriors | None:
+def _wanted_coefficients(fit: RigFit, priors: RigPriors, tried: set[str]) -> RigPriors | None:
     """Return priors with the coefficients of the next lens model if the residuals ask for it beyond doubt."""
     for test in check_models(fit):
-        if test.name in _COEFFICIENTS and test.probability < _BEYOND_DOUBT:
-            return _with(priors, *(name for name in _COEFFICIENTS[test.name] if name not in priors.free_distortion))
+        names = [name for name in _COEFFICIENTS.get(test.name, ()) if name not in priors.free_distortion]
+        if not tried.issuperset(names) and test.probability < _BEYOND_DOUBT:
+            return _with(priors, *names)
     return None
 
 

@@ -133,7 +133,7 @@ def _problems(points: Array, images: Sequence[BoardImage]) -> list[Problem]:
 def _match(
     image: Array, points: Array, known: tuple[float, Array] | None, x_mm: float
 ) -> tuple[NDArray[np.int64], Array, float] | None:
-    """Return indices of the dots found, their centres and their radius in px; None for too few."""
+    """Return indices of the detected dots, their centres and their radius in px; None for too few."""
     grey = stretched(image)
     best: tuple[NDArray[np.int64], Array, float] | None = None
     for share in _BLOCKS:
@@ -232,7 +232,7 @@ def _settled_from(blobs: Blobs, points: Array, pairs: NDArray[np.int64]) -> NDAr
 def _grown(
     blobs: Blobs, tree: object, points: Array, lengths: Array, one: tuple[int, int], other: tuple[int, int]
 ) -> NDArray[np.int64]:
-    """Return pairs that continue two correspondences from dot to dot; few if a similarity of them does not fit."""
+    """Return pairs that continue two correspondences from dot to dot; 2 if a similarity of them does not fit."""
     found = dict((one, other))
     spacing = float(lengths[one[0], other[0]])
     while True:
@@ -240,7 +240,7 @@ def _grown(
         seen = blobs.centres[list(found.values())]
         expected = _similar(points[where], seen, points)
         scale = np.hypot(*(expected[other[0]] - expected[one[0]])) / spacing
-        # The next dots are those nearest to the dots found.
+        # The next dots are those nearest to the matched dots.
         rest = np.setdiff1d(np.arange(len(points)), where)
         if not len(rest):
             break
