@@ -249,3 +249,27 @@ def test_other_forms_of_images_are_corrected_and_checked_alike(tmp_path: Path, f
     report = check_capture(made.folder)
     assert report.image_count == 6 * rows
     assert "files" not in report.mistakes("error")
+
+
+@pytest.mark.parametrize(
+    ("distance_mm", "message"), [(0.6, r"distance_mm: 0\.6 mm is 0\.3 baselines of 2 mm; is it in m"), (600.0, "")]
+)
+def test_a_distance_in_another_unit_is_asked_for(captured: CapturedFolder, distance_mm: float, message: str) -> None:
+    captured.plain["distance_mm"] = distance_mm
+    captured.write()
+    report = check_capture(captured.folder)
+    assert ("units" in report.mistakes("warning")) == bool(message)
+    if message:
+        with pytest.warns(CaptureWarning, match=message):
+            found = import_capture(captured.folder)
+    else:
+        found = import_capture(captured.folder)
+    assert found.attrs["distance_mm"] == distance_mm
+
+
+def test_a_focal_length_in_mm_in_the_capture_file_is_asked_for(captured: CapturedFolder) -> None:
+    captured.plain["camera"]["focal_length_px"] = 6.2
+    captured.write()
+    assert "units" in check_capture(captured.folder).mistakes("warning")
+    with pytest.warns(scenetruth.SceneWarning, match=r"focal_length_px: 6\.2 px .* is it in mm\?"):
+        import_capture(captured.folder)

@@ -246,3 +246,16 @@ def test_exposures_are_compared_within_each_position() -> None:
     assert np.isnan(found[1, 4])
     with pytest.raises(ArgumentError):
         compare_exposures(recording, black_level_dn=200)
+
+
+def test_flat_fields_that_are_saturated_leave_the_dark_frames_usable() -> None:
+    draw = np.random.default_rng(2)
+    fixed = draw.normal(0, 3, (40, 50))
+    dark = np.rint(64 + fixed + draw.normal(0, 2, (8, 40, 50)))
+    found = measure_noise(dark, np.full((4, 40, 50), 255), full_scale=255)
+    assert np.isnan(found.gain_dn_per_e)
+    assert np.isnan(found.prnu)
+    assert found.dark_noise_dn == pytest.approx(2, rel=0.05)
+    assert any("flat fields are saturated" in note for note in found.notes)
+    with pytest.raises(ArgumentError, match="dark: reaches the full scale of 30 everywhere"):
+        measure_noise(dark, full_scale=30)

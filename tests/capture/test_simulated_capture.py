@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
-from scenetruth.capture import simulate_capture
+from scenetruth.capture import Capture, check_capture, measure_linearity, open_capture, simulate_capture
 from scenetruth.errors import ArgumentError, OutputExistsError, SceneError
 from tests.helpers.nightly import by_night
 from tests.helpers.scenes import cube
@@ -332,3 +332,79 @@ def test_black_level_of_a_gamma_curve_is_that_of_its_dark_images(tmp_path: Path)
     assert camera["gamma"] == pytest.approx(1 / 0.45)
     # Dark current and rounding add less than half a digital number.
     assert read(folder / "dark" / "d000.tif").mean() == pytest.approx(camera["black_level_dn"], abs=0.5)
+
+
+EXPOSURES = (0.25, 0.5, 1.0, 2.0)
+SENSOR: dict[str, Any] = {
+    "kind": "emva1288",
+    "preset": "industrial_cmos",
+    "dark_current_e_per_s": 40_000.0,
+    "dsnu_e": 20,
+}
+SERIES: dict[str, Any] = {"poses": 0, "dark": 12, "flat": 4, "static": 0, "exposures": EXPOSURES, "step_std": 0}
+
+
+def exposed(tmp_path: Path, sensor: dict[str, Any], **changes: Any) -> Path:
+    stage = {"positions": 2, "baseline_mm": 4.0}
+    scene = cube(**{**SCENE, "camera": SMALL, "stage": stage, "frames": {"count": 1}, "sensor": sensor})
+    return simulate_capture(scene, tmp_path / "c", **{**SERIES, **changes})
+
+
+def means(folder: Path, name: str) -> Array:
+    """Return the mean images of all levels of a set."""
+    files = [sorted((folder / name).glob(f"e{level}_*.tif")) for level in range(len(EXPOSURES))]
+    return np.array([np.mean([read(file) for file in each], axis=0) for each in files])
+
+
+def test_light_and_dark_current_are_proportional_to_the_exposure_time(tmp_path: Path) -> None:
+    folder = exposed(tmp_path, SENSOR)
+    plain = yaml.safe_load((folder / "capture.yaml").read_text())
+    assert plain["files"]["dark"] == "dark/e{level}_*.tif"
+    assert plain["files"]["exposure_times_s"] == [0.0025, 0.005, 0.01, 0.02]
+    assert plain["camera"]["exposure_time_s"] == 0.01
+    dark, flat = means(folder, "dark"), means(folder, "flat")
+    gain = 0.39  # DN per electron
+    growth = np.polyfit(EXPOSURES, dark.mean(axis=(1, 2)), 1)[0]
+    # 400 electrons at the exposure of the images.
+    assert growth == pytest.approx(400 * gain, rel=0.01)
+    light = (flat - dark).mean(axis=(1, 2))
+    # Noise of the mean of 4 x 3,072 pixels is below 1e-3 of the darkest level.
+    np.testing.assert_allclose(light / light[2], EXPOSURES, rtol=3e-3)
+    assert flat.max() < 4095
+    # DSNU of 20 electrons, 7.8 DN, is one pattern; the mean of 12 dark frames has shot noise of up to 3.2 DN.
+    assert np.corrcoef(dark.reshape(len(EXPOSURES), -1)).min() > 0.75
+
+
+@pytest.mark.parametrize(
+    ("sensor", "exponent"),
+    [
+        ({**SENSOR, "dark_current_e_per_s": 0.0}, 1.0),
+        ({"bit_depth": 12, "noise_std": 0.003}, 1.0),
+        ({**SENSOR, "dark_current_e_per_s": 0.0, "gamma": 0.5, "black_level_dn": 0}, 0.5),
+    ],
+    ids=["linear", "gaussian", "gamma"],
+)
+def test_a_series_of_exposures_shows_the_response(sensor: dict[str, Any], exponent: float, tmp_path: Path) -> None:
+    folder = exposed(tmp_path, sensor)
+    # As the capture file of a laboratory that takes the camera for linear.
+    plain = yaml.safe_load((folder / "capture.yaml").read_text())
+    plain["camera"].pop("encoding", None)
+    plain["camera"].pop("gamma", None)
+    capture = Capture.from_dict(plain, folder=folder)
+    captured = open_capture(capture)
+    light = [float(captured.light_of_flat(level).mean()) for level in range(len(EXPOSURES))]
+    times = [captured.sets["flat"].exposure_time_s(level) for level in range(len(EXPOSURES))]
+    found = measure_linearity([time for time in times if time is not None], light)
+    assert found.exponent == pytest.approx(exponent, abs=0.02)
+    if exponent == 1.0:
+        assert found.error < 3e-3
+    report = check_capture(capture)
+    assert ("gamma" in report.mistakes("error")) == (exponent != 1.0), [str(each) for each in report.findings]
+    if exponent == 1.0:
+        assert report.mistakes("error", "warning") == []
+
+
+@pytest.mark.parametrize("exposures", [(1.0, 0.5), (0.5, 0.5, 1.0), (0.5, 2.0), (0.0, 1.0)])
+def test_exposures_increase_and_contain_that_of_the_images(exposures: tuple[float, ...], tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match="exposures"):
+        exposed(tmp_path, SENSOR, exposures=exposures)

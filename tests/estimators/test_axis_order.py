@@ -15,7 +15,7 @@ from scipy.ndimage import shift as displaced
 import scenetruth as st
 from scenetruth.errors import EstimateWarning
 from scenetruth.estimators import prepare
-from scenetruth.estimators.axis_order import describe_likely_causes, is_nearly_invalid, measure_shift
+from scenetruth.estimators.axis_order import describe_likely_causes, measure_shift, share_of_valid
 from scenetruth.pipeline.runner import write_estimate
 
 DISPARITY_PX, FLOW_PX = 3.0, (0.2, 0.5)
@@ -48,12 +48,13 @@ WRONG = {
 
 
 @pytest.mark.parametrize("cause", WRONG)
-@pytest.mark.parametrize("method", ["structure_tensor", "refined"])
+@pytest.mark.parametrize("method", ["structure_tensor", "refined", "plane_sweep"])
 def test_an_estimate_without_valid_pixels_names_the_likely_cause(cause: str, method: str) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = st.estimate(WRONG[cause], method)
-    assert found["valid"].mean() < 0.01
+    # The plane sweep matches some pixels of other places by chance.
+    assert found["valid"].mean() < (0.2 if method == "plane_sweep" else 0.01)
     (message,) = [one for one in caught if "Likely" in str(one.message)]
     assert cause in str(message.message)
     assert f"method '{method}'" in str(message.message)
@@ -97,13 +98,24 @@ def test_images_that_tell_nothing_give_no_cause(given: np.ndarray[Any, Any]) -> 
 
 def test_pixels_that_the_user_excludes_do_not_count() -> None:
     mask = np.ones((70, 100), dtype=bool)
-    mask[:10, :10] = False
+    mask[:10, :10] = False  # 100 pixels
     masked = recording(RIGHT, exclusion_mask=mask)
     estimate = st.make_estimate(recording=masked, disparity=np.full((70, 100), 3.0))
-    assert not is_nearly_invalid(50, estimate, masked)
-    assert is_nearly_invalid(0, estimate, masked)
-    assert is_nearly_invalid(50, estimate, recording(RIGHT))
-    assert not is_nearly_invalid(0, estimate, recording(RIGHT, exclusion_mask=np.ones_like(mask)))
+    assert share_of_valid(50, estimate, masked) == 0.5
+    assert share_of_valid(0, estimate, masked) == 0
+    assert share_of_valid(50, estimate, recording(RIGHT)) == 50 / 7000
+    assert share_of_valid(0, estimate, recording(RIGHT, exclusion_mask=np.ones_like(mask))) == 1
+
+
+def test_images_whose_displacement_is_not_certain_count_only_without_valid_pixels() -> None:
+    noise = np.random.default_rng(1).uniform(-1, 1, RIGHT.shape)
+    # Cameras without a common texture, and frames that move as cameras do.
+    moving = np.stack([np.roll(noise[:, 0], -4 * t, axis=-1) for t in range(5)], axis=1)
+    assert "s and t are swapped" in describe_likely_causes(recording(moving))
+    assert describe_likely_causes(recording(moving), 0.05) == ""
+    swapped = RIGHT.transpose(1, 0, 2, 3)
+    assert "only 5 % of the pixels are valid" in describe_likely_causes(recording(swapped), 0.05)
+    assert describe_likely_causes(recording(swapped), 0.2) == ""
 
 
 @pytest.mark.parametrize("shift", [(0.0, -3.0), (2.4, 0.0), (-7.0, 12.0)])

@@ -314,6 +314,11 @@ GLTF_FEATURES = (
     ),
     one("unknown extension that is required", square(extensionsRequired=["VENDOR_x"]), rejected="VENDOR_x"),
     one("unknown extension that is used", square(extensionsUsed=["VENDOR_x"]), area=1, note="extension VENDOR_x"),
+    one(
+        "version 2 that requires 2.1",
+        changed(square(), lambda tree: tree["asset"].update(minVersion="2.1")),
+        rejected="requires a reader of glTF 2.1",
+    ),
     one("version 1", changed(square(), set_("asset", "version", value="1.0")), rejected="version 2"),
     one(
         "moved, scaled and turned nodes",
@@ -360,6 +365,11 @@ GLTF_FEATURES = (
         "Sample Assets BoxTextured",
         area=1,
         shades=SHADES,
+    ),
+    one(
+        "integer texture coordinates that are not normalised",
+        pictured(arrays={"uv": (UV * 255).astype(np.uint8)}),
+        rejected="TEXCOORD_0 of integers that are not normalized",
     ),
     one(
         "second texture coordinates",
@@ -578,6 +588,13 @@ GLTF_FEATURES = (
         "alphaMode MASK that leaves nothing",
         pictured(masked(), opacity([[9, 9], [9, 9]])),
         rejected="transparent everywhere",
+    ),
+    one(
+        "alphaMode that glTF does not have",
+        pictured({**BASE, "alphaMode": "HASHED"}),
+        area=1,
+        rejected="alphaMode 'HASHED'",
+        of_colours=True,
     ),
     one(
         "alphaMode BLEND of an opaque picture",

@@ -68,6 +68,7 @@ _OBJ = (
         polygons=1,
     ),
     obj("collinear corners", "v 0 0 0\nv .5 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4 5\n", area=1, polygons=1),
+    obj("corners that repeat the corner before", SQUARE + "f 1 1 2 3 3 4 1\n", area=1, polygons=1, note="1 components"),
     obj("polygon that intersects itself", SQUARE + "f 1 3 2 4\n", rejected="intersects itself"),
     obj(
         "polygon that is far from plane and concave",
@@ -240,6 +241,19 @@ _MTL = (
         occurs="tinyobjloader colorspace-issue-184.obj",
         rejected="-colorspace",
         of_colours=True,
+    ),
+    textured("comment behind the name", "map_Kd grey.png # the front"),
+    textured(
+        "path of another machine",
+        r"map_Kd C:\work\leaf\grey.png",
+        rejected='the folder of my.mtl has "grey.png": remove the path',
+        of_colours=True,
+    ),
+    mtl(
+        "opacity of 1 and a comment",
+        "newmtl leaf\nKd 0 0.5 0\nd 1.0 # opaque\n",
+        area=1,
+        shades=(((0.5, 0.4), GREEN / 2),),
     ),
     textured("picture that is missing", "map_Kd other.png", rejected='"other.png" is missing', of_colours=True),
     mtl(

@@ -64,7 +64,7 @@ def _with(demand: Workload, name: str, *, flag: bool) -> Workload:
     return replace(demand, **changes)
 
 
-@given(demands(), some.sampled_from(["save_radiance", "lit", "complete"]))
+@given(demands(), some.sampled_from(["save_radiance", "lit", "complete", "adaptive"]))
 def test_what_is_added_costs_something(demand: Workload, name: str) -> None:
     less, more = (figures(_with(demand, name, flag=flag)) for flag in (False, True))
     assert all(b >= a for a, b in zip(less, more, strict=True))
@@ -175,6 +175,34 @@ def test_the_refined_method_takes_large_images_in_tiles() -> None:
     assert found.memory_bytes < 2.5e9
     twice = estimate_cost(RecordingWorkload(2 * 2464 * 2056, 5, 9, 2, effort), ["estimate"], 1.0)
     assert 1.2 < twice.memory_bytes / found.memory_bytes < 2.0
+
+
+# Processor seconds that adaptive edges add to an image of 640 x 480 px, at supersampling 2 and 4.
+ADAPTIVE_S = {
+    "cube": (0.27, 0.61),
+    "leaf": (1.16, 3.04),
+    "seedling": (0.29, 0.77),
+    "occluders": (0.31, 0.75),
+    "rosette": (2.81, 5.96),
+    "star": (1.66, 3.41),
+}
+
+
+@pytest.mark.parametrize("name", ADAPTIVE_S)
+def test_adaptive_edges_are_foreseen_within_a_factor_of_four(name: str) -> None:
+    plain = st.load_scene(SCENES / f"{name}.yaml")
+    focal = plain.camera.focal_px * 640 / plain.camera.width
+    for supersampling, measured in zip((2, 4), ADAPTIVE_S[name], strict=True):
+        seconds = []
+        for edges in ("sampled", "adaptive"):
+            overrides = {
+                "camera.width": 640, "camera.height": 480, "camera.focal_length_px": focal,
+                "render.supersampling": supersampling, "render.edges": edges, "render.backend": "raycast",
+            }  # fmt: skip
+            scene = st.load_scene(SCENES / f"{name}.yaml", overrides=overrides)
+            demand = compute_workload(scene, list_object_workloads(scene, SCENES)[0])
+            seconds.append(estimate_cost(demand, ["render"], slower=1.0).stages["render"].seconds / demand.images)
+        assert 0.25 < (seconds[1] - seconds[0]) / measured < 4
 
 
 def test_stages_follow_each_other() -> None:

@@ -2,11 +2,14 @@ from __future__ import annotations
 
 import copy
 import pickle
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import scenetruth as st
+from tests.helpers.mesh_files import gltf
 from tests.helpers.scenes import LIBRARY, SCENES, cube
 
 
@@ -65,3 +68,21 @@ def test_scenes_stay_values(file: Any) -> None:
     assert repr(again) == repr(scene)
     assert "\n" not in repr(scene)
     assert scene.model_copy(update={"seed": scene.seed + 1}) != scene
+
+
+def test_extensions_of_mesh_files_that_are_not_read_are_warned_of(tmp_path: Path) -> None:
+    text = gltf({"p": np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]], np.float32)}, {"attributes": {"POSITION": "@p"}},
+                extensionsUsed=["VENDOR_fur", "KHR_materials_unlit"])  # fmt: skip
+    (tmp_path / "a.gltf").write_text(text, encoding="utf-8")
+    plain = {
+        "camera": {"width": 64, "height": 48, "focal_length_px": 400},
+        "stage": {"positions": 3, "baseline_mm": 2},
+        "frames": {"count": 1},
+        "objects": [{"name": "card", "mesh": {"kind": "file", "file": str(tmp_path / "a.gltf")},
+                     "pose": {"position_mm": [0, 0, 200]},
+                     "texture": {"kind": "noise", "wavelength_mm": [2, 8]}}],
+    }  # fmt: skip
+    with pytest.warns(
+        st.SceneWarning, match="mesh file of 'card' uses extensions of glTF that are not read: VENDOR_fur;"
+    ):
+        st.simulate(st.Scene.from_dict(plain))

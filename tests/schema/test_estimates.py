@@ -148,3 +148,16 @@ def test_few_pixels_without_a_positive_depth_become_invalid() -> None:
     assert np.isnan(found["depth"].values[0, 0, :10]).all()
     assert not found["valid"].values[0, 0, :10].any()
     assert int(np.isfinite(found["disparity"].values).sum()) == known - 10
+
+
+def test_labelled_maps_are_read_by_the_names_of_their_dimensions() -> None:
+    recording = st.make_recording(np.zeros((2, 1, 6, 6)), focal_length_px=500, baseline_mm=5)
+    depth = np.random.default_rng(0).uniform(400, 600, (6, 6))
+    labelled = xr.DataArray(depth, dims=("y", "x"), coords={"y": np.arange(6), "x": np.arange(6)})
+    turned = labelled.transpose("x", "y")
+    flow = xr.DataArray(np.ones((6, 6, 2)), dims=("y", "x", "image_component"))
+    found = st.make_estimate(recording=recording, depth=turned, flow=flow)
+    np.testing.assert_allclose(found["depth"].values[0], depth, rtol=1e-6)
+    assert found["flow"].sizes["image_component"] == 2
+    with pytest.raises(st.RecordingError, match=r"depth: has labels of y that do not increase"):
+        st.make_estimate(recording=recording, depth=labelled[::-1])

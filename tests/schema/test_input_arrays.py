@@ -221,3 +221,28 @@ def test_masked_pixels_of_maps_are_unknown() -> None:
 def test_reserved_attributes_are_refused() -> None:
     with pytest.raises(st.RecordingError, match="attrs: must not contain baseline_mm, scenetruth"):
         st.make_recording(**GOOD, attrs={"baseline_mm": 3, "scenetruth": "x"})
+
+
+@pytest.mark.parametrize("dim", ["s", "t", "y", "x"])
+@pytest.mark.parametrize("of_mask", [False, True])
+def test_labels_that_contradict_the_order_of_an_array_are_asked_for(dim: str, of_mask: bool) -> None:
+    values = np.random.default_rng(0).uniform(0, 1, (3, 4, 5, 6))
+    labels = {name: np.arange(size) for name, size in zip("styx", values.shape, strict=True)}
+    sorted_images = xr.DataArray(values, dims=tuple("styx"), coords=labels)
+    backwards = sorted_images.isel({dim: slice(None, None, -1)})
+    images, mask = (sorted_images, backwards > 0.5) if of_mask else (backwards, None)
+    name = "exclusion_mask" if of_mask else "images"
+    with pytest.raises(st.RecordingError, match=rf"{name}: has labels of {dim} .* {name}\.sortby\('{dim}'\)"):
+        st.make_recording(images, 500, 5, exclusion_mask=mask)
+    drop = backwards.drop_vars(dim)
+    made = st.make_recording(drop, 500, 5)
+    np.testing.assert_array_equal(made.image.values, drop.values)
+    made = st.make_recording(backwards.sortby(dim).transpose("x", "t", "s", "y"), 500, 5)
+    np.testing.assert_array_equal(made.image.values, values)
+
+
+def test_lengths_as_labels_of_pixels_do_not_count() -> None:
+    images = xr.DataArray(
+        np.zeros((2, 3, 5, 6)), dims=tuple("styx"), coords={"y": 0.25 * np.arange(5)[::-1], "x": list("abcdef")}
+    )
+    assert st.make_recording(images, 500, 5).sizes["y"] == 5

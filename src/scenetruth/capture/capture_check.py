@@ -44,7 +44,7 @@ class CaptureFinding:
     """A single result of a check.
 
     ``mistake``: Name of the mistake: ``files``, ``missing_image``, ``turned``, ``saturated``, ``gamma``, ``dark``,
-    ``flat``, ``exposure``, ``bit_depth``, ``board``.
+    ``flat``, ``exposure``, ``bit_depth``, ``board``, ``units``.
     ``severity``: ``error`` where results would be wrong, ``warning`` where they are impaired, ``note`` otherwise.
     ``message``: Path, what was measured, and what to do.
 
@@ -205,6 +205,7 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
     if not capture.camera.focal_length_px and not capture.camera.focal_length_mm:
         message = "camera.focal_length_px: is missing, which an import without calibration requires"
         findings.append(CaptureFinding("files", "note", message))
+    findings += [CaptureFinding("units", "warning", message) for message in folder.describe_units()]
     try:
         statistics = _read_images(folder, progress)
         noise = sensor_noise(folder)

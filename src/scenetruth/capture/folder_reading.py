@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -40,11 +41,12 @@ from scenetruth.capture.rectification import (
     load_calibration,
     recorded_geometry,
 )
-from scenetruth.errors import CaptureError, Problem
+from scenetruth.errors import CaptureError, CaptureWarning, Problem
 from scenetruth.output import check_output, write_atomically
 from scenetruth.progress import Progress
 from scenetruth.scene.picture_file import PictureFileError
 from scenetruth.schema import tolerance_attributes
+from scenetruth.schema.plausible_units import describe_distance, describe_rig
 from scenetruth.storage import RECORDING, StoreWriter, claim_store, open_store, save_store, store_name
 
 __all__ = ["CaptureFolder", "FrameSet", "import_capture", "measurement_hash", "open_capture", "read_table"]
@@ -216,7 +218,7 @@ class CaptureFolder:
         if calibration is None:
             return plan
         if geometry == "recorded":
-            return replace(plan, geometry={**stated, **recorded_geometry(self.capture, calibration)})
+            return replace(plan, geometry=_joined(stated, recorded_geometry(self.capture, calibration)))
         return self._rectified(plan, calibration)
 
     def _rectified(self, plan: RecordingPlan, calibration: RigCalibration) -> RecordingPlan:
@@ -236,8 +238,9 @@ class CaptureFolder:
         far = Rectification(calibration, images.pixels, (height, width), distant, visits)
         depth = given.distance_mm if given.distance_mm is not None else self._distance_mm(plan, far)
         rectification = replace(far, depth_mm=depth)
-        geometry = {**plan.geometry, **rectification.geometry(given)}
-        return replace(plan, geometry=geometry, rectification=rectification)
+        return replace(
+            plan, geometry=_joined(plan.geometry, rectification.geometry(given)), rectification=rectification
+        )
 
     def _distance_mm(self, plan: RecordingPlan, far: Rectification) -> float:
         """Return the distance of the surface, from the first frame that two neighbouring positions have."""
@@ -262,6 +265,25 @@ class CaptureFolder:
             break
         message = "is missing, and the images do not determine it: measure the distance of the surface"
         raise CaptureError([Problem("distance_mm", message)], source=self.capture.folder)
+
+    def describe_units(self) -> list[str]:
+        """Return which values of the capture file are likely to be in another unit; empty if none is."""
+        capture = self.capture
+        camera, stage = capture.camera, capture.stage
+        lens = None if camera.focal_length_px is None and camera.focal_length_mm is None else camera.to_camera()
+        found = []
+        if lens is not None:
+            found += describe_rig(lens.focal_px, stage.baseline_mm, camera.width, camera.height)
+        if capture.distance_mm is not None:
+            focal = None if lens is None else lens.focal_px
+            found += describe_distance(capture.distance_mm, focal, stage.baseline_mm, camera.width, stage.positions)
+        return found
+
+
+def _joined(stated: Mapping[str, Any], calibrated: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of `make_recording` that a calibration replaces in part; attributes are joined."""
+    attrs = {**stated.get("attrs", {}), **calibrated.get("attrs", {})}
+    return {**stated, **calibrated, **({"attrs": attrs} if attrs else {})}
 
 
 def measurement_hash(images: ImageSeries) -> str:
@@ -387,6 +409,8 @@ def _geometry(folder: CaptureFolder, problems: list[Problem], *, calibrated: boo
         given["principal_point_px"] = lens.principal_point
         if lens.distortion is not None:
             given["distortion"] = list(lens.distortion.coefficients)
+    if capture.distance_mm is not None:
+        given["attrs"] = {"distance_mm": capture.distance_mm}
     std = {"focal_length_std_px": camera.focal_length_std_px, "principal_point_std_px": camera.principal_point_std_px}
     given["lens_tolerances"] = {name: value for name, value in std.items() if value}
     given["stage_tolerances"] = _tolerances(capture)
@@ -589,7 +613,7 @@ def import_capture(
     Warns
     -----
     CaptureWarning
-        If images are missing, or the bit depth is unlikely.
+        If images are missing, the bit depth is unlikely, or the stated distance is likely to be in another unit.
 
     See Also
     --------
@@ -641,4 +665,8 @@ def import_capture(
                 writer.put("exclusion_mask", {}, blank["exclusion_mask"].values)
         recording = open_store(store, kind="recording")
     plan.warn()
+    if folder.capture.distance_mm is not None:
+        for message in folder.describe_units():
+            if message.startswith("distance_mm"):
+                warnings.warn(message, CaptureWarning, stacklevel=2)
     return recording

@@ -163,16 +163,19 @@ def measure_noise(
         notes.append(f"{100 * clipped:.3g} % of the dark pixels reach 0: the black level is too low, noise is cut off")
     blocks = _block_numbers(without.mean.shape)
     good = without.highest < full_scale
+    if not good.any():
+        message = f"reaches the full scale of {full_scale:g} everywhere: it has light, or the full scale is another"
+        raise ArgumentError([Problem("dark", message)], source="measure_noise")
     black = _jackknife(lambda means: means[0], blocks, good, without.mean)
     dark_variance = _jackknife(lambda means: means[0], blocks, good, without.variance)
     gain, prnu = (np.nan, np.nan), (np.nan, np.nan)
     if lit is not None:
-        good &= lit.highest < full_scale
-        saturated = 1 - float(good.mean())
+        unsaturated = good & (lit.highest < full_scale)
+        saturated = 1 - float(unsaturated.mean())
         if saturated > _MOST_CLIPPED:
             notes.append(f"{100 * saturated:.3g} % of the pixels are saturated in a flat field, and excluded")
-        if good.mean() > 0.5:
-            gain, prnu = _from_flats(without, lit, good, blocks)
+        if unsaturated.mean() > 0.5:
+            gain, prnu = _from_flats(without, lit, unsaturated, blocks)
         else:
             notes.append("flat fields are saturated: gain and PRNU are not determined")
     elif still is not None:

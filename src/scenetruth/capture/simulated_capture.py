@@ -14,7 +14,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from scenetruth.camera import LinearImage, Viewpoint, build_sensor_chain
+from scenetruth.camera import LinearImage, SensorChain, Viewpoint, build_sensor_chain
+from scenetruth.camera.sensor import DarkCurrent, OpenSensor, PhotonConversion
 from scenetruth.capture.board_rendering import InkRenderer, open_board_renderer, project_points
 from scenetruth.capture.simulated_rig import CapturePlan, plan_capture, read_settings
 from scenetruth.jobs.job_folder import JobFolder
@@ -39,6 +40,7 @@ _INDEX, _FILE, _TRUTH, _STRIP = "simulated_capture.json", "capture.yaml", "truth
 _FOLDER = JobFolder(_INDEX, "a simulated capture", _TRUTH)
 # Frame numbers of the random streams of the sensor; scenes have at most 100,000 frames.
 _STATIC, _DARK, _FLAT, _BOARD = 4_000_000, 3_000_000, 2_000_000, 1_000_000
+_MOST_FRAMES = 1000  # of a level
 _SUFFIX = "tif"
 
 
@@ -70,8 +72,8 @@ def simulate_capture(
     progress
         Called with (what, done, total).
     **settings
-        Fields of `scenetruth.capture.CaptureSimulation`: board, poses, tolerances, numbers of dark and flat images,
-        fiducial strip.
+        Fields of `scenetruth.capture.CaptureSimulation`: board, poses, tolerances, numbers and exposures of dark and
+        flat images, fiducial strip.
 
     Returns
     -------
@@ -131,6 +133,8 @@ class _Image:
     s: int
     t: int
     radiance: Callable[[], NDArray[np.float32]]
+    exposure: float = 1.0
+    """Exposure time as a multiple of that of the images of the objects."""
 
     def linear(self) -> LinearImage:
         return LinearImage(self.radiance(), self.s_y, self.s, self.t)
@@ -143,9 +147,7 @@ class _Writing:
         self.plan, self.folder, self.progress = plan, folder, progress
         self.scene = plan.scene
         self.chain = build_sensor_chain(self.scene.sensor)
-        camera = self.scene.camera
-        # The fixed patterns are those of all images.
-        self.sensor = self.chain.open((camera.height, camera.width), partial(generator_for, self.scene.seed, "sensor"))
+        self.sensors: dict[float, OpenSensor] = {}
         self.places = [(s_y, s) for s_y in self.scene.stage.s_y.tolist() for s in self.scene.stage.s.tolist()]
 
     def write(self) -> None:
@@ -162,7 +164,7 @@ class _Writing:
                 if path.exists():
                     continue
                 previous = images[number - 1].linear() if self.chain.remembers and number > 0 else None
-                self._put(path, _to_tiff(self.sensor.read(image.linear(), previous)))
+                self._put(path, _to_tiff(self._sensor(image.exposure).read(image.linear(), previous)))
         self._close()
         if self.progress is not None:
             self.progress("capture", total, total)
@@ -172,6 +174,15 @@ class _Writing:
             self._put(self.folder / _STRIP, "\n".join(["x_mm,y_mm,z_mm", *rows, ""]).encode())
         # Its file completes the folder.
         self._put(self.folder / _FILE, _to_yaml(describe_capture(self.plan)))
+
+    def _sensor(self, exposure: float) -> OpenSensor:
+        """Return the sensor of an exposure; all have the same fixed patterns."""
+        if exposure not in self.sensors:
+            camera = self.scene.camera
+            self.sensors[exposure] = expose_longer(self.chain, exposure).open(
+                (camera.height, camera.width), partial(generator_for, self.scene.seed, "sensor")
+            )
+        return self.sensors[exposure]
 
     def _put(self, path: Path, content: bytes) -> None:
         if not path.exists():
@@ -192,13 +203,30 @@ class _Writing:
         return np.asarray(radiance * self._shade, dtype=np.float32)
 
     def _dark(self) -> list[_Image]:
-        names = [f"dark/d{number:03d}" for number in range(self.plan.settings.dark)]
-        return [_Image(name, 0, 0, _DARK + number, partial(self._uniform, 0.0)) for number, name in enumerate(names)]
+        return self._even("dark", "d", _DARK, 0.0, self.plan.settings.dark)
 
     def _flat(self) -> list[_Image]:
-        level = self.plan.flat_radiance
-        names = [f"flat/f{number:03d}" for number in range(self.plan.settings.flat)]
-        return [_Image(name, 0, 0, _FLAT + number, partial(self._uniform, level)) for number, name in enumerate(names)]
+        return self._even("flat", "f", _FLAT, self.plan.flat_radiance, self.plan.settings.flat)
+
+    def _even(self, folder: str, start: str, first: int, radiance: float, count: int) -> list[_Image]:
+        """Return the images of a uniform radiance, level after level."""
+        exposures = self.plan.settings.exposures
+        found = []
+        for level, exposure in enumerate(exposures or (1.0,)):
+            name = f"{folder}/e{level}_{start}" if exposures else f"{folder}/{start}"
+            # Sensors without an exposure time have signals proportional to the radiance.
+            light = radiance if self._has_time else radiance * exposure
+            found += [
+                _Image(
+                    f"{name}{n:03d}", 0, 0, first + _MOST_FRAMES * level + n, partial(self._uniform, light), exposure
+                )
+                for n in range(count)
+            ]
+        return found
+
+    @property
+    def _has_time(self) -> bool:
+        return any(isinstance(effect, PhotonConversion) for effect in self.chain.effects)
 
     def _static(self) -> list[_Image]:
         moment = build_schedule(self.scene).moment(0, 0)
@@ -346,6 +374,19 @@ def _pose_of(viewpoint: Viewpoint, rotation_rad: Array, **index: int) -> dict[st
     }
 
 
+def expose_longer(chain: SensorChain, factor: float) -> SensorChain:
+    """Return a sensor with another exposure time: photons and dark current are multiplied by a factor."""
+    if factor == 1:
+        return chain
+    effects = tuple(
+        effect.model_copy(update={"exposure_time_s": factor * effect.exposure_time_s})
+        if isinstance(effect, PhotonConversion | DarkCurrent)
+        else effect
+        for effect in chain.effects
+    )
+    return chain.model_copy(update={"effects": effects})
+
+
 def describe_capture(plan: CapturePlan) -> dict[str, Any]:
     """Return what a laboratory knows of a capture, as the values of ``capture.yaml``."""
     scene, settings = plan.scene, plan.settings
@@ -358,7 +399,7 @@ def describe_capture(plan: CapturePlan) -> dict[str, Any]:
     )
     if scene.stage.errors is not None:
         stage["errors"] = scene.stage.errors.model_dump(mode="json", exclude_none=True)
-    files = {"images": f"images/{row}s{{s:+d}}_t{{t:+d}}.{_SUFFIX}"}
+    files: dict[str, Any] = {"images": f"images/{row}s{{s:+d}}_t{{t:+d}}.{_SUFFIX}"}
     found: dict[str, Any] = {
         "format": 1,
         "description": scene.description or "Simulated capture",
@@ -375,6 +416,11 @@ def describe_capture(plan: CapturePlan) -> dict[str, Any]:
             board.pop("legacy")
         found["board"] = {**board, "scale_std": settings.scale_std, "warp_mm": settings.warp_mm}
     files |= {name: f"{name}/*.{_SUFFIX}" for name in ("dark", "flat", "static") if getattr(settings, name)}
+    if settings.exposures:
+        files |= {name: f"{name}/e{{level}}_*.{_SUFFIX}" for name in ("dark", "flat") if getattr(settings, name)}
+        files["exposure_times_s"] = [
+            float(f"{each * (plan.exposure_time_s or 1.0):.6g}") for each in settings.exposures
+        ]
     if plan.strip is not None:
         found["strip"] = {"file": _STRIP, "scale_std": settings.strip_scale_std}
     return found
@@ -400,8 +446,8 @@ def _describe_camera(plan: CapturePlan) -> dict[str, Any]:
         found["bayer"] = effects["bayer_filter"].order
     if "gamma" in effects:
         found |= {"encoding": "gamma", "gamma": 1 / effects["gamma"].gamma}
-    if "photon_conversion" in effects:
-        found["exposure_time_s"] = effects["photon_conversion"].exposure_time_s
+    if plan.exposure_time_s is not None:
+        found["exposure_time_s"] = plan.exposure_time_s
     if scene.shutter.readout_time_s > 0:
         found["line_time_s"] = scene.shutter.readout_time_s / max(scene.camera.height - 1, 1)
     return found

@@ -136,7 +136,7 @@ CaptureParameters = Annotated[
         "--parameter",
         "NAME=VALUE",
         "Parameter of the simulated capture, with a value in YAML: board, poses, scale_std, warp_mm, step_std, "
-        "static, strip_scale_std, distance_mm.",
+        "exposures, static, strip_scale_std, distance_mm.",
     ),
 ]
 

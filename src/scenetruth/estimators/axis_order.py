@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from scenetruth.schema.validity import excluded_pixels
 
-__all__ = ["VALID_SHARE", "describe_likely_causes", "is_nearly_invalid", "measure_shift"]
+__all__ = ["describe_likely_causes", "measure_shift", "share_of_valid"]
 
-VALID_SHARE = 0.01
-"""Estimates with a smaller share of valid pixels, of those that were not excluded, are examined."""
+_VALID_SHARE, _NO_SHARE = 0.2, 0.01
+"""Shares of valid pixels below which the axes are examined, and below which no displacement of the cameras is required.
+With swapped axes, up to 8 % of the pixels of a cube were valid by chance."""
 
 _CROP = 384
 _PAIRS = 3
@@ -25,24 +26,28 @@ _SPREAD = 0.25
 Shift = tuple[float, float]
 
 
-def is_nearly_invalid(valid_pixels: int, estimate: xr.Dataset, recording: xr.Dataset) -> bool:
-    """Return whether fewer than `VALID_SHARE` of the pixels that the exclusion mask admits are valid."""
+def share_of_valid(valid_pixels: int, estimate: xr.Dataset, recording: xr.Dataset) -> float:
+    """Return the share of valid pixels among those that the exclusion mask admits; 1 if it admits none."""
     pixels = estimate.sizes["t"] * estimate.sizes["y"] * estimate.sizes["x"]
-    if valid_pixels >= VALID_SHARE * pixels:
-        return False
+    if valid_pixels >= _VALID_SHARE * pixels:
+        return valid_pixels / pixels
     excluded = excluded_pixels(recording, estimate["t"].values)
     admitted = pixels if excluded is None else pixels - int(excluded.sum())
-    return admitted > 0 and valid_pixels < VALID_SHARE * admitted
+    return valid_pixels / admitted if admitted > 0 else 1.0
 
 
-def describe_likely_causes(recording: xr.Dataset) -> str:
+def describe_likely_causes(recording: xr.Dataset, valid_share: float = 0.0) -> str:
     """Return the likely errors in the order of the axes or in the sign of the baseline; empty if none is detected.
+
+    ``valid_share``: Share of the pixels that are valid; estimates with 20 % or more are not examined.
 
     The displacement of the image content between neighbouring cameras and between neighbouring frames is measured by
     correlation in the image centre. Between cameras it is along x, and opposite to the sign of the baseline. Where it
     is not, every change of the order that would explain the images is named. Images without texture, and images that
     do not correlate, give no cause.
     """
+    if valid_share >= _VALID_SHARE:
+        return ""
     image = recording["image"]
     image = image.isel({dim: image.sizes[dim] // 2 for dim in image.dims if dim in ("s_y", "channel")})
     for dim in ("y", "x"):
@@ -50,6 +55,8 @@ def describe_likely_causes(recording: xr.Dataset) -> str:
         image = image.isel({dim: slice(first, first + _CROP)})
     cameras, frames = _shift_along(image, "s"), _shift_along(image, "t")
     sign = 1.0 if float(recording.attrs["baseline_mm"]) > 0 else -1.0
+    if cameras is None and valid_share >= _NO_SHARE:
+        return ""
     if cameras is not None and _is_along(cameras, 1) and -sign * cameras[1] > 0:
         return ""
     causes = []
@@ -68,7 +75,7 @@ def describe_likely_causes(recording: xr.Dataset) -> str:
     ]
     remedy = "Likely: " + "; or ".join(causes)
     return (
-        f"under {100 * VALID_SHARE:g} % of the pixels are valid, although the images have texture. The images move by "
+        f"only {100 * valid_share:.2g} % of the pixels are valid, although the images have texture. The images move by "
         f"(x, y) = {' and '.join(measured)}; between cameras they must move along x, towards "
         f"{'negative' if sign > 0 else 'positive'} x for this baseline_mm. {remedy}."
     )

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import EstimateError, EstimateWarning, Problem, RecordingError, ScenetruthError, StoreError
-from scenetruth.estimators.axis_order import describe_likely_causes, is_nearly_invalid
+from scenetruth.estimators.axis_order import describe_likely_causes, share_of_valid
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec
 from scenetruth.estimators.protocol import Estimator, StreamingMethod
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate_settings
@@ -21,6 +21,7 @@ from scenetruth.estimators.user_code import FunctionMethod, locate_exception
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.schema import VARIABLES, Put, blank_map, check_dataset, estimate_hash, flat_attributes
+from scenetruth.schema.plausible_units import describe_disparities, describe_estimated_depth
 from scenetruth.schema.validity import (
     STATUS_SOURCES,
     VALIDITY_MAPS,
@@ -189,8 +190,11 @@ def estimate(
     -----
     EstimateWarning
         If the settings of a method make many pixels invalid unnecessarily, for example if the threshold ``tau`` of the
-        structure tensor is too high for low-contrast textures. If under 1 % of the pixels are valid and the images move
-        as if the axes s and t, or rows and columns, were swapped, or the sign of the baseline were reversed.
+        structure tensor is too high for low-contrast textures. If under 20 % of the pixels are valid and the images
+        move as if the axes s and t, or rows and columns, were swapped, or the sign of the baseline were reversed. If
+        the median depth of real images contradicts the distance that the recording states (attribute
+        ``distance_mm``), is below ten baselines or 10 mm, or above 200 m, or neighbouring images have nothing in
+        common: the message names the unit that is likely to be wrong.
 
     See Also
     --------
@@ -276,7 +280,9 @@ class EstimationTask:
             found = self._method.estimate(guarded, self._settings, self._progress)
             memory.check()
         checked = complete_validity(self._checked(found), self._recording)
-        self._warn_of_axis_order(int(np.count_nonzero(checked["valid"].values)), checked)
+        sample = _DepthSample()
+        sample.add(checked["depth"].values if "depth" in checked else ())
+        self._warn_of_causes(int(np.count_nonzero(checked["valid"].values)), checked, sample)
         return copy_shared_arrays(checked, self._recording)
 
     def blank(self) -> xr.Dataset | None:
@@ -318,15 +324,15 @@ class EstimationTask:
             found = self._method.fill(self._guarded, self._settings, validity.put, self._progress)
             validity.finish()
             memory.check()
-        self._warn_of_axis_order(counted.pixels, blank)
+        self._warn_of_causes(counted.pixels, blank, counted.depth)
         return flat_attributes(found)
 
-    def _warn_of_axis_order(self, valid_pixels: int, estimate: xr.Dataset) -> None:
-        """Warn of an estimate that is nearly invalid if the order of the image axes explains it."""
-        if is_nearly_invalid(valid_pixels, estimate, self._recording):
-            message = describe_likely_causes(self._recording)
-            if message:
-                warnings.warn(f"method '{self._method.name}': {message}", EstimateWarning, stacklevel=4)
+    def _warn_of_causes(self, valid_pixels: int, estimate: xr.Dataset, depth: _DepthSample) -> None:
+        """Warn of few valid pixels, if the order of the axes explains them, or of an implausible depth."""
+        share = share_of_valid(valid_pixels, estimate, self._recording)
+        cause = describe_likely_causes(self._recording, share)
+        for message in [cause] if cause else describe_estimated_depth(depth.median(), self._recording):
+            warnings.warn(f"method '{self._method.name}': {message}", EstimateWarning, stacklevel=4)
 
     def _checked(self, found: Any) -> xr.Dataset:
         """Return the output of the method with its provenance attributes; raise if it is not a valid estimate."""
@@ -372,16 +378,38 @@ class EstimationTask:
         return EstimateError([Problem(f"method '{self._method.name}'", message)])
 
 
+class _DepthSample:
+    """Sample of depth maps, for their median."""
+
+    _MOST = 2048  # values of an array, which determine its median to some per cent of the spread
+
+    def __init__(self) -> None:
+        self._parts: list[np.ndarray[Any, Any]] = []
+
+    def add(self, depth: Any) -> None:
+        """Take a sample of the finite values of an array."""
+        values = np.ravel(depth)
+        values = values[np.isfinite(values)]
+        if values.size:
+            self._parts.append(np.array(values[:: -(-values.size // self._MOST)], dtype=np.float64))
+
+    def median(self) -> float:
+        """Return the median of the samples; NaN without any."""
+        return float(np.median(np.concatenate(self._parts))) if self._parts else np.nan
+
+
 class _ValidCount:
-    """Counts the valid pixels among the values that it passes on."""
+    """Counts the valid pixels among the values that it passes on, and samples depth."""
 
     def __init__(self, put: Put) -> None:
-        self._put, self.pixels = put, 0
+        self._put, self.pixels, self.depth = put, 0, _DepthSample()
 
     def put(self, name: str, at: Mapping[str, int], values: np.ndarray[Any, Any]) -> None:
         """Pass values on; see `Put`."""
         if name == "valid":
             self.pixels += int(np.count_nonzero(values))
+        elif name == "depth":
+            self.depth.add(values)
         self._put(name, at, values)
 
 
@@ -460,9 +488,16 @@ def prepare(
         raise EstimateError(problems)
     for message in chosen.needs.describe_ignored(recording, chosen.name):
         warnings.warn(message, EstimateWarning, stacklevel=3)
+    for name in _STATED_DISPARITIES:
+        stated = getattr(checked, name, None)
+        low, high = stated if isinstance(stated, tuple) else (stated, stated)
+        if isinstance(low, int | float) and isinstance(high, int | float):
+            for message in describe_disparities(low, high, recording):
+                warnings.warn(f"{name}: {message}", EstimateWarning, stacklevel=3)
     return EstimationTask(recording, chosen, checked, progress)
 
 
+_STATED_DISPARITIES = ("disparity_px", "working_point_px")
 _TRAVELLING = ("scene", "scene_hash", "recording_hash")
 
 

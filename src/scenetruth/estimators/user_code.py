@@ -20,7 +20,7 @@ from pydantic import Field, create_model
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.protocol import Method, MethodSettings
 from scenetruth.progress import Progress
-from scenetruth.schema import make_estimate
+from scenetruth.schema import assemble_estimate, make_estimate
 
 __all__ = ["FunctionMethod", "is_user_file", "list_imported", "locate_exception", "with_imported"]
 
@@ -172,7 +172,7 @@ class FunctionMethod(Method):
         found = self.function(recording, **given)
         if isinstance(found, Mapping) and not isinstance(found, xr.Dataset):
             _reject_unknown_quantities(found)
-            return make_estimate(recording=recording, **found)
+            return assemble_estimate(recording=recording, **found)
         return found  # type: ignore[no-any-return]  # validated by the caller
 
 

@@ -94,6 +94,10 @@ _RAYS = _Backend(0.0, 2.7e-7, 1.07e-8, 0.0, 0.0, 0.0, 0.0)
 _OPENGL = _Backend(0.6, 2.1e-7, 1.44e-8, 1.6e8, 4.2, 1090.0, 3.7)
 
 _START_S = 3.5
+_EDGE_S = 8e-4
+"""Per sharp image with adaptive edges, for each row of a square image and each sample along a side of its pixels. The
+length of edges is proportional to the side of an image. Bundled scenes of 640 x 480 px take from a third of this
+(`cube`, `seedling`) to three times (`rosette`)."""
 _LIGHT_S = 9e-7  # per lit pixel of a sharp image
 _STRIP_S = 1.35e-2  # per image strip of a rolling shutter
 _IMAGE_S, _FACE_IN_IMAGE_S = 1e-2, 1.8e-6  # per sharp image, and per triangle in it
@@ -158,6 +162,12 @@ def _rendered_by(demand: Workload, backend: _Backend) -> tuple[float, float]:
         + backend.start_s
         + backend.pixel_s * sharp
         + backend.sample_s * sharp * demand.supersampling**2
+        + _EDGE_S
+        * demand.images
+        * demand.sharp_images
+        * demand.fine_pixels**0.5
+        * demand.supersampling
+        * demand.adaptive
         + _LIGHT_S * sharp * max(demand.lamps, 1) * demand.lit
         + _STRIP_S * strips
         + _IMAGE_S * demand.images * demand.sharp_images

@@ -97,6 +97,7 @@ class Workload(RecordingWorkload):
     ``views``: Cameras with ground truth.
     ``complete``, ``narrow``: Whether the ground truth has all maps, and is stored in 32 bits.
     ``rays``: Whether images are rendered by ray casting; None: by the available backend.
+    ``adaptive``: Whether pixels at edges have more samples.
     """
 
     fine_pixels: float
@@ -117,6 +118,7 @@ class Workload(RecordingWorkload):
     complete: bool
     narrow: bool
     rays: bool | None
+    adaptive: bool = False
 
     @property
     def images(self) -> int:
@@ -231,5 +233,6 @@ def compute_workload(
         views=views,
         complete=complete,
         narrow=scene.storage.truth == "float32",
+        adaptive=scene.render.edges == "adaptive",
         rays=True if scene.needs_rays or scene.render.backend == "raycast" else _ALL_RUN[scene.render.backend],
     )

@@ -144,7 +144,7 @@ def check_scene(scene: Scene, world: BuiltScene) -> None:
     reports, problems = _inspect(scene, world, None)
     if problems:
         raise SceneError(problems)
-    for message in _texture_warnings(reports):
+    for message in (*_texture_warnings(reports), *_extension_warnings(reports)):
         warnings.warn(message, SceneWarning, stacklevel=2)
 
 
@@ -165,7 +165,7 @@ def describe_scene(
     images = scene.stage.rows * scene.stage.positions * scene.frames.count
     pixels = scene.camera.width * scene.camera.height
     sample = build_sensor_chain(scene.sensor).dtype.itemsize
-    messages = list(_texture_warnings(reports))
+    messages = [*_texture_warnings(reports), *_extension_warnings(reports)]
     ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
     span = (ends[0] - round(mean), ends[1] - round(mean))
     if max(map(abs, span)) > 2:
@@ -301,6 +301,19 @@ def _in_view(scene: Scene, vertices: NDArray[np.float64]) -> bool:
 def _wavelengths_px(texture: TextureModel, focal: float, near: float, far: float) -> tuple[float, float] | None:
     wavelengths = texture.shortest_and_longest_mm
     return None if wavelengths is None else (wavelengths[0] * focal / far, wavelengths[1] * focal / near)
+
+
+_IGNORED_EXTENSION = "ignored: extension "
+
+
+def _extension_warnings(reports: list[ObjectReport]) -> list[str]:
+    return [
+        f"objects: the mesh file of '{report.name}' uses extensions of glTF that are not read: {', '.join(names)}; "
+        "compare the object with another viewer"
+        for report in reports
+        if (names := [text[len(_IGNORED_EXTENSION) :] for text in report.content
+                      if text.startswith(_IGNORED_EXTENSION)])
+    ]  # fmt: skip
 
 
 def _texture_warnings(reports: list[ObjectReport]) -> list[str]:

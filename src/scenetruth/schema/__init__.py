@@ -12,7 +12,7 @@ from scenetruth.schema.attributes import (
     read_object_names,
     read_scene,
 )
-from scenetruth.schema.estimates import make_estimate
+from scenetruth.schema.estimates import assemble_estimate, make_estimate
 from scenetruth.schema.frame_assembly import (
     IncrementalDataset,
     Put,
@@ -44,8 +44,8 @@ from scenetruth.schema.variables import (
 __all__ = [
     "COMPONENTS", "COORDINATES", "FORMAT_VERSION", "NO_SURFACE", "REASONS", "STATUS_FALLBACK", "STATUS_INVALID",
     "STATUS_NORMAL", "STATUS_VALID", "VARIABLES", "Acquisition", "IncrementalDataset", "Intrinsics", "PixelGrid", "Put",
-    "StageTolerances", "Variable", "blank_estimate", "blank_map", "check_dataset", "check_same_run",
-    "compute_depth_rate", "compute_pixel_grid", "describe_variable", "digest", "estimate_hash",
+    "StageTolerances", "Variable", "assemble_estimate", "blank_estimate", "blank_map", "check_dataset",
+    "check_same_run", "compute_depth_rate", "compute_pixel_grid", "describe_variable", "digest", "estimate_hash",
     "flat_attributes", "image_to_grey", "label", "make_estimate",
     "make_recording", "put_each", "put_estimate", "read_acquisition", "read_intrinsics", "read_lineage",
     "read_object_names", "read_scene", "tolerance_attributes",

@@ -11,19 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import EstimateWarning, Problem, RecordingError
 from scenetruth.schema.attributes import Intrinsics, estimate_hash, read_intrinsics
-from scenetruth.schema.input_arrays import real_array
+from scenetruth.schema.input_arrays import order_problems, real_array
 from scenetruth.schema.pixel_grid import compute_pixel_grid
+from scenetruth.schema.plausible_units import describe_estimated_depth
 from scenetruth.schema.scene_flow import depth_from_disparity, depth_rate_along, flow_from_velocity, velocity_from_flow
 from scenetruth.schema.validation import check_dataset
 from scenetruth.schema.validity import STATUS_SOURCES, compute_validity, excluded_pixels, status_of_quantity
 from scenetruth.schema.variables import STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID, label
 
-__all__ = ["make_estimate"]
+__all__ = ["assemble_estimate", "make_estimate"]
 
 Map = NDArray[np.float64]
 
 _COMPONENTS = {"flow": 2, "velocity": 3, "velocity_std": 3}
 _STANDARD_DEVIATIONS = ("depth_std", "disparity_std", "velocity_std")
+_QUANTITIES = ("depth", "disparity", "flow", "velocity", *_STANDARD_DEVIATIONS)
 _ATTRIBUTES = ("scene", "scene_hash", "recording_hash")
 
 
@@ -89,6 +91,11 @@ def make_estimate(
     RecordingError
         If an array has an invalid shape, type, sign, frame or infinite values; lists every problem.
 
+    Warns
+    -----
+    EstimateWarning
+        If the median depth indicates another unit, as for `estimate`.
+
     See Also
     --------
     estimate : Run an installed method.
@@ -102,18 +109,45 @@ def make_estimate(
     >>> float(found.disparity[0, 0, 0]), found.velocity[:, 0, 0, 0].values.tolist(), found.t.values.tolist()
     (2.5, [2.0, 2.0, 0.0], [0])
     """
+    made = assemble_estimate(
+        recording=recording,
+        depth=depth,
+        disparity=disparity,
+        flow=flow,
+        velocity=velocity,
+        depth_rate=depth_rate,
+        depth_std=depth_std,
+        disparity_std=disparity_std,
+        velocity_std=velocity_std,
+        status=status,
+        t=t,
+        method=method,
+    )
+    if "depth" in made:
+        finite = made["depth"].values[np.isfinite(made["depth"].values)]
+        if finite.size:
+            for message in describe_estimated_depth(float(np.median(finite)), recording):
+                warnings.warn(message, EstimateWarning, stacklevel=2)
+    return made
+
+
+def assemble_estimate(
+    *,
+    recording: xr.Dataset,
+    depth_rate: ArrayLike | None = None,
+    status: ArrayLike | None = None,
+    t: ArrayLike | None = None,
+    method: str = "external",
+    **quantities: ArrayLike | None,
+) -> xr.Dataset:
+    """Create an estimate as `make_estimate` does, without a judgement of its values."""
     check_dataset(recording, "recording")
     if not isinstance(method, str) or not method.isprintable():
         raise RecordingError([Problem("method", "must be printable text", method)], source="arrays of an estimate")
-    given = {
-        "depth": depth,
-        "disparity": disparity,
-        "flow": flow,
-        "velocity": velocity,
-        "depth_std": depth_std,
-        "disparity_std": disparity_std,
-        "velocity_std": velocity_std,
-    }
+    given = {name: quantities.pop(name, None) for name in _QUANTITIES}
+    if quantities:
+        message = f"assemble_estimate() got an unexpected keyword argument '{next(iter(quantities))}'"
+        raise TypeError(message)
     size = (recording.sizes["y"], recording.sizes["x"])
     problems: list[Problem] = []
     arrays = {
@@ -153,6 +187,15 @@ def make_estimate(
 
 def _array(name: str, values: ArrayLike, size: tuple[int, int], problems: list[Problem]) -> Map | None:
     """Return an array as float64 with a frame dimension, or None after appending a problem."""
+    if isinstance(values, xr.DataArray):
+        disordered = order_problems(name, values)
+        if disordered:
+            problems += disordered
+            return None
+        # Dimensions of these names are in any order; an array with other names is read in the order of its dimensions.
+        usual = ("component", "image_component", "t", "y", "x")
+        if {"y", "x"} <= set(values.dims) <= set(usual):
+            values = values.transpose(*(dim for dim in usual if dim in values.dims))
     raw = real_array(name, values, problems, masked_is_nan=True)
     if raw is None:
         return None

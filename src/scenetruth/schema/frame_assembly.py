@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from scenetruth.schema.attributes import read_intrinsics
-from scenetruth.schema.estimates import make_estimate
+from scenetruth.schema.estimates import assemble_estimate
 from scenetruth.schema.pixel_grid import compute_pixel_grid
 from scenetruth.schema.scene_flow import depth_from_disparity, depth_rate_at
 from scenetruth.schema.variables import COMPONENTS, VARIABLES, label
@@ -77,7 +77,7 @@ def blank_estimate(given: Iterable[str], *, recording: xr.Dataset, t: ArrayLike)
     corner = recording.isel(y=slice(0, 2), x=slice(0, 2))
     size = (1, corner.sizes["y"], corner.sizes["x"])
     unknown: dict[str, Any] = {name: np.full((*_components(name), *size), np.nan) for name in given}
-    made = make_estimate(recording=corner, t=recording["t"].values[:1], **unknown)
+    made = assemble_estimate(recording=corner, t=recording["t"].values[:1], **unknown)
     frames = np.atleast_1d(np.asarray(t))
     sizes = {**made.sizes, "t": len(frames), "y": recording.sizes["y"], "x": recording.sizes["x"]}
     return label(
@@ -102,7 +102,7 @@ def put_each(name: str, arrays: Iterable[Map], put: Put, *, recording: xr.Datase
     times = recording["t"].values
     for place, values in enumerate(arrays):
         given: dict[str, Any] = {name: values}
-        put_estimate(make_estimate(recording=recording, t=times[place], **given), place, put)
+        put_estimate(assemble_estimate(recording=recording, t=times[place], **given), place, put)
 
 
 def compute_depth_rate(disparities: Mapping[int, Map], flow: Map, *, recording: xr.Dataset) -> Map:

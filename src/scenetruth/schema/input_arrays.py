@@ -22,6 +22,7 @@ __all__ = [
     "noise_share_problems",
     "number_from",
     "numbers_from",
+    "order_problems",
     "pair_from",
     "real_array",
     "without_repeats",
@@ -70,6 +71,10 @@ def images_from(
             expected = f"must have the dimensions {', '.join(_IMAGE_DIMS[not grid :])}; channel, s and t may be missing"
             problems.append(Problem("images", expected, images.dims))
             return None, None
+        disordered = order_problems("images", images)
+        if disordered:
+            problems += disordered
+            return None, None
         missing = [dim for dim in wanted if dim not in images.dims]
         images = xr.DataArray(images.data, dims=images.dims).expand_dims(missing).transpose(*wanted).data
     mask = None
@@ -99,6 +104,28 @@ def images_from(
         mask = np.asarray(mask.any(axis=-1)) if mask.ndim - grid == 5 else mask
         mask = mask if mask.any() else None
     return values, mask
+
+
+def order_problems(name: str, values: xr.DataArray | xr.Variable) -> list[Problem]:
+    """Return dimensions whose labels contradict their order: indices, or times, that do not increase.
+
+    Labels of x and y count where they are indices of pixels; others may be lengths that increase upwards.
+    """
+    found = []
+    for dim in values.dims:
+        if not isinstance(values, xr.DataArray) or dim not in values.coords or values.sizes[dim] < 2:
+            continue
+        labels = values.coords[dim].values
+        if labels.dtype.kind not in "iufM" or labels.ndim != 1:
+            continue
+        steps = np.diff(labels).astype(np.float64)
+        if dim in ("x", "y") and not (np.abs(steps) == 1).all():
+            continue
+        if not (steps > 0).all():
+            sort = f"sort it, {name}.sortby({str(dim)!r}), or drop the labels, {name}.drop_vars({str(dim)!r})"
+            message = f"has labels of {dim} that do not increase, so that its order is not certain: {sort}"
+            found.append(Problem(name, message, [str(label) for label in labels[:5]]))
+    return found
 
 
 def _differing_images(images: Any, depth: int) -> str:
@@ -236,6 +263,10 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
             problems.append(
                 Problem("exclusion_mask", f"must have the dimensions y and x, and any of {every}", values.dims)
             )
+            return None
+        disordered = order_problems("exclusion_mask", values)
+        if disordered:
+            problems += disordered
             return None
         found = np.array(values.transpose(*dims).values)
     else:

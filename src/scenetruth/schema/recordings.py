@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -26,6 +25,7 @@ from scenetruth.schema.input_arrays import (
     real_array,
     without_repeats,
 )
+from scenetruth.schema.plausible_units import describe_positions, describe_rig
 from scenetruth.schema.validation import check_dataset
 from scenetruth.schema.variables import label
 
@@ -110,6 +110,12 @@ def make_recording(
     RecordingError
         If the images or parameters are invalid; lists every problem.
 
+    Warns
+    -----
+    SceneWarning
+        If a focal length, a baseline or positions are likely to be in another unit than px and mm, or images of 16 bits
+        to have fewer.
+
     See Also
     --------
     simulate : Simulate a scene: recording and ground truth.
@@ -163,7 +169,8 @@ def make_recording(
         masked = every if masked is None or every is None else _either(masked, every)
     if problems:
         raise RecordingError(problems, source="images of a recording")
-    warn_of_units(focal, baseline, width, height)
+    for message in (*describe_rig(focal, baseline, width, height), *describe_positions(positions, baseline)):
+        warnings.warn(message, SceneWarning, stacklevel=2)
     if scale is None and copy and values.dtype.kind == "u" and values.dtype.itemsize == _ASKED_BYTES:
         _warn_of_fewer_bits(int(values.max()))
     if scale is None:
@@ -186,24 +193,6 @@ def make_recording(
 
 
 _ASKED_BYTES = 2  # integers with more bytes have no full scale that could be meant
-_WIDEST_DEG = 120.0  # field of view beyond which a focal length is likely to be in mm
-_LONGEST_MM, _SHORTEST_MM = 5_000.0, 0.1  # baselines outside of which another unit is likely
-
-
-def warn_of_units(focal_px: float, baseline_mm: float, width: int, height: int) -> None:
-    """Warn of a focal length or a baseline that is likely to be in another unit."""
-    side = max(width, height)
-    angle = math.degrees(2 * math.atan(side / 2 / focal_px))
-    if angle > _WIDEST_DEG and side > 1:
-        message = (
-            f"focal_length_px: {focal_px:g} px for images of {width} x {height} px is a field of view of {angle:.0f}°; "
-            "is it in mm? In px, it is the focal length divided by the distance of the pixels on the sensor"
-        )
-        warnings.warn(message, SceneWarning, stacklevel=3)
-    if baseline_mm and not _SHORTEST_MM <= abs(baseline_mm) <= _LONGEST_MM:
-        unit = "µm" if abs(baseline_mm) > _LONGEST_MM else "m"
-        message = f"baseline_mm: {baseline_mm:g} mm between two positions of a camera is unusual; is it in {unit}?"
-        warnings.warn(message, SceneWarning, stacklevel=3)
 
 
 def _warn_of_fewer_bits(largest: int) -> None:

@@ -210,3 +210,10 @@ def test_imports_state_an_uncertainty(calibration: RigCalibration, tmp_path: Pat
     found = import_calibration(file, X_MM)
     np.testing.assert_allclose([found.std(name) for name in ("f", "c_x", "c_y", "k1")], [5.0165, 5, 5, 0])
     assert import_calibration(file, X_MM, std={"f": 1.0}).std("c_x") == 0
+
+
+def test_a_focal_length_in_mm_is_asked_for(tmp_path: Path) -> None:
+    file = tmp_path / "cameras.txt"
+    file.write_text("1 SIMPLE_PINHOLE 640 480 12.5 320 240", encoding="utf-8")
+    with pytest.warns(EstimateWarning, match=r"cameras.txt: focal_length_px: 12\.5 px .* is it in mm\?"):
+        import_camera(file)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -127,6 +129,26 @@ def test_the_mean_image_reveals_a_texture_that_noise_conceals() -> None:
     found = find_aperture(images, shifted_parameters(), SIGMA, NOWHERE, SMALL, noise, EVERYWHERE)
     assert alone.motion[SEEN].mean() < 0.3
     assert (found.motion & found.disparity)[SEEN].mean() > 0.95
+
+
+def test_the_mean_image_leaves_excluded_images_out() -> None:
+    """Images that show something else change nothing if they are excluded, whatever their place is."""
+
+    def texture(x: Array, y: Array) -> Array:
+        return np.asarray(0.05 * np.cos(2 * np.pi * x / 9) + 0.05 * np.cos(2 * np.pi * y / 9))
+
+    images = shifted_stack(texture, noise=0.03)
+    excluded = frozenset({(0, 1), (2, 0), (2, 2)})
+    found = []
+    for value in (0.0, 7.0):
+        coefficients = [part.copy() for part in images.coefficients]
+        for frame, camera in excluded:
+            coefficients[frame][:, camera] += np.float32(value)
+        stack = replace(images, coefficients=coefficients, left_out=excluded)
+        found.append(find_aperture(stack, shifted_parameters(), SIGMA, NOWHERE, SMALL, 0.03, EVERYWHERE))
+    assert found[0].motion[SEEN].mean() > 0.9
+    for name in ("motion", "disparity", "normal"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
 
 
 def test_the_mean_image_does_not_invent_a_direction() -> None:

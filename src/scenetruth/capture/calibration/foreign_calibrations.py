@@ -20,6 +20,7 @@ from scenetruth.capture.calibration.calibration_result import RigCalibration
 from scenetruth.capture.calibration.rig_model import CalibrationError
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.output import write_atomically
+from scenetruth.schema.plausible_units import describe_rig
 
 __all__ = ["export_calibration", "import_calibration", "import_camera"]
 
@@ -153,7 +154,7 @@ def import_camera(
             message = f"must be one of {', '.join(get_args(ForeignFormat))}"
             raise CalibrationError([Problem("source", message, chosen)], file)
         fields = _READERS[chosen](file, camera)
-        return _camera(fields, size)
+        found = _camera(fields, size)
     except OSError as error:
         raise CalibrationError([Problem("", f"cannot be read: {error.strerror or error}")], file) from error
     except _UnrepresentableError as error:
@@ -166,6 +167,9 @@ def import_camera(
             raise
         message = f"is no file of this program ({chosen}): {type(error).__name__} {error}"
         raise CalibrationError([Problem("", message)], file) from error
+    for message in describe_rig(found.focal_px, None, found.width, found.height):
+        warnings.warn(f"{file.name}: {message}", EstimateWarning, stacklevel=2)
+    return found
 
 
 def _guess_source(file: Path) -> ForeignFormat:

@@ -21,7 +21,7 @@ from scenetruth.estimators.protocol import Method, MethodSettings, Needs
 from scenetruth.estimators.registry import name_problems
 from scenetruth.plain_data import parse_json
 from scenetruth.progress import Progress
-from scenetruth.schema import STATUS_INVALID, check_dataset, compute_pixel_grid, make_estimate, read_intrinsics
+from scenetruth.schema import STATUS_INVALID, assemble_estimate, check_dataset, compute_pixel_grid, read_intrinsics
 
 __all__ = ["ResultsFolder", "ResultsFolderSettings", "ResultsMetadata", "read_results"]
 
@@ -268,7 +268,7 @@ def read_results(folder: str | os.PathLike[str], recording: xr.Dataset) -> xr.Da
     # This also detects signs and contradictions if other files are missing or wrong.
     if not problems or any(name in found for name in _REQUIRED_QUANTITIES):
         try:
-            made = make_estimate(recording=recording, t=times, method=note.method or "external", **arrays)
+            made = assemble_estimate(recording=recording, t=times, method=note.method or "external", **arrays)
         except RecordingError as error:
             problems += [_by_file(problem, files, place) for problem in error.problems]
     if problems:

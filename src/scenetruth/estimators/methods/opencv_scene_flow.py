@@ -11,7 +11,7 @@ from scenetruth.errors import Problem
 from scenetruth.estimators import opencv_common
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import Put, blank_estimate, compute_depth_rate, make_estimate, put_estimate
+from scenetruth.schema import Put, assemble_estimate, blank_estimate, compute_depth_rate, put_estimate
 
 __all__ = ["METHOD"]
 
@@ -44,7 +44,7 @@ class _OpencvSceneFlow(StreamingMethod):
         for place, flow in enumerate(opencv_common.flows(recording, images, settings, progress)):
             near[1] = next(disparities)
             rate = compute_depth_rate(near, flow, recording=recording)
-            found = make_estimate(
+            found = assemble_estimate(
                 recording=recording, disparity=near[0], flow=flow, depth_rate=rate, t=recording["t"].values[place]
             )
             put_estimate(found, place, put)

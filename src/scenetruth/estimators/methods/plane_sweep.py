@@ -11,7 +11,7 @@ import xarray as xr
 from scenetruth.estimators.method_settings import PlaneSweepSettings
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import REASONS, Put, blank_estimate, make_estimate, put_estimate
+from scenetruth.schema import REASONS, Put, assemble_estimate, blank_estimate, put_estimate
 from scenetruth.schema.validity import complete_validity
 
 __all__ = []
@@ -42,7 +42,7 @@ class _PlaneSweep(StreamingMethod):
 
         times = recording["t"].values
         for place, (disparity, ambiguous) in enumerate(estimate_disparities(recording, settings, progress)):
-            found = make_estimate(recording=recording, disparity=disparity, t=times[place])
+            found = assemble_estimate(recording=recording, disparity=disparity, t=times[place])
             stated = found["invalid_reason"].copy(data=ambiguous[None] * np.uint8(REASONS.index("ambiguous_match")))
             put_estimate(complete_validity(found.assign(invalid_reason=stated), recording), place, put)
         return {}

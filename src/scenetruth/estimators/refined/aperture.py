@@ -122,6 +122,7 @@ def _window_means(
 def _mean_products(images: ImageStack, theta: Map, noise: float, where: Mask) -> Map:
     """Return the gradient products of the mean of all images less noise, their variance, and where they are usable."""
     view, count, width = images.view(), images.count, images.shape[1]
+    every = len(view.s)  # also excluded images, which are NaN
     fields = np.where(where, extract_fields(theta), np.nan)
     energy, correlated = _noise_of_slope(images.spline, between=True)
     energy *= images.mean_share**_SHARE_POWER_BETWEEN
@@ -135,7 +136,7 @@ def _mean_products(images: ImageStack, theta: Map, noise: float, where: Mask) ->
         for top in range(first, last, _ROWS):
             rows = slice(top, min(top + _ROWS, last))
             size = rows.stop - top
-            warped = np.full((count, size, width), np.nan, dtype=np.float32)
+            warped = np.full((every, size, width), np.nan, dtype=np.float32)
             gradient = np.zeros((2, size, width), dtype=np.float32)
             work = partial(warp_rows, stack, view, fields, NO_OCCLUSION, bad, top, warped, gradient)
             in_threads(work, [(row, min(row + _TASK_ROWS, size)) for row in range(0, size, _TASK_ROWS)])

@@ -82,6 +82,10 @@ class GltfDocument:
         if version.split(".")[0] != "2":
             msg = f'is glTF of version "{version}"; only version 2 is read'
             raise MeshFileError(msg)
+        least = str(tree["asset"].get("minVersion", "2.0"))
+        if least != "2.0":
+            msg = f"requires a reader of glTF {least} (asset.minVersion); version 2.0 is read"
+            raise MeshFileError(msg)
         self.tree: Plain = tree
         self._check_extensions()
 
@@ -118,7 +122,8 @@ class GltfDocument:
         refused += [name for name in used if name in _CHANGES_SHAPE and name not in refused]
         if refused:
             reasons = "; ".join(_REMEDIES.get(name, "it is not read; export the file without it") for name in refused)
-            msg = f"requires the extension {', '.join(refused)}: {reasons}"
+            verb = "requires" if any(name in required for name in refused) else "uses"
+            msg = f"{verb} the extension {', '.join(refused)}: {reasons}"
             raise MeshFileError(msg)
 
     def _names(self, key: str) -> list[str]:

@@ -307,7 +307,12 @@ def _texture_coordinates(document: GltfDocument, primitive: Plain, material: Any
         return None
     quantised = "KHR_mesh_quantization" in document.tree.get("extensionsUsed", [])
     allowed = _ANY_SIZE if quantised else _UNIT
-    values = document.accessor(primitive["attributes"][name], ("VEC2",), allowed, name).astype(np.float64)
+    index = primitive["attributes"][name]
+    values = document.accessor(index, ("VEC2",), allowed, name)
+    if values.dtype.kind != "f" and not quantised:
+        msg = f"has {name} of integers that are not normalized, which requires KHR_mesh_quantization (accessor {index})"
+        raise MeshFileError(msg)
+    values = values.astype(np.float64)
     _check_count(values, count, name)
     # v increases downwards in glTF.
     return values * (1, -1) + (0, 1)
@@ -321,6 +326,9 @@ def _base_texture(material: Plain) -> tuple[Plain | None, int]:
         return None, 0
     moved = texture.get("extensions", {}).get("KHR_texture_transform", {})
     return texture, int(moved.get("texCoord", texture.get("texCoord", 0)))
+
+
+_ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
 
 def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> Material:
@@ -349,6 +357,9 @@ def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> M
     except ValueError as error:
         return Material(name, problem=f"{where}: {error}")
     cutoff = None
+    if mode not in _ALPHA_MODES:
+        message = f"{where} has the alphaMode {mode!r}, which is none of {', '.join(_ALPHA_MODES)}"
+        return Material(name, picture=picture, problem=message, outline_problem=None if picture is None else message)
     if mode == "BLEND":
         remedy = "use alphaMode MASK, which cuts the surface out, or OPAQUE"
         message = f"{where} is translucent (alphaMode BLEND), which is not shown: {remedy}"

@@ -132,6 +132,7 @@ def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = 
         if not finite.all():
             msg = f"has {np.count_nonzero(~finite)} vertices that are not finite"
             raise MeshFileError(msg)
+        mesh = mesh.without_repeated_corners()
         made = triangulate(mesh)
         if not len(made.corners):
             msg = "has only faces of zero area"

@@ -273,13 +273,24 @@ def find_beside(file: Path, name: str) -> Path | None:
     """Return the file of a name in another file: as it stands, without quotes, or with %20 and backslashes resolved."""
     plain = name.strip().strip("\"'")
     spaced = plain.replace("\\ ", " ")
-    for each in dict.fromkeys((name.strip(), plain, unquote(plain), spaced, unquote(spaced).replace("\\", "/"))):
+    before_comment = re.split(r"\s#", name)[0].strip().strip("\"'")
+    ways = (name.strip(), plain, unquote(plain), spaced, unquote(spaced).replace("\\", "/"), before_comment)
+    for each in dict.fromkeys(ways):
         try:
             if each and (file.parent / each).is_file():
                 return file.parent / each
         except (OSError, ValueError):
             continue
     return None
+
+
+def describe_absent(file: Path, name: str) -> str:
+    """Return the message on a picture that another file names, with the remedy if only its folder is wrong."""
+    message = f'its picture "{name}" is missing in its folder'
+    last = re.split(r"[/\\]", name.strip().strip("\"'"))[-1]
+    if last != name and find_beside(file, last) is not None:
+        message += f'; the folder of {file.name} has "{last}": remove the path from the name'
+    return message
 
 
 def list_obj_references(file: Path) -> list[Path]:
@@ -343,9 +354,9 @@ def _material(library: Path, name: str, statements: dict[str, str]) -> Material:
     where = f'material "{name}" of {library.name}'
     try:
         colour = _colour(statements.get("kd", "1 1 1" if "map_kd" in statements else "0.8 0.8 0.8"))
-        opacity = float(statements.get("d", "1").split()[-1]) if "d" in statements else None
+        opacity = float(_last_word(statements["d"])) if "d" in statements else None
         if opacity is None and "tr" in statements:
-            opacity = 1.0 - float(statements["tr"].split()[-1])
+            opacity = 1.0 - float(_last_word(statements["tr"]))
             # MeshLab writes 1 for opaque surfaces; an entire surface that cannot be seen is not meant.
             opacity = 1.0 if opacity == 0.0 else opacity
         if opacity is not None and opacity < 1.0:
@@ -361,6 +372,11 @@ def _material(library: Path, name: str, statements: dict[str, str]) -> Material:
         return Material(name, colour, _texture_map(library, statements["map_kd"]))
     except ValueError as error:
         return Material(name, problem=f"{where}: {error}")
+
+
+def _last_word(words: str) -> str:
+    """Return the last word of a statement before a comment."""
+    return (words.partition("#")[0].split() or [""])[-1]
 
 
 def _colour(words: str) -> tuple[float, float, float]:
@@ -451,8 +467,7 @@ def _texture_map(library: Path, statement: str) -> TextureMap:
             raise ValueError(msg) from error
     found = find_beside(library, rest)
     if found is None:
-        msg = f'its picture "{rest}" is missing in its folder'
-        raise ValueError(msg)
+        raise ValueError(describe_absent(library, rest))
     transform = (scale[0], 0.0, offset[0], 0.0, scale[1], offset[1])
     return TextureMap(found, transform=transform, wrap=(wrap, wrap))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS, read_checked_bytes
-from scenetruth.scene.mesh.obj_file import find_beside
+from scenetruth.scene.mesh.obj_file import describe_absent, find_beside
 from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
 
 __all__ = ["list_ply_references", "read_ply"]
@@ -381,5 +381,5 @@ def _colours(table: Table) -> Floats | None:
 def _material(file: Path, name: str) -> Material:
     found = find_beside(file, name)
     if found is None:
-        return Material(name, problem=f'its picture "{name}" is missing in its folder')
+        return Material(name, problem=describe_absent(file, name))
     return Material(name, picture=TextureMap(found))

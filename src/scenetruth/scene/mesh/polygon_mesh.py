@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _SAME_AREA = 1e-6  # largest difference between the areas of a polygon and its triangles, relative to its perimeter²
+_LEAST_CORNERS = 3
 _NO_AREA = 1e-14  # area of a polygon without area, relative to its perimeter²
 
 
@@ -82,6 +83,36 @@ class PolygonMesh:
     def counts(self) -> Indices:
         """Numbers of corners of the polygons."""
         return np.diff(self.starts)
+
+    def without_repeated_corners(self) -> PolygonMesh:
+        """Return the polygons without corners at the place of the next corner, which enclose nothing.
+
+        Polygons that would have fewer than three corners remain as they are.
+        """
+        if len(self.starts) < 2:
+            return self
+        after = np.arange(len(self.corners)) + 1
+        after[self.starts[1:] - 1] = self.starts[:-1]
+        repeated = (self.vertices[self.corners] == self.vertices[self.corners[after]]).all(axis=1)
+        left = self.counts - np.add.reduceat(repeated.astype(np.int64), self.starts[:-1])
+        repeated &= np.repeat(left >= _LEAST_CORNERS, self.counts)
+        if not repeated.any():
+            return self
+        keep = ~repeated
+        counts = np.where(left >= _LEAST_CORNERS, left, self.counts)
+        starts = np.concatenate([[0], np.cumsum(counts)]).astype(self.starts.dtype)
+
+        def kept(values: Floats | None) -> Floats | None:
+            return None if values is None else values[keep]
+
+        return replace(
+            self,
+            corners=self.corners[keep],
+            starts=starts,
+            uv=kept(self.uv),
+            normals=kept(self.normals),
+            colours=kept(self.colours),
+        )
 
     def area_vectors(self) -> Floats:
         """Return the area times the normal of every polygon (Newell), shape (m, 3)."""

@@ -282,6 +282,10 @@ def warp_rows(
     ``gradient``: Output: grey-value derivatives along x and y, averaged over the images, shape (2, rows, width).
     """
     kernel, first = _WARPS[len(fields), view.spline], 0
+    images = sum(len(part) for part, _ in image_parts(coefficients, bad))
+    if len(warped) != images:
+        msg = f"warped has {len(warped)} images for {images}"
+        raise ValueError(msg)
     used = np.zeros((rows[1] - rows[0], warped.shape[2]), dtype=np.int64)
     gradient[:, rows[0] : rows[1]] = 0.0
     for part, flags in image_parts(coefficients, bad):
