@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def timed(function: Callable[[], Any], runs: int = 5) -> tuple[Any, float]:
 def compare(recording: xr.Dataset, truth: xr.Dataset) -> Iterator[list[str]]:
     """Yield the rows of the table: method, rms errors in the interior, seconds for each frame."""
     for title, method, settings in METHODS:
-        found, seconds = timed(lambda method=method, settings=settings: st.estimate(recording, method, settings))
+        found, seconds = timed(partial(st.estimate, recording, method, settings))
         interior = st.score(found.sel(t=[0]), truth, recording).regions["interior"]
         errors = [f"{interior[name]['rmse']:.2g}" if name in interior else "" for name in COLUMNS]
         yield [title, *errors, f"{seconds / found.sizes['t']:.3f}"]
