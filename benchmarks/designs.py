@@ -123,12 +123,12 @@ def other_seeds(design: DesignResult, count: int, max_size_px: int | None, folde
     for one in design.objectives:
         told = rig.simulated[one.title]
         found = [get_simulated_statistic(job.figures(number), one.title, one.statistic) for number in range(count)]
-        inside = sum(told.low <= figure <= told.high for figure in found)
+        inside = sum(told.pi_low <= figure <= told.pi_high for figure in found)
         print(
             f"  {one.title}, {one.statistic_title}, {one.unit}, other seeds: "
             f"{', '.join(f'{figure:.4g}' for figure in found)}"
         )
-        print(f"  {inside} of {count} within {told.low:.4g} to {told.high:.4g}", end="")
+        print(f"  {inside} of {count} within {told.pi_low:.4g} to {told.pi_high:.4g}", end="")
         reached = sum(figure <= (one.wanted or 0.0) for figure in found)
         print(f"; {reached} within what is wanted, {one.wanted:g}" if one.wanted is not None else "")
 
@@ -146,7 +146,7 @@ def main() -> None:
             file = FOLDER / f"{name}.yaml"
             print(name, flush=True)
             folder = (given.folder or Path(scratch)) / name
-            design = optimise(file, output=folder, notice=print)
+            design = optimise(file, output=folder)
             print(f"  seconds: {dict(design.seconds)}")
             for line in design.summary().splitlines():
                 print(f"  {line}")

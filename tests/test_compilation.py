@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import pkgutil
 import stat
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numba
 import pytest
@@ -106,3 +110,24 @@ def test_a_store_is_packed_by_no_more_threads_than_allowed(told: str, tmp_path: 
         check=True,
     )
     assert ("store_" in done.stdout) == (told == "2")
+
+
+def _compiled_kernels() -> Iterator[tuple[str, Any]]:
+    """Give all functions compiled by numba in modules of the package, also those in dictionaries, by name."""
+    for found in pkgutil.walk_packages(st.__path__, "scenetruth."):
+        if "kernels" not in found.name:
+            continue
+        for name, value in vars(importlib.import_module(found.name)).items():
+            for kernel in value.values() if isinstance(value, dict) else [value]:
+                if hasattr(kernel, "py_func"):
+                    yield f"{found.name}.{name}", kernel
+
+
+def test_kernels_are_no_closures_over_other_kernels() -> None:
+    # Numba stores closures by the pickled values of their variables. Kernels among these differ from process to
+    # process: every process would compile the closure anew and add a file to the cache.
+    kernels = list(_compiled_kernels())
+    assert len(kernels) > 50
+    closures = [(name, cell.cell_contents) for name, each in kernels for cell in each.py_func.__closure__ or ()]
+    assert closures
+    assert [name for name, value in closures if hasattr(value, "py_func")] == []

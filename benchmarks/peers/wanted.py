@@ -74,6 +74,7 @@ JOBS: dict[str, Job] = {
     "refined: cube": Job("refined", "cube", "far", ("window_sigma_px=8",)),
     "refined rigid: cube": Job("refined", "cube", "far", ("window_sigma_px=8", "motion=rigid")),
     "refined: leaf": Job("refined", "leaf", "far", ("window_sigma_px=8",)),
+    "refined: leaf_anisotropic": Job("refined", "leaf_anisotropic", "far", ("window_sigma_px=8",)),
 }
 """All work, by name; that of scenetruth is done with the four images that stereo correlation sees."""
 
@@ -117,6 +118,9 @@ def _rows() -> Iterator[Wanted]:
         ("refined: leaf", "depth"): (None, None),
         ("refined: leaf", "velocity_z"): (None, None),
         ("refined: leaf", "growth_rate"): (None, None),
+        ("refined: leaf_anisotropic", "depth"): (None, None),
+        ("refined: leaf_anisotropic", "velocity_z"): (None, None),
+        ("refined: leaf_anisotropic", "growth_rate"): (None, None),
     }
     for (job, quantity), numbers in told.items():
         for statistic, number in zip((*both, "bias"), numbers, strict=False):
@@ -129,7 +133,7 @@ def _rows() -> Iterator[Wanted]:
         "dis: star": (70, 0.0056),
     }
     for job, (period, noise) in resolved.items():
-        yield Wanted(job, "flow_y", "period at 10 % loss", period)
+        yield Wanted(job, "flow_y", "cutoff_period_first", period)
         yield Wanted(job, "flow_y", "noise_std", noise)
 
 

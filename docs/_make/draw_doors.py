@@ -63,7 +63,7 @@ def accuracy() -> None:
     for method, own in told.groupby("method"):
         own = own.sort_values("value")
         bound = method not in METHODS
-        style = {"color": INK, "linestyle": "--", "label": "least possible"} if bound else {"marker": "o"}
+        style = {"color": INK, "linestyle": "--", "label": "Cramér-Rao bound"} if bound else {"marker": "o"}
         axes.loglog(100 * own["level"], own["value"], **{"label": METHODS.get(str(method)), **style})
     axes.set_xticks(ticks := [0.5, 1, 2], [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_formatter("")

@@ -204,28 +204,31 @@ def _solve(matrix: Any, values: Any) -> None:
         values[k] /= matrix[k, k]
 
 
-def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
-    @_jit
-    def _sample(image: Any, at_x: Any, at_y: Any, weights: Any) -> Any:
-        left, top = int(at_x), int(at_y)
-        if cubic:
-            cubic_weights(at_x - left, weights[0], weights[1])
-            cubic_weights(at_y - top, weights[2], weights[3])
-        else:
-            quintic_weights(at_x - left, weights[0], weights[1])
-            quintic_weights(at_y - top, weights[2], weights[3])
-        value, along, below = 0.0, 0.0, 0.0
-        for k in range(TAPS):
-            a, b = 0.0, 0.0
-            for j in range(TAPS):
-                c = image[top + k - REACH, left + j - REACH]
-                a += weights[0, j] * c
-                b += weights[1, j] * c
-            value += weights[2, k] * a
-            along += weights[2, k] * b
-            below += weights[3, k] * a
-        return value, along, below
+@_jit
+def _sample(image: Any, at_x: Any, at_y: Any, weights: Any, cubic: Any) -> Any:
+    """Return value and derivatives of an image at a point; ``weights``: Space for its weights, shape (4, taps)."""
+    left, top = int(at_x), int(at_y)
+    if cubic:
+        cubic_weights(at_x - left, weights[0], weights[1])
+        cubic_weights(at_y - top, weights[2], weights[3])
+    else:
+        quintic_weights(at_x - left, weights[0], weights[1])
+        quintic_weights(at_y - top, weights[2], weights[3])
+    value, along, below = 0.0, 0.0, 0.0
+    for k in range(TAPS):
+        a, b = 0.0, 0.0
+        for j in range(TAPS):
+            c = image[top + k - REACH, left + j - REACH]
+            a += weights[0, j] * c
+            b += weights[1, j] * c
+        value += weights[2, k] * a
+        along += weights[2, k] * b
+        below += weights[3, k] * a
+    return value, along, below
 
+
+def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
+    # A closure over other kernels would be compiled anew by every process: numba does not find it in its cache.
     @_jit
     def compiled(
         coefficients: Any,
@@ -305,7 +308,7 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                                 or bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0
                             ):
                                 continue
-                            value, along, below = _sample(coefficients[i], moved_x, moved_y, taps)
+                            value, along, below = _sample(coefficients[i], moved_x, moved_y, taps, cubic)
                             sums[i, 0] += w
                             sums[i, 1] += w * g
                             sums[i, 2] += w * value
@@ -313,7 +316,7 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                             sums[i, 4] += w * g * value
                             sums[i, 5] += w * value * value
                             if last:
-                                own, along, below = _sample(coefficients[i], at_x, at_y, taps)
+                                own, along, below = _sample(coefficients[i], at_x, at_y, taps, cubic)
                                 before[i, 0] += w
                                 before[i, 1] += w * g
                                 before[i, 2] += w * own
