@@ -41,6 +41,7 @@ _ORDER = 5
 _PLACES = 4096  # subpixel positions at which the sum of the squared weights is tabulated
 _TAPS = 16  # pixels on either side with a weight; those beyond are below 1e-6
 _MOST_POSITION = 1e-3  # largest difference of a position from that of the calibration, in steps
+_MOST_TALLER_PX = 0.02  # largest effect of pixels that are not square for images as recorded
 _LEAST_PEAK = 0.25  # smallest correlation of two images from which a distance is taken
 _LEAST_PX = 1.0  # smallest disparity of a distance
 _LEAST_OVERLAP = 0.2  # smallest part of an image that both show
@@ -159,7 +160,8 @@ def recorded_pixels(calibration: RigCalibration, points_mm: Floats, position: in
     normalised = inside[..., :2] / inside[..., 2:]
     if camera.distortion is not None:
         normalised = camera.distortion.distort(normalised)
-    return np.asarray(camera.focal_px * normalised + np.array(camera.principal_point))
+    focal_px = camera.focal_px * np.array([1.0, 1.0 + calibration.value("aspect")])
+    return np.asarray(focal_px * normalised + np.array(camera.principal_point))
 
 
 def step_factor(calibration: RigCalibration) -> float:
@@ -239,6 +241,10 @@ def calibration_problems(
     if geometry == "rectified" and pixels.bayer is not None and pixels.plane == "mosaic":
         message = "must be red, green or blue for a rectification: resampling would mix the colours of the mosaic"
         problems.append(Problem("camera.plane", message, pixels.plane))
+    taller = abs(calibration.value("aspect")) * calibration.height / 2
+    if geometry == "recorded" and taller > _MOST_TALLER_PX:
+        message = f"has pixels that are not square (aspect {calibration.value('aspect'):.2g})"
+        problems.append(Problem("calibration", f"{message}: use images that are resampled (geometry='rectified')"))
     size, own = (capture.camera.width, capture.camera.height), (calibration.width, calibration.height)
     if own != size:
         message = f"is of a camera of {own[0]} x {own[1]} px, but the images have {size[0]} x {size[1]} px"

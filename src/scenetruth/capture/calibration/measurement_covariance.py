@@ -28,6 +28,7 @@ class RigGeometry:
     """Cameras of a rig: intrinsic parameters, centres and rotations.
 
     ``intrinsics``: f, c_x, c_y, k1, k2, p1, p2, k3, k4, k5, k6.
+    ``aspect``: Ratio of the focal lengths along y and x less 1.
     ``centres_mm``: Projection centres in the frame of the stage, shape (S, 3).
     ``rotations``: Rotations whose columns are the camera axes, shape (S, 3, 3).
     ``reference``: Index of the camera whose frame is that of the results.
@@ -35,6 +36,7 @@ class RigGeometry:
     """
 
     intrinsics: Array
+    aspect: float
     centres_mm: Array
     rotations: Array
     reference: int
@@ -58,8 +60,8 @@ class RigGeometry:
         poses = [pose(index, visits[index]) for index in range(len(positions_mm))]
         frame = pose(reference, np.zeros(6))
         return cls(
-            values[: len(INTRINSICS)], np.array([each[0] for each in poses]), np.array([each[1] for each in poses]),
-            reference, frame,
+            values[: len(INTRINSICS)], float(stage[4]), np.array([each[0] for each in poses]),
+            np.array([each[1] for each in poses]), reference, frame,
         )  # fmt: skip
 
     @property
@@ -67,17 +69,20 @@ class RigGeometry:
         """Lens distortion."""
         return Distortion(**dict(zip(INTRINSICS[3:], self.intrinsics[3:].tolist(), strict=True)))
 
+    @property
+    def _focal_px(self) -> Array:
+        """Focal lengths along x and y."""
+        return np.array([self.intrinsics[0], (1.0 + self.aspect) * self.intrinsics[0]])
+
     def rays(self, pixels: Array) -> Array:
         """Return the directions of reference pixels in the frame of the stage, at unit depth; shape (n, 3)."""
-        f, c_x, c_y = self.intrinsics[:3]
-        normalised = self.lens.undistort((pixels - [c_x, c_y]) / f)
+        normalised = self.lens.undistort((pixels - self.intrinsics[1:3]) / self._focal_px)
         return np.asarray(np.column_stack([normalised, np.ones(len(pixels))]) @ self.rotations[self.reference].T)
 
     def project(self, points_mm: Array) -> Array:
         """Return the pixels of points in the frame of the stage, shape (S, n, 2)."""
-        f, c_x, c_y = self.intrinsics[:3]
         inside = np.einsum("snj,sjk->snk", points_mm - self.centres_mm[:, None], self.rotations)
-        return np.asarray(f * self.lens.distort(inside[..., :2] / inside[..., 2:]) + [c_x, c_y])
+        return np.asarray(self._focal_px * self.lens.distort(inside[..., :2] / inside[..., 2:]) + self.intrinsics[1:3])
 
     def to_reference(self, points_mm: Array) -> Array:
         """Return points of the frame of the stage in the frame of the reference camera."""
