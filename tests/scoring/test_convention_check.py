@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.errors import ScoreError
+from scenetruth.errors import EstimateWarning, ScoreError
 from scenetruth.schema import Intrinsics, label, make_estimate, make_recording, read_intrinsics
 from scenetruth.scoring.convention_check import detect_convention_mismatches, fit_shift
 from scenetruth.scoring.convention_hypotheses import NO_MISMATCH, ConventionMismatch
@@ -366,9 +366,11 @@ def test_slips_show_in_what_make_estimate_derives(room: xr.Dataset) -> None:
         )
         == []
     )
-    metres = make_estimate(recording=recording, depth=0.001 * right["depth"])
+    with pytest.warns(EstimateWarning, match="is depth in m"):
+        metres = make_estimate(recording=recording, depth=0.001 * right["depth"])
     assert named(detect_convention_mismatches(metres, room)) == {("depth", "metres")}
-    exchanged = make_estimate(recording=recording, disparity=right["depth"])
+    with pytest.warns(EstimateWarning, match="depth"):
+        exchanged = make_estimate(recording=recording, disparity=right["depth"])
     assert named(detect_convention_mismatches(exchanged, room)) == {("disparity", "depth"), ("depth", "disparity")}
 
 

@@ -16,7 +16,7 @@ from scenetruth.capture.calibration import (
     scatter_of_poses,
 )
 from tests.helpers.drawn_rigs import DrawnRig, draw_rig
-from tests.helpers.nightly import NIGHTLY
+from tests.helpers.nightly import NIGHTLY, nightly
 
 PAPER = CalibrationTarget(half_width_mm=36.0, scale_std=1e-3, warp_mm=0.2, bend_mm=0.1, point_mm=(0.02, 0.05))
 """A printed board that is held by hand."""
@@ -53,6 +53,7 @@ def _start(rig: DrawnRig):  # type: ignore[no-untyped-def]
     return start_state(rig.observations, CAMERA_ALONE, guess)
 
 
+@nightly
 def test_the_stated_uncertainty_includes_them() -> None:
     """Focal lengths of drawn boards: chi-squared with a probability of 0.998; without the components it is 10 times."""
     from scipy import stats
@@ -90,6 +91,7 @@ def test_errors_that_an_image_shares_widen_the_uncertainty() -> None:
     assert scatter_of_poses(other, CAMERA_ALONE) > 2.0
 
 
+@nightly
 def test_pixels_that_are_not_square_and_a_wide_lens_are_seen() -> None:
     """An aspect of 1e-3 and k3 = 300 are estimated without being asked for; an exact camera keeps the usual lens."""
     rig = draw_rig(5, poses=10, positions=1, priors=CAMERA_ALONE)

@@ -16,6 +16,7 @@ from scenetruth.capture import RigCalibration, TwinPrediction, TwinRun, run_twin
 from scenetruth.capture.twin import make_rig
 from tests.helpers.command_line import scenetruth
 from tests.helpers.measured_twins import MeasuredCapture, measure_scene, two_plates
+from tests.helpers.nightly import nightly
 
 MARGIN = {"interior_margin_px": 8.0}
 
@@ -94,6 +95,7 @@ def test_summary_and_values(predicted: TwinRun) -> None:
     assert all(problem.path for problem in predicted.prediction.disagreements)
 
 
+@nightly
 def test_command(measured: MeasuredCapture, tmp_path: Path) -> None:
     capture = measured.capture.folder
     place = tmp_path / "scene"
@@ -112,6 +114,7 @@ def test_command(measured: MeasuredCapture, tmp_path: Path) -> None:
     assert "scenetruth capture import" in done.stderr
 
 
+@nightly
 def test_a_rectified_measurement_has_a_twin_of_the_real_rig(tmp_path: Path) -> None:
     lens = {"k1": -0.4, "k2": 0.5, "p1": 2e-3, "p2": -1e-3}
     camera = Camera(width=128, height=96, focal_length_px=1000, principal_point_px=(65, 46), distortion=lens)

@@ -13,6 +13,7 @@ import scenetruth as st
 from scenetruth.capture import make_twin
 from scenetruth.capture.twin import open_run
 from tests.helpers.measured_twins import FOCAL_PX, MeasuredCapture, measure_scene, two_plates
+from tests.helpers.nightly import nightly
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,7 @@ def test_the_scene_file_is_one_of_the_same_rig(measured: MeasuredCapture, twin: 
     assert names == {"scene.yaml", *(f"surface_{n}.{end}" for n in (1, 2) for end in ("obj", "png"))}
 
 
+@nightly
 def test_the_twin_is_a_base_of_a_design(twin: Path) -> None:
     spec = {
         "title": "Baseline of the measured rig",

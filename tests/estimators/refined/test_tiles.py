@@ -179,6 +179,7 @@ def _assert_same(whole: xr.Dataset, tiled: xr.Dataset, near: float = 0.02) -> No
         assert np.quantile(_difference(whole, tiled, name), 0.99) < near
 
 
+@nightly
 @pytest.mark.usefixtures("limits")
 def test_tiles_have_the_lens_and_the_times_of_the_whole_image() -> None:
     """Barrel distortion and a rolling shutter depend on the place in the image, not in the tile."""

@@ -436,6 +436,7 @@ def test_a_single_camera_gives_flow_and_divergence_alone() -> None:
     np.testing.assert_allclose(estimate["divergence"].values[known], truth["divergence"][known], atol=0.03 * 0.3 / 488)
 
 
+@pytest.mark.filterwarnings("ignore:method 'structure_tensor'. depth:scenetruth.EstimateWarning")
 def test_one_camera_of_several_sees_the_same_flow() -> None:
     """The case of one camera is the same code: with images that do not differ along s, both agree."""
     alone = PLANE.recording([0.0], 9)
