@@ -96,7 +96,7 @@ def made(label: str, pair: str, folder: Path) -> Pair:
     left, right = PAIRS[pair]
     apart = APART.get(name, 1)
     if left == right:
-        # Times belong to the frames of the scene, of which some are left out.
+        # Times belong to the frames of the scene, of which some are omitted.
         recording = recording.drop_vars("planned_time_s", errors="ignore")
         recording = recording.sel(s=[left], t=[0, apart]).assign_coords(t=[0, 1])
         truth = truth.sel(s=left, t=[0])

@@ -70,7 +70,7 @@ def away_from_borders(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def test_points_are_found_where_the_calibration_projects_them(seed: int, size: float, depth: float) -> None:
     from scenetruth.capture.rectification import recorded_pixels, step_factor
 
-    rig = skewed_rig(seed, size)
+    rig = skewed_rig(seed, size, aspect=2e-3)
     points = np.random.default_rng(seed).uniform([-15, -10, 0.9 * depth], [15, 10, 1.1 * depth], (20, 3))
     geometry, axes = geometry_of(rig), ideal_axes(rig)
     expected = geometry.project(geometry.to_stage(points @ axes.T))
@@ -98,7 +98,7 @@ def test_rectified_images_are_those_of_an_ideal_rig(tmp_path: Path, *, stored: b
         # Waves of 7.5 px and more: the spline is right to 1e-3 of the contrast; 16 bits.
         within = away_from_borders(known)
         np.testing.assert_allclose(image[within], ideal_image(found, s)[within], atol=5e-4)
-    # The recorded image is off by tenths of a pixel.
+    # The recorded image is displaced by tenths of a pixel.
     assert np.abs(recorded(rig)[2, 0] - ideal_image(found, 2))[8:-8, 8:-8].max() > 0.01
 
 
@@ -199,6 +199,14 @@ def test_excluded_pixels_move_with_the_images(tmp_path: Path) -> None:
         assert 40 <= excluded[8:-8, 8:-8].sum() <= 60
         seen = geometry.project(geometry.to_stage(point[None] @ axes.T))[s, 0]
         np.testing.assert_allclose(seen, [40, 30], atol=0.6)
+
+
+def test_pixels_that_are_not_square_need_resampled_images(tmp_path: Path) -> None:
+    # 2e-3 of half the 72 rows: 0.07 px.
+    rig = skewed_rig(aspect=2e-3)
+    write_folder(tmp_path, recorded(rig), DEPTH_MM)
+    with pytest.raises(CaptureError, match="pixels that are not square"):
+        import_capture(tmp_path, calibration=rig, geometry="recorded")
 
 
 def test_calibrations_of_other_rigs_are_rejected(tmp_path: Path) -> None:

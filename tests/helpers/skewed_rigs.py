@@ -25,11 +25,13 @@ CAMERA = Camera(
 POSITIONS_MM = (-4.0, 0.0, 4.0)
 
 
-def skewed_rig(seed: int = 0, size: float = 1.0, std: Mapping[str, float] | None = None) -> RigCalibration:
+def skewed_rig(
+    seed: int = 0, size: float = 1.0, std: Mapping[str, float] | None = None, *, aspect: float = 0.0
+) -> RigCalibration:
     """Return a calibration with an inclined axis and errors of all positions, times a factor."""
     plain = RigCalibration.from_camera(CAMERA, POSITIONS_MM, std=std)
     values, generator = plain.values.copy(), np.random.default_rng(seed)
-    for name, value in {"axis_y": 3e-3, "axis_z": -4e-3, "step_scale": 2e-3}.items():
+    for name, value in {"axis_y": 3e-3, "axis_z": -4e-3, "step_scale": 2e-3, "aspect": aspect}.items():
         values[plain.names.index(name)] = size * value
     start = plain.layout.first_position
     moved = generator.normal(size=(len(POSITIONS_MM), 6)) * [3e-4, 3e-4, 1e-3, 0.002, 0.02, 0.02]

@@ -62,7 +62,7 @@ def test_all_dots_with_their_errors() -> None:
     assert 0.5 < np.sqrt((np.concatenate(z) ** 2).mean()) < 1.25
 
 
-def test_dots_that_are_hidden_are_left_out() -> None:
+def test_dots_that_are_hidden_are_omitted() -> None:
     views = observe_strip(recorded(hidden=3), POINTS, X_MM)
     for view in views:
         np.testing.assert_array_equal(view.points_mm, POINTS[3:])

@@ -1,4 +1,4 @@
-"""Suggestions: poses left out and added, against another adjustment; coverage."""
+"""Suggestions: poses omitted and added, against another adjustment; coverage."""
 
 from __future__ import annotations
 

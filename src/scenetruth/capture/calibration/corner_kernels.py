@@ -52,6 +52,62 @@ def solve_symmetric(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_pixel(
+    residual: float, variance: float, slope: NDArray[np.float64], normal: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+) -> tuple[float, float]:  # fmt: skip
+    """Add a pixel to the normal equations with a robust weight; return its robust cost and weighted square."""
+    distance = abs(residual) / math.sqrt(variance)
+    weight = 1.0 / variance
+    cost = distance * distance
+    if distance > _HUBER:
+        cost = 2.0 * _HUBER * distance - _HUBER * _HUBER
+        weight *= _HUBER / distance
+    for i in range(slope.shape[0]):
+        gradient[i] += weight * slope[i] * residual
+        for j in range(i + 1):
+            normal[i, j] += weight * slope[i] * slope[j]
+    return cost, weight * residual * residual
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def damped_step(
+    normal: NDArray[np.float64], gradient: NDArray[np.float64], damping: float, p: NDArray[np.float64],
+    work: NDArray[np.float64], right: NDArray[np.float64], trial: NDArray[np.float64],
+) -> bool:  # fmt: skip
+    """Write the parameters after a step of Levenberg and Marquardt; False if the equations are singular."""
+    size = p.shape[0]
+    for i in range(size):
+        scale = 1.0 / math.sqrt(max(normal[i, i], 1e-300))
+        right[i, 0] = gradient[i] * scale
+        for j in range(i + 1):
+            work[i, j] = normal[i, j] * scale / math.sqrt(max(normal[j, j], 1e-300))
+        work[i, i] += damping
+    if not solve_symmetric(work, right):
+        return False
+    for i in range(size):
+        trial[i] = p[i] + right[i, 0] / math.sqrt(max(normal[i, i], 1e-300))
+    return True
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def position_covariance(
+    normal: NDArray[np.float64], work: NDArray[np.float64], unit: NDArray[np.float64]
+) -> tuple[float, float, float]:  # fmt: skip
+    """Return variances and covariance of the first two parameters; NaN if the equations are singular."""
+    size = normal.shape[0]
+    for i in range(size):
+        unit[i, 0], unit[i, 1] = 0.0, 0.0
+        for j in range(i + 1):
+            work[i, j] = normal[i, j] / math.sqrt(max(normal[i, i], 1e-300) * max(normal[j, j], 1e-300))
+    unit[0, 0], unit[1, 1] = 1.0, 1.0
+    if not solve_symmetric(work, unit):
+        return math.nan, math.nan, math.nan
+    first, second = max(normal[0, 0], 1e-300), max(normal[1, 1], 1e-300)
+    return unit[0, 0] / first, unit[1, 1] / second, unit[1, 0] / math.sqrt(first * second)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _accumulate(
     values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64], count: int,
     p: NDArray[np.float64], normal: NDArray[np.float64], gradient: NDArray[np.float64],
@@ -88,19 +144,8 @@ def _accumulate(
         slope[6] = light * product
         slope[7] = pattern * places[n, 0]
         slope[8] = pattern * places[n, 1]
-        residual = values[n] - light * pattern
-        distance = abs(residual) / math.sqrt(variances[n])
-        weight = 1.0 / variances[n]
-        if distance > _HUBER:
-            cost += 2.0 * _HUBER * distance - _HUBER * _HUBER
-            weight *= _HUBER / distance
-        else:
-            cost += distance * distance
-        squares += weight * residual * residual
-        for i in range(_PARAMETERS):
-            gradient[i] += weight * slope[i] * residual
-            for j in range(i + 1):
-                normal[i, j] += weight * slope[i] * slope[j]
+        robust, square = add_pixel(values[n] - light * pattern, variances[n], slope, normal, gradient)
+        cost, squares = cost + robust, squares + square
     return cost, squares
 
 
@@ -126,7 +171,7 @@ def fit_corners(
     p, trial = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal, gradient = np.empty((_PARAMETERS, _PARAMETERS)), np.empty(_PARAMETERS)
     work, right = np.empty((_PARAMETERS, _PARAMETERS)), np.empty((_PARAMETERS, 1))
-    scale, unit = np.empty(_PARAMETERS), np.empty((_PARAMETERS, 2))
+    unit = np.empty((_PARAMETERS, 2))
     for corner in range(starts.shape[0]):
         found[corner] = np.nan
         centre_x, centre_y = round(starts[corner, 0]), round(starts[corner, 1])
@@ -164,22 +209,13 @@ def fit_corners(
         cost, squares = _accumulate(values, variances, places, count, p, normal, gradient)
         converged = False
         for _ in range(_ROUNDS):
-            for i in range(_PARAMETERS):
-                scale[i] = 1.0 / math.sqrt(max(normal[i, i], 1e-300))
-            for i in range(_PARAMETERS):
-                right[i, 0] = gradient[i] * scale[i]
-                for j in range(i + 1):
-                    work[i, j] = normal[i, j] * scale[i] * scale[j]
-                work[i, i] += damping
-            if not solve_symmetric(work, right):
+            if not damped_step(normal, gradient, damping, p, work, right, trial):
                 damping = max(10.0 * damping, 1e-6)
                 continue
-            for i in range(_PARAMETERS):
-                trial[i] = p[i] + right[i, 0] * scale[i]
             trial[4] = min(max(trial[4], _LEAST_BLUR), _LARGEST_BLUR)
             step = 0.0
             for i in range(_PARAMETERS):
-                step += right[i, 0] * scale[i] * gradient[i]
+                step += (trial[i] - p[i]) * gradient[i]
             small = step < _CONVERGED * max(1.0, squares / count)
             later, later_squares = _accumulate(values, variances, places, count, trial, normal, gradient)
             if later <= cost * (1.0 + 1e-9):
@@ -197,18 +233,11 @@ def fit_corners(
                     break
         if not converged or math.hypot(p[0], p[1]) > 0.5 * half or p[4] >= _LARGEST_BLUR:
             continue
-        for i in range(_PARAMETERS):
-            scale[i] = 1.0 / math.sqrt(max(normal[i, i], 1e-300))
-        for i in range(_PARAMETERS):
-            unit[i, 0], unit[i, 1] = 0.0, 0.0
-            for j in range(i + 1):
-                work[i, j] = normal[i, j] * scale[i] * scale[j]
-        unit[0, 0], unit[1, 1] = 1.0, 1.0
-        if not solve_symmetric(work, unit):
+        across, down, both = position_covariance(normal, work, unit)
+        if not math.isfinite(across):
             continue
         found[corner, 0], found[corner, 1] = centre_x + p[0], centre_y + p[1]
-        found[corner, 2], found[corner, 3] = unit[0, 0] * scale[0] * scale[0], unit[1, 1] * scale[1] * scale[1]
-        found[corner, 4] = unit[1, 0] * scale[1] * scale[0]
+        found[corner, 2], found[corner, 3], found[corner, 4] = across, down, both
         found[corner, 5], found[corner, 6] = p[4], squares / max(count - _PARAMETERS, 1)
         found[corner, 7] = p[6]
 

@@ -8,13 +8,18 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.capture.calibration.corner_kernels import PART, PART_VARIANCE, solve_symmetric
+from scenetruth.capture.calibration.corner_kernels import (
+    PART,
+    PART_VARIANCE,
+    add_pixel,
+    damped_step,
+    position_covariance,
+)
 
 __all__ = ["fit_discs"]
 
 _PARAMETERS = 8  # x, y, radius, blur, ground, contrast, two slopes of the light
 _ROUNDS = 25
-_HUBER = 3.0
 _CONVERGED = 1e-4  # squared length of a step in standard deviations: 0.01 of the uncertainty
 _LEAST_BLUR, _LARGEST_BLUR = 0.1, 8.0
 _FEWEST = 20  # pixels
@@ -70,19 +75,8 @@ def _accumulate(
         slope[5] = light * inside
         slope[6] = pattern * places[n, 0]
         slope[7] = pattern * places[n, 1]
-        residual = values[n] - light * pattern
-        distance = abs(residual) / math.sqrt(variances[n])
-        weight = 1.0 / variances[n]
-        if distance > _HUBER:
-            cost += 2.0 * _HUBER * distance - _HUBER * _HUBER
-            weight *= _HUBER / distance
-        else:
-            cost += distance * distance
-        squares += weight * residual * residual
-        for i in range(_PARAMETERS):
-            gradient[i] += weight * slope[i] * residual
-            for j in range(i + 1):
-                normal[i, j] += weight * slope[i] * slope[j]
+        robust, square = add_pixel(values[n] - light * pattern, variances[n], slope, normal, gradient)
+        cost, squares = cost + robust, squares + square
     return cost, squares
 
 
@@ -103,7 +97,7 @@ def fit_discs(
     rows, columns = image.shape
     normal, gradient = np.empty((_PARAMETERS, _PARAMETERS)), np.empty(_PARAMETERS)
     work, right = np.empty((_PARAMETERS, _PARAMETERS)), np.empty((_PARAMETERS, 1))
-    scale, unit = np.empty(_PARAMETERS), np.empty((_PARAMETERS, 2))
+    unit = np.empty((_PARAMETERS, 2))
     p, trial, inverse = np.empty(_PARAMETERS), np.empty(_PARAMETERS), np.empty((2, 2))
     for dot in range(starts.shape[0]):
         found[dot] = np.nan
@@ -161,18 +155,9 @@ def fit_discs(
                     cost, squares = _accumulate(
                         values, variances, places, count, inverse, p, normal, gradient
                     )  # fmt: skip
-            for i in range(_PARAMETERS):
-                scale[i] = 1.0 / math.sqrt(max(normal[i, i], 1e-300))
-            for i in range(_PARAMETERS):
-                right[i, 0] = gradient[i] * scale[i]
-                for j in range(i + 1):
-                    work[i, j] = normal[i, j] * scale[i] * scale[j]
-                work[i, i] += damping
-            if not solve_symmetric(work, right):
+            if not damped_step(normal, gradient, damping, p, work, right, trial):
                 damping = max(10.0 * damping, 1e-6)
                 continue
-            for i in range(_PARAMETERS):
-                trial[i] = p[i] + right[i, 0] * scale[i]
             trial[3] = min(max(trial[3], _LEAST_BLUR), _LARGEST_BLUR)
             trial[2] = min(max(trial[2], _SMALLEST), _LARGEST)
             # A parameter at its limit makes no step.
@@ -196,20 +181,10 @@ def fit_discs(
                     break
         if not converged or not _SMALLEST < p[2] < _LARGEST or p[3] >= _LARGEST_BLUR:
             continue
-        for i in range(_PARAMETERS):
-            scale[i] = 1.0 / math.sqrt(max(normal[i, i], 1e-300))
-            unit[i, 0], unit[i, 1] = 0.0, 0.0
-        for i in range(_PARAMETERS):
-            for j in range(i + 1):
-                work[i, j] = normal[i, j] * scale[i] * scale[j]
-        unit[0, 0], unit[1, 1] = 1.0, 1.0
-        if not solve_symmetric(work, unit):
+        across, down, both = position_covariance(normal, work, unit)
+        if not math.isfinite(across):
             continue
         found[dot, 0], found[dot, 1] = centre_x + p[0], centre_y + p[1]
-        found[dot, 2], found[dot, 3] = (
-            unit[0, 0] * scale[0] * scale[0] / factor,
-            unit[1, 1] * scale[1] * scale[1] / factor,
-        )
-        found[dot, 4] = unit[1, 0] * scale[1] * scale[0] / factor
+        found[dot, 2], found[dot, 3], found[dot, 4] = across / factor, down / factor, both / factor
         found[dot, 5], found[dot, 6] = p[3], factor * squares / max(count - _PARAMETERS, 1)
         found[dot, 7], found[dot, 8] = p[5], p[2]

@@ -159,8 +159,8 @@ def scatter_of_poses(fit: RigFit, priors: RigPriors) -> float:
     chosen = [index for index in range(len(INTRINSICS)) if fit.free[index]]
     shape = (len(chosen), len(chosen))
     found, stated, count = np.zeros(shape), np.zeros(shape), 0
-    for left_out in poses:
-        rest = fit.given.selected([view for view in fit.given.views if view.pose != left_out])
+    for omitted in poses:
+        rest = fit.given.selected([view for view in fit.given.views if view.pose != omitted])
         try:
             layout = RigLayout.from_observations(rest, priors)
             part = adjust(rest, carry_state(fit.state, layout), _start(fit, layout))

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _COLUMNS, _ROWS = 9, 7
 """Grid of pixels over the image, on which errors that vary smoothly are computed."""
 _BORDERS = (0.0, 0.05, 0.1, 0.2, 0.3)
-"""Shares of the image that are left out at every border, if the lens folds the image there."""
+"""Shares of the image that are omitted at every border, if the lens folds the image there."""
 _SOURCES: tuple[tuple[str, str], ...] = (
     ("step length", r"step_scale|backlash"),
     ("size of the board", r"board\.scale"),

@@ -29,13 +29,10 @@ from scenetruth.capture.twin.twin_scene import (
     SCENE_FILE,
     MeasuredRun,
     Twin,
-    check_mesh,
-    find_calibration,
     make_twin,
-    open_run,
-    twin_problems,
+    open_measurement,
 )
-from scenetruth.errors import CaptureError, Problem, SceneWarning
+from scenetruth.errors import SceneWarning
 from scenetruth.estimators import estimate, find_method
 from scenetruth.estimators.registry import validate_settings
 from scenetruth.jobs.job_folder import JobFolder
@@ -162,16 +159,7 @@ def run_twin(
     ...     print(len(error.problems) > 0)
     True
     """
-    folder = open_capture(capture)
-    measured = open_run(run, method)
-    rig = find_calibration(measured, calibration)
-    problems = twin_problems(folder, rig, measured)
-    if measured.method == "external":
-        message = "is of a program that is not installed as a method; estimate with an installed one"
-        problems.append(Problem("method", message, measured.method))
-    if problems:
-        raise CaptureError(problems, source=folder.capture.folder)
-    check_mesh(mesh)
+    folder, measured, rig = open_measurement(capture, run, calibration, method, mesh, repeatable=True)
     # Raises before any work if the method is not installed.
     validate_settings(find_method(measured.method), measured.settings)
     settings = score_settings if isinstance(score_settings, ScoreSettings) else read_settings(**(score_settings or {}))

@@ -271,13 +271,7 @@ def make_twin(
     ...     print(len(error.problems) > 0)
     True
     """
-    folder = open_capture(capture)
-    measured = open_run(run, method)
-    rig = find_calibration(measured, calibration)
-    problems = twin_problems(folder, rig, measured)
-    if problems:
-        raise CaptureError(problems, source=folder.capture.folder)
-    check_mesh(mesh)
+    folder, measured, rig = open_measurement(capture, run, calibration, method, mesh)
     check_output(output, overwrite=overwrite, claim=claim_twin)
     making = _Making(folder, measured, rig, seed, progress)
     with write_atomically(output, overwrite=overwrite, claim=claim_twin) as partial:
@@ -289,6 +283,31 @@ def make_twin(
         load_scene(partial / SCENE_FILE)
     place = Path(output)
     return Twin(place, load_scene(place / SCENE_FILE), making.rig, making.sensor, making.motions, tuple(making.notes))
+
+
+def open_measurement(
+    capture: CaptureLike,
+    run: str | Path,
+    calibration: RigCalibration | str | Path | None,
+    method: str | None,
+    mesh: str | Path | None,
+    *,
+    repeatable: bool = False,
+) -> tuple[CaptureFolder, MeasuredRun, RigCalibration | None]:
+    """Return capture, run and calibration of a measurement; raise if they do not belong together.
+
+    ``repeatable``: Whether the method must be installed.
+    """
+    folder, measured = open_capture(capture), open_run(run, method)
+    rig = find_calibration(measured, calibration)
+    problems = twin_problems(folder, rig, measured)
+    if repeatable and measured.method == "external":
+        message = "is of a program that is not installed as a method; estimate with an installed one"
+        problems.append(Problem("method", message, measured.method))
+    if problems:
+        raise CaptureError(problems, source=folder.capture.folder)
+    check_mesh(mesh)
+    return folder, measured, rig
 
 
 def check_mesh(mesh: str | Path | None) -> None:
