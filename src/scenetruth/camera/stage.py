@@ -261,7 +261,7 @@ class Stage(FrozenModel):
             if off > step / 2:
                 msg = (
                     f"half of backlash_um and four times repeatability_um are {off:g} mm, more than half the smallest "
-                    f"step of {step:g} mm: positions would change their order"
+                    f"step of {step:g} mm: positions would change their order; check mm and m of the baseline"
                 )
                 raise ValueError(msg)
         return value

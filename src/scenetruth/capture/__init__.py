@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from scenetruth.capture.calibration import RigCalibration, calibrate
     from scenetruth.capture.calibration_errors import add_calibration_errors
     from scenetruth.capture.capture_calibration import calibrate_capture
-    from scenetruth.capture.capture_check import CaptureFinding, CaptureReport, check_capture
+    from scenetruth.capture.capture_check import CaptureReport, check_capture
     from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
+    from scenetruth.capture.capture_findings import CaptureFinding
     from scenetruth.capture.capture_run import CaptureRun, run_capture
     from scenetruth.capture.capture_template import capture_text, write_capture_file
     from scenetruth.capture.corrections import FixedPatternCorrection, correct_images, undistort_images
@@ -87,7 +88,8 @@ __getattr__, __dir__ = export_lazily(
         "calibration_errors": "add_calibration_errors",
         "region_means": "RegionMean region_mean",
         "capture_calibration": "calibrate_capture",
-        "capture_check": "CaptureFinding CaptureReport check_capture",
+        "capture_check": "CaptureReport check_capture",
+        "capture_findings": "CaptureFinding",
         "capture_file": "CAPTURE_FILE Capture CaptureLike load_capture",
         "capture_run": "CaptureRun run_capture",
         "capture_template": "capture_text write_capture_file",

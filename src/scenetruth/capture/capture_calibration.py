@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 
 from scenetruth.camera import Camera, StageErrors
+from scenetruth.capture.board_check import board_of
 from scenetruth.capture.calibration import (
-    Board,
     BoardImage,
     CalibrationError,
     CalibrationTarget,
@@ -43,6 +42,7 @@ from scenetruth.capture.capture_file import CaptureLike, load_capture
 from scenetruth.capture.corrections import FixedPatternCorrection
 from scenetruth.capture.file_patterns import MatchedFile, read_pattern
 from scenetruth.capture.folder_reading import CaptureFolder, measurement_hash, open_capture, read_table
+from scenetruth.capture.measurement_check import compare_measurement
 from scenetruth.capture.radiometry import SensorNoise
 from scenetruth.capture.rectification import calibration_problems
 from scenetruth.errors import CaptureError, Problem
@@ -202,7 +202,8 @@ def calibrate_folder(
         return _stated_calibration(folder, start, std, priors), None
     solution = fit_points(folder, _detect(folder, progress), start, priors)
     found = replace(describe_fit(solution), bit_depth=folder.images.pixels.bit_depth)
-    return _with_measured_visits(found, folder), solution
+    found = _with_measured_visits(found, folder)
+    return replace(found, warnings=(*found.warnings, *compare_measurement(folder, found))), solution
 
 
 def _with_measured_visits(found: RigCalibration, folder: CaptureFolder) -> RigCalibration:
@@ -230,7 +231,7 @@ def fit_points(
     folder: CaptureFolder, given: Observations, start: RigGuess | RigCalibration | None, priors: RigPriors
 ) -> RigSolution:
     """Return the fit of detected points of a capture."""
-    board = _board(folder)
+    board = board_of(folder)
     return fit_rig(given, start, priors, board if isinstance(board, DotGrid) else None)
 
 
@@ -397,17 +398,6 @@ def _stated_calibration(
     )
 
 
-def _board(folder: CaptureFolder) -> Board:
-    """Return the board of a capture file as a board of the detection."""
-    section = folder.capture.board
-    assert section is not None  # given together with its files
-    plain = section.model_dump(exclude_none=True)
-    if section.kind != "charuco":
-        plain.pop("legacy")
-    found: Board = TypeAdapter(Board).validate_python(plain)
-    return found
-
-
 def _detect(folder: CaptureFolder, progress: Progress | None) -> Observations:
     """Return the detected points of all board images."""
     pattern = read_pattern(folder.capture.files.board or "", ("pose", "s", "row"))
@@ -418,7 +408,7 @@ def _detect(folder: CaptureFolder, progress: Progress | None) -> Observations:
     for number, ((pose, _, s), name) in enumerate(sorted(folder.board.items())):
         place = positions.index(s) if "s" in pattern.fields else middle
         images.append(reader.board_image(name, place, pose, number))
-    found = observe_boards(images, _board(folder), folder.positions_mm(), reference=middle)
+    found = observe_boards(images, board_of(folder), folder.positions_mm(), reference=middle)
     if progress is not None:
         progress("detect boards", len(images), len(images))
     found = _with_strip(found, folder, reader)

@@ -4,66 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
+from scenetruth.capture.board_check import (
+    BoardStatistics,
+    blurred_boards,
+    describe_blurred,
+    read_boards,
+    saturated_boards,
+    sharpness,
+)
 from scenetruth.capture.capture_file import CaptureLike, load_capture
+from scenetruth.capture.capture_findings import CaptureFinding, Severity
+from scenetruth.capture.dark_pattern import PatternMatch
 from scenetruth.capture.folder_reading import CaptureFolder, open_capture
 from scenetruth.capture.image_reading import FrameMoments
 from scenetruth.capture.ingest import list_missing
-from scenetruth.capture.radiometry import GammaFit, SensorNoise, fit_gamma, measure_linearity, measure_noise
+from scenetruth.capture.radiometry import GammaFit, SensorNoise, measure_noise
+from scenetruth.capture.response_check import check_response
 from scenetruth.errors import ArgumentError, CaptureError, Problem
 from scenetruth.progress import Progress
 
 __all__ = ["CaptureFinding", "CaptureReport", "check_capture", "sensor_noise"]
 
 Floats = NDArray[np.float64]
-Severity = Literal["error", "warning", "note"]
 
 _SATURATED = 1e-3  # share of the pixels of an image
 _PLATEAU = 5.0  # ratio of the number of pixels at the largest value to the number at the values below
 _UPPER, _ABOVE = 0.8, 0.02
 _PART_OF_NOISE = 0.5
 _BRIGHTNESS = 0.02
-_GAMMA_OF_EXPOSURES = 0.05
-_SIGMAS = 4.0
 _BELOW_DARK = 0.01  # share of the pixels of an image
 _EXPOSURE_RATIO = 1.05
-_CERTAIN_SLOPE = 0.15
 _LEAST_SLOPE = 0.5
+_SLOPE_SIGMAS = 4.0
 _BLACK_DN = 2.0
-_SMALL_PX = 9
 _MAX_DIM = 0.02  # brightest pixel of images that show nothing, as a share of full scale
-
-
-@dataclass(frozen=True)
-class CaptureFinding:
-    """A single result of a check.
-
-    ``mistake``: Name of the mistake: ``files``, ``missing_image``, ``turned``, ``saturated``, ``gamma``, ``dark``,
-    ``flat``, ``exposure``, ``bit_depth``, ``board``, ``units``.
-    ``severity``: ``error`` where results would be wrong, ``warning`` where they are impaired, ``note`` otherwise.
-    ``message``: Path, what was measured, and what to do.
-
-    See Also
-    --------
-    check_capture : Returns it.
-
-    Examples
-    --------
-    >>> str(CaptureFinding("gamma", "error", "the response has an exponent of 0.45"))
-    'error: gamma: the response has an exponent of 0.45'
-    """
-
-    mistake: str
-    severity: Severity
-    message: str
-
-    def __str__(self) -> str:
-        return f"{self.severity}: {self.mistake}: {self.message}"
 
 
 @dataclass(frozen=True)
@@ -136,14 +115,17 @@ class _ImageStatistics:
     ``medians``: Median by index (row, s, t).
     ``counts``: Number of pixels by value.
     ``below``: Share of pixels darker than the dark frame by more than 5 standard deviations of its noise, by file.
-    ``total``, ``count``: Sum of the images, and their number.
+    ``sharpness``: Steepest differences of neighbouring pixels relative to the contrast, by file.
+    ``pattern``: How often the pattern of the dark frames is contained in the images; None without dark frames.
+    ``count``: Number of images.
     """
 
     saturated: dict[str, float] = field(default_factory=dict)
     medians: dict[tuple[int, int, int], float] = field(default_factory=dict)
     counts: NDArray[np.int64] | None = None
     below: dict[str, float] = field(default_factory=dict)
-    total: Floats | None = None
+    sharpness: dict[str, float] = field(default_factory=dict)
+    pattern: PatternMatch | None = None
     count: int = 0
 
 
@@ -208,18 +190,21 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
     findings += [CaptureFinding("units", "warning", message) for message in folder.describe_units()]
     try:
         statistics = _read_images(folder, progress)
+        boards = read_boards(folder, statistics.pattern, progress)
         noise = sensor_noise(folder)
         saturated = _saturation(statistics, folder.dark, noise)
         findings += saturated
+        findings += _boards(folder, boards)
         findings += _brightness(folder, statistics)
+        findings += _blurred(folder, statistics)
         findings += _encodings(folder)
         if not saturated and (text := series.describe_bits()):
             findings.append(CaptureFinding("bit_depth", "warning", text))
         level, dark = _dark(folder, statistics)
-        gamma, more = _response(folder, usable=not saturated and not dark)
+        gamma, more = check_response(folder, boards.exponent, usable=not saturated and not dark)
         findings += [*dark, *more]
         if not any(finding.mistake == "gamma" and finding.severity == "error" for finding in more):
-            # An encoding also changes the level of dark frames.
+            # An encoding also changes level and pattern of the dark frames.
             findings += level
         findings += _flat(folder)
     except CaptureError as error:
@@ -246,7 +231,10 @@ def _read_images(folder: CaptureFolder, progress: Progress | None) -> _ImageStat
     series, statistics = folder.images, _ImageStatistics()
     linear = series.pixels.encoding == "linear"
     full, black = series.pixels.full_scale, folder.black()
-    dark = folder.dark
+    mosaic = series.pixels.bayer is not None and series.pixels.plane == "mosaic"
+    dark, grey = folder.dark, len(folder.images.shape) == 2
+    if dark is not None and dark.count > 1 and linear and grey:
+        statistics.pattern = PatternMatch(dark)
     noise = np.sqrt(dark.variance) if dark is not None and dark.count > 1 else np.full(black.shape, np.sqrt(full))
     lowest = black - 5 * np.maximum(noise, 1.0 if linear else 1 / 255)
     counts = np.zeros(int(full) + 1 if linear else 1, dtype=np.int64)
@@ -258,7 +246,10 @@ def _read_images(folder: CaptureFolder, progress: Progress | None) -> _ImageStat
         statistics.saturated[file.name] = float(np.mean(values >= full))
         statistics.below[file.name] = float(np.mean(values < lowest))
         statistics.medians[index] = float(np.median(values) - black.mean())
-        statistics.total = values.astype(np.float64) if statistics.total is None else statistics.total + values
+        if grey and not mosaic:
+            statistics.sharpness[file.name] = sharpness(values)
+        if statistics.pattern is not None and values.ndim == 2:
+            statistics.pattern.add(values)
         statistics.count += 1
         if progress is not None:
             progress("check", number + 1, len(files))
@@ -327,6 +318,20 @@ def _plateau(counts: NDArray[np.int64], dark: FrameMoments | None) -> tuple[int,
     return level, float(near[level] / counts.sum()), float(spread)
 
 
+def _boards(folder: CaptureFolder, boards: BoardStatistics) -> list[CaptureFinding]:
+    """Return saturated and blurred board images."""
+    message = saturated_boards(boards)
+    found = [CaptureFinding("saturated", "error", f"files.board: {message}")] if message else []
+    return found + [CaptureFinding("blurred", "warning", text) for text in blurred_boards(folder, boards)]
+
+
+def _blurred(folder: CaptureFolder, statistics: _ImageStatistics) -> list[CaptureFinding]:
+    """Return images that are less sharp than the other frames of their position."""
+    groups = {file.name: index[:2] for index, file in folder.images.indices() if file is not None}
+    found = describe_blurred(statistics.sharpness, groups, "frames of its position")
+    return [CaptureFinding("blurred", "warning", text) for text in found]
+
+
 def _brightness(folder: CaptureFolder, statistics: _ImageStatistics) -> list[CaptureFinding]:
     """Return images whose brightness differs from that of the other frames of their position."""
     lines: dict[tuple[int, int], dict[str, float]] = {}
@@ -371,7 +376,7 @@ def _encodings(folder: CaptureFolder) -> list[CaptureFinding]:
 
 
 def _dark(folder: CaptureFolder, statistics: _ImageStatistics) -> tuple[list[CaptureFinding], list[CaptureFinding]]:
-    """Return signs that the dark frames do not belong to the images: of their level, and others."""
+    """Return signs that the dark frames do not belong to the images: of their values, and others."""
     dark = folder.dark
     if dark is None:
         return [], []
@@ -397,179 +402,18 @@ def _dark(folder: CaptureFolder, statistics: _ImageStatistics) -> tuple[list[Cap
             f"% in {worst}): light in the dark frames, or another black level"
         )
         found.append(message)
-    slope, std = _pattern_slope(folder, statistics)
-    if std < _CERTAIN_SLOPE and slope < min(_LEAST_SLOPE, 1 - 5 * std):
+    slope, std = (np.nan, np.inf) if statistics.pattern is None else statistics.pattern.slope()
+    if slope < min(_LEAST_SLOPE, 1 - _SLOPE_SIGMAS * std):
         message = (
             f"the fixed pattern of the dark frames is contained {slope:.2f} ± {std:.2f} times in the images, and not "
             "once: they are from another camera, or of another exposure time or temperature"
         )
-        found.append(message)
+        of_level.append(message)
     both = (
         [CaptureFinding("dark", "error", f"files.dark: {message}; take new dark frames") for message in messages]
         for messages in (of_level, found)
     )
     return next(both), next(both)
-
-
-def _pattern_slope(folder: CaptureFolder, statistics: _ImageStatistics) -> tuple[float, float]:
-    """Return how many times the pattern of the dark frames is contained in the mean of all images, and its std.
-
-    Both are taken less their local means; the noise of the dark frames, which dilutes the slope, is taken into account.
-    """
-    dark = folder.dark
-    if dark is None or dark.count < 2 or dark.mean.ndim != 2 or statistics.total is None:
-        return np.nan, np.inf
-    if folder.images.pixels.encoding != "linear":
-        return np.nan, np.inf
-    pattern, image = (_fine(each) for each in (dark.mean, statistics.total / statistics.count))
-    noise = (1 - 1 / _SMALL_PX**2) * float(dark.variance.mean()) / dark.count
-    own = float(np.mean(pattern**2)) - noise
-    if own <= noise:
-        return np.nan, np.inf
-    # Texture has heavy tails and structure: the median of blocks and their spread are robust to both.
-    size = max(min(pattern.shape) // 8, 8)
-    slopes = []
-    for row in range(0, pattern.shape[0] - size + 1, size):
-        for column in range(0, pattern.shape[1] - size + 1, size):
-            part = np.s_[row : row + size, column : column + size]
-            slopes.append(float(np.mean(pattern[part] * image[part])) / own)
-    if len(slopes) < 9:
-        return np.nan, np.inf
-    spread = 1.4826 * float(np.median(np.abs(np.array(slopes) - np.median(slopes))))
-    return float(np.median(slopes)), 1.2533 * spread / float(np.sqrt(len(slopes)))
-
-
-def _fine(values: Floats) -> Floats:
-    return np.asarray(values - uniform_filter(values, _SMALL_PX))
-
-
-def _response(folder: CaptureFolder, *, usable: bool) -> tuple[GammaFit | None, list[CaptureFinding]]:
-    """Return the exponent of the response, and what it shows.
-
-    ``usable``: Whether the noise of the frames can be used: they are not saturated, and the dark frames belong to them.
-    """
-    if folder.images.pixels.encoding != "linear":
-        message = f"images are made linear by camera.encoding {folder.images.pixels.encoding}, which is not tested"
-        return None, [CaptureFinding("gamma", "note", message)]
-    found = _exposures(folder)
-    fits = _fits_of_gamma(folder) if usable and not any(each.mistake == "dark" for each in found) else []
-    decisive = min((fit for fit in fits if fit.linear is not None), key=lambda fit: fit.std, default=None)
-    if decisive is not None and decisive.linear is False:
-        message = (
-            f"the noise of frames at rest shows an exponent of {decisive.exponent:.2f} ± {decisive.std:.2f} of the "
-            "response, which is 1 for linear values"
-        )
-        proportional = any(each.severity == "note" for each in found)
-        if proportional or not _explains_dark(folder, decisive):
-            message += "; flat fields or dark frames contradict it: did the scene or the camera move in these frames?"
-            found.append(CaptureFinding("gamma", "warning", message))
-        else:
-            found.append(CaptureFinding("gamma", "error", f"{message}: {_GAMMA_REMEDY}"))
-    elif decisive is None and (exponent := _exponent_of_dark(folder, fits)) is not None:
-        message = (
-            f"noise of frames at rest and mean of the dark frames agree on an exponent of {exponent:.2f} of the "
-            f"response, which is 1 for linear values: {_GAMMA_REMEDY}"
-        )
-        found.append(CaptureFinding("gamma", "error", message))
-    elif decisive is None and not _flat_exposures(folder):
-        message = (
-            "the linearity is not tested: add static frames with dark frames (files.static, three at least), or flat "
-            "fields of two exposure times (files.flat with {level})"
-        )
-        found.append(CaptureFinding("gamma", "note", message))
-    return decisive or next(iter(fits), None), found
-
-
-def _fits_of_gamma(folder: CaptureFolder) -> list[GammaFit]:
-    """Return the exponents that the noise of each set of frames shows."""
-    dark = folder.dark if folder.dark is not None and folder.dark.count > 1 else None
-    moments = [
-        frames.moments(level)
-        for name in ("static", "flat")
-        if (frames := folder.sets.get(name))
-        for level in frames.levels
-    ]
-    return [
-        fit_gamma(each, full_scale=folder.images.pixels.full_scale, dark=dark)
-        for each in moments
-        if each.count > 2 and each.mean.ndim == 2
-    ]
-
-
-def _exponent_of_dark(folder: CaptureFolder, fits: Sequence[GammaFit]) -> float | None:
-    """Return the exponent that turns the black level into the dark frames, if that of the noise is the same.
-
-    The noise alone may leave two exponents, of which one agrees with the dark frames.
-    """
-    full, black = folder.images.pixels.full_scale, folder.capture.camera.black_level_dn
-    if folder.dark is None or black <= 0 or folder.dark.mean.mean() <= 0:
-        return None
-    level = float(np.log(folder.dark.mean.mean() / full) / np.log(black / full))
-    agree = [fit for fit in fits if abs(fit.exponent - level) < _SAME_EXPONENT]
-    return level if agree and level < 1 - _LEAST_ENCODING else None
-
-
-_SAME_EXPONENT, _LEAST_ENCODING = 0.05, 0.2
-
-
-def _explains_dark(folder: CaptureFolder, fit: GammaFit) -> bool:
-    """Return whether an exponent turns the stated black level into the mean of the dark frames."""
-    full, black = folder.images.pixels.full_scale, folder.capture.camera.black_level_dn
-    if folder.dark is None or black == 0:
-        return True
-    expected, level = full * (black / full) ** fit.exponent, float(folder.dark.mean.mean())
-    return bool(abs(expected - level) < max(_BLACK_DN, _BLACK_SHARE * level))
-
-
-_BLACK_SHARE = 0.3
-_GAMMA_REMEDY = "switch off gamma in the camera (gamma 1), or state camera.encoding"
-
-
-def _flat_exposures(folder: CaptureFolder) -> Mapping[int, float]:
-    """Return the exposure times of unsaturated flat fields, if there are two different times at least."""
-    flat = folder.sets.get("flat")
-    if flat is None:
-        return {}
-    full = folder.images.pixels.full_scale
-    times = {level: flat.exposure_time_s(level) for level in flat.levels}
-    usable = {
-        level: time
-        for level, time in times.items()
-        if time is not None and float(np.mean(flat.moments(level).highest >= full)) < _SATURATED
-    }
-    return usable if len(set(usable.values())) > 1 else {}
-
-
-def _exposures(folder: CaptureFolder) -> list[CaptureFinding]:
-    """Return what flat fields of several exposure times show; a note if they are proportional."""
-    times = _flat_exposures(folder)
-    if not times:
-        return []
-    # A wrong dark frame also makes flat fields disproportional; the stated black level is independent of it.
-    flat, stated = folder.sets["flat"], folder.capture.camera.black_level_dn
-    means = [folder.light_of_flat(level).mean() for level in times]
-    again = [flat.moments(level).mean.mean() - stated for level in times]
-    linearities = []
-    for values in (means, again):
-        try:
-            linearities.append(measure_linearity(list(times.values()), list(map(float, values)), std_dn=0.5))
-        except ArgumentError as error:
-            return [CaptureFinding("flat", "error", f"files.flat: {error.problems[0].message}")]
-    linearity = linearities[0]
-    if all(abs(one.exponent - 1) > max(_GAMMA_OF_EXPOSURES, _SIGMAS * one.exponent_std) for one in linearities):
-        message = (
-            f"flat fields are not proportional to the exposure time but to its power of {linearity.exponent:.3f}: "
-            f"{_GAMMA_REMEDY}"
-        )
-        return [CaptureFinding("gamma", "error", message)]
-    if abs(linearity.exponent - 1) > _GAMMA_OF_EXPOSURES:
-        message = (
-            f"flat fields are proportional to the exposure time less the stated black level of {stated:g} DN, but not "
-            f"less the dark frames (power of {linearity.exponent:.3f})"
-        )
-        return [CaptureFinding("dark", "error", f"files.dark: {message}; take new dark frames")]
-    message = f"flat fields are proportional to the exposure time within {100 * linearity.error:.2g} %"
-    return [CaptureFinding("gamma", "note", message)]
 
 
 def sensor_noise(folder: CaptureFolder) -> SensorNoise | None:

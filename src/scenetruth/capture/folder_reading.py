@@ -439,6 +439,12 @@ def _positions(folder: CaptureFolder, problems: list[Problem]) -> Floats | None:
     file = Path(stage.positions_file)
     rows = read_table(file, ("s", "x_mm"), "stage.positions_file", problems)
     listed = {int(row["s"]): row["x_mm"] for row in rows}
+    names = [int(row["s"]) for row in rows]
+    twice = sorted({s for s in names if names.count(s) > 1})
+    if twice:
+        message = f"lists the positions s = {', '.join(map(str, twice))} more than once: keep one line for each"
+        problems.append(Problem("stage.positions_file", message, str(file)))
+        return None
     lacking = [str(s) for s in images.positions if s not in listed]
     if rows and lacking:
         message = f"lacks the positions s = {', '.join(lacking)} of the images"
@@ -446,6 +452,15 @@ def _positions(folder: CaptureFolder, problems: list[Problem]) -> Floats | None:
     if not rows or lacking:
         return None
     x_mm = np.array([listed[s] for s in images.positions])
+    steps = np.diff(x_mm) * np.sign(stage.baseline_mm)
+    if (steps <= 0).any():
+        place = int(np.flatnonzero(steps <= 0)[0])
+        message = (
+            f"positions s = {images.positions[place]} and {images.positions[place + 1]} are at {x_mm[place]:g} and "
+            f"{x_mm[place + 1]:g} mm: they coincide, or run against the planned direction; correct the table"
+        )
+        problems.append(Problem("stage.positions_file", message, str(file)))
+        return None
     x_mm -= x_mm[(len(x_mm) - 1) // 2]
     far = np.abs(x_mm - stage.x_mm)
     if (far > 0.5 * abs(stage.baseline_mm)).any():

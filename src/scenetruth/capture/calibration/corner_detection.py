@@ -97,6 +97,9 @@ def _detect_charuco(image: Array, board: CharucoBoard) -> Detection:
     corners, ids, _, markers = cv2.aruco.CharucoDetector(charuco_board(board)).detectBoard(grey)
     count = 0 if ids is None else len(ids)
     seen = 0 if markers is None else len(markers)
+    twice = seen - len(np.unique(markers)) if seen else 0
+    if twice > 1:
+        return _nothing(f"{twice} markers occur twice: two boards, or a reflection; show one board at a time")
     if seen >= 2 and count < max(_FEWEST, seen // 4):
         other = board.model_copy(update={"legacy": not board.legacy})
         again = cv2.aruco.CharucoDetector(charuco_board(other)).detectBoard(grey)[1]

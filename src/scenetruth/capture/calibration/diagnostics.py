@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust, robust_weights
 from scenetruth.capture.calibration.rig_model import (
     INTRINSICS,
+    MOTION,
     STAGE,
     CalibrationError,
     Observations,
@@ -34,6 +35,7 @@ __all__ = [
     "check_scale",
     "compare_halves",
     "diagnose",
+    "displaced_images",
     "field_of_residuals",
     "identify_combinations",
     "inconsistent_images",
@@ -49,6 +51,8 @@ hundred exact calibrations has a report.
 _LARGER_THAN_MEDIAN = 1.5**2
 """Ratio of mean squared residuals to the median beyond which an image is named: residuals 1.5 times the others."""
 _CELLS, _FEWEST_IN_CELL = (8, 6), 10
+_FAR = 8.0
+"""Standard deviations of the tolerances beyond which an image was not taken where it is stated."""
 _NAMED = 4  # parameters of a combination
 _LEAST_SHARE = 0.15  # of the largest component
 _WEAK_TILT = 0.01
@@ -310,6 +314,33 @@ def inconsistent_images(fit: RigFit) -> list[str]:
     return found
 
 
+def displaced_images(fit: RigFit) -> list[str]:
+    """Return a description of every image whose visit lies far beyond the tolerances of the stage."""
+    layout, names = fit.state.layout, dict[int, str]()
+    for view in fit.given.views:
+        names.setdefault(view.visit, view.name)
+    found = []
+    places = {name: index for index, name in enumerate(layout.names)}
+    for visit, name in names.items():
+        pulls = {}
+        for motion in MOTION:
+            index = places.get(f"visit[{visit}].{motion}")
+            if index is not None and fit.free[index] and np.isfinite(layout.std[index]):
+                pulls[motion] = (fit.state.values[index], layout.std[index])
+        if not pulls:
+            continue
+        worst = max(pulls, key=lambda motion: abs(pulls[motion][0]) / pulls[motion][1])
+        value, std = pulls[worst]
+        if abs(value) < _FAR * std:
+            continue
+        place = f"{value:+.3g} mm ({worst})" if worst in "xyz" else f"{1e3 * value:+.3g} mrad ({worst})"
+        found.append(
+            f"{name}: is {place} from its position, {abs(value) / std:.0f} times the tolerance of the stage; check its "
+            "position and its number, and whether the camera was knocked"
+        )
+    return found
+
+
 def field_of_residuals(fit: RigFit) -> float:
     """Return the mean square of the mean residuals over cells of the image, in units of their standard deviation.
 
@@ -376,7 +407,10 @@ def step_problems(steps: Array, positions_mm: Array, yaw_rad: float, distance_mm
         axis = "Y" if abs(slopes[1]) > abs(slopes[2]) else "Z"
         problems.append(f"the camera moves along {axis}, not X: check the axis of the stage and the turn of the images")
     elif along < 0:
-        problems.append("the camera moves against the stated direction: reverse the positions, or turn the images")
+        problems.append(
+            "the camera moves against the stated direction: reverse the positions, or turn images that are turned or "
+            "mirrored"
+        )
     elif abs(length - 1) > tolerance:
         problems.append(
             f"the steps appear {length:.4f} times as long as stated: check the square size and the positions"
@@ -387,7 +421,7 @@ def step_problems(steps: Array, positions_mm: Array, yaw_rad: float, distance_mm
 @with_one_blas_thread
 def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
     """Return everything that speaks against a calibration, in words; empty for a clean one."""
-    words = inconsistent_images(fit)
+    words = [*inconsistent_images(fit), *displaced_images(fit)]
     if fit.variance_factor > 1.1:
         words.append(
             f"chi-squared per degree of freedom is {fit.variance_factor:.2f}: "

@@ -20,6 +20,7 @@ from scenetruth.capture.calibration.diagnostics import (
     apparent_steps,
     check_models,
     diagnose,
+    displaced_images,
     field_of_residuals,
     identify_combinations,
     step_problems,
@@ -36,7 +37,7 @@ from scenetruth.capture.calibration.rig_model import (
     project,
     rotation_matrix,
 )
-from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state
+from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, restart_poses, start_state
 from scenetruth.capture.calibration.variance_components import carry_state, estimate_components, scatter_of_poses
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.threads import with_one_blas_thread
@@ -476,7 +477,7 @@ def _fit_board(first: tuple[RigFit, Observations], priors: RigPriors) -> tuple[R
 
 def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:
     """Return the fit, and the observations without the perspective bias of dots."""
-    fit = adjust(given, state)
+    fit = _with_other_tilts(given, adjust(given, state))
     if dots is None:
         return fit, given
     corrected = given
@@ -487,6 +488,21 @@ def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[Ri
         if np.abs(np.concatenate([view.pixels for view in corrected.views]) - before).max() < _LARGEST_BIAS_CHANGE:
             break
     return fit, corrected
+
+
+def _with_other_tilts(given: Observations, fit: RigFit) -> RigFit:
+    """Return the fit after a new start of poses all of whose images contradict: of two tilts, the other was right.
+
+    Without the distortion of the lens, and with the focal length of a data sheet, the wrong tilt of a weakly tilted
+    board may fit better.
+    """
+    names = {view.name for view in fit.views if not view.consistent}
+    consistent = {view.pose for view in given.views if view.name not in names}
+    lost = sorted({view.pose for view in given.views if view.target == 0} - consistent)
+    if not lost or not consistent:
+        return fit
+    again = adjust(given, restart_poses(given, fit.state, lost), fit.start)
+    return again if sum(not view.consistent for view in again.views) < len(names) else fit
 
 
 def _without_bias(given: Observations, state: RigState, dots: DotGrid) -> Observations:
@@ -525,6 +541,7 @@ def _reject(fit: RigFit) -> None:
         chi2 = f"chi-squared per degree of freedom is {fit.variance_factor:.3g}"
         message = f"contradict each other: {chi2}, {len(lost)} of {len(fit.views)} images do not fit"
         problems = [Problem("images", message)]
+        problems += [Problem(*text.split(": ", 1)) for text in displaced_images(fit)]
         worst = sorted(fit.views, key=lambda view: -view.mean_square)[:5]
         problems += [Problem(view.name, f"has a residual of {view.rms_px:.2g} px") for view in worst]
         raise CalibrationError(problems)

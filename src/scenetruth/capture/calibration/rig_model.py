@@ -49,7 +49,7 @@ class CalibrationError(ArgumentError):
 
 
 STAGE = ("axis_y", "axis_z", "step_scale", "backlash", "aspect")
-_MOTION = ("pitch", "yaw", "roll", "x", "y", "z")
+MOTION = ("pitch", "yaw", "roll", "x", "y", "z")
 _TARGET = ("scale", "warp_uu", "warp_uv", "warp_vv")
 _BEND = ("bend_uu", "bend_uv", "bend_vv", "bend_uuu", "bend_uuv", "bend_uvv", "bend_vvv")
 BENDS = len(_BEND)
@@ -286,17 +286,17 @@ class RigLayout:
         guide, anew, seen = priors.guide_std, priors.visit_std, priors.strip_visit_std
         with_strip = {view.visit for view in given.views if view.target > 0}
         for index in range(len(given.positions_mm)):
-            names += [f"position[{index}].{name}" for name in _MOTION]
+            names += [f"position[{index}].{name}" for name in MOTION]
             std += guide
         for visit in visits:
-            names += [f"visit[{visit}].{name}" for name in _MOTION]
+            names += [f"visit[{visit}].{name}" for name in MOTION]
             std += seen if visit in with_strip else anew
         for target in given.targets:
             names += [f"{target.name}.{name}" for name in _TARGET]
             std += [target.scale_std, *(target.warp_mm,) * 3]
         shown = {view.pose: given.targets[view.target] for view in given.views}
         for pose in poses:
-            names += [f"pose[{pose}].{name}" for name in (*_MOTION, *_BEND)]
+            names += [f"pose[{pose}].{name}" for name in (*MOTION, *_BEND)]
             std += [*[np.inf] * 6, *[shown[pose].bend_mm] * BENDS]
         points: list[dict[tuple[int, ...], int]] = []
         for index, target in enumerate(given.targets):

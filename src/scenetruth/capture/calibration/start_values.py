@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +21,7 @@ from scenetruth.capture.calibration.rig_model import (
 )
 from scenetruth.errors import Problem
 
-__all__ = ["complete_guess", "fit_homography", "start_state"]
+__all__ = ["complete_guess", "fit_homography", "restart_poses", "start_state"]
 
 Array = NDArray[np.float64]
 
@@ -41,6 +43,14 @@ def start_state(given: Observations, priors: RigPriors, guess: RigGuess) -> RigS
     for number, pose in enumerate(layout.poses):
         views = [view for view in given.views if view.pose == pose]
         state = _place(given, state, number, views)
+    return state
+
+
+def restart_poses(given: Observations, state: RigState, poses: Sequence[int]) -> RigState:
+    """Return a state with new start values of some poses, from the camera and the stage of the state."""
+    for pose in poses:
+        views = [view for view in given.views if view.pose == pose]
+        state = _place(given, state, state.layout.poses.index(pose), views)
     return state
 
 
