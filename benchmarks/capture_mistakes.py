@@ -332,7 +332,7 @@ MORE = (
     Mistake("refocus half-way", plant_refocus, "refocus|halves", "fixed focus|focal"),
     Mistake("bit depth", plant_bit_depth, "bit", "bit_depth"),
     Mistake("mirrored images", plant_mirrored, "mirror", "flip|turn", lambda rig: not rig.settings["strip"]),
-    Mistake("two boards in an image", plant_second_board, "p00", "one board|hide|check"),
+    Mistake("two boards in an image", plant_second_board, "p00", "one board|one grid"),
 )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from scenetruth.capture import CaptureReport, check_capture
 from scenetruth.errors import CaptureError
@@ -234,6 +235,59 @@ def test_dark_frames_of_another_camera_are_wrong(tmp_path: Path) -> None:
     report = check_capture(made.folder)
     assert report.mistakes("error", "warning") == ["dark"]
     assert "fixed pattern" in str(report.findings[0])
+
+
+def test_blurred_images_are_named(tmp_path: Path) -> None:
+    made = captured(tmp_path, sets=())
+    change([made.folder / made.names[1, 3]], lambda values: gaussian_filter(values, 2.0))
+    report = check_capture(made.folder)
+    assert report.mistakes("error", "warning") == ["blurred"]
+    assert "images/s+1_t003.tif: is blurred" in str(report.findings[0])
+    assert report.usable
+
+
+def with_boards(made: CapturedFolder, scale: float = 1.0) -> list[Path]:
+    """Add images of a board of two poses at three positions."""
+    files = []
+    draw = np.random.default_rng(1)
+    y, x = np.indices(SHAPE)
+    for pose, s in np.ndindex(2, 3):
+        squares = ((x + 3 * s) // 12 + (y + 5 * pose) // 12) % 2
+        light = 200 + 1800 * scale * gaussian_filter(squares.astype(float), 0.8)
+        file = made.folder / f"board/p{pose}_s{s - 1:+d}.tif"
+        store(file, np.clip(light + 8 * draw.standard_normal(SHAPE), 0, 4095).astype(np.uint16))
+        files.append(file)
+    made.plain["files"]["board"] = "board/p{pose}_s{s:+d}.tif"
+    # Another board, which is not found: the check of the response is skipped.
+    made.plain["board"] = {"kind": "dots", "dots": [9, 7], "spacing_mm": 5, "diameter_mm": 2}
+    made.write()
+    return files
+
+
+def test_blurred_and_saturated_boards_are_named(tmp_path: Path) -> None:
+    made = captured(tmp_path, sets=(), positions=3)
+    files = with_boards(made)
+    assert mistakes(made) == []
+    change([files[4]], lambda values: gaussian_filter(values, 2.0))
+    report = check_capture(made.folder)
+    assert report.mistakes("error", "warning") == ["blurred"]
+    assert "board/p1_s+0.tif: is blurred" in str(report.findings[0])
+    with_boards(made, scale=3.0)
+    report = check_capture(made.folder)
+    assert report.mistakes("error") == ["saturated"]
+    assert "6 of 6 board images" in str(report.findings[0])
+
+
+def test_srgb_is_named_by_dark_frames_and_noise(tmp_path: Path) -> None:
+    made = captured(tmp_path, preset="scientific_cmos", sets=("dark", "static"))
+    full = 2**made.sensor.bit_depth - 1
+
+    def encode(values: NDArray[Any]) -> NDArray[Any]:
+        share = values / full
+        return np.asarray(full * np.where(share < 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055))
+
+    change([*map(made.folder.joinpath, made.names.values()), *made.frames("dark"), *made.frames("static")], encode)
+    assert mistakes(made) == ["gamma"]
 
 
 def test_changes_of_brightness_are_noted(tmp_path: Path) -> None:

@@ -138,6 +138,8 @@ def test_tables_give_positions_and_times(captured: CapturedFolder) -> None:
         ("s,x_mm\n-1,2\n0,0\n1,-2\n", "position s = -1 is 2 mm from the reference, but -2 mm are planned"),
         ("s,x_mm\n-1,-0.002\n0,0\n1,0.002\n", "the unit or order of the table"),
         ("s,x_mm\n", "has no rows"),
+        ("s,x_mm\n-1,-2\n0,0\n0,0.1\n1,2\n", "lists the positions s = 0 more than once"),
+        ("s,x_mm\n-1,-2\n0,-2\n1,2\n", "positions s = -1 and 0 are at -2 and -2 mm: they coincide"),
         (None, "cannot be read"),
     ],
 )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         draw_dots,
         read_board_print,
     )
+    from scenetruth.capture.board_check import describe_blurred, sharpness
     from scenetruth.capture.board_rendering import (
         BoardLight,
         BoardRenderer,
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from scenetruth.capture.capture_run import CaptureRun, run_capture
     from scenetruth.capture.capture_template import capture_text, write_capture_file
     from scenetruth.capture.corrections import FixedPatternCorrection, correct_images, undistort_images
+    from scenetruth.capture.dark_pattern import PatternMatch
+    from scenetruth.capture.edge_response import fit_edge_exponent
     from scenetruth.capture.file_patterns import (
         FilePattern,
         GuessedPattern,
@@ -53,6 +56,7 @@ if TYPE_CHECKING:
         read_pixels,
     )
     from scenetruth.capture.ingest import read_images
+    from scenetruth.capture.measurement_check import compare_measurement
     from scenetruth.capture.radiometry import (
         GammaFit,
         Linearity,
@@ -70,15 +74,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CAPTURE_FILE", "BoardArtwork", "BoardKind", "BoardLight", "BoardPose", "BoardPrint", "BoardRenderer", "Capture",
-    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureRun", "CaptureSimulation", "Comparison",
-    "FilePattern", "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern", "ImageHeader", "InkRenderer",
-    "Linearity", "PixelFormat", "PlacedBoard", "RegionError", "RegionMean", "RigCalibration", "SensorNoise", "Twin",
-    "TwinPrediction", "TwinRun", "add_calibration_errors", "average_frames", "calibrate", "calibrate_capture",
-    "capture_text", "check_capture", "compare_exposures", "correct_images", "default_board", "draw_board", "draw_dots",
-    "expected_indices", "find_defects", "fit_gamma", "frame_moments", "guess_patterns", "import_capture", "list_names",
-    "load_capture", "make_twin", "measure_linearity", "measure_noise", "nearest_patterns", "open_board_renderer",
-    "open_capture", "project_points", "read_board_print", "read_header", "read_images", "read_pattern", "read_pixels",
-    "region_mean", "run_capture", "run_twin", "simulate_capture", "undistort_images", "write_capture_file",
+    "CaptureFinding", "CaptureFolder", "CaptureLike", "CaptureReport", "CaptureRun", "CaptureSimulation",
+    "Comparison", "FilePattern", "FixedPatternCorrection", "FrameMoments", "GammaFit", "GuessedPattern",
+    "ImageHeader", "InkRenderer", "Linearity", "PatternMatch", "PixelFormat", "PlacedBoard", "RegionError",
+    "RegionMean", "RigCalibration", "SensorNoise", "Twin", "TwinPrediction", "TwinRun", "add_calibration_errors",
+    "average_frames", "calibrate", "calibrate_capture", "capture_text", "check_capture", "compare_exposures",
+    "compare_measurement", "correct_images", "default_board", "describe_blurred", "draw_board", "draw_dots",
+    "expected_indices", "find_defects", "fit_edge_exponent", "fit_gamma", "frame_moments", "guess_patterns",
+    "import_capture", "list_names", "load_capture", "make_twin", "measure_linearity", "measure_noise",
+    "nearest_patterns", "open_board_renderer", "open_capture", "project_points", "read_board_print", "read_header",
+    "read_images", "read_pattern", "read_pixels", "region_mean", "run_capture", "run_twin", "sharpness",
+    "simulate_capture", "undistort_images", "write_capture_file",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -97,6 +103,10 @@ __getattr__, __dir__ = export_lazily(
         "file_patterns": (
             "FilePattern GuessedPattern expected_indices guess_patterns list_names nearest_patterns read_pattern"
         ),
+        "dark_pattern": "PatternMatch",
+        "edge_response": "fit_edge_exponent",
+        "measurement_check": "compare_measurement",
+        "board_check": "describe_blurred sharpness",
         "folder_reading": "CaptureFolder import_capture open_capture",
         "image_reading": ("FrameMoments ImageHeader PixelFormat average_frames frame_moments read_header read_pixels"),
         "ingest": "read_images",

@@ -71,12 +71,13 @@ def describe_blurred(values: Mapping[str, float], groups: Mapping[str, object], 
         if len(names) <= _LEAST_MATES:
             continue
         usual = float(np.median([values[name] for name in names]))
-        found += [
-            f"{name}: is blurred: its edges are {usual / max(values[name], 1e-3 * usual):.1f} times as wide as in the other {what}; check "
-            "its sharpness (focus, motion, vibration), and repeat it or remove it"
-            for name in names
-            if values[name] < _DULL * usual
-        ]
+        for name in names:
+            if values[name] < _DULL * usual:
+                times = usual / max(values[name], 1e-3 * usual)
+                found.append(
+                    f"{name}: is blurred: its edges are {times:.1f} times as wide as in the other {what}; check its "
+                    "sharpness (focus, motion, vibration), and repeat it or remove it"
+                )
     return found
 
 

@@ -20,10 +20,11 @@ __all__ = ["fit_edge_exponent"]
 Floats = NDArray[np.float64]
 
 _MOST_EDGES, _FEWEST_EDGES = 80, 8  # of an image, and of all
+_MOST_LOST = 2  # images without a board, after which no other is searched
 _SAMPLES = 240  # pixels of an edge
 _MOST_REACH, _LEAST_REACH = 7.0, 3.0  # px on either side of an edge
 _ALONG = 0.2  # part of an edge at either end that corners affect
-_ROUNDS = 40
+_ROUNDS, _SETTLED, _MOST_DAMPING = 60, 1e-7, 1e5
 _MOST_BLUR = 0.4  # of the reach: the plateaus must be visible
 _LEAST_CONTRAST = 0.1  # of full scale
 _TOP = 0.99  # of full scale, above which an edge is saturated
@@ -54,11 +55,15 @@ def fit_edge_exponent(images: Sequence[NDArray[np.generic]], board: Board, full_
     blur and levels. The place absorbs ink that spreads; aberrations that blur one side are antisymmetric in the
     direction of the step, and cancel in the mean over directions. NaN without enough edges.
     """
-    logs, groups = [], []
+    logs, groups, lost = [], [], 0
     for image in images:
         values = np.asarray(image, dtype=np.float64)
         detection = detect_board(values, board)
         if detection.reason:
+            lost += 1
+            # The search for a board that is not there takes longest.
+            if lost == _MOST_LOST and not logs:
+                break
             continue
         edges = _edges_of(values / full_scale, board, detection.ids, detection.pixels)
         if edges is None:
@@ -229,10 +234,10 @@ def _fit_edges(edges: _Edges) -> tuple[Floats, Floats]:
         better = new <= cost
         state = np.where(better[:, None], candidate, state)
         residual = np.where(better[:, None], left, residual)
-        ended = bool((cost - np.minimum(new, cost) <= 1e-7 * cost).all())
+        settled = np.where(better, cost - new <= _SETTLED * cost, damping > _MOST_DAMPING)
         cost = np.minimum(new, cost)
-        damping = np.clip(np.where(better, 0.3 * damping, 10 * damping), 1e-9, 1e6)
-        if ended:
+        damping = np.clip(np.where(better, 0.3 * damping, 10 * damping), 1e-9, 10 * _MOST_DAMPING)
+        if settled.all():
             break
     dof = np.maximum(used.sum(axis=1) - 5, 1)
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))

@@ -56,6 +56,7 @@ Floats = NDArray[np.float64]
 _SETS = ("dark", "flat", "static")
 _DEFECT_FRAMES = 4
 _HALF = 0.5
+_COINCIDE = 1e-3  # smallest step relative to the planned baseline
 _DISTANT = 1e6  # depth of a distant plane in mm per px of focal length
 
 
@@ -452,12 +453,12 @@ def _positions(folder: CaptureFolder, problems: list[Problem]) -> Floats | None:
     if not rows or lacking:
         return None
     x_mm = np.array([listed[s] for s in images.positions])
-    steps = np.diff(x_mm) * np.sign(stage.baseline_mm)
-    if (steps <= 0).any():
-        place = int(np.flatnonzero(steps <= 0)[0])
+    near = np.abs(np.diff(x_mm)) < _COINCIDE * abs(stage.baseline_mm)
+    if near.any():
+        place = int(near.argmax())
         message = (
             f"positions s = {images.positions[place]} and {images.positions[place + 1]} are at {x_mm[place]:g} and "
-            f"{x_mm[place + 1]:g} mm: they coincide, or run against the planned direction; correct the table"
+            f"{x_mm[place + 1]:g} mm: they coincide; correct the table"
         )
         problems.append(Problem("stage.positions_file", message, str(file)))
         return None

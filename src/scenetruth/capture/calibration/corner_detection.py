@@ -125,7 +125,9 @@ def _detect_squares(image: Array, board: Checkerboard) -> Detection:
     if not done:
         done, corners = cv2.findChessboardCorners(grey, size)
     if not done:
-        return _nothing(f"no checkerboard with {size[0]} x {size[1]} inner corners; all of them must be visible")
+        return _nothing(
+            f"no checkerboard with {size[0]} x {size[1]} inner corners; all of them must be visible, of one board"
+        )
     pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
     return Detection(np.arange(len(pixels)), pixels)
 
@@ -146,7 +148,7 @@ def _detect_dots(image: Array, board: DotGrid) -> Detection:
         if done:
             pixels = np.asarray(centres, dtype=np.float64).reshape(-1, 2)
             return Detection(np.arange(len(pixels)), pixels)
-    return _nothing(f"no grid of {board.dots[0]} x {board.dots[1]} dots; all of them must be visible")
+    return _nothing(f"no grid of {board.dots[0]} x {board.dots[1]} dots; all of them must be visible, of one grid")
 
 
 def _oriented(found: Detection, board: Checkerboard | DotGrid) -> Detection:

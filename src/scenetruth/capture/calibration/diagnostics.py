@@ -307,7 +307,7 @@ def inconsistent_images(fit: RigFit) -> list[str]:
         limit = max(_LARGER_THAN_MEDIAN, 1 + 5 / np.sqrt(max(view.points, 1))) * max(median, 1e-300)
         if not view.consistent:
             text = f"{view.name}: contradicts the other images (residual {view.rms_px:.2g} px); check its position"
-            found.append(f"{text} and its visit")
+            found.append(f"{text}, its visit, and that it shows one board")
         elif view.mean_square > limit:
             ratio = float(np.sqrt(view.mean_square / median))
             found.append(f"{view.name}: residuals are {ratio:.1f} times those of the other images; check its sharpness")
