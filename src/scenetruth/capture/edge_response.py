@@ -55,7 +55,7 @@ def fit_edge_exponent(images: Sequence[NDArray[np.generic]], board: Board, full_
     blur and levels. The place absorbs ink that spreads; aberrations that blur one side are antisymmetric in the
     direction of the step, and cancel in the mean over directions. NaN without enough edges.
     """
-    logs, groups, lost = [], [], 0
+    logs, groups, lost = list[Floats](), list[NDArray[np.int64]](), 0
     for image in images:
         values = np.asarray(image, dtype=np.float64)
         detection = detect_board(values, board)
