@@ -97,7 +97,7 @@ def main() -> None:
     inside = 100 * np.mean(np.abs(z) < 1.96)
     print(f"depth error {np.sqrt((rows[:, 0] ** 2).mean()):.3f} mm rms, stated {rows[:, 1].mean():.3f} mm, "
           f"z {np.sqrt((z**2).mean()):.2f}, ± {np.sqrt(0.5 / given.rigs):.2f}, {inside:.0f} % within 95 % bars; "
-          f"stated without strip, at visits like those of the boards, {rows[:, 2].mean():.2f} mm ({given.rigs} rigs)")  # fmt: skip
+          f"without strip, at visits like those of boards, {rows[:, 2].mean():.2f} mm ({given.rigs} rigs)")  # fmt: skip
 
 
 if __name__ == "__main__":
