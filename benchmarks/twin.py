@@ -3,7 +3,8 @@
 Run it from the top of the repository: ``python -m benchmarks.twin [--rigs N] [--first SEED] [--output FOLDER]``.
 Each rig has its own scene (plane, plates, box or relief), texture, lens with distortion and blur, stage errors, sensor
 and exposure. The twin has the capture without its truth. Ratios are predicted / obtained errors of the interior:
-``pixel`` about their mean, ``total`` with the mean and, in the prediction, the uncertainty of the calibration.
+``pixel`` about their mean, ``total`` with the mean and, in the prediction, the uncertainty of the calibration. Both
+errors scatter, because they have few independent values: z is the logarithm of the ratio over its standard deviation.
 """
 
 from __future__ import annotations
@@ -20,13 +21,18 @@ import numpy as np
 import xarray as xr
 import yaml
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from scenetruth.capture import RigCalibration, calibrate_capture, import_capture, run_twin, simulate_capture
 from scenetruth.capture.rectification import recorded_pixels
+from scenetruth.capture.twin import sampling_std
 from scenetruth.errors import CaptureWarning, EstimateWarning, SceneWarning
 from scenetruth.estimators import estimate
 from scenetruth.scene import Scene, load_scene
+from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import score
+from scenetruth.scoring.regions import main_regions
+from scenetruth.settings import ScoreSettings
 from scenetruth.storage import open_store, save_store
 from scenetruth.truth import make_truth
 
@@ -197,6 +203,19 @@ def frame_axes(folder: Path, calibration: RigCalibration | None, recording: xr.D
     return np.asarray(Rotation.align_vectors(one, other)[0].as_matrix())
 
 
+def _obtained_scatter(truth: xr.Dataset, estimated: xr.Dataset, name: str) -> float:
+    """Return the relative scatter of the obtained error in the interior."""
+    frames = estimated["t"].values
+    exact = truth.sel(t=frames)
+    variable, needs = ("depth", "disparity") if name == "depth" else ("velocity", "motion")
+    found, true = (
+        each[variable].values if name == "depth" else each[variable].values[2] for each in (estimated, exact)
+    )
+    inside = main_regions(exact, ScoreSettings().interior_margin_px)["interior"]
+    valid = inside & (estimated[f"status_{needs}"].values == STATUS_VALID)
+    return sampling_std(np.where(valid, found - true, np.nan))
+
+
 def compare_rig(seed: int, output: Path, *, calibrated: bool) -> dict[str, Any]:
     """Return predicted and obtained errors of one rig."""
     begin, folder = time.process_time(), output / f"rig_{seed:03d}"
@@ -220,6 +239,9 @@ def compare_rig(seed: int, output: Path, *, calibrated: bool) -> dict[str, Any]:
             "pixel": predicted.value(name, "pixel_std").value / spread,
             "total": predicted.value(name).value / rmse,
             "stated": predicted.value(name, "stated_capture").value / spread,
+            "scatter": float(
+                np.hypot(predicted.value(name, "sampling_std").value, _obtained_scatter(truth, estimated, name))
+            ),
         }
     row["differs"] = [each.name for each in predicted.comparisons if each.agrees is False]
     row["seconds"] = time.process_time() - begin
@@ -261,6 +283,13 @@ def main() -> None:
                 f"{name:10} {which:6} predicted / obtained: geometric mean {np.exp(np.nanmean(np.log(ratios))):.2f}, "
                 f"spread {np.exp(np.nanstd(np.log(ratios))):.2f}, between 0.8 and 1.25: {100 * inside:.0f} %"
             )
+        ratios, scatter = (np.array([row[name][which] for row in rows]) for which in ("pixel", "scatter"))
+        z = np.log(ratios) / scatter
+        by_chance = np.nanmean(np.diff(norm.cdf(np.log(WANTED)[:, None] / scatter), axis=0))
+        print(
+            f"{name:10} scatter of the ratio {np.sqrt(np.nanmean(scatter**2)):.2f}, z {np.sqrt(np.nanmean(z**2)):.2f}; "
+            f"an exact prediction would be between 0.8 and 1.25 in {100 * by_chance:.0f} %"
+        )
 
 
 if __name__ == "__main__":

@@ -78,6 +78,10 @@ def test_full_chain_from_images(board: CharucoBoard | DotGrid) -> None:
     assert abs(error) < 4 * stated
 
 
+LOOSE = RigPriors(
+    errors=StageErrors(preset="screw_stage", backlash_um=0.0),
+    visit_errors=StageErrors(pitch_urad=1000, yaw_urad=1000, roll_urad=1000, straightness_um=50),
+)
 FRESH = RigPriors(
     errors=StageErrors(preset="screw_stage", backlash_um=0.0), visit_errors=StageErrors(pitch_urad=20, yaw_urad=20)
 )
@@ -142,6 +146,15 @@ def test_strip_replaces_the_tolerances_of_the_visits() -> None:
     # Chi-squared of the values: with a probability of 0.998.
     low, high = stats.chi2.ppf([0.001, 0.999], len(z))
     assert low < np.square(z).sum() < high
+
+
+@pytest.mark.parametrize("seed", [3, *by_night(8)])
+def test_yaw_of_single_visits_is_not_taken_for_a_wrong_step(seed: int) -> None:
+    """Yaw of 1 mrad, new at every visit, shows steps of the board that are 3 % too short or too long."""
+    rig = draw_rig(seed, poses=8, priors=LOOSE)
+    found = calibrate(rig.observations, guess=5040.0, priors=LOOSE)
+    assert abs(found.value("step_scale") - rig.truth.value("step_scale")) < 4 * found.std("step_scale")
+    assert abs(found.value("f") - 5016) < 4 * found.std("f") < 5
 
 
 def test_contradicting_images_are_rejected_with_their_reason() -> None:

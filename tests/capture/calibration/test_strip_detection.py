@@ -18,14 +18,14 @@ PER_MM, NOISE = 6.0, 8.0
 SIZE = (280, 400)
 
 
-def centres(position: int) -> Array:
+def centres(position: int, shift_px: float = 0.0) -> Array:
     """Pixels of the dots: a camera that moves to the right sees them move to the left."""
     turn = 0.02
     flat = POINTS[:, :2] - [X_MM[position], 0.0]
-    return np.asarray(PER_MM * flat @ np.array([[1, turn], [-turn, 1]]) + [201.3, 138.6])
+    return np.asarray(PER_MM * flat @ np.array([[1, turn], [-turn, 1]]) + [201.3 + shift_px, 138.6])
 
 
-def image_of(position: int, hidden: int = 0) -> Array:
+def image_of(position: int, hidden: int = 0, shift_px: float = 0.0) -> Array:
     """Dark dots on two bright plates, and random grey spots between them; edges blurred by a pixel."""
     generator = np.random.default_rng(position)
     y, x = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
@@ -36,7 +36,7 @@ def image_of(position: int, hidden: int = 0) -> Array:
         image -= generator.uniform(100, 400) * np.clip(generator.uniform(3, 9) - away, 0, 1)
     rows = np.abs(np.abs(y - 138.6) - 19 * PER_MM) < 14
     image[rows] = 2000
-    for dot in centres(position)[hidden:]:
+    for dot in centres(position, shift_px)[hidden:]:
         # Mean over the pixel of a blurred edge, in a closed form that is symmetric about the dot.
         image -= np.where(rows, 1700.0, 0.0) * 0.5 * (1 - np.tanh((np.hypot(x - dot[0], y - dot[1]) - 5) / 0.8))
     return np.asarray(image + NOISE * generator.standard_normal(SIZE))
@@ -66,6 +66,16 @@ def test_dots_that_are_hidden_are_omitted() -> None:
     views = observe_strip(recorded(hidden=3), POINTS, X_MM)
     for view in views:
         np.testing.assert_array_equal(view.points_mm, POINTS[3:])
+
+
+def test_a_turn_by_more_than_half_a_dot_does_not_shift_the_row() -> None:
+    """The yaw of a displaced camera moves the image by any part of the 24 px between dots."""
+    for shift_px in (-22.0, 14.0, 24.0):
+        images = [BoardImage(image_of(0), 0, 50, variance=NOISE**2)]
+        images.append(BoardImage(image_of(1, shift_px=shift_px), 1, 50, variance=NOISE**2))
+        _, view = observe_strip(images, POINTS, X_MM)
+        assert len(view.pixels) == len(POINTS)
+        assert np.abs(view.pixels - centres(1, shift_px)).max() < 0.03
 
 
 def test_images_without_the_strip_are_named() -> None:

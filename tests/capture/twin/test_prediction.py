@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import scenetruth as st
 from scenetruth.capture import Comparison, RegionError, TwinPrediction
-from scenetruth.capture.twin import mark_bends, predict_errors
+from scenetruth.capture.twin import mark_bends, predict_errors, sampling_std
 
 
 def scene(mesh: dict[str, object], *rotations: dict[str, object]) -> dict[str, object]:
@@ -56,6 +57,32 @@ def test_rows_add_the_parts_and_know_what_the_capture_states() -> None:
     assert row.stated_capture == pytest.approx(0.4)
     assert row.capture_density == 1.0
     assert row.density == 1.0
+
+
+@pytest.mark.parametrize(("sigma_px", "side"), [(4.0, 100), (6.0, 80)])
+def test_sampling_std_is_the_scatter_of_the_size_of_errors(sigma_px: float, side: int) -> None:
+    """Errors of a Gaussian window, in 300 draws over half of the image: Σ ρ² is 2 π σ² for them."""
+    generator, kept = np.random.default_rng(5), np.zeros((side, side), dtype=bool)
+    kept[:, : side // 2] = True
+    stated, sizes = [], []
+    for number in range(300):
+        drawn = ndimage.gaussian_filter(generator.standard_normal((side, side)), sigma_px, mode="wrap")
+        sizes.append(np.std(drawn[kept]))
+        if number < 100:
+            stated.append(sampling_std(np.where(kept, drawn, np.nan)[None]))
+    scatter = float(np.std(sizes) / np.mean(sizes))
+    # The scatter of 300 draws is uncertain by 4 %; few independent errors shorten the measured correlation.
+    assert 0.75 < np.mean(stated) / scatter < 1.15
+    assert np.mean(stated) == pytest.approx(math.sqrt(math.pi * sigma_px**2 / kept.sum()), rel=0.25)
+
+
+def test_sampling_std_counts_frames_once_and_needs_errors() -> None:
+    errors = np.random.default_rng(2).standard_normal((1, 60, 60))
+    one = sampling_std(errors)
+    assert one == pytest.approx(math.sqrt(0.5 / 3600), rel=0.05)
+    assert sampling_std(np.concatenate([errors, errors])) == pytest.approx(one, rel=1e-9)
+    assert math.isnan(sampling_std(np.full((1, 60, 60), np.nan)))
+    assert math.isnan(sampling_std(np.ones((1, 60, 60))))
 
 
 def test_differences_between_capture_and_twin_are_named() -> None:

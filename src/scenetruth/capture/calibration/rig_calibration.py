@@ -529,7 +529,8 @@ def _check_steps(given: Observations, guess: RigGuess, priors: RigPriors) -> Non
     if len(given.positions_mm) < 2:
         return
     steps, depth_mm = apparent_steps(given, guess)
-    texts = step_problems(steps, given.positions_mm, 1e-6 * priors.errors.yaw_urad, depth_mm)
+    yaw_rad = 1e-6 * float(np.hypot(priors.errors.yaw_urad, priors.visit_errors.yaw_urad))
+    texts = step_problems(steps, given.positions_mm, yaw_rad, depth_mm)
     if texts:
         raise CalibrationError([Problem("positions_mm", text) for text in texts])
 

@@ -151,7 +151,7 @@ def _match(
         if known is not None:
             # A move of the camera shifts the image as an opposite move of the strip.
             shifted = points - [x_mm - known[0], 0.0]
-            pairs = _settled(blobs, points, _apply(known[1], shifted))
+            pairs = _followed(blobs, points, known[1], shifted, grey.shape)
         if len(pairs) < _SHARE * len(points):
             pairs = _search(blobs, points, grey.shape)
         if (
@@ -168,7 +168,8 @@ def _match(
 
 def _apply(homography: Array, points: Array) -> Array:
     image = np.column_stack([points, np.ones(len(points))]) @ homography.T
-    return np.asarray(image[:, :2] / image[:, 2:])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(image[:, :2] / image[:, 2:])
 
 
 def _spacing(expected: Array) -> Array:
@@ -215,6 +216,47 @@ def _missing(blobs: Blobs, points: Array, pairs: NDArray[np.int64], shape: tuple
     return int(np.delete(inside.all(axis=1), pairs[:, 0]).sum())
 
 
+def _followed(
+    blobs: Blobs, points: Array, homography: Array, shifted: Array, shape: tuple[int, ...]
+) -> NDArray[np.int64]:
+    """Return pairs near the places where an earlier image shows the dots.
+
+    A camera that has turned by more than half the distance of two dots shows the next dot in the place of each: the
+    strip is also tried up to three dots further, unless all its dots in the image are matched.
+    """
+    best = _settled(blobs, points, _apply(homography, shifted))
+    highest = _score(blobs, points, best, shape)
+    if len(best) and highest == len(best):
+        return best
+    for step in _steps(points):
+        for count in (-3, -2, -1, 1, 2, 3):
+            pairs = _settled(blobs, points, _apply(homography, shifted + count * step))
+            score = _score(blobs, points, pairs, shape)
+            if score > highest:
+                best, highest = pairs, score
+    return best
+
+
+def _steps(points: Array) -> Array:
+    """Return the vectors, up to their sign, from points to their nearest neighbours that occur most often: up to 2."""
+    vectors = points[None] - points[:, None]
+    lengths = np.hypot(vectors[..., 0], vectors[..., 1])
+    np.fill_diagonal(lengths, np.inf)
+    nearest = vectors[np.arange(len(points)), lengths.argmin(axis=1)]
+    nearest[(nearest[:, 0] < 0) | ((nearest[:, 0] == 0) & (nearest[:, 1] < 0))] *= -1
+    unit = 0.1 * float(lengths.min())
+    _, first, counts = np.unique(np.rint(nearest / unit), axis=0, return_index=True, return_counts=True)
+    return np.asarray(nearest[first[np.argsort(-counts, kind="stable")[:2]]])
+
+
+def _score(blobs: Blobs, points: Array, pairs: NDArray[np.int64], shape: tuple[int, ...]) -> int:
+    """Return the number of matched dots less that of dots that are lacking in the image.
+
+    A row that is shifted by a dot lacks one in the image; a row that is cut off does not.
+    """
+    return len(pairs) - _missing(blobs, points, pairs, shape) if len(pairs) >= _LEAST else 0
+
+
 def _search(blobs: Blobs, points: Array, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return pairs (point, blob) of the upright strip: the best of all similarities by two neighbouring dots."""
     from scipy.spatial import cKDTree
@@ -237,8 +279,7 @@ def _search(blobs: Blobs, points: Array, shape: tuple[int, ...]) -> NDArray[np.i
                 pairs = _grown(blobs, tree, points, lengths, (start, one), (end, other))
                 if len(pairs) < _LEAST:
                     continue
-                # A row that is shifted by a dot lacks one in the image; a row that is cut off does not.
-                score = len(pairs) - _missing(blobs, points, pairs, shape)
+                score = _score(blobs, points, pairs, shape)
                 if score > highest:
                     best, highest = pairs, score
             if highest >= _CERTAIN * len(points):
@@ -259,10 +300,12 @@ def _on_a_line(points: Array) -> bool:
 
 
 def _expected(points: Array, seen: Array, all_points: Array) -> Array:
-    """Return the places of all points by a homography, or by a similarity if the points seen are on a line."""
-    if _on_a_line(points):
-        return _similar(points, seen, all_points)
-    return _apply(fit_homography(points, seen), all_points)
+    """Return the places of all points by a homography, or by a similarity if the points seen do not determine it."""
+    if not (_on_a_line(points) or _on_a_line(seen)):
+        found = _apply(fit_homography(points, seen), all_points)
+        if np.isfinite(found).all():
+            return found
+    return _similar(points, seen, all_points)
 
 
 def _grown(

@@ -16,7 +16,14 @@ if TYPE_CHECKING:
         mesh_part,
         smooth_map,
     )
-    from scenetruth.capture.twin.prediction import Comparison, RegionError, TwinPrediction, mark_bends, predict_errors
+    from scenetruth.capture.twin.prediction import (
+        Comparison,
+        RegionError,
+        TwinPrediction,
+        mark_bends,
+        predict_errors,
+        sampling_std,
+    )
     from scenetruth.capture.twin.surface_texture import (
         ImageMean,
         ImageSet,
@@ -33,7 +40,7 @@ __all__ = [
     "Canvas", "Comparison", "GridMesh", "ImageMean", "ImageSet", "MeasuredMotion", "NoiseLine", "RegionError",
     "SensorModel", "SurfacePart", "Twin", "TwinPrediction", "TwinRig", "TwinRun", "average_images", "describe_sensor",
     "find_parts", "fit_motion", "fit_noise_line", "make_rig", "make_texture", "make_twin", "mark_bends", "mesh_part",
-    "open_run", "predict_errors", "run_twin", "smooth_map",
+    "open_run", "predict_errors", "run_twin", "sampling_std", "smooth_map",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -41,7 +48,7 @@ __getattr__, __dir__ = export_lazily(
     {
         "measured_motion": "MeasuredMotion fit_motion",
         "measured_surface": "Canvas GridMesh SurfacePart find_parts mesh_part smooth_map",
-        "prediction": "Comparison RegionError TwinPrediction mark_bends predict_errors",
+        "prediction": "Comparison RegionError TwinPrediction mark_bends predict_errors sampling_std",
         "surface_texture": "ImageMean ImageSet NoiseLine average_images fit_noise_line make_texture",
         "twin_rig": "SensorModel TwinRig describe_sensor make_rig",
         "twin_run": "TwinRun run_twin",

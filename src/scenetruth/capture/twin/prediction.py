@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy import fft
 
 from scenetruth.errors import Problem
 from scenetruth.number_format import format_number, format_percent_value
@@ -25,7 +26,15 @@ from scenetruth.settings import ScoreSettings
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Comparison", "RegionError", "TwinPrediction", "draw_prediction", "mark_bends", "predict_errors"]
+__all__ = [
+    "Comparison",
+    "RegionError",
+    "TwinPrediction",
+    "draw_prediction",
+    "mark_bends",
+    "predict_errors",
+    "sampling_std",
+]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,6 +46,7 @@ _LIKE = (0.8, 1.25)
 """Ratios of capture and twin between which a value is taken to be the same."""
 _ERROR_WINDOW_PX = 6.0
 _BEND_PX, _BEND_DEG = 6, 40.0
+_LEAST_ERRORS, _UNCORRELATED = 64, 0.1
 
 
 @dataclass(frozen=True)
@@ -51,6 +61,8 @@ class RegionError:
     ``rmse``: Predicted root-mean-square error of the measurement: the root of the sum of squares of the three.
     ``stated_capture``, ``stated_twin``: Root mean square of the stated standard deviation of a pixel.
     ``capture_density``: Share of the pixels of the region that the measurement has.
+    ``sampling_std``: Relative standard deviation of ``pixel_std``, because one simulation has few independent errors;
+    the errors of the measurement itself scatter as much about their expected size.
 
     See Also
     --------
@@ -75,6 +87,7 @@ class RegionError:
     stated_capture: float
     stated_twin: float
     capture_density: float
+    sampling_std: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -146,7 +159,8 @@ class TwinPrediction(Result):
         quantity
             Quantity, such as ``depth`` or ``velocity_z``.
         statistic
-            ``rmse``, ``pixel_std``, ``bias``, ``common_std``, ``density``, ``stated_capture`` or ``stated_twin``.
+            ``rmse``, ``pixel_std``, ``bias``, ``common_std``, ``density``, ``capture_density``, ``stated_capture``,
+            ``stated_twin`` or ``sampling_std``.
         region
             Region of the image.
 
@@ -168,7 +182,7 @@ class TwinPrediction(Result):
             statistic=(statistic, statistics),
         )
         row = found[region, quantity]
-        unit = "1" if statistic in ("density", "capture_density", "count") else row.unit
+        unit = "1" if statistic in ("density", "capture_density", "count", "sampling_std") else row.unit
         return QuantityValue(getattr(row, statistic), unit, statistic=statistic, region=region, n=row.count)
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -189,7 +203,10 @@ class TwinPrediction(Result):
             parts = " + ".join(format_number(abs(each)) for each in (row.pixel_std, row.common_std, row.bias))
             symbol, total = QUANTITIES[row.quantity].symbol, format_number(row.rmse)
             share = format_percent_value(row.density)
-            lines.append(f"  {row.region:18} {symbol:4} {total:>8} {row.unit} = {parts}, {share} %")
+            scatter = ""
+            if math.isfinite(row.sampling_std):
+                scatter = f"; pixel ± {format_percent_value(row.sampling_std)} %"
+            lines.append(f"  {row.region:18} {symbol:4} {total:>8} {row.unit} = {parts}, {share} %{scatter}")
         if not any(row.count for row in self.rows):
             lines.append("  none: no pixel of the twin has a valid estimate")
         if self.comparisons:
@@ -265,7 +282,9 @@ def predict_errors(
         for name, values in quantities.items():
             if name not in QUANTITIES or "bias" not in values or region not in masks:
                 continue
-            rows.append(_row(region, name, values, masks[region], one, other))
+            row = _row(region, name, values, masks[region], one, other)
+            errors = _errors(name, masks[region], one, exact)
+            rows.append(row if errors is None else replace(row, sampling_std=sampling_std(errors)))
     return TwinPrediction(tuple(rows), comparisons, notes)
 
 
@@ -292,6 +311,47 @@ def _row(region: str, name: str, values: Any, mask: Mask, twin: xr.Dataset, capt
         scale * _stated(twin, quantity.variable, quantity.component, mask & _valid(twin, quantity.needs)),
         share,
     )
+
+
+def _errors(name: str, mask: Mask, twin: xr.Dataset, truth: xr.Dataset) -> Floats | None:
+    """Return the errors of a quantity in a region, shape (t, y, x), NaN elsewhere; None if it has no map."""
+    quantity = QUANTITIES[name]
+    found, exact = (_map(each, quantity.variable, quantity.component) for each in (twin, truth))
+    if found is None or exact is None or found.shape != mask.shape or exact.shape != mask.shape:
+        return None
+    return np.where(mask & _valid(twin, quantity.needs), found - exact, np.nan)
+
+
+def sampling_std(errors: Floats) -> float:
+    """Return the relative standard deviation of the standard deviation of correlated errors.
+
+    It is the root of Σ ρ² / 2N, with the autocorrelation ρ of the errors, averaged over directions and up to the
+    distance at which it falls below 0.1. Errors of different frames, which share their images, count as one.
+
+    ``errors``: Errors, shape (t, y, x), NaN where there is none.
+    """
+    inside = np.isfinite(errors)
+    if inside.sum() < _LEAST_ERRORS:
+        return math.nan
+    centred = np.where(inside, errors - errors[inside].mean(), 0.0)
+    shape = [fft.next_fast_len(2 * size, real=True) for size in errors.shape[1:]]
+    products, pairs = (_autocorrelation(each, shape) for each in (centred, inside.astype(np.float64)))
+    if not products[0, 0] > 0:
+        return math.nan
+    y, x = (np.minimum(np.arange(size), size - np.arange(size)) for size in shape)
+    distance = np.rint(np.hypot(y[:, None], x)).astype(np.int64).ravel()
+    product, pair = (np.bincount(distance, each.ravel()) for each in (products, pairs))
+    lags = np.bincount(distance)
+    rho = (product / np.maximum(pair, 1.0)) / (product[0] / pair[0])
+    below = np.flatnonzero((rho < _UNCORRELATED) | (pair < pair[0]))
+    end = int(below[0]) if below.size else len(rho)
+    independent = pair[0] / len(errors) / float(np.sum(lags[:end] * rho[:end] ** 2))
+    return math.sqrt(0.5 / independent)
+
+
+def _autocorrelation(values: Floats, shape: list[int]) -> Floats:
+    """Return the sum over frames of the products of values at a distance, shape ``shape``."""
+    return np.asarray(fft.irfft2((np.abs(fft.rfft2(values, shape)) ** 2).sum(axis=0), shape))
 
 
 def _unit_factor(variable: str, units: str, dataset: xr.Dataset) -> float:
