@@ -465,7 +465,7 @@ def _fit_board(first: tuple[RigFit, Observations], priors: RigPriors) -> tuple[R
         _reject(plain)
     fit = replace(fit, views=(*fit.views, *lost), scatter=scatter_of_poses(fit, priors))
     _reject(fit)
-    words = parts.words([view.name for view in usable.views])
+    words = parts.words(usable.views)
     if fit.scatter > 1:
         words.append(
             f"results of single poses scatter {np.sqrt(fit.scatter):.1f} times as much as the noise of the corners "
