@@ -82,6 +82,16 @@ def test_edges_sharper_than_a_pixel(blur_px: float) -> None:
     assert abs(points.blur_px - blur_px) < 0.06
 
 
+def test_markers_of_small_squares_are_kept_out() -> None:
+    """Squares of 16 to 21 px, markers 2 px from the edges: residuals of the noise alone, and the true blur."""
+    small = CharucoBoard(kind="charuco", squares=(9, 6), square_mm=2.8, marker_mm=2.1)
+    errors, points = refined(small, TURNS[0], 4)
+    assert len(points.ids) > 35
+    assert points.mean_square < 1.5
+    assert abs(points.blur_px - 0.6) < 0.02
+    assert 0.8 < np.sqrt((in_deviations(errors, points) ** 2).mean()) < 1.2
+
+
 @pytest.mark.parametrize("blur_px", [0.4, 1.2])
 def test_corners_of_other_blurs(blur_px: float) -> None:
     errors, points = refined(CHARUCO, TURNS[0], 5, blur_px)

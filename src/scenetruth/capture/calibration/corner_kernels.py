@@ -214,7 +214,7 @@ def fit_corners(
     ``image``, ``variance``: Grey values and the variances of their noise, shape (rows, columns).
     ``starts``: Start positions (x, y) in px, shape (n, 2).
     ``axes``: Pixels per square along the rows (first column) and columns (second column) of the board, shape (n, 2, 2).
-    ``gaps``: Distance from the edges, in squares, within which there are no markers, shape (n,).
+    ``gaps``: Distance from the edges within which white squares have no markers, in squares, shape (n,).
     ``reach``: Largest distance from the corner in squares.
     ``half``: Largest distance from the corner in px.
     ``found``: Values to write, NaN where the fit fails: x, y, variances of x and y and their covariance, blur in px,
@@ -237,7 +237,7 @@ def fit_corners(
             for x in range(max(centre_x - half, 0), min(centre_x + half + 1, columns)):
                 dx, dy = x - starts[corner, 0], y - starts[corner, 1]
                 du, dv = abs(d * dx - b * dy) / abs(determinant), abs(a * dy - c * dx) / abs(determinant)
-                if max(du, dv) > reach or min(du, dv) > gaps[corner] or dx * dx + dy * dy > half * half:
+                if max(du, dv) > reach or dx * dx + dy * dy > half * half:
                     continue
                 if not (math.isfinite(image[y, x]) and variance[y, x] > 0.0):
                     continue
@@ -253,13 +253,24 @@ def fit_corners(
         p[4], p[5], p[6], p[7], p[8] = 0.8, total / count, 0.4 * (high - low), 0.0, 0.0
         # The sign of the contrast from the correlation with the pattern.
         sign = 0.0
+        c1, s1, c2, s2 = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
         for n in range(count):
             dx, dy = places[n, 0] - p[0], places[n, 1] - p[1]
-            u = math.cos(p[2]) * dx + math.sin(p[2]) * dy
-            v = math.cos(p[3]) * dx + math.sin(p[3]) * dy
-            sign += (values[n] - p[5]) * math.erf(u) * math.erf(v)
+            sign += (values[n] - p[5]) * math.erf(c1 * dx + s1 * dy) * math.erf(c2 * dx + s2 * dy)
         if sign < 0.0:
             p[6] = -p[6]
+        # Markers are in white squares only.
+        every, count = count, 0
+        for n in range(every):
+            dx, dy = places[n, 0] - p[0], places[n, 1] - p[1]
+            du, dv = abs(d * dx - b * dy) / abs(determinant), abs(a * dy - c * dx) / abs(determinant)
+            if p[6] * (c1 * dx + s1 * dy) * (c2 * dx + s2 * dy) > 0.0 and min(du, dv) > gaps[corner]:
+                continue
+            values[count], variances[count] = values[n], variances[n]
+            places[count, 0], places[count, 1] = places[n, 0], places[n, 1]
+            count += 1
+        if count < _FEWEST:
+            continue
         converged, squares = _minimise(values, variances, places, count, p, 1, normal, gradient, work, right)
         if p[4] < _SHARP_BLUR:
             converged, squares = _minimise(
