@@ -36,7 +36,7 @@ from scenetruth.capture.calibration.rig_model import (
     project,
     rotation_matrix,
 )
-from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state
+from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state, with_other_tilts
 from scenetruth.capture.calibration.variance_components import carry_state, estimate_components, scatter_of_poses
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.threads import with_one_blas_thread
@@ -477,6 +477,9 @@ def _fit_board(first: tuple[RigFit, Observations], priors: RigPriors) -> tuple[R
 def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:
     """Return the fit, and the observations without the perspective bias of dots."""
     fit = adjust(given, state)
+    if not all(view.consistent for view in fit.views):
+        other = adjust(given, with_other_tilts(given, fit.state, fit.start), fit.start)
+        fit = max(fit, other, key=lambda each: sum(view.points for view in each.views))
     if dots is None:
         return fit, given
     corrected = given
