@@ -83,13 +83,16 @@ def test_edges_sharper_than_a_pixel(blur_px: float) -> None:
 
 
 def test_markers_of_small_squares_are_kept_out() -> None:
-    """Squares of 16 to 21 px, markers 2 px from the edges: residuals of the noise alone, and the true blur."""
+    """Squares of 16 to 21 px, markers 2 px from the edges: residuals of the noise alone, and the true blur.
+
+    The standard deviation of z of 64 values is certain to 9 %; the limits are four times that.
+    """
     small = CharucoBoard(kind="charuco", squares=(9, 6), square_mm=2.8, marker_mm=2.1)
     errors, points = refined(small, TURNS[0], 4)
     assert len(points.ids) > 30
     assert points.mean_square < 1.5
     assert abs(points.blur_px - 0.6) < 0.02
-    assert 0.8 < np.sqrt((in_deviations(errors, points) ** 2).mean()) < 1.2
+    assert 0.64 < np.sqrt((in_deviations(errors, points) ** 2).mean()) < 1.36
 
 
 @pytest.mark.parametrize("blur_px", [0.4, 1.2])
