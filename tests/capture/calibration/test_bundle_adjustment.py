@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from scenetruth.capture.calibration import RigFit, RigGuess, RigLayout, RigState, adjust, project, start_state
+from scenetruth.capture.calibration import (
+    RigFit,
+    RigGuess,
+    RigLayout,
+    RigState,
+    adjust,
+    project,
+    rotation_matrix,
+    start_state,
+    with_other_tilts,
+)
 from tests.helpers.drawn_rigs import DrawnRig, assess_draw, draw_rig, fit_draw, summarise
 
 
@@ -33,6 +43,21 @@ def test_stated_uncertainty_covers_the_errors_of_draws() -> None:
     for name, spread, share, _ in summarise(found):
         assert low < spread < high, name
         assert share > 0.7, name
+
+
+def test_a_frontal_pose_with_the_wrong_tilt_is_turned(rig: DrawnRig, fit: RigFit) -> None:
+    """The normal of a pose is reflected about the line of sight; all images together tell which tilt is right."""
+    layout, turns = fit.state.layout, fit.state.turns.copy()
+    tilts = [float(np.hypot(*turn[:2, 2])) for turn in turns]
+    number = int(np.argmin(tilts))
+    assert tilts[number] < 0.2
+    # Half a turn of the normal about the line of sight, and back of the board within its plane.
+    about = rotation_matrix(np.array([0.0, 0.0, np.pi]))
+    turns[number] = about @ turns[number] @ about
+    wrong = RigState(layout, fit.state.values, turns)
+    found = adjust(rig.observations, with_other_tilts(rig.observations, wrong, fit.start), fit.start)
+    assert abs(found.chi2 - fit.chi2) < 1e-3
+    assert abs(found.state.value("f") - fit.state.value("f")) < 1e-3 * fit.std("f")
 
 
 def test_without_noise_the_truth_is_the_minimum(rig: DrawnRig) -> None:

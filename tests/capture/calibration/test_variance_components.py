@@ -10,6 +10,7 @@ import pytest
 from scenetruth.capture.calibration import (
     CalibrationTarget,
     RigPriors,
+    VarianceComponents,
     adjust,
     calibrate,
     estimate_components,
@@ -69,6 +70,15 @@ def test_the_stated_uncertainty_includes_them() -> None:
     low, high = stats.chi2.ppf([0.001, 0.999], len(z))
     assert low < np.square(z).sum() < high
     assert np.square(naive).sum() > high
+
+
+def test_an_image_is_named_by_all_of_its_noise() -> None:
+    """Stated noise of 0.01 px: 0.008 px more than that is 1.3 times as much, 0.03 px is 3.1 times as much."""
+    views = draw_rig(2, poses=5, positions=1).observations.views
+    parts = VarianceComponents(noise_px=(0.001, 0.001, 0.001, 0.008, 0.03), point_mm=0.01)
+    named = [text for text in parts.words(views) if "sharpness" in text]
+    assert len(named) == 1
+    assert named[0].startswith(f"{views[4].name}: residuals are 3.1 times")
 
 
 def test_exact_boards_have_no_components() -> None:

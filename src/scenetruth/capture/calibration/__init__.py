@@ -67,7 +67,7 @@ if TYPE_CHECKING:
         project,
         rotation_matrix,
     )
-    from scenetruth.capture.calibration.start_values import restart_poses, start_state
+    from scenetruth.capture.calibration.start_values import start_state, with_other_tilts
     from scenetruth.capture.calibration.strip_detection import observe_strip
     from scenetruth.capture.calibration.variance_components import (
         VarianceComponents,
@@ -84,7 +84,8 @@ __all__ = [
     "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise", "export_calibration",
     "field_of_residuals", "fit_rig", "identify_combinations", "import_calibration", "import_camera",
     "inconsistent_images", "observe_boards", "observe_strip", "point_modes", "project", "refine_points", "refit",
-    "restart_poses", "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
+    "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
+    "with_other_tilts",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -108,7 +109,7 @@ __getattr__, __dir__ = export_lazily(
             "CalibrationError CalibrationTarget Observations RigGuess RigLayout RigPriors RigState TargetView project "
             "rotation_matrix"
         ),
-        "start_values": "restart_poses start_state",
+        "start_values": "start_state with_other_tilts",
         "strip_detection": "observe_strip",
         "variance_components": "VarianceComponents estimate_components scatter_of_poses",
     },

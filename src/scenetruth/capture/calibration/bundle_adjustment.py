@@ -28,7 +28,8 @@ _HUBER = 3.0
 _OUTLIER = 6.0
 """Limit beyond which a point is excluded; the probability of an exact point is exp(-18) = 1.5e-8."""
 _MEDIAN_SQUARE = 2 * np.log(2)  # of chi-squared with two degrees of freedom
-_MOST_ROUNDS = 60
+_MOST_ROUNDS = 600
+"""Images of a wrong tilt bend a long valley, which takes some 200 rounds; others take 10."""
 _CONVERGED = 1e-8
 """Squared length of the last step in units of the standard deviations: an error of 1e-4 of the uncertainty. A limit on
 the change of chi-squared instead would end while combinations of small effect still lie off by their uncertainty.
@@ -225,6 +226,9 @@ def adjust(given: Observations, state: RigState, start: Array | None = None) -> 
             break
         used = _selection(given, points, whole)
         state, equations, rounds = solve(used, state, start, _estimable(layout.std, used, state))
+    if rounds >= _MOST_ROUNDS:
+        msg = f"have no solution that {_MOST_ROUNDS} iterations reach: check the start values, the board and its poses"
+        raise CalibrationError([Problem("observations", msg)])
     free = _estimable(layout.std, used, state)
     covariance = np.zeros((layout.size, layout.size))
     covariance[np.ix_(free, free)] = _invert(equations.information, layout.std, free, layout.names)

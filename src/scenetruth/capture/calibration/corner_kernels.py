@@ -15,6 +15,9 @@ _ROUNDS = 40
 _HUBER = 3.0
 _CONVERGED = 1e-4  # squared length of a step in standard deviations: 0.01 of the uncertainty
 _LEAST_BLUR, _LARGEST_BLUR = 0.2, 6.0
+# Below this blur two points per axis integrate the edge too coarsely: each pixel is divided into parts.
+_SHARP_BLUR, _SHARPEST_BLUR, _SHARP_PARTS = 0.25, 0.01, 4
+_FAR = 4.0  # erfc(4) = 1.5e-8
 _FEWEST = 20  # pixels
 # A pixel integrates over its area. Two points per axis and a Gaussian of this variance have the second and fourth
 # moment of the box, 1 / 12 and 1 / 80: a^2 = 240^-0.5 and 1 / 12 - a^2.
@@ -110,30 +113,42 @@ def position_covariance(
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _accumulate(
     values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64], count: int,
-    p: NDArray[np.float64], normal: NDArray[np.float64], gradient: NDArray[np.float64],
+    p: NDArray[np.float64], parts: int, normal: NDArray[np.float64], gradient: NDArray[np.float64],
 ) -> tuple[float, float]:  # fmt: skip
-    """Write the normal equations of the edge model; return the robust cost and the weighted sum of squares."""
+    """Write the normal equations of the edge model; return the robust cost and the weighted sum of squares.
+
+    ``parts``: Parts of a pixel per axis, each of which is integrated by two points.
+    """
     normal[:] = 0.0
     gradient[:] = 0.0
     c1, s1, c2, s2 = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
-    total = p[4] * p[4] + PART_VARIANCE
+    total = p[4] * p[4] + PART_VARIANCE / (parts * parts)
     unit = math.sqrt(2.0 * total)
+    far = _FAR * unit + 0.75
     slope = np.empty(_PARAMETERS)
     cost = squares = 0.0
     for n in range(count):
         # The light is linear about the centre of the window.
         light = 1.0 + p[7] * places[n, 0] + p[8] * places[n, 1]
-        amplitude = light * p[6] / 4.0
         slope[:5] = 0.0
         product = 0.0
-        for part in range(4):
-            dx = places[n, 0] - p[0] + (PART if part % 2 else -PART)
-            dy = places[n, 1] - p[1] + (PART if part > 1 else -PART)
+        # The level of a pixel away from both edges is constant.
+        dx, dy = places[n, 0] - p[0], places[n, 1] - p[1]
+        first, second = abs(c1 * dx + s1 * dy) < far, abs(c2 * dx + s2 * dy) < far
+        divided = parts if first or second else 1
+        points = 2 * divided
+        share = 1.0 / (points * points)
+        amplitude = light * p[6] * share
+        for part in range(points * points):
+            i, j = part % points, part // points
+            dx = places[n, 0] - p[0] + (i // 2 + 0.5 + (PART if i % 2 else -PART)) / divided - 0.5
+            dy = places[n, 1] - p[1] + (j // 2 + 0.5 + (PART if j % 2 else -PART)) / divided - 0.5
             u, v = (c1 * dx + s1 * dy) / unit, (c2 * dx + s2 * dy) / unit
-            e1, e2 = math.erf(u), math.erf(v)
-            g1 = 2.0 / math.sqrt(math.pi) * math.exp(-u * u) * e2
-            g2 = 2.0 / math.sqrt(math.pi) * math.exp(-v * v) * e1
-            product += e1 * e2 / 4.0
+            e1 = math.erf(u) if first else math.copysign(1.0, u)
+            e2 = math.erf(v) if second else math.copysign(1.0, v)
+            g1 = 2.0 / math.sqrt(math.pi) * math.exp(-u * u) * e2 if first else 0.0
+            g2 = 2.0 / math.sqrt(math.pi) * math.exp(-v * v) * e1 if second else 0.0
+            product += e1 * e2 * share
             slope[0] -= amplitude * (g1 * c1 + g2 * c2) / unit
             slope[1] -= amplitude * (g1 * s1 + g2 * s2) / unit
             slope[2] += amplitude * g1 * (c1 * dy - s1 * dx) / unit
@@ -150,6 +165,46 @@ def _accumulate(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _minimise(
+    values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64], count: int,
+    p: NDArray[np.float64], parts: int, normal: NDArray[np.float64], gradient: NDArray[np.float64],
+    work: NDArray[np.float64], right: NDArray[np.float64],
+) -> tuple[bool, float]:  # fmt: skip
+    """Minimise the cost from parameters in place; return whether it converged, and the weighted sum of squares."""
+    trial = np.empty(_PARAMETERS)
+    least = _LEAST_BLUR if parts == 1 else _SHARPEST_BLUR
+    damping = 1e-3
+    cost, squares = _accumulate(values, variances, places, count, p, parts, normal, gradient)
+    for _ in range(_ROUNDS):
+        if p[4] <= least and gradient[4] <= 0.0:
+            # At its limit the blur is fixed.
+            normal[4, :4] = 0.0
+            normal[5:, 4] = 0.0
+            normal[4, 4], gradient[4] = 1.0, 0.0
+        if not damped_step(normal, gradient, damping, p, work, right, trial):
+            damping = max(10.0 * damping, 1e-6)
+            continue
+        trial[4] = min(max(trial[4], least), _LARGEST_BLUR)
+        step = 0.0
+        for i in range(_PARAMETERS):
+            step += (trial[i] - p[i]) * gradient[i]
+        small = step < _CONVERGED * max(1.0, squares / count)
+        later, later_squares = _accumulate(values, variances, places, count, trial, parts, normal, gradient)
+        if later <= cost * (1.0 + 1e-9):
+            p[:] = trial
+            cost, squares, damping = later, later_squares, 0.1 * damping
+            if small:
+                return True, squares
+        else:
+            damping = max(10.0 * damping, 1e-6)
+            _accumulate(values, variances, places, count, p, parts, normal, gradient)
+            # At the minimum, rounding decides about a small step.
+            if small or damping > 1e6:
+                return small, squares
+    return False, squares
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def fit_corners(
     image: NDArray[np.float64], variance: NDArray[np.float64], starts: NDArray[np.float64],
     axes: NDArray[np.float64], gaps: NDArray[np.float64], reach: float, half: int, found: NDArray[np.float64],
@@ -159,7 +214,7 @@ def fit_corners(
     ``image``, ``variance``: Grey values and the variances of their noise, shape (rows, columns).
     ``starts``: Start positions (x, y) in px, shape (n, 2).
     ``axes``: Pixels per square along the rows (first column) and columns (second column) of the board, shape (n, 2, 2).
-    ``gaps``: Distance from the edges, in squares, within which there are no markers, shape (n,).
+    ``gaps``: Distance from the edges within which white squares have no markers, in squares, shape (n,).
     ``reach``: Largest distance from the corner in squares.
     ``half``: Largest distance from the corner in px.
     ``found``: Values to write, NaN where the fit fails: x, y, variances of x and y and their covariance, blur in px,
@@ -168,8 +223,8 @@ def fit_corners(
     rows, columns = image.shape
     most = (2 * half + 1) ** 2
     values, variances, places = np.empty(most), np.empty(most), np.empty((most, 2))
-    p, trial = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
-    normal, gradient = np.empty((_PARAMETERS, _PARAMETERS)), np.empty(_PARAMETERS)
+    p, gradient = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
+    normal = np.empty((_PARAMETERS, _PARAMETERS))
     work, right = np.empty((_PARAMETERS, _PARAMETERS)), np.empty((_PARAMETERS, 1))
     unit = np.empty((_PARAMETERS, 2))
     for corner in range(starts.shape[0]):
@@ -182,7 +237,7 @@ def fit_corners(
             for x in range(max(centre_x - half, 0), min(centre_x + half + 1, columns)):
                 dx, dy = x - starts[corner, 0], y - starts[corner, 1]
                 du, dv = abs(d * dx - b * dy) / abs(determinant), abs(a * dy - c * dx) / abs(determinant)
-                if max(du, dv) > reach or min(du, dv) > gaps[corner] or dx * dx + dy * dy > half * half:
+                if max(du, dv) > reach or dx * dx + dy * dy > half * half:
                     continue
                 if not (math.isfinite(image[y, x]) and variance[y, x] > 0.0):
                     continue
@@ -198,39 +253,29 @@ def fit_corners(
         p[4], p[5], p[6], p[7], p[8] = 0.8, total / count, 0.4 * (high - low), 0.0, 0.0
         # The sign of the contrast from the correlation with the pattern.
         sign = 0.0
+        c1, s1, c2, s2 = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
         for n in range(count):
             dx, dy = places[n, 0] - p[0], places[n, 1] - p[1]
-            u = math.cos(p[2]) * dx + math.sin(p[2]) * dy
-            v = math.cos(p[3]) * dx + math.sin(p[3]) * dy
-            sign += (values[n] - p[5]) * math.erf(u) * math.erf(v)
+            sign += (values[n] - p[5]) * math.erf(c1 * dx + s1 * dy) * math.erf(c2 * dx + s2 * dy)
         if sign < 0.0:
             p[6] = -p[6]
-        damping = 1e-3
-        cost, squares = _accumulate(values, variances, places, count, p, normal, gradient)
-        converged = False
-        for _ in range(_ROUNDS):
-            if not damped_step(normal, gradient, damping, p, work, right, trial):
-                damping = max(10.0 * damping, 1e-6)
+        # Markers are in white squares only.
+        every, count = count, 0
+        for n in range(every):
+            dx, dy = places[n, 0] - p[0], places[n, 1] - p[1]
+            du, dv = abs(d * dx - b * dy) / abs(determinant), abs(a * dy - c * dx) / abs(determinant)
+            if p[6] * (c1 * dx + s1 * dy) * (c2 * dx + s2 * dy) > 0.0 and min(du, dv) > gaps[corner]:
                 continue
-            trial[4] = min(max(trial[4], _LEAST_BLUR), _LARGEST_BLUR)
-            step = 0.0
-            for i in range(_PARAMETERS):
-                step += (trial[i] - p[i]) * gradient[i]
-            small = step < _CONVERGED * max(1.0, squares / count)
-            later, later_squares = _accumulate(values, variances, places, count, trial, normal, gradient)
-            if later <= cost * (1.0 + 1e-9):
-                p[:] = trial
-                cost, squares, damping = later, later_squares, 0.1 * damping
-                if small:
-                    converged = True
-                    break
-            else:
-                damping = max(10.0 * damping, 1e-6)
-                _accumulate(values, variances, places, count, p, normal, gradient)
-                # At the minimum, rounding decides about a small step.
-                converged = small
-                if converged or damping > 1e6:
-                    break
+            values[count], variances[count] = values[n], variances[n]
+            places[count, 0], places[count, 1] = places[n, 0], places[n, 1]
+            count += 1
+        if count < _FEWEST:
+            continue
+        converged, squares = _minimise(values, variances, places, count, p, 1, normal, gradient, work, right)
+        if p[4] < _SHARP_BLUR:
+            converged, squares = _minimise(
+                values, variances, places, count, p, _SHARP_PARTS, normal, gradient, work, right
+            )  # fmt: skip
         if not converged or math.hypot(p[0], p[1]) > 0.5 * half or p[4] >= _LARGEST_BLUR:
             continue
         across, down, both = position_covariance(normal, work, unit)

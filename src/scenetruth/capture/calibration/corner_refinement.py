@@ -24,7 +24,7 @@ _HALF_PX = 12
 """Largest half width of the window: the edges are straight within it."""
 _BLUR_START = 0.8
 _BLURS = 3.0  # standard deviations of the blur that a window keeps from the markers
-_LEAST_GAP_PX = 1.5
+_LEAST_GAP_PX = 0.5
 _MISFIT = 4.0
 """Mean square of residuals beyond which a corner is not that of the model (reflection, dirt, saturation)."""
 _FARTHEST_PX = 3.0

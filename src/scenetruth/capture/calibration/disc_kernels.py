@@ -18,7 +18,7 @@ from scenetruth.capture.calibration.corner_kernels import (
 
 __all__ = ["fit_discs"]
 
-_PARAMETERS = 8  # x, y, radius, blur, ground, contrast, two slopes of the light
+_PARAMETERS = 10  # x, y, radius, blur, ground, contrast, two slopes of the ground and of the contrast
 _ROUNDS = 25
 _CONVERGED = 1e-4  # squared length of a step in standard deviations: 0.01 of the uncertainty
 _LEAST_BLUR, _LARGEST_BLUR = 0.1, 8.0
@@ -44,7 +44,7 @@ def _accumulate(
     slope = np.empty(_PARAMETERS)
     cost = squares = 0.0
     for n in range(count):
-        light = 1.0 + p[6] * places[n, 0] + p[7] * places[n, 1]
+        contrast = p[5] + p[8] * places[n, 0] + p[9] * places[n, 1]
         slope[:4] = 0.0
         # Pixels away from the edge have no other derivatives than those of their level.
         dx, dy = places[n, 0] - p[0], places[n, 1] - p[1]
@@ -65,17 +65,19 @@ def _accumulate(
             length = math.hypot(g_x, g_y)
             u = (radius - p[2]) / (length * unit)
             inside += 0.125 * math.erfc(u)
-            edge = 0.25 * light * p[5] * math.exp(-u * u) / (math.sqrt(math.pi) * unit)
+            edge = 0.25 * contrast * math.exp(-u * u) / (math.sqrt(math.pi) * unit)
             slope[0] += edge * g_x / length
             slope[1] += edge * g_y / length
             slope[2] += edge / length
             slope[3] += edge * unit * u * p[3] / total
-        pattern = p[4] + p[5] * inside
-        slope[4] = light
-        slope[5] = light * inside
-        slope[6] = pattern * places[n, 0]
-        slope[7] = pattern * places[n, 1]
-        robust, square = add_pixel(values[n] - light * pattern, variances[n], slope, normal, gradient)
+        slope[4] = 1.0
+        slope[5] = inside
+        slope[6] = places[n, 0]
+        slope[7] = places[n, 1]
+        slope[8] = inside * places[n, 0]
+        slope[9] = inside * places[n, 1]
+        level = p[4] + p[6] * places[n, 0] + p[7] * places[n, 1] + contrast * inside
+        robust, square = add_pixel(values[n] - level, variances[n], slope, normal, gradient)
         cost, squares = cost + robust, squares + square
     return cost, squares
 
@@ -85,7 +87,7 @@ def fit_discs(
     image: NDArray[np.float64], variance: NDArray[np.float64], starts: NDArray[np.float64],
     axes: NDArray[np.float64], inner: float, outer: float, found: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Fit ellipses of given form with blurred edges, under a linear light, to the images of dots.
+    """Fit ellipses of given form with blurred edges to the images of dots; dot and ground are planes of grey values.
 
     ``image``, ``variance``: Grey values and the variances of their noise, shape (rows, columns).
     ``starts``: Start positions (x, y) in px, shape (n, 2).
@@ -141,7 +143,8 @@ def fit_discs(
         if not usable or count < _FEWEST or within == 0 or beyond == 0:
             continue
         p[0], p[1], p[2], p[3] = starts[dot, 0] - centre_x, starts[dot, 1] - centre_y, 1.0, 0.9
-        p[4], p[5], p[6], p[7] = ground / beyond, level / within - ground / beyond, 0.0, 0.0
+        p[4], p[5] = ground / beyond, level / within - ground / beyond
+        p[6:] = 0.0
         damping = 1e-3
         cost, squares = _accumulate(values, variances, places, count, inverse, p, normal, gradient)
         converged, factor = False, 1.0

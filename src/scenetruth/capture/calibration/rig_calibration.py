@@ -37,7 +37,7 @@ from scenetruth.capture.calibration.rig_model import (
     project,
     rotation_matrix,
 )
-from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, restart_poses, start_state
+from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state, with_other_tilts
 from scenetruth.capture.calibration.variance_components import carry_state, estimate_components, scatter_of_poses
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.threads import with_one_blas_thread
@@ -466,7 +466,7 @@ def _fit_board(first: tuple[RigFit, Observations], priors: RigPriors) -> tuple[R
         _reject(plain)
     fit = replace(fit, views=(*fit.views, *lost), scatter=scatter_of_poses(fit, priors))
     _reject(fit)
-    words = parts.words([view.name for view in usable.views])
+    words = parts.words(usable.views)
     if fit.scatter > 1:
         words.append(
             f"results of single poses scatter {np.sqrt(fit.scatter):.1f} times as much as the noise of the corners "
@@ -477,7 +477,10 @@ def _fit_board(first: tuple[RigFit, Observations], priors: RigPriors) -> tuple[R
 
 def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:
     """Return the fit, and the observations without the perspective bias of dots."""
-    fit = _with_other_tilts(given, adjust(given, state))
+    fit = adjust(given, state)
+    if not all(view.consistent for view in fit.views):
+        other = adjust(given, with_other_tilts(given, fit.state, fit.start), fit.start)
+        fit = max(fit, other, key=lambda each: sum(view.points for view in each.views))
     if dots is None:
         return fit, given
     corrected = given
@@ -488,21 +491,6 @@ def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[Ri
         if np.abs(np.concatenate([view.pixels for view in corrected.views]) - before).max() < _LARGEST_BIAS_CHANGE:
             break
     return fit, corrected
-
-
-def _with_other_tilts(given: Observations, fit: RigFit) -> RigFit:
-    """Return the fit after a new start of poses all of whose images contradict: of two tilts, the other was right.
-
-    Without the distortion of the lens, and with the focal length of a data sheet, the wrong tilt of a weakly tilted
-    board may fit better.
-    """
-    names = {view.name for view in fit.views if not view.consistent}
-    consistent = {view.pose for view in given.views if view.name not in names}
-    lost = sorted({view.pose for view in given.views if view.target == 0} - consistent)
-    if not lost or not consistent:
-        return fit
-    again = adjust(given, restart_poses(given, fit.state, lost), fit.start)
-    return again if sum(not view.consistent for view in again.views) < len(names) else fit
 
 
 def _without_bias(given: Observations, state: RigState, dots: DotGrid) -> Observations:

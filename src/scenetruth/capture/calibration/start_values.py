@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,13 +19,16 @@ from scenetruth.capture.calibration.rig_model import (
 )
 from scenetruth.errors import Problem
 
-__all__ = ["complete_guess", "fit_homography", "restart_poses", "start_state"]
+__all__ = ["complete_guess", "fit_homography", "start_state", "with_other_tilts"]
 
 Array = NDArray[np.float64]
 
 _FLAT = 1e-2
 """Largest departure from a plane, relative to the size of the target, for which a homography starts the pose."""
 _POSE_ROUNDS = 12
+_LEAST_DECREASE = 1e-6
+_AMBIGUOUS_TILT = 0.3
+"""Angle in rad to the viewing direction below which both tilts of a board have nearly the same image."""
 
 
 def start_state(given: Observations, priors: RigPriors, guess: RigGuess) -> RigState:
@@ -43,14 +44,6 @@ def start_state(given: Observations, priors: RigPriors, guess: RigGuess) -> RigS
     for number, pose in enumerate(layout.poses):
         views = [view for view in given.views if view.pose == pose]
         state = _place(given, state, number, views)
-    return state
-
-
-def restart_poses(given: Observations, state: RigState, poses: Sequence[int]) -> RigState:
-    """Return a state with new start values of some poses, from the camera and the stage of the state."""
-    for pose in poses:
-        views = [view for view in given.views if view.pose == pose]
-        state = _place(given, state, state.layout.poses.index(pose), views)
     return state
 
 
@@ -149,17 +142,48 @@ def _poses(state: RigState, view: TargetView, x_mm: float) -> list[tuple[Array, 
     rotation = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
     translation = h[:, 2]
     middle = rotation @ np.array([*centroid[:2], 0]) + translation
-    viewing = middle / np.linalg.norm(middle)
-    # Turn by twice the tilt: reflect the normal about the viewing direction.
-    normal = rotation[:, 2]
-    other = 2 * (normal @ viewing) * viewing - normal
-    flipped = _turn_between(normal, other) @ rotation
+    flipped = _flipped(rotation, middle)
     moved = np.array([x_mm, 0.0, 0.0])
     pair = []
     for turn in (rotation, flipped):
         shift = middle - turn @ np.array([*centroid[:2], 0]) - turn[:, 2] * plane
         pair.append((turn, shift + moved))
     return pair
+
+
+def _flipped(rotation: Array, middle: Array) -> Array:
+    """Return the rotation with the other tilt: the normal is reflected about the viewing direction of the middle."""
+    viewing, normal = middle / np.linalg.norm(middle), rotation[:, 2]
+    return _turn_between(normal, 2 * (normal @ viewing) * viewing - normal) @ rotation
+
+
+def with_other_tilts(given: Observations, state: RigState, start: Array) -> RigState:
+    """Return the state after exchanges of the tilts of nearly frontal poses that decrease the cost of all images.
+
+    The tilt of a single image depends on the principal point, which only all images determine.
+
+    ``start``: Prior means, shape (P,).
+    """
+    layout, free = state.layout, state.layout.std > 0
+    state, equations, _ = solve(given, state, start, free)
+    cost, before = equations.cost, np.inf
+    while cost < before:
+        before = cost
+        for number, pose in enumerate(layout.poses):
+            places = [given.positions_mm[view.position] for view in given.views if view.pose == pose]
+            at = layout.pose(number) + 3
+            middle = state.values[at : at + 3] - [float(np.mean(places)), 0.0, 0.0]
+            rotation = state.turns[number]
+            if abs(rotation[:, 2] @ middle) < np.cos(_AMBIGUOUS_TILT) * np.linalg.norm(middle):
+                continue
+            turns = state.turns.copy()
+            turns[number] = _flipped(rotation, middle)
+            other, equations, _ = solve(given, RigState(layout, state.values, turns), start, free)
+            if equations.cost < cost:
+                state, cost = other, equations.cost
+        if cost > (1 - _LEAST_DECREASE) * before:
+            break
+    return state
 
 
 def _turn_between(one: Array, other: Array) -> Array:

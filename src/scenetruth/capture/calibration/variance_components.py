@@ -17,6 +17,7 @@ from scenetruth.capture.calibration.rig_model import (
     RigLayout,
     RigPriors,
     RigState,
+    TargetView,
 )
 from scenetruth.threads import with_one_blas_thread
 
@@ -83,8 +84,11 @@ class VarianceComponents:
         """Whether the board bends or its points deviate."""
         return self.bend_mm > 0 or self.point_mm > 0 or self.height_mm > 0
 
-    def words(self, names: Sequence[str]) -> list[str]:
-        """Return the components that are not zero, and the images with the largest noise by their names, in words."""
+    def words(self, views: Sequence[TargetView]) -> list[str]:
+        """Return the components that are not zero, and the images whose corners have the largest noise, in words.
+
+        ``views``: Views with the stated noise of their corners, in the order of ``noise_px``.
+        """
         texts = []
         if self.usual_noise_px > 0:
             texts.append(
@@ -99,11 +103,16 @@ class VarianceComponents:
                 f"{self.height_mm:.2g} mm along its normal: use a board that is printed exactly on a flat plate"
             )
         words = [f"{text}; the stated uncertainty includes it" for text in texts]
-        usual = self.usual_noise_px
-        for name, noise in zip(names, self.noise_px, strict=True):
-            if noise > _NAMED_ABOVE * usual > 0:
-                ratio = noise / usual
-                words.append(f"{name}: residuals are {ratio:.1f} times those of the other images; check its sharpness")
+        # The noise of an image is all of it: additional noise far below what is stated makes no image worse.
+        stated = [float(np.median(np.trace(view.covariance_px2, axis1=1, axis2=2))) / 2 for view in views]
+        extra = np.square(self.noise_px) if self.noise_px else np.zeros(len(views))
+        whole = np.sqrt(np.array(stated) + extra)
+        for view, noise in zip(views, whole, strict=True):
+            ratio = float(noise / np.median(whole))
+            if ratio > _NAMED_ABOVE:
+                words.append(
+                    f"{view.name}: residuals are {ratio:.1f} times those of the other images; check its sharpness"
+                )
         return words
 
 
