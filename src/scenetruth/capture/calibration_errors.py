@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.capture.calibration import RigCalibration
-from scenetruth.capture.calibration.measurement_covariance import point_modes
+from scenetruth.capture.calibration.measurement_covariance import moving_point_modes, point_modes
 from scenetruth.capture.rectification import (
     ideal_principal_point,
     ideal_rotation,
@@ -89,7 +90,7 @@ def add_calibration_errors(estimate: xr.Dataset, calibration: RigCalibration | s
     if problems:
         raise ArgumentError(problems, source="add_calibration_errors")
     field = calibration_field(rig, estimate)
-    found: dict[str, Any] = {"calibration_modes": field.to_variable()}
+    found: dict[str, Any] = dict(field.to_variables())
     for name in COMMON_QUANTITIES:
         if not has_common_part(estimate, name) or f"{name}_std" not in estimate:
             continue
@@ -156,14 +157,41 @@ def calibration_field(rig: RigCalibration, estimate: xr.Dataset) -> CommonField:
     depths, down, across = np.meshgrid(*nodes[::-1], indexing="ij")
     points = np.stack([across * depths, down * depths, depths], axis=-1).reshape(-1, 3)
     turn = ideal_rotation(rig)
-    modes = point_modes(
-        rig.values, rig.covariance, rig.layout, rig.positions_mm, rig.reference, points @ turn.T
-    )  # fmt: skip
-    # From the frame of the reference camera to that of the ideal rig.
-    modes = modes @ turn
-    sizes = np.sqrt(np.mean(modes**2, axis=(1, 2)))
-    modes = modes[sizes > _LEAST_MODE * sizes.max(initial=0.0)]
-    return CommonField(modes.reshape(len(modes), *depths.shape, 3).transpose(0, 4, 1, 2, 3), nodes, (x, y))
+    given_rig = (rig.values, rig.covariance, rig.layout, rig.positions_mm, rig.reference, points @ turn.T)
+    visits, rates = _measured_visits(rig, estimate), None
+    if visits is None:
+        modes = point_modes(*given_rig)
+    else:
+        modes, rates = moving_point_modes(*given_rig, visits)
+    kept = np.zeros(len(modes), dtype=np.bool_)
+    for part in (modes, rates):
+        if part is not None:
+            sizes = np.sqrt(np.mean(part**2, axis=(1, 2)))
+            kept |= sizes > _LEAST_MODE * sizes.max(initial=0.0)
+
+    def at_nodes(values: Floats) -> Floats:
+        # From the frame of the reference camera to that of the ideal rig.
+        return np.asarray((values[kept] @ turn).reshape(-1, *depths.shape, 3).transpose(0, 4, 1, 2, 3))
+
+    return CommonField(at_nodes(modes), nodes, (x, y), None if rates is None else at_nodes(rates))
+
+
+def _measured_visits(rig: RigCalibration, estimate: xr.Dataset) -> NDArray[np.int64] | None:
+    """Return the visits of the frames of a fit, as indices in the layout, shape (S, T), if a strip has shown them.
+
+    A fit has as many frames as its setting ``window_frames`` says, or all; fits of other frames have errors alike.
+    """
+    listed = np.array(rig.measured_visits, dtype=np.int64)
+    if listed.size == 0 or tuple(listed.ravel().tolist()) != rig.visits or listed.shape[1] < 2:
+        return None
+    try:
+        window = json.loads(estimate.attrs.get("settings", "{}")).get("window_frames")
+    except (TypeError, ValueError, AttributeError):
+        window = None
+    frames = listed.shape[1]
+    size = min(frames, max(2, window)) if isinstance(window, int) else frames
+    first = (frames - size) // 2
+    return np.arange(listed.size).reshape(listed.shape)[:, first : first + size]
 
 
 def _chebyshev(low: float, high: float, count: int) -> Floats:

@@ -83,11 +83,13 @@ class CommonField:
     ``modes``: Displacements at the nodes in mm, each by one standard deviation, shape (m, 3, z, y, x).
     ``nodes``: X / Z, Y / Z and Z of the nodes.
     ``pixels``: Columns and rows of the nodes.
+    ``rates``: Rates of the displacements in mm per frame, of the same modes, shape (m, 3, z, y, x); None if they are 0.
     """
 
     modes: Floats
     nodes: tuple[Floats, Floats, Floats]
     pixels: tuple[Floats, Floats]
+    rates: Floats | None = None
 
     @classmethod
     def from_estimate(cls, estimate: xr.Dataset) -> CommonField | None:
@@ -98,12 +100,18 @@ class CommonField:
         x, y, z = (estimate[f"node_{axis}"].values for axis in "xyz")
         c_x, c_y = given.principal_point_px
         nodes = (x - c_x) / given.focal_length_px, (y - c_y) / given.focal_length_px, z
-        return cls(estimate["calibration_modes"].values, nodes, (x, y))
+        rates = estimate["calibration_rates"].values if "calibration_rates" in estimate else None
+        return cls(estimate["calibration_modes"].values, nodes, (x, y), rates)
 
-    def to_variable(self) -> xr.Variable:
-        """Return the modes as a variable of an estimate."""
-        attrs = describe_variable("estimate", "calibration_modes")
-        return xr.Variable(("mode", "component", "node_z", "node_y", "node_x"), self.modes, attrs)
+    def to_variables(self) -> dict[str, xr.Variable]:
+        """Return the modes, and their rates, as variables of an estimate."""
+        dims = ("mode", "component", "node_z", "node_y", "node_x")
+        parts = {"calibration_modes": self.modes, "calibration_rates": self.rates}
+        return {
+            name: xr.Variable(dims, values, describe_variable("estimate", name))
+            for name, values in parts.items()
+            if values is not None
+        }
 
     def coordinates(self) -> Mapping[str, xr.Variable]:
         """Return the coordinates of the nodes."""
@@ -119,6 +127,11 @@ class CommonField:
         inverse = [np.linalg.inv(_legendre(_scaled(nodes, nodes), len(nodes))) for nodes in self.nodes]
         found = np.einsum("mczyx,ix,jy,kz->kjimc", self.modes, *inverse, optimize=True)
         return np.asarray(found.reshape(int(np.prod(found.shape[:3])), *found.shape[3:]))
+
+    @cached_property
+    def _drift(self) -> CommonField | None:
+        """Field of the rates."""
+        return None if self.rates is None else CommonField(self.rates, self.nodes, self.pixels)
 
     def displacements(self, points: MeasuredPoints) -> Floats:
         """Return the displacements of points by every mode, shape (m, 3, n)."""
@@ -150,7 +163,8 @@ class CommonField:
         gradients = self.gradients(points)
         if name == "velocity":
             assert points.velocity is not None  # asked by the callers
-            return np.asarray(np.einsum("mckn,kn->mcn", gradients, points.velocity))
+            found = np.einsum("mckn,kn->mcn", gradients, points.velocity)
+            return np.asarray(found if self._drift is None else found + self._drift.displacements(points))
         assert points.normal is not None  # asked by the callers
         normal, turned = points.normal
         if name == "slope":
@@ -160,6 +174,8 @@ class CommonField:
             return np.asarray(-(change[:, :2] + slope * change[:, 2:]) / normal[2])
         # An area with the normal n changes by tr E - n E n; the rate of this is the change of the growth rate.
         later = self.gradients(points.moved()) - gradients
+        if self._drift is not None:
+            later += self._drift.gradients(points)
         area = np.einsum("mkkn->mn", later) - np.einsum("cn,mckn,kn->mn", normal, later, normal)
         area -= np.einsum("cn,mckn,kn->mn", turned, gradients, normal)
         area -= np.einsum("cn,mckn,kn->mn", normal, gradients, turned)
