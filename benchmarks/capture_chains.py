@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 import yaml
 from benchmarks.capture_rectification import make_scene, true_maps
 from numpy.typing import NDArray
@@ -28,6 +29,10 @@ from scenetruth.capture import (
     region_mean,
     simulate_capture,
 )
+from scenetruth.schema import read_intrinsics
+from scenetruth.scoring.common_statistics import CommonErrors, remove_common_errors
+from scenetruth.scoring.error_pairs import percent_per_hour
+from scenetruth.scoring.statistics import ErrorSamples
 
 __all__ = ["main"]
 
@@ -107,19 +112,18 @@ def run_chain(name: str, seed: int, scratch: Path) -> dict[str, Any]:
         if quantity not in estimate:
             continue
         number = None if component is None else "XYZ".index(component)
-        each = (now[f"{quantity}{ending}"].values for ending in ("", "_std", "_std_common"))
-        value, std, common = (np.asarray(values if number is None else values[number]) for values in each)
+        each = (now[f"{quantity}{ending}"].values for ending in ("", "_std"))
+        value, std = (np.asarray(values if number is None else values[number]) for values in each)
         truth = true[quantity] if number is None else true[quantity][number]
         among = usable & np.isfinite(value) & np.isfinite(std) & np.isfinite(truth)
         if among.sum() < 500:
             continue
-        error, pixel = value - truth, np.sqrt(std**2 - common**2)
+        error = value - truth
         middle = np.median(np.nonzero(among)[1])
         left = among & (np.arange(among.shape[1]) < middle)
         mean = region_mean(estimate, quantity, among, component=component)
         apart = region_mean(estimate, quantity, left, minus=among & ~left, component=component)
-        weights = 1 / pixel[among] ** 2
-        rest = error[among] - (weights @ error[among]) / weights.sum()
+        rest = _without_common_errors(estimate.sel(t=[0]), quantity, number, (error, truth, std), among[None])
         found[quantity] = {
             "pixels": int(among.sum()),
             "error": float(error[among].mean()),
@@ -128,10 +132,26 @@ def run_chain(name: str, seed: int, scratch: Path) -> dict[str, Any]:
             "z": float(error[among].mean() / mean.std),
             "z_difference": float((error[left].mean() - error[among & ~left].mean()) / apart.std),
             "within": float(np.mean(np.abs(error[among]) < _BARS * std[among])),
-            "within_apart": float(np.mean(np.abs(rest) < _BARS * pixel[among])),
-            "rms_z_apart": float(np.sqrt(np.mean((rest / pixel[among]) ** 2))),
+            "within_apart": float(np.mean(np.abs(rest) < _BARS)),
+            "rms_z_apart": float(np.sqrt(np.mean(rest**2))),
         }
     return found
+
+
+def _without_common_errors(
+    estimate: xr.Dataset,
+    quantity: str,
+    number: int | None,
+    maps: tuple[Floats, Floats, Floats],
+    among: NDArray[np.bool_],
+) -> Floats:
+    """Return errors less the common ones, over the standard deviations of the pixels, at a lattice of pixels."""
+    scale = percent_per_hour(read_intrinsics(estimate)) if quantity == "growth_rate" else 1.0
+    error, truth, std = (scale * each[among[0]] for each in maps)
+    name = quantity if number is None else f"{quantity}_{'xyz'[number]}"
+    samples = CommonErrors(estimate).samples(name, ErrorSamples(among, among, error, truth, std))
+    assert samples is not None  # all quantities have errors by the calibration
+    return remove_common_errors(samples)
 
 
 def summarise(results: list[dict[str, Any]]) -> None:

@@ -211,6 +211,17 @@ def test_images_of_a_grid_are_files_of_their_own(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stored, recording["image"].sel(s_y=1, s=-1, t=0))
 
 
+def test_invalid_pixels_are_black_in_pictures(tmp_path: Path) -> None:
+    images = np.full((2, 1, 3, 4), 0.5, dtype=np.float32)
+    images[0, 0, :, 0] = np.nan
+    recording = st.make_recording(images, focal_length_px=100, baseline_mm=5, full_scale=1)
+    for form, expected in (("png", 0), ("tiff", np.nan)):
+        write_images(recording, tmp_path / form, form)  # type: ignore[arg-type]
+        stored = imageio.imread(tmp_path / form / f"s+0_t+0.{form}")
+        np.testing.assert_array_equal(stored[:, 0], expected)
+        assert np.unique(stored[:, 1:]).size == 1
+
+
 def test_rows_do_not_share_noise() -> None:
     sensor = {"bit_depth": None, "noise_std": 0.1}
     noisy, _ = st.simulate(plaid({"rows": 3, "row_spacing_mm": 3}, sensor=sensor), save_radiance=True)

@@ -103,10 +103,10 @@ def _settings(job: Job) -> dict[str, Any]:
 def _by_opencv(pair: Pair, settings: FlowSettings) -> dict[str, Map]:
     """Return flow to the next frame, and disparity as the flow to the other camera, started with the whole shift."""
     images = eight_bit_images(pair.recording)
-    first = images(0, 0)
-    maps = {"flow": flow_between(first, images(0, 1), settings)}
+    first = images(0, 0)[0]
+    maps = {"flow": flow_between(first, images(0, 1)[0], settings)}
     if pair.recording.sizes["s"] > 1:
-        other = images(1, 0)
+        other = images(1, 0)[0]
         region = np.load(pair.region)
         start, _ = whole_shift(first.astype(float), other.astype(float), region, (first.shape[1] // 2, 2))
         moved = np.ascontiguousarray(np.roll(other, -start, axis=1))

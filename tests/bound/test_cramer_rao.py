@@ -300,6 +300,10 @@ def test_all_that_is_wrong_is_listed() -> None:
         cramer_rao_bound(truth, recording)
     with pytest.raises(RecordingError, match=r"must have the pixels of the truth"):
         cramer_rao_bound(truth, recording.isel(x=slice(3, None)), noise_std=1.0)
+    rectified = recording.copy(deep=True)
+    rectified["image"].values[0, 0, :, :2] = np.nan
+    with pytest.raises(RecordingError, match=rf"image: contains {2 * plane.size[0]} values that are not finite"):
+        cramer_rao_bound(truth, rectified, noise_std=1.0)
 
 
 def test_a_scene_has_a_bound_on_its_surfaces() -> None:

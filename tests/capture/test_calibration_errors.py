@@ -18,7 +18,9 @@ from scenetruth.capture.calibration import RigGeometry, triangulate
 from scenetruth.errors import ArgumentError
 from scenetruth.schema import describe_variable
 from scenetruth.storage import load_store, save_store
+from tests.helpers.nightly import nightly
 from tests.helpers.skewed_rigs import CAMERA, skewed_rig
+from tests.helpers.strip_velocity import velocity_errors
 
 Array = NDArray[np.float64]
 DEPTH_MM = 400.0
@@ -210,3 +212,13 @@ def test_other_calibrations_are_rejected() -> None:
             add_calibration_errors(estimate.assign_attrs(attrs), rig)
     with pytest.raises(ArgumentError, match="must have depth and depth_std"):
         add_calibration_errors(estimate.drop_vars(["depth", "depth_std"]), rig)
+
+
+@nightly
+def test_velocity_of_drawn_rigs_with_a_strip() -> None:
+    """Calibrations from noisy corners; points are seen at visits whose poses a strip has shown."""
+    draws = [velocity_errors(seed) for seed in range(100)]
+    for name in draws[0]:
+        error, std = np.array([draw[name] for draw in draws]).T
+        z = error / std
+        assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=5 / np.sqrt(2 * len(z))), name

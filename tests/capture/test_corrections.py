@@ -137,6 +137,24 @@ def test_undistorted_images_are_those_of_a_pinhole(fields: dict[str, float], ord
     assert error < (5e-4 if order == 3 else 5e-5)
 
 
+@pytest.mark.parametrize("order", [1, 2, 3, 5])
+def test_share_of_the_noise_is_that_of_undistorted_noise(order: int) -> None:
+    noise = np.random.default_rng(order).normal(0.5, 0.01, (10, 20, 36, 48)).astype(np.float32)
+    recording = scenetruth.make_recording(noise, 400, 5, distortion=[-10.0, 0, 0, 0], full_scale=1.0)
+    found = scenetruth.undistort_images(recording, order=order)
+    assert found["noise_share"].dims == ("y", "x")
+    inside = (slice(8, -8), slice(8, -8))
+    share = found["noise_share"].values[inside]
+    measured = found["image"].values.var(axis=(0, 1))[inside] / 1e-4
+    # 200 images: 10 % for each of 640 pixels.
+    assert np.sqrt(np.mean((measured / share - 1) ** 2)) == pytest.approx(np.sqrt(2 / 200), rel=0.15)
+    assert share.mean() < (0.9 if order == 1 else 0.985)
+    again = scenetruth.undistort_images(found, [5.0, 0, 0, 0], order=order)
+    assert (again["noise_share"].values[inside] < share).mean() > 0.95
+    colours = scenetruth.make_recording(np.zeros((2, 1, 8, 9, 3)), 400, 5, distortion=[-0.3, 0, 0, 0], full_scale=1.0)
+    assert scenetruth.undistort_images(colours)["noise_share"].shape == (8, 9)
+
+
 def test_coefficients_of_the_recording_and_given_are_the_same_and_disappear() -> None:
     lens = Distortion(**LENSES[0])
     _, image = distorted_image(lens)

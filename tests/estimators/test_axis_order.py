@@ -96,6 +96,12 @@ def test_images_that_tell_nothing_give_no_cause(given: np.ndarray[Any, Any]) -> 
     assert describe_likely_causes(recording(given, full_scale=1.0)) == ""
 
 
+def test_invalid_borders_do_not_hide_the_order_of_the_axes() -> None:
+    swapped = RIGHT.transpose(1, 0, 2, 3).astype(np.float32)
+    swapped[0, :, :, :4] = swapped[1:, :, -3:] = np.nan
+    assert "the axes s and t are swapped" in describe_likely_causes(recording(swapped))
+
+
 def test_pixels_that_the_user_excludes_do_not_count() -> None:
     mask = np.ones((70, 100), dtype=bool)
     mask[:10, :10] = False  # 100 pixels

@@ -218,6 +218,16 @@ def test_estimate_of_the_truth_has_the_bias_of_the_window_only() -> None:
     assert result["growth_rate"]["density"] == 1.0
 
 
+def test_bands_of_rows_are_the_whole_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = np.random.default_rng(1)
+    depth = sphere(60.0)[0] + generator.normal(0, 0.01, SHAPE)
+    velocity = generator.normal(0, 1e-3, (3, *SHAPE))
+    whole = growth(depth, velocity, 2.0)
+    monkeypatch.setattr("scenetruth.scoring.growth_rate._BAND_PIXELS", 1)
+    np.testing.assert_array_equal(growth(depth, velocity, 2.0), whole)
+    assert np.isfinite(whole).sum() > 1000
+
+
 def test_growth_is_scored_in_percent_per_hour() -> None:
     case = make_growing_case()
     factor = 100 * 3600 / 60

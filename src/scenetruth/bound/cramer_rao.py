@@ -97,6 +97,10 @@ def data_problems(truth: xr.Dataset, recording: xr.Dataset, brightness: Brightne
         problems.append(Problem("recording", "must have the pixels of the truth: select the same pixels of both"))
     elif compute_pixel_grid(recording).step_px != 1.0:
         problems.append(Problem("recording.x", "must be consecutive pixels: gradients are computed from the images"))
+    invalid = int((~np.isfinite(recording["image"])).sum()) if recording["image"].dtype.kind == "f" else 0
+    if invalid:
+        message = f"contains {invalid} values that are not finite, from which no gradient follows"
+        problems.append(Problem("recording.image", f"{message}: select rows and columns without them, of both"))
     if "distortion" in recording.attrs:
         problems.append(Problem("recording", "has lens distortion; the bound is defined for a pinhole camera"))
     if brightness == "per_image" and recording.sizes.get("channel", 1) > 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
 
@@ -15,15 +15,27 @@ from scipy.ndimage import binary_dilation, gaussian_filter, map_coordinates
 
 from scenetruth.camera import Camera, Distortion, two_point_correction
 from scenetruth.errors import ArgumentError, Problem, RecordingError
-from scenetruth.schema import IncrementalDataset, blank_map, check_dataset, digest, read_intrinsics
+from scenetruth.schema import (
+    IncrementalDataset,
+    blank_map,
+    check_dataset,
+    describe_variable,
+    digest,
+    read_intrinsics,
+)
 
-__all__ = ["FixedPatternCorrection", "correct_images", "resample_image", "touched_pixels", "undistort_images"]
+__all__ = [
+    "FixedPatternCorrection", "correct_images", "noise_share", "resample_image", "spline_share", "touched_pixels",
+    "undistort_images",
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _REACH_PX = 3  # half width of a quintic B-spline
 _FILL_SIGMA_PX = 1.5
+_PLACES = 4096  # subpixel positions at which the sum of the squared weights is tabulated
+_TAPS = 16  # pixels on either side with a weight; those beyond are below 1e-6
 _DARK_SHARE = 0.01  # largest share of pixels whose flat field is not brighter than the dark frame
 _COEFFICIENTS = (4, 5, 8)
 
@@ -222,6 +234,7 @@ def undistort_images(recording: xr.Dataset, distortion: Sequence[float] | None =
     xarray.Dataset
         The recording with images in float32, without ``distortion``. Pixels whose ray meets no pixel of the distorted
         image, or one that is saturated, excluded or not finite, are NaN. An exclusion mask is resampled likewise.
+        ``noise_share`` states by how much the resampling reduces the variance of the noise.
 
     Raises
     ------
@@ -235,9 +248,9 @@ def undistort_images(recording: xr.Dataset, distortion: Sequence[float] | None =
 
     Notes
     -----
-    Splines reduce the noise of the images by some per cent, and correlate it between neighbours: standard deviations
-    that a method states are too small by about 7 % for quintic splines. Method ``refined`` models the distortion
-    (`scenetruth.make_recording` with ``distortion``) and needs no resampling.
+    Splines reduce the noise of the images, and correlate it between neighbours. Standard deviations of ``refined``
+    take account of it by ``noise_share``; those of other methods are too small by about 7 % for quintic splines. Method
+    ``refined`` also models the distortion (`scenetruth.make_recording` with ``distortion``) without any resampling.
 
     Examples
     --------
@@ -281,6 +294,11 @@ def undistort_images(recording: xr.Dataset, distortion: Sequence[float] | None =
         )
 
     done = _each_image(recording, resample, {})
+    share = xr.DataArray(noise_share(where, order), dims=("y", "x"))
+    if "noise_share" in recording:
+        # The images were resampled before.
+        share = (recording["noise_share"] * share).astype(np.float32)
+    done["noise_share"] = (share.dims, share.values, describe_variable("recording", "noise_share"))
     if "recording_hash" in recording.attrs:
         # The ground truth of a simulated recording is that of the distorted camera.
         done.attrs["recording_hash"] = digest([recording.attrs["recording_hash"], "undistorted", *lens.coefficients])
@@ -320,6 +338,31 @@ def _lens(recording: xr.Dataset, given: Any) -> tuple[Distortion | None, list[Pr
     # Copied without validation, which would raise the same problem.
     problem = camera.model_copy(update={"distortion": lens}).folding_problem(0)
     return (None, [Problem("distortion", problem)]) if problem else (lens, [])
+
+
+def noise_share(where: Floats, order: int) -> NDArray[np.float32]:
+    """Return the variance of white noise after a resampling relative to that before, shape (y, x); 1 outside.
+
+    ``where``: Rows and columns of the recorded image, shape (2, y, x).
+    """
+    rows, columns = (spline_share(each, order) for each in where)
+    share = rows * columns
+    return np.asarray(np.where(np.isfinite(share), share, 1.0), dtype=np.float32)
+
+
+def spline_share(positions: Floats, order: int) -> Floats:
+    """Return the sum of the squared weights of the pixels in an interpolating spline, in one dimension."""
+    places = np.mod(positions, 1.0) * _PLACES
+    return np.asarray(np.interp(places, np.arange(_PLACES + 1), _share_table(order)))
+
+
+@lru_cache(maxsize=5)
+def _share_table(order: int) -> Floats:
+    impulse = np.zeros(4 * _TAPS + 1)
+    impulse[2 * _TAPS] = 1.0
+    fine = np.arange(_PLACES + 1) / _PLACES
+    at = 2 * _TAPS + fine + np.arange(-_TAPS, _TAPS)[:, None]
+    return np.asarray((map_coordinates(impulse, at[None], order=order, mode="mirror") ** 2).sum(axis=0))
 
 
 def resample_image(values: NDArray[Any], bad: Mask, where: Floats, order: int) -> NDArray[np.float32]:

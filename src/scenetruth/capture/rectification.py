@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Viewpoint
 from scenetruth.capture.calibration import RigCalibration
 from scenetruth.capture.capture_file import Capture
-from scenetruth.capture.corrections import resample_image, touched_pixels
+from scenetruth.capture.corrections import noise_share, resample_image, touched_pixels
 from scenetruth.capture.image_reading import PixelFormat
 from scenetruth.errors import Problem
 
@@ -26,7 +26,6 @@ __all__ = [
     "ideal_principal_point",
     "ideal_rotation",
     "load_calibration",
-    "quintic_share",
     "recorded_geometry",
     "recorded_pixels",
     "step_factor",
@@ -38,8 +37,6 @@ Geometry = Literal["rectified", "recorded"]
 """Images of a recording: resampled to an ideal rig, or as recorded."""
 
 _ORDER = 5
-_PLACES = 4096  # subpixel positions at which the sum of the squared weights is tabulated
-_TAPS = 16  # pixels on either side with a weight; those beyond are below 1e-6
 _MOST_POSITION = 1e-3  # largest difference of a position from that of the calibration, in steps
 _MOST_TALLER_PX = 0.02  # largest effect of pixels that are not square for images as recorded
 _LEAST_PEAK = 0.25  # smallest correlation of two images from which a distance is taken
@@ -125,9 +122,7 @@ class Rectification:
 
     def noise_share(self, position: int, frame: int) -> NDArray[np.float32]:
         """Return the variance of white noise after the resampling relative to that before, shape (y, x)."""
-        rows, columns = self._places(position, frame)
-        share = quintic_share(rows) * quintic_share(columns)
-        return np.asarray(np.where(np.isfinite(share), share, 1.0), dtype=np.float32)
+        return noise_share(self._places(position, frame), _ORDER)
 
     def _places(self, position: int, frame: int) -> Floats:
         visit = None if self.visits is None else self.visits[position, frame]
@@ -186,22 +181,6 @@ def ideal_principal_point(calibration: RigCalibration) -> tuple[float, float]:
     moved = middle[0] - (camera.focal_px * ray[:2] / ray[2] + np.array(camera.principal_point))
     x, y = np.array(camera.principal_point) + np.rint(moved)
     return float(x), float(y)
-
-
-def quintic_share(positions: Floats) -> Floats:
-    """Return the sum of the squared weights of the pixels in a quintic spline, in one dimension."""
-    places = np.mod(positions, 1.0) * _PLACES
-    return np.asarray(np.interp(places, np.arange(_PLACES + 1), _share_table()))
-
-
-@lru_cache(maxsize=1)
-def _share_table() -> Floats:
-    from scipy.interpolate import make_interp_spline
-
-    at = np.arange(-2.0 * _TAPS, 2.0 * _TAPS + 1)
-    cardinal = make_interp_spline(at, (at == 0).astype(np.float64), k=_ORDER)
-    fine = np.arange(_PLACES + 1) / _PLACES
-    return np.asarray(sum(cardinal(fine + k) ** 2 for k in range(-_TAPS, _TAPS)))
 
 
 def load_calibration(calibration: RigCalibration | str | Path) -> RigCalibration:

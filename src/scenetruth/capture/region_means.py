@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from scenetruth.capture.calibration_errors import QUANTITIES, CommonField, MeasuredPoints, has_common_part
 from scenetruth.errors import ArgumentError, Problem
+from scenetruth.scoring.common_errors import COMMON_QUANTITIES, CommonField, MeasuredPoints, has_common_part
 
 __all__ = ["RegionMean", "region_mean"]
 
@@ -134,8 +134,8 @@ def region_mean(
     """
     problems: list[Problem] = []
     lacking = [name for name in (quantity, f"{quantity}_std") if name not in estimate]
-    if quantity not in QUANTITIES:
-        problems.append(Problem("quantity", f"must be one of {', '.join(QUANTITIES)}", quantity))
+    if quantity not in COMMON_QUANTITIES:
+        problems.append(Problem("quantity", f"must be one of {', '.join(COMMON_QUANTITIES)}", quantity))
     elif lacking:
         problems.append(Problem("estimate", f"must have {' and '.join(lacking)}", sorted(map(str, estimate.data_vars))))
     frames = estimate["t"].values.tolist()

@@ -360,7 +360,23 @@ def print_score(scored: Score, method: str = "", region: str = "interior") -> No
         cells = [scored.regions[region][quantity].get(name) for name in headings]
         table.add_row(quantity, get_units(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
     make_console().print(table)
+    _print_common(scored, region)
     _print_regions(scored)
+
+
+def _print_common(scored: Score, region: str) -> None:
+    """Print the statistics of errors that pixels have in common, for quantities with a stated common part."""
+    from scenetruth.scoring import COMMON_STATISTICS
+    from scenetruth.scoring.score_result import select_summary_quantities
+
+    for quantity in select_summary_quantities(scored.regions, grows=scored.grows):
+        values = [scored.regions[region][quantity].get(name) for name in COMMON_STATISTICS]
+        if any(value is not None for value in values):
+            of_mean, of_rest = ("–" if value is None else f"{value:.3g}" for value in values)
+            make_console().print(
+                f"{quantity}: bias {of_mean} times the stated standard deviation of the mean; without the common part, "
+                f"RMS of z {of_rest}"
+            )
 
 
 _MAIN = (

@@ -118,14 +118,18 @@ def measure_shift(one: NDArray[np.float64], two: NDArray[np.float64]) -> Shift |
     >>> measure_shift(image[5:55, 5:75], image[3:53, 9:79])
     (2.0, -4.0)
     """
-    if min(one.shape) < 8 or not (np.isfinite(one).all() and np.isfinite(two).all()):
+    if min(one.shape) < 8:
         return None
     window = np.hanning(one.shape[0])[:, None] * np.hanning(one.shape[1])
     spectra, energy = [], 1.0
     for values in (one, two):
         rows, columns = np.gradient(values)
-        gradient = columns + 1j * rows
-        gradient = (gradient - gradient.mean()) * window
+        gradient = np.asarray(columns + 1j * rows)
+        # Invalid pixels (NaN) have no gradient.
+        valid = np.isfinite(gradient)
+        if not valid.any():
+            return None
+        gradient = np.where(valid, gradient - gradient[valid].mean(), 0.0) * window
         energy *= float(np.sum(np.abs(gradient) ** 2))
         spectra.append(np.fft.fft2(gradient))
     if not energy > 0:

@@ -87,12 +87,14 @@ class _Least:
 
 Map = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
-GreyImages = Callable[[int, int], Bytes]
-"""Return the image of a camera s in a frame, counted from 0: uint8 of shape (y, x)."""
+Mask = NDArray[np.bool_]
+GreyImages = Callable[[int, int], tuple[Bytes, Mask | None]]
+"""Return the image of a camera s in a frame, counted from 0: uint8 of shape (y, x), and its invalid pixels, if any."""
 
 # Images in the cache: two cameras and two frames.
 _HELD = 4
 _SIXTEENTHS = 16
+_PATCH_PX = 8  # side length of the patches of dense inverse search
 _LEAST_WIDTH = 160  # smallest number of columns that suffices to determine the disparity range
 
 
@@ -146,7 +148,10 @@ def cv2_problems() -> list[Problem]:
 
 
 def eight_bit_images(recording: xr.Dataset) -> GreyImages:
-    """Return a reader of 8-bit grey images; other types are scaled from the 0.1th to the 99.9th percentile of all."""
+    """Return a reader of 8-bit grey images; other types are scaled from the 0.1th to the 99.9th percentile of all.
+
+    Invalid pixels (NaN) have the grey value of the nearest valid pixel; `disparities` and `flows` omit them.
+    """
     image = recording["image"].variable
     # A grid of one row is a single row.
     image = image.isel(s_y=0) if "s_y" in image.dims else image
@@ -163,15 +168,47 @@ def eight_bit_images(recording: xr.Dataset) -> GreyImages:
         low, high = outer_percentiles(sampled, 0.1, prod(image.shape[:-2]) * rows * columns)
 
     @lru_cache(maxsize=_HELD)
-    def grey(s: int, frame: int) -> Bytes:
+    def grey(s: int, frame: int) -> tuple[Bytes, Mask | None]:
         values = recorded(positions.index(s), frame)
         values = values[..., 0] if "channel" in image.dims else values
+        invalid = None
         if values.dtype != np.uint8:
             scaled = (values.astype(np.float64) - low) * (255 / max(high - low, 1e-12))
+            missing = np.isnan(scaled)
+            if missing.any():
+                scaled, invalid = _filled(scaled, missing), missing
             values = np.rint(np.clip(np.nan_to_num(scaled), 0, 255)).astype(np.uint8)
-        return np.ascontiguousarray(values)
+        return np.ascontiguousarray(values), invalid
 
     return grey
+
+
+def _filled(values: Map, invalid: Mask) -> Map:
+    """Return values, those of invalid pixels replaced by the nearest valid value; 0 if there is none."""
+    from scipy.ndimage import distance_transform_edt
+
+    if invalid.all():
+        return np.zeros_like(values)
+    return np.asarray(values[tuple(distance_transform_edt(invalid, return_distances=False, return_indices=True))])
+
+
+def _without_support(here: Mask | None, there: Mask | None, shift: Map, reach_px: int) -> Mask:
+    """Return the pixels whose window, or that of their point in the other image, contains an invalid pixel.
+
+    ``here``, ``there``: Invalid pixels of the two images, shape (y, x); None without any.
+    ``shift``: Displacement of the points, down and right, in px, shape (2, y, x).
+    """
+    from scipy.ndimage import maximum_filter
+
+    def around(invalid: Mask) -> Mask:
+        return np.asarray(maximum_filter(invalid.view(np.uint8), 2 * reach_px + 1, mode="constant") > 0)
+
+    found = np.zeros(shift.shape[1:], dtype=np.bool_) if here is None else around(here)
+    if there is not None:
+        at = np.rint(np.indices(there.shape) + np.nan_to_num(shift, nan=0.0)).astype(np.int64)
+        rows, columns = (np.clip(each, 0, size - 1) for each, size in zip(at, there.shape, strict=True))
+        found |= around(there)[rows, columns]
+    return found
 
 
 def camera_problems(recording: xr.Dataset, settings: StereoSettings) -> list[Problem]:
@@ -194,10 +231,15 @@ def disparities(
     per_step = apart_mm / float(recording.attrs["baseline_mm"])
     scale = float(np.sign(apart_mm) * compute_pixel_grid(recording).step_px / per_step)
 
+    reach_px = _block_px(settings) // 2
+
     def found(frame: int) -> Map:
         # The matcher returns the shift to the left, for a camera to the right.
-        pair = images(0, frame), images(other, frame)
-        return disparity_between(*pair, settings, to_the_right=apart_mm > 0) * scale
+        (one, here), (two, there) = images(0, frame), images(other, frame)
+        shift = disparity_between(one, two, settings, to_the_right=apart_mm > 0)
+        moved = np.stack([np.zeros_like(shift), -np.sign(apart_mm) * shift])
+        shift[_without_support(here, there, moved, reach_px)] = np.nan
+        return shift * scale
 
     return _frame_by_frame("stereo", found, recording.sizes["t"], progress)
 
@@ -208,8 +250,13 @@ def flows(
     """Yield the flow of the reference camera between consecutive frames, px per frame, each of shape (2, y, x)."""
     step_px = compute_pixel_grid(recording).step_px
 
+    reach_px = settings.flow_window_px // 2 if settings.flow == "farneback" else _PATCH_PX // 2
+
     def found(frame: int) -> Map:
-        return step_px * flow_between(images(0, frame), images(0, frame + 1), settings)
+        (one, here), (two, there) = images(0, frame), images(0, frame + 1)
+        flow = flow_between(one, two, settings)
+        flow[:, _without_support(here, there, flow[::-1], reach_px)] = np.nan
+        return step_px * flow
 
     return _frame_by_frame("flow", found, recording.sizes["t"] - 1, progress)
 
@@ -222,6 +269,11 @@ def _frame_by_frame(what: str, found: Callable[[int], Map], count: int, progress
         values = found(frame)
         tell(what, frame + 1, count)
         yield values
+
+
+def _block_px(settings: StereoSettings) -> int:
+    """Return the side length of the blocks."""
+    return settings.stereo_block_px or (7 if settings.stereo == "sgbm" else 21)
 
 
 def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, *, to_the_right: bool) -> Map:
@@ -243,11 +295,11 @@ def disparity_between(reference: Bytes, other: Bytes, settings: StereoSettings, 
     padded = [cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (reference, other)]
     matcher: Any
     if settings.stereo == "sgbm":
-        block = settings.stereo_block_px or 7
+        block = _block_px(settings)
         penalties = {"P1": 8 * block**2, "P2": 32 * block**2}
         matcher = cv2.StereoSGBM.create(least, span, block, **penalties, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)
     else:
-        matcher = cv2.StereoBM.create(span, settings.stereo_block_px or 21)
+        matcher = cv2.StereoBM.create(span, _block_px(settings))
         matcher.setMinDisparity(least)
     found = np.asarray(matcher.compute(*padded)[:, pad:], dtype=np.float64) / _SIXTEENTHS
     # Pixels whose match would lie outside the other image have been matched with the padding.

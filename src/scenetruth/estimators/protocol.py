@@ -402,21 +402,47 @@ class FrameReader:
         return self.frames(first, last)
 
     def missing(self) -> int:
-        """Return the number of values that are not finite in the type of the images returned."""
+        """Return the number of values that are not finite in the type of the images returned; they are read as NaN."""
+        return int(self._missing_by_image().sum())
+
+    def _missing_by_image(self) -> NDArray[np.int64]:
+        """Return the number of values that are not finite, of every image, shape (s, t)."""
+        found = np.zeros(self.shape[1:3], dtype=np.int64)
         if self._image.dtype.kind != "f":
-            return 0
-        count = 0
+            return found
         for frame in range(self.shape[2]):
-            image = self._read(frame, frame + 1)
-            # The sum is fast and finite only if all values are. If it overflows, the exact count decides.
-            with np.errstate(over="ignore", invalid="ignore"):
-                if not np.isfinite(image.sum()):
-                    count += int((~np.isfinite(image)).sum())
-        return count
+            images = self._read(frame, frame + 1)[:, :, 0]
+            for camera in range(self.shape[1]):
+                if not _all_finite(images[:, camera]):
+                    found[camera, frame] = (~np.isfinite(images[:, camera])).sum()
+        return found
+
+    def empty_images(self) -> list[Problem]:
+        """Return the images without a single finite value, which methods that compare all images cannot use."""
+        empty = np.argwhere(self._missing_by_image() == self.shape[0] * self.shape[3] * self.shape[4])
+        if len(empty) == 0:
+            return []
+        camera, frame = empty[0].tolist()
+        place = {"t": frame, "s": camera % self._image.sizes["s"]}
+        if "s_y" in self._image.dims:
+            place["s_y"] = camera // self._image.sizes["s"]
+        named = ", ".join(f"{dim} = {self._image[dim].values[at]}" for dim, at in place.items())
+        message = f"has no valid pixel in {len(empty)} images (the first at {named})"
+        return [Problem("image", f"{message}: omit these frames or positions, or use method 'refined'")]
 
     def _read(self, first: int, last: int) -> NDArray[Any]:
         values = self._image.isel(t=slice(first, last)).values
         values = np.moveaxis(values, -1, 0) if "channel" in self._image.dims else values[None]
         values = values.reshape(self.shape[0], self.shape[1], last - first, *self.shape[3:])
         with np.errstate(over="ignore"):
-            return values.astype(self.dtype, copy=False)
+            values = values.astype(self.dtype, copy=False)
+        # Values that overflow, or are infinite, are invalid like NaN.
+        if self.dtype.kind == "f" and not _all_finite(values) and np.isinf(values).any():
+            values = np.where(np.isinf(values), np.float32(np.nan), values)
+        return values
+
+
+def _all_finite(values: NDArray[Any]) -> bool:
+    """Return whether the sum of all values is finite, which is fast; it may also overflow."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(values.sum()))

@@ -261,6 +261,11 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
             "mm",
             "independent errors of points due to the calibration, each by one standard deviation",
         ),
+        "calibration_rates": Variable(
+            ("mode", "component", "node_z", "node_y", "node_x"),
+            "mm/frame",
+            "rates of change of these errors, due to errors of the poses that change linearly with time",
+        ),
         "velocity_std": _std(("component", *_MAP), "mm/frame", "velocity"),
         "disparity_std": _std(_MAP, "px/step", "disparity"),
         "coherence": Variable(_MAP, "1", "spectral gap between data and null space, ((l3 - l4) / (l3 + l4))^2"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,6 +81,7 @@ Moments = tuple[Map, Map, Map]
 
 _TRUNCATE = 3.0
 """Extent of the window in standard deviations. The fit of affine fields is exact for any weights."""
+_BAND_PIXELS = 600_000  # pixels of a segment that are fitted together
 _FLAT = 1e-6
 """Minimum determinant of a window's covariance, in units of sigma^4, below which x and y are not separable."""
 
@@ -102,10 +104,22 @@ def compute_windowed_growth(
         if sizes[number] < least:
             continue
         inside = patches[box] == number
-        fields = np.where(inside, np.concatenate([points[:, *box], velocity[:, *box]]), 0.0)
-        values = _growth_of_segment(fields, inside, window)
-        growth[box][inside] = values[inside]
+        for own, needed in _row_bands(inside.shape, len(window.along_y[0]) // 2):
+            part = inside[needed]
+            rows = slice(box[0].start + needed.start, box[0].start + needed.stop)
+            fields = np.where(part, np.concatenate([points[:, rows, box[1]], velocity[:, rows, box[1]]]), 0.0)
+            values = _growth_of_segment(fields, part, window)[own.start - needed.start : own.stop - needed.start]
+            growth[box][own][inside[own]] = values[inside[own]]
     return growth
+
+
+def _row_bands(shape: tuple[int, ...], reach: int) -> Iterator[tuple[slice, slice]]:
+    """Yield the rows of bands that limit memory, and those that their windows need."""
+    height, width = shape
+    rows = max(4 * reach, _BAND_PIXELS // max(width, 1))
+    for first in range(0, height, rows):
+        last = min(first + rows, height)
+        yield slice(first, last), slice(max(first - reach, 0), min(last + reach, height))
 
 
 @dataclass(frozen=True)

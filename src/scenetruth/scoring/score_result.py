@@ -17,6 +17,7 @@ from scenetruth.input_files import regular_file_size
 from scenetruth.number_format import format_count, format_number, format_percent_value
 from scenetruth.plain_data import parse_json, plain_problems
 from scenetruth.results import QuantityValue, Result, refuse_unknown
+from scenetruth.scoring.common_statistics import COMMON_STATISTICS
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, QUANTITY_GROUPS, get_title, get_units
 from scenetruth.scoring.regions import REGIONS, is_further_region
 from scenetruth.scoring.statistics import RATES, STATISTICS
@@ -98,7 +99,7 @@ def _short(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.3g}"
 
 
-_COLUMNS = (*STATISTICS[:-1], *RATES)
+_COLUMNS = (*STATISTICS[:-1], *COMMON_STATISTICS, *RATES)
 _IN_UNITS = ("bias", "rmse", "median_abs_error", "p95_abs_error")
 """Statistics in the unit of the quantity; the others are ratios."""
 _ROUNDING = 1e9
@@ -114,7 +115,8 @@ class Score(Result):
     regions
         Mapping of region to quantity to statistic to value; None where a value is undefined. Errors are estimate minus
         truth, in the units of the quantity; ``density``, ``relative_rmse``, ``coverage_2_std`` and outlier rates are
-        fractions, and ``rms_z`` is a ratio. ``all`` and ``interior`` come first; further regions depend on the truth.
+        fractions, and ``rms_z``, ``bias_z`` and ``rms_z_pixel`` are ratios. ``all`` and
+        ``interior`` come first; further regions depend on the truth.
         All regions have the same quantities, those of the estimate.
     metadata
         Origin of the score, as plain JSON values.
@@ -272,14 +274,17 @@ class Score(Result):
         """
         import pandas as pd
 
+        # Most estimates state no common part.
+        common = {name for quantities in self.regions.values() for values in quantities.values() for name in values}
+        columns = [name for name in _COLUMNS if name in common or name not in COMMON_STATISTICS]
         rows = {
             (region, quantity): {"units": get_units(quantity)}
-            | {column: math.nan if values.get(column) is None else values[column] for column in _COLUMNS}
+            | {column: math.nan if values.get(column) is None else values[column] for column in columns}
             for region, quantities in self.regions.items()
             for quantity, values in quantities.items()
         }
         index = pd.MultiIndex.from_tuples(list(rows), names=["region", "quantity"])
-        return pd.DataFrame(list(rows.values()), index=index, columns=["units", *_COLUMNS])
+        return pd.DataFrame(list(rows.values()), index=index, columns=["units", *columns])
 
     def to_csv(self) -> str:
         """Return the table of `to_dataframe` as comma-separated values with a header; undefined values are empty."""

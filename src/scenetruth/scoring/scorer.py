@@ -23,6 +23,7 @@ from scenetruth.scoring.alignment import (
     iterate_aligned_blocks,
     select_pixels,
 )
+from scenetruth.scoring.common_statistics import CommonAccumulator, CommonErrors
 from scenetruth.scoring.error_pairs import EstimateTruthPair, EstimateTruthPairs
 from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
 from scenetruth.scoring.quantities import OUTLIERS, QUANTITIES
@@ -74,12 +75,18 @@ class StatisticsAggregator:
         self._rates, self._single = rates, single
         self._tallies: dict[str, dict[str, StatisticsAccumulator | Statistics]] = {}
         self._outliers: dict[str, OutlierAccumulator] = {}
+        self._common: dict[tuple[str, str], CommonAccumulator] = {}
 
-    def add(self, pairs: Mapping[str, EstimateTruthPair], regions: Mapping[str, Mask]) -> None:
-        """Accumulate a block with region masks of the shape (t, y, x)."""
+    def add(
+        self, pairs: Mapping[str, EstimateTruthPair], regions: Mapping[str, Mask], common: CommonErrors | None = None
+    ) -> None:
+        """Accumulate a block with region masks of the shape (t, y, x), and common errors of its estimate."""
         for quantity, pair in pairs.items():
             scored = ErrorSamples.of(pair, QUANTITIES[quantity].error)
+            samples = None if common is None else common.samples(quantity, scored)
             for name, region in regions.items():
+                if samples is not None:
+                    self._common.setdefault((name, quantity), CommonAccumulator()).add(samples.at(region))
                 own = self._tallies.setdefault(name, {})
                 tally = own.setdefault(quantity, StatisticsAccumulator(single=self._single))
                 assert isinstance(tally, StatisticsAccumulator)
@@ -101,6 +108,9 @@ class StatisticsAggregator:
             }
             for region, tallies in self._tallies.items()
         }
+        for (region, name), common in self._common.items():
+            values = found[region][name]
+            found[region][name] = values | common.statistics(values["bias"], int(values["count"] or 0))
         for region, tally in self._outliers.items():
             found[region][OUTLIERS] = tally.rates()
         return found
@@ -137,7 +147,8 @@ def score(
       abs(e), relative RMSE, density and count (see `error_statistics`);
     - ``velocity_epe``: the same statistics of the distance ‖U_estimate - U_truth‖ (see `endpoint_statistics`);
     - ``rms_z`` and ``coverage_2_std`` of the stated standard deviations (``depth_std``, ``velocity_std``,
-      ``growth_rate_std``, ...);
+      ``growth_rate_std``, ...); where a part of them is stated to be common to pixels (``depth_std_common``, ...),
+      ``bias_z`` and ``rms_z_pixel`` of the mean and of the rest (see `COMMON_STATISTICS`);
     - ``outliers``: the outlier rates, where they are meaningful (see `outlier_rates` and `meaningful_rates`);
     - slopes, the angle between the normals, mean and Gaussian curvature, the rotation rate, and the principal growth
       rates and their direction, if both data sets have them (see `QUANTITIES`);
@@ -250,7 +261,7 @@ def score(
         )
         growth = compute_growth_pairs(found, exact, chosen) if grows else None
         pairs = EstimateTruthPairs(found, exact, growth, include_fallback=chosen.include_fallback)
-        gathering.add(pairs, masks)
+        gathering.add(pairs, masks, CommonErrors(found))
     own = {
         "frames": estimate["t"].values.tolist(),
         "image_size_px": [estimate.sizes["x"], estimate.sizes["y"]],

@@ -176,6 +176,8 @@ STATISTIC_TITLES: Mapping[str, str] = {
     "rms_z": "RMS of the normalised error",
     "coverage": "coverage",
     "coverage_2_std": "coverage at 2 standard deviations",
+    "bias_z": "bias over its standard deviation",
+    "rms_z_pixel": "RMS of the normalised error without the common part",
     "density": "density",
     "count": "scored pixels",
     "inlier_rate": "inlier rate",

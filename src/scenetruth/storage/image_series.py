@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 __all__ = ["is_image_name", "write_images"]
 
@@ -21,7 +22,10 @@ def is_image_name(name: str) -> bool:
 
 
 def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png", "tiff"]) -> None:
-    """Write each image of a recording to ``s+0_t+0.png``, or to ``r+0_s+0_t+0.png`` in row ``s_y`` = 0 of a grid."""
+    """Write each image of a recording to ``s+0_t+0.png``, or to ``r+0_s+0_t+0.png`` in row ``s_y`` = 0 of a grid.
+
+    Invalid pixels are 0 in PNG files, and NaN in TIFF files.
+    """
     import imageio.v3 as imageio
 
     folder = Path(folder)
@@ -32,6 +36,9 @@ def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png",
     for index in product(*(recording[dim].values for dim in leading)):
         at = dict(zip(leading, index, strict=True))
         image = images.sel(at).values.astype(np.float64) / full_scale
-        values = np.rint(np.clip(image, 0, 1) * 65535).astype(np.uint16) if form == "png" else image.astype(np.float32)
+        if form == "png":
+            values: NDArray[Any] = np.rint(np.clip(np.nan_to_num(image), 0, 1) * 65535).astype(np.uint16)
+        else:
+            values = image.astype(np.float32)
         name = "_".join(f"{'r' if dim == 's_y' else dim}{number:+d}" for dim, number in at.items())
         imageio.imwrite(folder / f"{name}.{form}", values)

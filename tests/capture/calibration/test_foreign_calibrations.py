@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from scenetruth.camera import Camera, Distortion
 from scenetruth.capture.calibration import (
     CalibrationError,
     RigCalibration,
+    RigGeometry,
     export_calibration,
     import_calibration,
     import_camera,
@@ -44,6 +47,34 @@ def test_round_trips(calibration: RigCalibration, tmp_path: Path, target: str, n
     close(import_camera(file), CAMERA)
     with pytest.raises(OutputExistsError):
         export_calibration(calibration, file, target=target)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("aspect", [2e-4, 0.02, -0.03])
+@pytest.mark.parametrize("target", ["opencv", "colmap", "matchid"])
+def test_pixels_that_are_not_square_go_round(
+    calibration: RigCalibration, tmp_path: Path, target: str, aspect: float
+) -> None:
+    names = {"opencv": "camera.yml", "colmap": "cameras.txt", "matchid": "rig.caldat"}
+    values = calibration.values.copy()
+    values[calibration.names.index("aspect")] = aspect
+    taller = replace(calibration, values=values)
+    file = export_calibration(taller, tmp_path / names[target], target=target)  # type: ignore[arg-type]
+    with pytest.warns(EstimateWarning, match=ORIGIN) if target == "matchid" else contextlib.nullcontext():
+        found = import_calibration(file, X_MM, size=(640, 480))
+    close(found.camera, CAMERA)
+    assert found.value("aspect") == pytest.approx(aspect, abs=1e-12)
+    cv2 = pytest.importorskip("cv2")
+    points = np.random.default_rng(2).uniform([-40, -30, 600], [40, 30, 700], (20, 3))
+    matrix = np.array([[5016.5, 0, 331.7], [0, 5016.5 * (1 + aspect), 228.4], [0, 0, 1]])
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array([*LENS.coefficients[:5]]))[0]
+    rig = RigGeometry.from_values(found.values, found.layout, found.positions_mm, found.reference)
+    np.testing.assert_allclose(rig.project(rig.to_stage(points))[2], pixels.reshape(-1, 2), atol=1e-8)
+    if abs(aspect) > 1e-3:
+        with contextlib.ExitStack() as stack:
+            if target == "matchid":
+                stack.enter_context(pytest.warns(EstimateWarning, match=ORIGIN))
+            stack.enter_context(pytest.raises(CalibrationError, match="must be square: use import_calibration"))
+            import_camera(file, size=(640, 480))
 
 
 @pytest.mark.parametrize("suffix", ["yml", "xml"])

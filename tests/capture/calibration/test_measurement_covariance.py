@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,8 @@ from scenetruth.capture.calibration import (
     RigLayout,
     RigPriors,
     common_error,
+    moving_point_modes,
+    point_modes,
     triangulate,
 )
 from tests.helpers.drawn_rigs import draw_rig
@@ -135,3 +139,45 @@ def test_triangulation_returns_exact_points() -> None:
     rig = RigGeometry.from_values(RIG.truth.values, LAYOUT, X_MM, REFERENCE)
     seen = rig.project(rig.to_stage(points()))
     np.testing.assert_allclose(triangulate(rig, seen, np.full(9, 640.0)), points(), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("motion", "rate"),
+    [
+        ("y", lambda p: [0.0, 1.0, 0.0]),
+        ("z", lambda p: [0.0, 0.0, 1.0]),
+        ("pitch", lambda p: np.cross([1.0, 0.0, 0.0], p)),
+        ("roll", lambda p: np.cross([0.0, 0.0, 1.0], p)),
+    ],
+)
+def test_poses_that_drift_together_are_a_false_motion(motion: str, rate: Callable[[np.ndarray], np.ndarray]) -> None:
+    """All cameras move or turn alike from frame to frame: every point seems to move by the opposite."""
+    scans = draw_rig(0, poses=4)
+    layout = RigLayout.from_observations(scans.observations, scans.priors)
+    size = 1e-4 if motion in "yz" else 1e-7
+    drift = np.zeros(layout.size)
+    visits = np.array([[5 * frame + position for frame in range(4)] for position in range(5)])
+    for frame in range(4):
+        for position in range(5):
+            drift[layout.names.index(f"visit[{visits[position, frame]}].{motion}")] = size * (frame - 1.5)
+    values = np.zeros(layout.size)
+    values[:3] = F, 319.5, 239.5
+    # Cameras turn about their own centres, which are apart along X only.
+    given = points() if motion != "roll" else points() * [1.0, 0.0, 1.0]
+    modes, rates = moving_point_modes(values, np.outer(drift, drift), layout, X_MM, REFERENCE, given, visits)
+    assert len(rates) == 1
+    assert np.abs(modes).max() < 1e-6 * size
+    expected = np.array([size * np.asarray(rate(point)) for point in given])
+    sign = np.sign((rates[0] * expected).sum())
+    np.testing.assert_allclose(sign * rates[0], expected, rtol=0, atol=2e-3 * np.abs(expected).max())
+    same = moving_point_modes(values, single_in(layout, "f"), layout, X_MM, REFERENCE, given, visits)
+    plain = point_modes(values, single_in(layout, "f"), layout, X_MM, REFERENCE, given)
+    np.testing.assert_allclose(np.abs(same[0]), np.abs(plain), rtol=1e-9, atol=1e-12)
+    assert np.abs(same[1]).max() == 0
+
+
+def single_in(layout: RigLayout, name: str) -> np.ndarray:
+    covariance = np.zeros((layout.size, layout.size))
+    index = layout.names.index(name)
+    covariance[index, index] = 1.0
+    return covariance

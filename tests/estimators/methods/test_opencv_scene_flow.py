@@ -68,6 +68,20 @@ def test_flow_is_that_of_the_plane(recording: xr.Dataset, flow: str) -> None:
     assert np.median(np.abs(error)) < 0.1
 
 
+def test_windows_with_an_invalid_pixel_have_no_value(recording: xr.Dataset) -> None:
+    """Blocks of 7 px, windows of 25 px; the right neighbour shows every point 20 px further to the left."""
+    broken = recording.assign(image=recording["image"].astype(np.float32))
+    broken["image"].values[1, 1, :5] = broken["image"].values[2, ..., :30] = np.nan
+    disparity = st.estimate(broken, "opencv_stereo", camera=1).sel(t=0)["disparity"].values
+    assert np.isnan(disparity[:8]).all()
+    assert not (np.abs(disparity[:, : 30 + 20 + 2] - 20) < 1).any()
+    assert (np.abs(disparity[8:, 30 + 20 + 5 : -10] - 20) < 1).mean() > 0.95
+    before, here = (st.estimate(broken, "opencv_flow")["flow"].sel(t=t).values for t in (-1, 0))
+    for flow in (before, here):
+        assert np.isnan(flow[:, : 5 + 12 - 1]).all()
+        assert np.isfinite(flow[:, 5 + 12 + 1 :]).all()
+
+
 def test_scene_flow_gives_velocity(recording: xr.Dataset) -> None:
     found = st.estimate(recording, "opencv_scene_flow").sel(t=0)
     for component, expected, tolerance in (("X", 0.6, 0.1), ("Y", -0.4, 0.1), ("Z", 1.5, 1.5)):

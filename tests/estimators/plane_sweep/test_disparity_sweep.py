@@ -11,7 +11,8 @@ from scipy import ndimage
 import scenetruth as st
 from scenetruth.errors import EstimateError
 from scenetruth.estimators.plane_sweep import choose_hypotheses, make_camera_row, spread_hypotheses, sweep_disparity
-from scenetruth.schema import make_recording
+from scenetruth.schema import REASONS, make_recording
+from tests.helpers.invalid_borders import with_invalid_pixels
 from tests.helpers.textured_boards import Board, away_from_outlines, images_of, true_disparity
 
 SIZE = (60, 96)
@@ -139,12 +140,32 @@ def test_the_method_gives_depth_in_the_cameras_pixels(baseline_mm: float, thinne
     np.testing.assert_allclose(given["disparity"].isel(middle), sign * 7.4 * thinned, atol=0.1 * thinned)
 
 
-def test_images_with_holes_are_refused() -> None:
+def test_images_without_a_valid_pixel_are_rejected() -> None:
     images = images_of((Board(7.4),), SIZE, (0.0, 1.0))[0][:, None]
-    images[0, 0, 5, 5] = np.nan
+    images[1] = np.nan
     recording = make_recording(images, focal_length_px=800.0, baseline_mm=5.0)
-    with pytest.raises(EstimateError, match="contains 1 values that are not finite"):
+    with pytest.raises(EstimateError, match=r"has no valid pixel in 1 images \(the first at t = 0, s = 1\)"):
         st.estimate(recording, "plane_sweep")
+
+
+def test_only_pixels_whose_census_touches_an_invalid_pixel_are_lost() -> None:
+    images = images_of((Board(7.4),), SIZE, (-1.0, 0.0, 1.0))[0][:, None]
+    recording = make_recording(images, focal_length_px=800.0, baseline_mm=5.0)
+    broken = with_invalid_pixels(recording)
+    whole, found = (st.estimate(each, "plane_sweep").isel(t=0) for each in (recording, broken))
+    lost = ndimage.binary_dilation(~np.isfinite(broken["image"].values[1, 0]), np.ones((7, 7)))
+    assert np.isnan(found["disparity"].values[lost]).all()
+    assert (found["invalid_reason"].values[lost] == REASONS.index("border")).all()
+    # Views that are invalid at a point do not cover it; some other view does, but beside the left and right borders.
+    middle = np.zeros(SIZE, dtype=bool)
+    middle[:, 20:76] = True
+    kept = middle & ~lost
+    assert found["valid"].values[kept].all()
+    np.testing.assert_allclose(found["disparity"].values[kept], 7.4, atol=0.1)
+    # Costs propagate along all paths, with decreasing effect, and are scaled by the range of valid grey values.
+    change = np.abs(found["disparity"].values[kept] - whole["disparity"].values[kept])
+    assert change.max() < 0.1
+    assert np.median(change) < 0.01
 
 
 @pytest.mark.parametrize("disparity", [0, 1, 2])

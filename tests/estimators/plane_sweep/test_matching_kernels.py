@@ -54,19 +54,22 @@ def test_cubic_convolution_is_exact_for_parabolas(phase: int) -> None:
     np.testing.assert_allclose(moved[:, 1:-2], expected[:, 1:-2], rtol=1e-6)
 
 
-def test_costs_are_mostly_those_of_the_better_side() -> None:
+@pytest.mark.parametrize("complete", [True, False])
+def test_costs_are_mostly_those_of_the_better_side(complete: bool) -> None:
     size, others, left = (3, 23), 3, 2
     reference = GENERATOR.integers(0, 2**48, size).astype(np.uint64)
     views = GENERATOR.integers(0, 2**48, (others, PHASES, *size)).astype(np.uint64)
     whole = np.array([[-1, -2, 3], [-4, -30, 5], [-25, -26, 30]])
     phase = np.array([[0, 3, 1], [1, 0, 0], [0, 1, 2]])
     found = np.empty((*size, 3), dtype=np.uint8)
-    fill_costs(reference, views, whole, phase, left, found)
+    known = np.ones((others, 2, *size), dtype=bool) if complete else GENERATOR.random((others, 2, *size)) < 0.7
+    covered = np.where(known, np.uint64(2**64 - 1), np.uint64(0))[: 0 if complete else others]
+    fill_costs(reference, views, covered, whole, phase, left, found)
     for y, x, k in np.ndindex(found.shape):
         sides: tuple[list[int], list[int]] = ([], [])
         for v in range(others):
             there = x + whole[k, v]
-            if 0 <= there < size[1] - (phase[k, v] > 0):
+            if 0 <= there < size[1] - (phase[k, v] > 0) and known[v, int(phase[k, v] > 0), y, there]:
                 differing = int(reference[y, x] ^ views[v, phase[k, v], y, there])
                 sides[v >= left].append(bin(differing).count("1"))
         means = sorted(COST_OF_BIT * np.mean(group) for group in sides if group)

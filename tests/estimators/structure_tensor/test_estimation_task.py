@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.ndimage import binary_dilation
 
 import scenetruth as st
 from scenetruth.errors import RecordingError
-from scenetruth.schema import STATUS_VALID
+from scenetruth.schema import REASONS, STATUS_VALID
 from tests.helpers.analytic_plane import Plane
+from tests.helpers.invalid_borders import touching, with_invalid_pixels
 
 
 def recording(**changes: Any) -> xr.Dataset:
@@ -61,11 +63,60 @@ def test_impossible_settings(settings: dict[str, Any], path: str) -> None:
         st.estimate(recording(), **settings)
 
 
-def test_images_that_are_not_finite() -> None:
+def test_images_without_a_valid_pixel_are_rejected() -> None:
     broken = recording()
-    broken["image"].values[1, 2, 3, 4] = np.nan
-    with pytest.raises(st.EstimateError, match="image: contains 1 values that are not finite in float32"):
+    broken["image"].values[1, 2] = np.nan
+    broken["image"].values[4, 8] = np.inf
+    message = r"image: has no valid pixel in 2 images \(the first at t = -2, s = -1\): omit these frames or positions"
+    with pytest.raises(st.EstimateError, match=message):
         st.estimate(broken)
+
+
+REACH = 14
+"""Half width of the filters and the window."""
+PLANE = Plane(velocity=(0.1, 0.05, 0.2), size=(56, 84), focal_length_px=1000.0, depth_mm=500.0)
+
+
+@pytest.mark.parametrize(
+    ("positions", "chosen"),
+    [
+        ((-1, 0, 1), {"working_point_px": 2}),
+        ((-1, 0, 1), {"working_point_px": 2, "flow_working_point_px": (1, -1)}),
+        ((-1, 0, 1.2), {"working_point_px": 2}),
+        ((-1, 0, 1), {"working_point_px": "per_pixel"}),
+        ((-1, 0, 1), {"working_point_px": "per_pixel", "pyramid_levels": 1}),
+    ],
+)
+def test_where_no_window_touches_an_invalid_pixel_the_estimate_is_the_same(
+    positions: tuple[float, ...], chosen: dict[str, Any]
+) -> None:
+    whole = PLANE.recording(positions, 5, 1.0, noise=0.01)
+    broken = with_invalid_pixels(whole)
+    settings = {"tau": 1e-3, "noise_std": 0.01, **chosen}
+    expected, found = (st.estimate(each, settings=settings).isel(t=0) for each in (whole, broken))
+    valid = found["valid"].values
+    if chosen["working_point_px"] == 2:
+        lost = np.zeros(PLANE.size, dtype=bool)
+        flow = chosen.get("flow_working_point_px", (0, 0))
+        for s, position in enumerate(positions):
+            for t in range(-2, 3):
+                image = ~np.isfinite(broken["image"].values[s, t + 2])
+                if 2 * position % 1:
+                    # The spline that shifts the image by a part of a pixel reaches further along the rows.
+                    image = binary_dilation(image, np.ones((1, 33)))
+                lost |= touching(image, REACH, -round(2 * position) + flow[0] * t, flow[1] * t)
+        np.testing.assert_array_equal(valid, expected["valid"].values & ~lost)
+        assert (found["invalid_reason"].values[lost] == REASONS.index("border")).all()
+    assert valid.sum() > 50
+    assert valid.sum() < expected["valid"].values.sum()
+    # A shift by a part of a pixel weighs pixels at a distance of more than 16 px by less than 2e-6.
+    tolerance = 0.0 if all(2 * position % 1 == 0 for position in positions) else 1e-4
+    for name in ("disparity", "depth", "velocity", "flow", "eigenvalues"):
+        own, other = (each[name].values[..., valid] for each in (found, expected))
+        np.testing.assert_allclose(own, other, rtol=tolerance, atol=tolerance, err_msg=name)
+    # The window over the texture is wider than that of the estimate.
+    for name in ("depth_std", "disparity_std"):
+        np.testing.assert_allclose(found[name].values[valid], expected[name].values[valid], rtol=0.05, err_msg=name)
 
 
 def test_working_point_without_common_view() -> None:

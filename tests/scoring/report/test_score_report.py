@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from scenetruth.cli.console import print_score
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import STATUS_VALID
-from scenetruth.scoring import FIGURES, QUANTITIES, score, write_report
+from scenetruth.scoring import COMMON_STATISTICS, FIGURES, QUANTITIES, Score, score, write_report
 from scenetruth.scoring.report import build_score_content, describe_maps
 from tests.helpers.synthetic_case import HELD, OF_ERRORS, Case, Drawn, make_case, make_growing_case, with_outliers
 
@@ -32,6 +33,29 @@ METADATA = {
     "estimate_hash": "feed0002",
     "warnings": ["the texture is <b>coarse</b>"],
 }
+
+
+def test_errors_in_common_have_a_table_where_they_are_stated(
+    full_case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case, values = full_case, dict[str, tuple[str, str, Score]]()
+    common = case.estimate.assign(depth_std_common=case.estimate["depth_std"] / 2)
+    for name, estimate in (("without", case.estimate), ("with", common)):
+        found = score(estimate, case.truth)
+        page = write_report(
+            estimate, case.truth, case.recording, score=found, output=tmp_path / name, figures=ONE
+        ).read_text()  # fmt: skip
+        print_score(found)
+        printed = capsys.readouterr().out
+        assert ('id="common-errors"' in page) == ("times the stated standard deviation of the mean" in printed)
+        values[name] = page, printed, found
+    assert 'id="common-errors"' not in values["without"][0]
+    page, printed, found = values["with"]
+    for statistic in COMMON_STATISTICS:
+        number = found.regions["interior"]["depth"][statistic]
+        assert number is not None
+        assert f">{format_number(number)}<" in page
+        assert f"{number:.3g}" in printed
 
 
 class Reader(HTMLParser):

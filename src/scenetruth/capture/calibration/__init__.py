@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         Moment,
         RigGeometry,
         common_error,
+        moving_point_modes,
         point_modes,
         triangulate,
     )
@@ -83,8 +84,8 @@ __all__ = [
     "calibrate", "charuco_board", "check_models", "check_scale", "common_error", "compare_halves", "describe_fit",
     "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise", "export_calibration",
     "field_of_residuals", "fit_rig", "identify_combinations", "import_calibration", "import_camera",
-    "inconsistent_images", "observe_boards", "observe_strip", "point_modes", "project", "refine_points", "refit",
-    "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
+    "inconsistent_images", "moving_point_modes", "observe_boards", "observe_strip", "point_modes", "project",
+    "refine_points", "refit", "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
     "with_other_tilts",
 ]  # fmt: skip
 
@@ -102,7 +103,7 @@ __getattr__, __dir__ = export_lazily(
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
         "measurement_covariance": (
-            "CommonError MeasurementSlopes Moment RigGeometry common_error point_modes triangulate"
+            "CommonError MeasurementSlopes Moment RigGeometry common_error moving_point_modes point_modes triangulate"
         ),
         "rig_calibration": "BoardImage RigSolution calibrate describe_fit fit_rig observe_boards",
         "rig_model": (

@@ -7,6 +7,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -28,7 +29,9 @@ ForeignFormat = Literal["opencv", "kalibr", "colmap", "matlab", "matchid", "dice
 
 _LARGEST_BYTES = 10_000_000
 _ASPECT = 1e-3
-"""Largest relative difference of f_x and f_y; there is one focal length."""
+"""Largest relative difference of f_x and f_y of a camera, which has one focal length."""
+_MOST_ASPECT = 0.1
+"""Largest relative difference of f_x and f_y of a calibration, whose pixels may have different sides."""
 _FOCAL_STD, _CENTRE_STD = 1e-3, 5.0
 """Standard deviations of an imported camera without a stated uncertainty: relative, and px."""
 _OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -96,9 +99,13 @@ def import_calibration(
     >>> found.camera.principal_point, found.std("f")
     ((319.5, 239.5), 5.0)
     """
-    found = import_camera(path, source=source, camera=camera, size=size)
-    deviations = {"f": _FOCAL_STD * found.focal_px, "c_x": _CENTRE_STD, "c_y": _CENTRE_STD} if std is None else std
-    return RigCalibration.from_camera(found, positions_mm, std=deviations)
+    found, f_x, f_y = _read_camera(path, source, camera, size, _MOST_ASPECT)
+    found = found.model_copy(update={"focal_length_px": f_x})
+    deviations = {"f": _FOCAL_STD * f_x, "c_x": _CENTRE_STD, "c_y": _CENTRE_STD} if std is None else std
+    square = RigCalibration.from_camera(found, positions_mm, std=deviations)
+    values = square.values.copy()
+    values[square.names.index("aspect")] = f_y / f_x - 1
+    return replace(square, values=values)
 
 
 def import_camera(
@@ -145,6 +152,13 @@ def import_camera(
     ...     print(import_camera(file).principal_point)
     (319.5, 239.5)
     """
+    return _read_camera(path, source, camera, size, _ASPECT)[0]
+
+
+def _read_camera(
+    path: str | PathLike[str], source: ForeignFormat | None, camera: int, size: tuple[int, int] | None, aspect: float
+) -> tuple[Camera, float, float]:
+    """Return a camera with the mean focal length, and the focal lengths along x and y, which may differ in part."""
     file = Path(path)
     try:
         if file.stat().st_size > _LARGEST_BYTES:
@@ -154,7 +168,7 @@ def import_camera(
             message = f"must be one of {', '.join(get_args(ForeignFormat))}"
             raise CalibrationError([Problem("source", message, chosen)], file)
         fields = _READERS[chosen](file, camera)
-        found = _camera(fields, size)
+        found, f_x, f_y = _camera(fields, size, aspect)
     except OSError as error:
         raise CalibrationError([Problem("", f"cannot be read: {error.strerror or error}")], file) from error
     except _UnrepresentableError as error:
@@ -168,8 +182,8 @@ def import_camera(
         message = f"is no file of this program ({chosen}): {type(error).__name__} {error}"
         raise CalibrationError([Problem("", message)], file) from error
     for message in describe_rig(found.focal_px, None, found.width, found.height):
-        warnings.warn(f"{file.name}: {message}", EstimateWarning, stacklevel=2)
-    return found
+        warnings.warn(f"{file.name}: {message}", EstimateWarning, stacklevel=3)
+    return found, f_x, f_y
 
 
 def _guess_source(file: Path) -> ForeignFormat:
@@ -191,8 +205,8 @@ def _guess_source(file: Path) -> ForeignFormat:
     raise CalibrationError([Problem("source", message)], file)
 
 
-def _camera(fields: dict[str, float], size: tuple[int, int] | None) -> Camera:
-    """Return the camera of named values; the principal point refers to pixel centres at integers."""
+def _camera(fields: dict[str, float], size: tuple[int, int] | None, aspect: float) -> tuple[Camera, float, float]:
+    """Return the camera of named values and its focal lengths; the principal point refers to centres at integers."""
     for name in (*_PRISM_AND_TILT, "skew"):
         if fields.get(name, 0.0) != 0:
             message = f"{name} is {fields[name]:g}; the camera model has no such term: calibrate with boards instead"
@@ -201,8 +215,9 @@ def _camera(fields: dict[str, float], size: tuple[int, int] | None) -> Camera:
     if not (math.isfinite(f_x) and math.isfinite(f_y) and min(f_x, f_y) > 0):
         message = f"focal lengths must be positive (got {f_x:g} and {f_y:g})"
         raise _UnrepresentableError(message)
-    if abs(f_x / f_y - 1) > _ASPECT:
-        message = f"f_x = {f_x:g} and f_y = {f_y:g} differ by more than 0.1 %; pixels must be square"
+    if abs(f_x / f_y - 1) > aspect:
+        message = f"f_x = {f_x:g} and f_y = {f_y:g} differ by more than {100 * aspect:g} %"
+        message += "; pixels must be square: use import_calibration" if aspect == _ASPECT else "; check the file"
         raise _UnrepresentableError(message)
     given = (fields["width"], fields["height"]) if "width" in fields else size
     if given is None:
@@ -212,11 +227,12 @@ def _camera(fields: dict[str, float], size: tuple[int, int] | None) -> Camera:
         message = f"images have {int(given[0])} x {int(given[1])} px, not {size[0]} x {size[1]}: another camera or crop"
         raise _UnrepresentableError(message)
     coefficients = {name: fields.get(name, 0.0) for name in _OPENCV_ORDER}
-    return Camera(
+    found = Camera(
         width=int(given[0]), height=int(given[1]), focal_length_px=math.sqrt(f_x * f_y),
         principal_point_px=(fields["c_x"], fields["c_y"]),
         distortion=Distortion(**coefficients) if any(coefficients.values()) else None,
     )  # fmt: skip
+    return found, f_x, f_y
 
 
 def _opencv_coefficients(values: Sequence[float]) -> dict[str, float]:
@@ -397,7 +413,7 @@ def _read_matchid(file: Path, camera: int) -> dict[str, float]:
         message = f"has no values {prefix.capitalize()}Fx"
         raise _UnrepresentableError(message)
     text = f"{file}: the origin of its pixels is not documented; the principal point may be off by 0.5 px"
-    warnings.warn(text, EstimateWarning, stacklevel=4)
+    warnings.warn(text, EstimateWarning, stacklevel=5)
     return {name: table.get(prefix + key, 0.0) for name, key in names.items()}
 
 
@@ -496,7 +512,7 @@ def export_calibration(
     if target == "matchid":
         text = _matchid_text(calibration, pair)
     elif target in writers:
-        text = writers[target](calibration.camera)
+        text = writers[target](calibration.camera, _focal_y(calibration))
     else:
         message = f"must be one of {', '.join([*writers, 'matchid'])}"
         raise CalibrationError([Problem("target", message, target)])
@@ -511,10 +527,15 @@ def _coefficients(camera: Camera) -> dict[str, float]:
     return dict(zip(_OPENCV_ORDER, lens.coefficients, strict=True))
 
 
-def _opencv_text(camera: Camera) -> str:
+def _focal_y(calibration: RigCalibration) -> float:
+    """Return the focal length along y, in px."""
+    return calibration.value("f") * (1.0 + calibration.value("aspect"))
+
+
+def _opencv_text(camera: Camera, f_y: float) -> str:
     (c_x, c_y), f = camera.principal_point, camera.focal_px
     values = list(_coefficients(camera).values())
-    matrix = ", ".join(repr(float(value)) for value in (f, 0, c_x, 0, f, c_y, 0, 0, 1))
+    matrix = ", ".join(repr(float(value)) for value in (f, 0, c_x, 0, f_y, c_y, 0, 0, 1))
     lens = ", ".join(repr(float(value)) for value in values)
 
     def block(name: str, rows: int, columns: int, data: str) -> str:
@@ -525,9 +546,9 @@ def _opencv_text(camera: Camera) -> str:
     return head + size + block("camera_matrix", 3, 3, matrix) + block("distortion_coefficients", len(values), 1, lens)
 
 
-def _colmap_text(camera: Camera) -> str:
+def _colmap_text(camera: Camera, f_y: float) -> str:
     (c_x, c_y), f = camera.principal_point, camera.focal_px
-    values = [f, f, c_x + 0.5, c_y + 0.5, *_coefficients(camera).values()]
+    values = [f, f_y, c_x + 0.5, c_y + 0.5, *_coefficients(camera).values()]
     row = " ".join(repr(float(value)) for value in values)
     return f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 FULL_OPENCV {camera.width} {camera.height} {row}\n"
 
@@ -550,7 +571,7 @@ def _matchid_text(calibration: RigCalibration, pair: int | None) -> str:
     shift = -turn @ view.position_mm
     c_x, c_y = camera.principal_point
     single = {
-        "Fx [pixels]": camera.focal_px, "Fy [pixels]": camera.focal_px, "Fs [pixels]": 0.0, "Kappa 1": lens["k1"],
+        "Fx [pixels]": camera.focal_px, "Fy [pixels]": _focal_y(calibration), "Fs [pixels]": 0.0, "Kappa 1": lens["k1"],
         "Kappa 2": lens["k2"], "Kappa 3": lens["k3"], "P1": lens["p1"], "P2": lens["p2"], "Cx [pixels]": c_x,
         "Cy [pixels]": c_y,
     }  # fmt: skip

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from scenetruth.camera import Distortion
 from scenetruth.capture.calibration.rig_model import INTRINSICS, RigLayout, rotation_matrix
 
-__all__ = ["CommonError", "MeasurementSlopes", "Moment", "RigGeometry", "common_error", "point_modes", "triangulate"]
+__all__ = [
+    "CommonError", "MeasurementSlopes", "Moment", "RigGeometry", "common_error", "moving_point_modes", "point_modes",
+    "triangulate",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -259,6 +262,26 @@ class MeasurementSlopes:
             ends.append(self._points(number, self.values, motions))
         return np.asarray(self._signs[number] * (ends[0] - ends[1]) / (2 * step))
 
+    def of_drift(self, position: int, motion: int) -> Array:
+        """Return the derivative of the rates of points by the rate of a motion of a position, shape (n, 3).
+
+        The motion of a point is fitted to the images of all positions and frames: the points of a frame are those that
+        all cameras see best, without preference for the reference camera.
+        """
+        rig, points = self._geometry(self.values, 0, self._none), self.moments[0].points_mm
+        stage, step = rig.to_stage(points), 1e-4
+        ends = [rig.project(stage + change) for each in np.eye(3) for change in (step * each, -step * each)]
+        slopes = np.stack([(ends[2 * n] - ends[2 * n + 1]) / (2 * step) for n in range(3)], axis=-1)
+        turn, seen = _MOTION_STEPS[motion], []
+        for change in (turn, -turn):
+            motions = self._none.copy()
+            motions[position, motion] = change
+            seen.append(self._geometry(self.values, 0, motions).project(stage))
+        residual = (seen[1] - seen[0]) / (2 * turn)
+        squares = np.einsum("snij,snik->njk", slopes, slopes)
+        sums = np.einsum("snij,sni->nj", slopes, residual)
+        return np.asarray(np.linalg.solve(squares, sums[..., None])[..., 0] @ rig.frame[1])
+
 
 def point_modes(
     values: Array, covariance: Array, layout: RigLayout, positions_mm: Array, reference: int, points_mm: Array
@@ -272,19 +295,56 @@ def point_modes(
     """
     slopes = MeasurementSlopes(values, layout, positions_mm, reference, [Moment(points_mm)])
     free = [index for index in range(layout.first_visit) if covariance[index, index] > 0]
-    if not free:
-        return np.zeros((0, len(points_mm), 3))
-    jacobian = np.array([slopes.of_parameter(index) for index in free])
+    jacobian = np.array([slopes.of_parameter(index) for index in free]).reshape(-1, len(points_mm), 3)
+    return _independent(jacobian, covariance[np.ix_(free, free)])
+
+
+def moving_point_modes(
+    values: Array, covariance: Array, layout: RigLayout, positions_mm: Array, reference: int, points_mm: Array,
+    visits: NDArray[np.int64],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return the independent errors of points, and of their rates per frame, if every visit was estimated.
+
+    Poses are the means of the visits, relative to which the values of the visits are, and errors of the visits that
+    change linearly with time are rates of all points. Shapes (m, n, 3) each.
+
+    ``visits``: Indices in the layout of the visits of every position, by frame, shape (S, T) with two frames or more.
+    """
+    count, frames = visits.shape
+    slopes = MeasurementSlopes(values, layout, positions_mm, reference, [Moment(points_mm)])
+    times = np.arange(frames) - (frames - 1) / 2
+    matrix = np.zeros((layout.first_visit + 6 * count, len(covariance)))
+    matrix[np.arange(layout.first_visit), np.arange(layout.first_visit)] = 1.0
+    for position, motion in np.ndindex(count, 6):
+        columns = layout.first_visit + 6 * visits[position] + motion
+        matrix[layout.first_position + 6 * position + motion, columns] = 1 / frames
+        matrix[layout.first_visit + 6 * position + motion, columns] = times / (times**2).sum()
+    own = matrix @ covariance @ matrix.T
+    free = [index for index in range(len(own)) if own[index, index] > 0]
+    # Displacements over half the frames are comparable to those of the mean poses.
+    span = frames / 2
+    jacobian = np.zeros((len(free), 2, len(points_mm), 3))
+    for row, index in enumerate(free):
+        if index < layout.first_visit:
+            jacobian[row, 0] = slopes.of_parameter(index)
+        else:
+            jacobian[row, 1] = span * slopes.of_drift(*divmod(index - layout.first_visit, 6))
+    modes = _independent(jacobian, own[np.ix_(free, free)])
+    return modes[:, 0], modes[:, 1] / span
+
+
+def _independent(jacobian: Array, covariance: Array) -> Array:
+    """Return orthogonal combinations of independent errors, the largest first, shape (m, ...), from (p, ...)."""
+    if len(jacobian) == 0:
+        return jacobian
     # Parameters have different units: they are scaled before their covariance is decomposed.
-    scale = np.sqrt(np.diag(covariance)[free])
-    powers, vectors = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(scale, scale))
+    scale = np.sqrt(np.diag(covariance))
+    powers, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     root = vectors * np.sqrt(np.maximum(powers, 0.0))
-    modes = np.einsum("pni,p,pm->mni", jacobian, scale, root, optimize=True)
-    flat = modes.reshape(len(modes), -1)
-    # Orthogonal combinations, the largest first.
+    flat = (scale[:, None] * root).T @ jacobian.reshape(len(jacobian), -1)
     _, sizes, shapes = np.linalg.svd(flat, full_matrices=False)
     kept = sizes > _LEAST_MODE * sizes.max(initial=0.0)
-    return np.asarray((sizes[kept, None] * shapes[kept]).reshape(-1, len(points_mm), 3))
+    return np.asarray((sizes[kept, None] * shapes[kept]).reshape(-1, *jacobian.shape[1:]))
 
 
 def _visit_motions(values: Array, layout: RigLayout, moment: Moment, count: int) -> Array:

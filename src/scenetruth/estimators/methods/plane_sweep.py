@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from scenetruth.estimators.method_settings import PlaneSweepSettings
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
-from scenetruth.schema import REASONS, Put, assemble_estimate, blank_estimate, put_estimate
+from scenetruth.schema import Put, assemble_estimate, blank_estimate, put_estimate
 from scenetruth.schema.validity import complete_validity
 
 __all__ = []
@@ -41,9 +40,9 @@ class _PlaneSweep(StreamingMethod):
         from scenetruth.estimators.plane_sweep.disparity_sweep import estimate_disparities
 
         times = recording["t"].values
-        for place, (disparity, ambiguous) in enumerate(estimate_disparities(recording, settings, progress)):
+        for place, (disparity, reason) in enumerate(estimate_disparities(recording, settings, progress)):
             found = assemble_estimate(recording=recording, disparity=disparity, t=times[place])
-            stated = found["invalid_reason"].copy(data=ambiguous[None] * np.uint8(REASONS.index("ambiguous_match")))
+            stated = found["invalid_reason"].copy(data=reason[None])
             put_estimate(complete_validity(found.assign(invalid_reason=stated), recording), place, put)
         return {}
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.estimators.plane_sweep.matching_kernels import (
+    CENSUS_REACH,
     COST_OF_BIT,
     PHASES,
     aggregate,
@@ -33,6 +34,7 @@ __all__ = [
     "make_camera_row",
     "split_into_strips",
     "spread_hypotheses",
+    "touching_census",
 ]
 
 
@@ -199,12 +201,20 @@ def choose_hypotheses(
     strip_rows: int = ROWS,
     memory_bytes: float = _STRIPS_BYTES,
 ) -> BestHypothesis:
-    """Return the best hypothesis for every pixel of the reference, from grey values of shape (s, y, x)."""
+    """Return the best hypothesis for every pixel of the reference, from grey values of shape (s, y, x).
+
+    Pixels whose census touches an invalid pixel (NaN) are outside the images: views do not cover them, and the paths of
+    the costs begin at their border.
+    """
     from scipy import ndimage
 
     height, width = images.shape[1:]
+    invalid = np.isnan(images)
+    if invalid.any():
+        images = np.stack([_filled(*each) for each in zip(images, invalid, strict=True)])
+        invalid = touching_census(invalid)
     count = len(hypotheses.values)
-    edges = _edges(images[row.reference])
+    edges = _edges(images[row.reference], ~invalid[row.reference])
     quarters = np.rint(-hypotheses.values[:, None] * row.positions * PHASES).astype(np.int64)
     whole, phase = quarters // PHASES, quarters % PHASES
     steps = np.where(hypotheses.joined, _STEP_PENALTY * hypotheses.step, _JUMP_PENALTY)
@@ -222,10 +232,13 @@ def choose_hypotheses(
         part = images[:, rows]
         reference, views = _censuses(part, row)
         costs = np.empty((*reference.shape, count), dtype=np.uint8)
-        fill_costs(reference, views, whole, phase, row.left, costs)
+        fill_costs(reference, views, _coverage(invalid[:, rows], row), whole, phase, row.left, costs)
         del views
+        outside = np.nonzero(invalid[row.reference, rows])
+        costs[outside] = 0
         total = np.empty(costs.shape, dtype=np.uint16)
         aggregate(costs, edges[rows], steps, jumps, total)
+        total[outside] = np.iinfo(np.uint16).max
         own = total[strip.first - strip.top : strip.last - strip.top]
         rows = slice(strip.first, strip.last)
         costs = costs[strip.first - strip.top : strip.last - strip.top]
@@ -240,6 +253,11 @@ def choose_hypotheses(
     at_once = max(1, int(memory_bytes / (per_row * (strip_rows + 2 * MARGIN))))
     for n in range(0, len(strips), at_once):
         in_threads(work, strips[n : n + at_once])
+    hidden = invalid[row.reference]
+    if hidden.any() and not hidden.all():
+        # As beyond the border of the image, for filters over neighbouring pixels.
+        nearest = tuple(ndimage.distance_transform_edt(hidden, return_distances=False, return_indices=True))
+        place, bits = place[nearest], bits[nearest]
     return BestHypothesis(
         hypotheses.at(place), distinct, ndimage.uniform_filter(bits / COST_OF_BIT, _SQUARE_PX), agreed
     )
@@ -259,8 +277,38 @@ def _censuses(images: Images, row: CameraRow) -> tuple[NDArray[np.uint64], NDArr
     return reference, views
 
 
-def _edges(image: Images) -> NDArray[np.uint8]:
+def touching_census(invalid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pixels, shape (..., y, x), whose census contains an invalid pixel."""
+    from scipy import ndimage
+
+    if not invalid.any():
+        return invalid
+    found = invalid.view(np.uint8)
+    for axis in (-2, -1):
+        found = ndimage.maximum_filter1d(found, 2 * CENSUS_REACH + 1, axis=axis, mode="constant")
+    return np.asarray(found > 0)
+
+
+def _filled(image: NDArray[np.float32], invalid: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return an image whose invalid pixels have the mean of the others; no result depends on it."""
+    return np.where(invalid, image[~invalid].mean() if not invalid.all() else np.float32(0.0), image)
+
+
+def _coverage(invalid: NDArray[np.bool_], row: CameraRow) -> NDArray[np.uint64]:
+    """Return where the other views cover a point, with and without a shift by a part of a pixel, see `fill_costs`."""
+    if not invalid.any():
+        return np.empty((0, 0, 0, 0), dtype=np.uint64)
+    here = ~invalid[row.others]
+    between = here.copy()
+    # The cubic convolution reaches from one column before to two after.
+    between[..., 1:] &= here[..., :-1]
+    for ahead in (1, 2):
+        between[..., :-ahead] &= here[..., ahead:]
+    return np.where(np.stack([here, between], axis=1), np.uint64(2**64 - 1), np.uint64(0))
+
+
+def _edges(image: Images, valid: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Return grey values scaled to the range of an image, for the penalties of depth discontinuities."""
-    low, high = np.percentile(image, (1, 99))
+    low, high = np.percentile(image[valid] if valid.any() else image, (1, 99))
     scaled = (image - low) * (255 / max(high - low, 1e-30))
     return np.asarray(np.clip(scaled, 0, 255), dtype=np.uint8)

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from scenetruth.errors import EstimateError, Problem
+from scenetruth.errors import EstimateError
 from scenetruth.estimators.method_settings import PlaneSweepSettings
 from scenetruth.estimators.plane_sweep.cost_volume import (
     BestHypothesis,
@@ -18,10 +18,11 @@ from scenetruth.estimators.plane_sweep.cost_volume import (
     choose_hypotheses,
     downsample,
     spread_hypotheses,
+    touching_census,
 )
 from scenetruth.estimators.protocol import FrameReader
 from scenetruth.progress import Progress
-from scenetruth.schema import compute_pixel_grid, read_intrinsics
+from scenetruth.schema import REASONS, compute_pixel_grid, read_intrinsics
 
 __all__ = ["DisparityResult", "estimate_disparities", "sweep_disparity"]
 
@@ -54,8 +55,10 @@ def disparity_ranges(images: NDArray[np.float32], row: CameraRow) -> list[tuple[
             break
         chosen = choose_hypotheses(small, row, spread_hypotheses([(0.0, widest)], step))
         sure = chosen.sure(_SURE)
+        seen = ~touching_census(np.isnan(small[row.reference]))
+        sure &= seen
         ranges += [(low * factor, high * factor) for low, high in _ranges(chosen, sure, step, widest)]
-        if sure.mean() > _ENOUGH:
+        if sure.sum() > _ENOUGH * seen.sum():
             break
         factor //= 2
     return ranges
@@ -74,6 +77,7 @@ def _ranges(chosen: BestHypothesis, sure: NDArray[np.bool_], step: float, widest
     return [(max(float(run[0]) - _WIDER, 0.0), min(float(run[-1]) + _WIDER, widest)) for run in runs]
 
 
+_BORDER, _AMBIGUOUS = (REASONS.index(name) for name in ("border", "ambiguous_match"))
 # Smallest disparity reported, in steps between hypotheses.
 _FARTHEST = 0.5
 _MEDIAN_PX = 3
@@ -92,6 +96,8 @@ class DisparityResult:
     """Where the disparity cannot be distinguished from zero, shape (y, x)."""
     ambiguous: NDArray[np.bool_]
     """Where another disparity costs less than ``distinctness`` times the best cost, shape (y, x)."""
+    border: NDArray[np.bool_]
+    """Where the census window of the reference contains an invalid pixel, shape (y, x)."""
 
 
 def sweep_disparity(
@@ -103,7 +109,8 @@ def sweep_disparity(
 ) -> DisparityResult:
     """Estimate the disparity of every pixel of the reference.
 
-    ``images``: Grey values of all cameras in one frame, finite, shape (channel, s, y, x). Channels are averaged.
+    ``images``: Grey values of all cameras in one frame, shape (channel, s, y, x); NaN where invalid. Channels are
+      averaged.
     ``ranges``: Disparity ranges to search, in columns per step; estimated from the images if None.
     """
     from scipy import ndimage
@@ -117,18 +124,20 @@ def sweep_disparity(
         searched = disparity_ranges(grey, row)
     else:
         searched = [(min(low * turn, high * turn), max(low * turn, high * turn)) for low, high in ranges]
+    border = touching_census(np.isnan(grey[row.reference]))
     if not searched:
         nowhere = np.zeros(grey.shape[1:], dtype=np.bool_)
-        return DisparityResult(np.full(grey.shape[1:], np.nan), nowhere, [], nowhere, nowhere)
+        return DisparityResult(np.full(grey.shape[1:], np.nan), nowhere, [], nowhere, nowhere, border)
     chosen = choose_hypotheses(grey, row, spread_hypotheses(searched, _step(row.farthest)))
     disparity = ndimage.median_filter(chosen.disparity, _MEDIAN_PX)
     # Points at infinity, or beyond by noise, have no depth.
     least = _FARTHEST * _step(row.farthest)
     far = disparity <= least
-    known = chosen.sure(distinctness) & ~far
+    known = chosen.sure(distinctness) & ~far & ~border
     disparity = np.maximum(disparity, least) * turn
     ranges = [(low * turn, high * turn) for low, high in searched]
-    return DisparityResult(disparity, known, ranges, far, chosen.distinct <= distinctness)
+    ambiguous = (chosen.distinct <= distinctness) & ~border
+    return DisparityResult(disparity, known, ranges, far & ~border, ambiguous, border)
 
 
 def _step(farthest: float) -> float:
@@ -138,13 +147,12 @@ def _step(farthest: float) -> float:
 
 def estimate_disparities(
     recording: xr.Dataset, settings: PlaneSweepSettings, progress: Progress | None
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.bool_]]]:
-    """Yield the disparity in every frame, px per step of s, NaN where invalid, and where the match is ambiguous."""
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint8]]]:
+    """Yield the disparity in every frame, px per step of s, NaN where invalid, and the reason where it is stated."""
     reader = FrameReader(recording)
-    missing = reader.missing()
-    if missing:
-        message = f"contains {missing} values that are not finite in float32; exclude these rows and columns"
-        raise EstimateError([Problem("image", message)])
+    empty = reader.empty_images()
+    if empty:
+        raise EstimateError(empty)
     baseline_mm = read_intrinsics(recording).baseline_mm
     positions = recording["stage_x_mm"].values / baseline_mm
     step_px, frames = compute_pixel_grid(recording).step_px, reader.shape[2]
@@ -158,4 +166,5 @@ def estimate_disparities(
         images = reader.frames(frame, frame + 1)[:, :, 0].astype(np.float32, copy=False)
         found = sweep_disparity(images, positions, baseline_mm, ranges, settings.uniqueness_ratio)
         tell("sweep", frame + 1, frames)
-        yield np.where(found.known, found.disparity * step_px, np.nan), found.ambiguous
+        reason = np.where(found.border, _BORDER, found.ambiguous * _AMBIGUOUS).astype(np.uint8)
+        yield np.where(found.known, found.disparity * step_px, np.nan), reason

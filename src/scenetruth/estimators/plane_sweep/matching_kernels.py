@@ -10,6 +10,7 @@ import numpy as np
 from scenetruth.estimators.intrinsic_kernels import add, least, ones, subtract
 
 __all__ = [
+    "CENSUS_REACH",
     "COST_OF_BIT",
     "OTHER_SIDE",
     "PHASES",
@@ -33,7 +34,9 @@ OTHER_SIDE = 0.1
 """Weight of the side that agrees less, which stabilises points visible on both sides."""
 UNSEEN = 64
 """Cost where no view covers a point: below that of a random match, above that of a correct match."""
-_REACH = 3
+CENSUS_REACH = 3
+"""Half width of the square of the census, without its centre, in px."""
+_REACH = CENSUS_REACH
 _SIDE = 2 * _REACH + 1
 
 
@@ -85,7 +88,7 @@ def census(image: Any, out: Any) -> None:
 
 
 @_jit
-def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, out: Any) -> None:
+def fill_costs(reference: Any, views: Any, covered: Any, whole: Any, phase: Any, left: int, out: Any) -> None:
     """Compute the cost of every hypothesis from the reference and all views.
 
     Of the views on the two sides of the reference, the side with the better match dominates, because occlusions mostly
@@ -93,6 +96,8 @@ def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, ou
 
     ``reference``: Census of the reference, shape (y, x).
     ``views``: Census of the other views, shifted by every phase, shape (view, phase, y, x); the left side first.
+    ``covered``: All bits set where a view has a grey value, unshifted and shifted, else none, uint64 of shape (view, 2,
+      y, x); of size 0 if all pixels have one.
     ``out``: Output: COST_OF_BIT times the mean number of bits that differ; UNSEEN where no view covers the point;
       uint8 of shape (y, x, k).
     """
@@ -115,6 +120,12 @@ def fill_costs(reference: Any, views: Any, whole: Any, phase: Any, left: int, ou
                 place = here[first:last]
                 side = 0 if v < left else 1
                 sums, numbers = bits[side, first:last], seen[side, first:last]
+                if covered.size > 0:
+                    known = covered[v, 1 if phase[k, v] > 0 else 0, y, first + shift : last + shift]
+                    for x in range(last - first):
+                        sums[x] = add(sums[x], np.uint32(ones((place[x] ^ there[x]) & known[x])))
+                        numbers[x] = add(numbers[x], np.uint32(known[x] & np.uint64(1)))
+                    continue
                 for x in range(last - first):
                     sums[x] = add(sums[x], np.uint32(ones(place[x] ^ there[x])))
                     numbers[x] = add(numbers[x], np.uint32(1))

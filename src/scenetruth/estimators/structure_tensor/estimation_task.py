@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d, spline_filter1d
+from scipy.ndimage import correlate1d, maximum_filter1d, spline_filter1d
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.method_settings import StructureTensorSettings
@@ -25,7 +26,12 @@ __all__ = [
     "largest_disparity",
     "make_inputs",
     "shift_by_subpixels",
+    "without_support",
 ]
+
+
+_WHOLE = 1e-9  # px from a whole number of columns by rounding
+_SPLINE_REACH_PX = 16  # columns on either side that affect a shifted pixel; the weights beyond are below 2e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +51,14 @@ class EstimationInputs:
     noise: NoiseModel
     outputs: NDArray[np.int64]
     """Indices of the frames to estimate."""
+
+    @cached_property
+    def invalid(self) -> NDArray[np.bool_] | None:
+        """Pixels without a grey value (NaN), shape (s, t, y, x); None if there are none."""
+        if self.images.dtype.kind != "f":
+            return None
+        found = np.isnan(self.images).any(axis=0)
+        return found if found.any() else None
 
 
 def make_inputs(
@@ -107,6 +121,40 @@ def largest_disparity(task: EstimationInputs) -> int:
     return int((width - 2 * reach - 1) / max(span, 1.0))
 
 
+def without_support(
+    task: EstimationInputs, registration: Registration, index: int, rows: tuple[int, int]
+) -> NDArray[np.bool_] | None:
+    """Return the pixels of a row band whose filters and window touch an invalid pixel; None if there are none.
+
+    ``index``: Index of the frame among those to estimate.
+    """
+    if task.invalid is None:
+        return None
+    height, width = task.images.shape[-2:]
+    reach = REACH + task.settings.window_taps_px // 2
+    top, bottom = rows[0] - reach, rows[1] + reach
+    touched = np.zeros((bottom - top, width), dtype=np.uint8)
+    first = int(task.outputs[index]) - task.rig.before
+    parts = _subpixel_parts(task.rig, registration.disparity)
+    for s, column in enumerate(columns_of_s(task.rig, registration.disparity).tolist()):
+        for frame in range(task.rig.frames):
+            ahead = frame - task.rig.before
+            right, down = column + registration.flow[0] * ahead, registration.flow[1] * ahead
+            at = np.clip((top + down, bottom + down), 0, height)
+            source = task.invalid[s, first + frame, at[0] : at[1]].view(np.uint8)
+            if not source.any():
+                continue
+            if abs(parts[s]) >= _WHOLE:
+                source = maximum_filter1d(source, 2 * _SPLINE_REACH_PX + 1, axis=1, mode="constant")
+            left, end = np.clip((-right, width - right), 0, width)
+            touched[at[0] - top - down : at[1] - top - down, left:end] |= source[:, left + right : end + right]
+    if not touched.any():
+        return None
+    for axis in (0, 1):
+        touched = maximum_filter1d(touched, 2 * reach + 1, axis=axis, mode="constant")
+    return np.asarray(touched[reach : len(touched) - reach] > 0)
+
+
 def check_common_view(task: EstimationInputs, registrations: Sequence[Registration]) -> None:
     """Raise if the images of no registration overlap by filters and window."""
     areas = [common_area(task, item) for item in registrations]
@@ -127,14 +175,37 @@ def shift_by_subpixels(task: EstimationInputs, disparity: int) -> NDArray[Any]:
 
     Returns: Images, shape (channel, s, t, y, x): as recorded if no camera requires a shift, else float32.
     """
-    part = -disparity * task.rig.positions - columns_of_s(task.rig, disparity)
-    if np.all(np.abs(part) < 1e-9):
+    part = _subpixel_parts(task.rig, disparity)
+    if np.all(np.abs(part) < _WHOLE):
         return task.images
     images = task.images.astype(np.float32)
-    for s in np.flatnonzero(np.abs(part) >= 1e-9):
-        spline = spline_filter1d(images[:, s].astype(np.float64), order=5, axis=-1, mode="mirror")
+    for s in np.flatnonzero(np.abs(part) >= _WHOLE):
+        values = images[:, s].astype(np.float64)
+        invalid = np.isnan(values)
+        if invalid.any():
+            values = _filled_along_rows(values, invalid)
+        spline = spline_filter1d(values, order=5, axis=-1, mode="mirror")
         images[:, s] = correlate1d(spline, _quintic(part[s]), axis=-1, mode="mirror")
+        if invalid.any():
+            near = maximum_filter1d(invalid.view(np.uint8), 2 * _SPLINE_REACH_PX + 1, axis=-1, mode="constant")
+            images[:, s][near > 0] = np.nan
     return images
+
+
+def _subpixel_parts(rig: AcquisitionAxes, disparity: int) -> NDArray[np.float64]:
+    """Return the remainder in px of the shift of each camera for a disparity in px per step."""
+    return np.asarray(-disparity * rig.positions - columns_of_s(rig, disparity))
+
+
+def _filled_along_rows(values: NDArray[np.float64], invalid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return images whose invalid pixels have the value of the nearest valid pixel to the left, else to the right."""
+    width = values.shape[-1]
+    at = np.where(invalid, -1, np.arange(width))
+    before = np.maximum.accumulate(at, axis=-1)
+    after = np.minimum.accumulate(np.where(invalid, width, at)[..., ::-1], axis=-1)[..., ::-1]
+    source = np.where(before >= 0, before, after)
+    filled = np.take_along_axis(values, np.minimum(source, width - 1), axis=-1)
+    return np.where(source < width, filled, 0.0)
 
 
 def _quintic(part: float) -> NDArray[np.float64]:

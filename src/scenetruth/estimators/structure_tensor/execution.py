@@ -17,6 +17,7 @@ from scenetruth.estimators.structure_tensor.estimation_task import (
     columns_of_s,
     common_area,
     shift_by_subpixels,
+    without_support,
 )
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE_MOMENT, PAPER, AcquisitionAxes, gaussian_window
 from scenetruth.estimators.structure_tensor.maps import STRIDE, BestRegistration, EstimateMaps
@@ -219,6 +220,8 @@ def run(task: EstimationInputs, registrations: Sequence[Registration], progress:
             if progress is not None:
                 progress("estimate", done * len(registrations) + number + 1, steps)
         forget_second_best(best.choice, registrations, areas, top)
+        if task.invalid is not None:
+            _forget_beside_invalid(task, best.choice, registrations, (top, bottom))
         for index in range(frames):
             _to_world(task, registrations, best, maps, index, (top, bottom))
     if elsewhere:
@@ -235,14 +238,11 @@ def forget_second_best(
     Near the image border, large disparities leave the common view first. The remaining disparities are wrong by more
     than the filters can measure, but may seem plausible.
     """
-    _, rows, columns = choice.shape
-    flows = [item.flow for item in registrations]
-    # Registrations with another flow have another common view.
-    chosen = np.array([*map(flows.index, flows), -1], dtype=np.int16)[choice]
+    chosen, flows = _chosen_flows(choice, registrations)
     for item, area in zip(registrations, areas, strict=True):
         if item.fits is None:
             continue
-        fits = item.fits.repeat(CELL, axis=0)[first_row : first_row + rows].repeat(CELL, axis=1)[:, :columns]
+        fits = _fitting_pixels(item.fits, first_row, choice.shape)
         top, bottom, every = max(area.top - first_row, 0), max(area.bottom - first_row, 0), slice(None)
         if bottom > top and not area.is_empty:
             outside = [
@@ -255,6 +255,38 @@ def forget_second_best(
             outside = [(every, every)]
         for part in outside:
             choice[:, *part][fits[part] & (chosen[:, *part] == flows.index(item.flow))] = -1
+
+
+def _chosen_flows(
+    choice: NDArray[np.int16], registrations: Sequence[Registration]
+) -> tuple[NDArray[np.int16], list[tuple[int, int]]]:
+    """Return the index of the flow chosen at every pixel, -1 for none, and the flows of all registrations.
+
+    Registrations with another flow have another common view.
+    """
+    flows = [item.flow for item in registrations]
+    return np.array([*map(flows.index, flows), -1], dtype=np.int16)[choice], flows
+
+
+def _fitting_pixels(fits: NDArray[np.bool_], first_row: int, shape: Sequence[int]) -> NDArray[np.bool_]:
+    """Return the pixels of the cells in which a registration fits, of a row band of shape (t, y, x)."""
+    _, rows, columns = shape
+    return fits.repeat(CELL, axis=0)[first_row : first_row + rows].repeat(CELL, axis=1)[:, :columns]
+
+
+def _forget_beside_invalid(
+    task: EstimationInputs, choice: NDArray[np.int16], registrations: Sequence[Registration], band: tuple[int, int]
+) -> None:
+    """Discard choices as `forget_second_best`, where a better registration touches invalid pixels."""
+    chosen, flows = _chosen_flows(choice, registrations)
+    for item in registrations:
+        if item.fits is None:
+            continue
+        fits = _fitting_pixels(item.fits, band[0], choice.shape)
+        for index in range(len(choice)):
+            touched = without_support(task, item, index, band)
+            if touched is not None:
+                choice[index][touched & fits & (chosen[index] == flows.index(item.flow))] = -1
 
 
 def _to_world(

@@ -297,10 +297,9 @@ def fill_estimate(
     """Estimate all maps with the 4D structure tensor (paper, sections 2 to 4) in groups of frames, to limit memory."""
     rig = _acquisition_axes(recording, settings)
     images = FrameReader(recording)
-    missing = images.missing()
-    if missing:
-        message = f"contains {missing} values that are not finite in float32, which the filters would spread"
-        raise EstimateError([Problem("image", message)])
+    empty = images.empty_images()
+    if empty:
+        raise EstimateError(empty)
     # The filters operate on columns and rows of the recording, not on camera pixels.
     grid, intrinsics = compute_pixel_grid(recording), read_intrinsics(recording)
     outputs, groups = rig.outputs(images.shape[2]), _groups(rig, images)

@@ -117,6 +117,8 @@ def texture_transfer(image: NDArray[np.float32], settings: StructureTensorSettin
     for channel in image:
         padded = np.pad(channel, 2 * REACH, mode="edge")
         in_threads(partial(gradient_energies, padded, *filters, STRIDE, total), bands(blocks[0]))
+    # Blocks whose filters touch an invalid pixel.
+    total[:, np.isnan(total).any(axis=0)] = 0.0
     taps = 2 * int(np.ceil(settings.window_taps_px / (2 * STRIDE))) + 1
     window = gaussian_window(max(settings.window_sigma_px / STRIDE, 0.3), taps).astype(np.float32)
     in_threads(lambda index: _windowed(total[index], window), list(range(len(total))))

@@ -68,6 +68,7 @@ def find_working_point(grey: NDArray[Any], positions: NDArray[np.float64] | None
         return 0
     steps = np.arange(count, dtype=np.float64) if positions is None else positions
     detail = np.diff(grey.astype(np.float64), axis=2)
+    detail[np.isnan(detail)] = 0.0  # at invalid pixels
     padded = fft.next_fast_len(2 * width, real=True)
     spectra = fft.rfft(detail, padded, axis=2, workers=thread_count())
     limit = int((width - 1) // (2 * np.diff(steps).min()))
@@ -91,6 +92,7 @@ def find_working_point_of_flow(grey: NDArray[Any]) -> tuple[int, int]:
     images = grey.astype(np.float32).reshape(-1, count, height, width)
     detail = images[..., 1:-1, 1:-1] * 4 - images[..., :-2, 1:-1] - images[..., 2:, 1:-1]
     detail -= images[..., 1:-1, :-2] + images[..., 1:-1, 2:]
+    detail[np.isnan(detail)] = 0.0  # at invalid pixels
     shape = [fft.next_fast_len(size + size // 2, real=True) for size in detail.shape[-2:]]
     spectra = fft.rfft2(detail, shape, workers=thread_count())
     cross = np.sum(np.conj(spectra[:, :-1]) * spectra[:, 1:], axis=(0, 1))

@@ -25,7 +25,10 @@ _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @_jit
 def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: Any) -> None:
-    """Sum the squared image differences of neighbouring cameras over blocks of STEP pixels, where both have a view."""
+    """Sum the squared image differences of neighbouring cameras over blocks of STEP pixels, where both have a view.
+
+    Invalid pixels (NaN) are not in view.
+    """
     width = images.shape[3]
     compared = np.zeros(out.shape[0], dtype=np.float32)
     wanted = np.zeros(out.shape[0], dtype=np.float32)
@@ -41,8 +44,16 @@ def _row_costs(images: Any, first: Any, second: Any, weights: Any, y: int, out: 
                 for x in range(low, high):
                     difference = a[x + first[s]] - b[x + second[s]]
                     total += difference * difference
+                pixels = max(high - low, 0)
+                if total != total:
+                    total, pixels = np.float32(0.0), 0
+                    for x in range(low, high):
+                        difference = a[x + first[s]] - b[x + second[s]]
+                        if difference == difference:
+                            total += difference * difference
+                            pixels += 1
                 out[block] += total * weights[s]
-                compared[block] += max(high - low, 0) * weights[s]
+                compared[block] += pixels * weights[s]
                 wanted[block] += (end - start) * weights[s]
     for block in range(out.shape[0]):
         # Pixels outside the view of a camera are compared by the others: the sum is scaled to all cameras.

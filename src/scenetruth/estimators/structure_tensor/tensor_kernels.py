@@ -553,14 +553,26 @@ def _solve_part(j: Any, m: Any, n: int, r: Any) -> None:
 
 @_jit
 def _solve_row(entries: Any, criteria: Criteria, found: Any) -> None:
-    """Solve all pixels of a row: entries `_J_XX` to `_J_TT`, shape (15, x); results, shape (23, x)."""
+    """Solve all pixels of a row: entries `_J_XX` to `_J_TT`, shape (15, x); results, shape (23, x).
+
+    Where filters and window touch an invalid pixel, entries are NaN, and the result is not better than any other.
+    """
     j, m, r = np.zeros(_ENTRIES * _LANES), np.empty(_PLACES * _LANES), np.empty(_FOUND_AND_NEEDED * _LANES)
+    invalid = np.zeros(_LANES, dtype=np.bool_)
     count = entries.shape[1]
     for start in range(0, count, _LANES):
         used = min(_LANES, count - start)
         for entry in range(_ENTRIES):
             for n in range(used):
                 j[entry * _LANES + n] = entries[entry, start + n]
+        for n in range(used):
+            invalid[n] = False
+            for entry in range(_ENTRIES):
+                invalid[n] |= np.isnan(j[entry * _LANES + n])
+            if invalid[n]:
+                # NaN must not affect the convergence of other matrices.
+                for entry in range(_ENTRIES):
+                    j[entry * _LANES + n] = 0.0
         for k in range(_ENTRIES * _LANES):
             m[k] = j[k]
         _diagonalise(m)
@@ -572,6 +584,9 @@ def _solve_row(entries: Any, criteria: Criteria, found: Any) -> None:
         for k in range(_FOUND):
             for n in range(used):
                 found[k, start + n] = r[k * _LANES + n]
+        for n in range(used):
+            if invalid[n]:
+                found[_TO_MOVE, start + n] = found[_UNCERTAINTY, start + n] = np.nan
 
 
 @_jit

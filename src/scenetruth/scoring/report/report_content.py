@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
+from scenetruth.scoring.common_statistics import COMMON_STATISTICS
 from scenetruth.scoring.error_pairs import (
     find_valid_pixels,
     list_quantities,
@@ -76,6 +77,7 @@ def build_score_content(score: Score) -> dict[str, Any]:
     return {
         "headlines": list(_headlines(score, shown)),
         "regions": [(region, list(_rows(score, region, shown))) for region in REGIONS],
+        "common": [(region, rows) for region in REGIONS if (rows := list(_common_rows(score, region, shown)))],
         "outliers": _outliers(score),
         "by_region": _by_region(score, shown),
         "margin": f"{score.metadata.get('margin_px', 20.0):g}",
@@ -113,6 +115,13 @@ def _spell(value: float | None, statistic: str) -> str:
 def _rows(score: Score, region: str, shown: list[str]) -> Iterator[tuple[str, str, Mapping[str, float | int | None]]]:
     for name in shown:
         yield get_title(name), get_units(name), score.regions[region][name]
+
+
+def _common_rows(
+    score: Score, region: str, shown: list[str]
+) -> Iterator[tuple[str, str, Mapping[str, float | int | None]]]:
+    """Yield the rows of quantities with a stated common part of their standard deviations."""
+    yield from (row for row in _rows(score, region, shown) if set(COMMON_STATISTICS) <= set(row[2]))
 
 
 def _outliers(score: Score) -> dict[str, Any]:
