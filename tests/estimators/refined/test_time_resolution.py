@@ -95,8 +95,9 @@ def test_velocities_of_three_frames_of_a_swing_have_their_systematic_error(
     # Stated errors are 1.4 times the third order, of which that of these motions is 0.7 to 1.
     assert 0.5 < np.sqrt(np.mean(errors**2)) < 1.3
     assert np.abs(errors).max() < 6.0
-    alone = estimated(swing.isel(t=slice(1, 4)), acceleration=acceleration)
-    assert np.sqrt(np.mean(scaled_errors(alone, np.cos(phase)) ** 2)) > 10.0
+    # Nothing in three frames shows it if all of the motion may be an acceleration.
+    alone = estimated(swing.isel(t=slice(1, 4)), acceleration=True)
+    assert np.sqrt(np.mean(scaled_errors(alone, np.cos(phase)) ** 2)) > 4.0
 
 
 def test_steady_velocities_keep_their_standard_deviation() -> None:
