@@ -85,6 +85,7 @@ if TYPE_CHECKING:
         sees_second_camera,
     )
     from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles, margin_px, spread_regions
+    from scenetruth.estimators.refined.time_resolution import choose_frames_beyond, derivative_weights
     from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 
 __all__ = [
@@ -119,6 +120,7 @@ __all__ = [
     "at_nodes",
     "between",
     "blank_fit",
+    "choose_frames_beyond",
     "choose_tiles",
     "compare_growth",
     "compute_calibration_effect",
@@ -130,6 +132,7 @@ __all__ = [
     "compute_pose_effect",
     "continues_on_both_sides",
     "corrected",
+    "derivative_weights",
     "derive_priors",
     "distort",
     "enlarge_variances",
@@ -223,6 +226,7 @@ __getattr__, __dir__ = export_lazily(
             "SystematicErrors add_contradiction extrapolation_share list_spans polynomial_bias sees_second_camera"
         ),
         "tiles": "RegionImages choose_tiles margin_px spread_regions",
+        "time_resolution": "choose_frames_beyond derivative_weights",
         "velocity_curvature": "smooth_velocity",
     },
 )

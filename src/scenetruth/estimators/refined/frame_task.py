@@ -45,12 +45,14 @@ from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.estimators.refined.pose_consistency import PoseErrors, compare_with_stated, estimate_pose_errors
 from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
 from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles, release_memory
+from scenetruth.estimators.refined.time_resolution import LARGEST_UNTESTED, check_time_resolution, join_frames
 from scenetruth.schema import REASONS, compute_pixel_grid, read_intrinsics
 from scenetruth.schema.validity import compute_validity, excluded_pixels
 
 __all__ = ["FrameEstimate", "FrameTask"]
 
 Report = Callable[[int], None]
+_ON_ONE_SIDE = 2  # number of frames that test a velocity at the beginning or end of a recording
 
 
 @dataclass
@@ -138,13 +140,16 @@ class FrameTask:
 
     def _estimate_whole(self, frames: FramesNeeded, images: ImageStack, report: Report | None) -> FrameEstimate:
         settings = self._settings
-        coefficients, bad = self._splines.frames(frames.first, frames.last), self.reader.bad(frames.first, frames.last)
-        images = replace(images, coefficients=coefficients, bad=bad)
+        wide = self._frames_beyond(frames)
+        coefficients, bad = self._splines.frames(wide.first, wide.last), self.reader.bad(wide.first, wide.last)
+        beyond = None if wide == frames else replace(self._outline(wide), coefficients=coefficients, bad=bad)
+        own = slice(frames.first - wide.first, frames.last - wide.first)
+        images = replace(images, coefficients=coefficients[own], bad=bad[own])
         images = self._with_noise(images, images.mean_grey)
         self._require_contrast(images)
         start = self._initialise(frames, images)
         images = replace(images, priors=self._priors(start), noise_share=self._noise_share(frames, start))
-        found, beside = _fit(images, start, settings, report)
+        found, beside = _fit(images, start, settings, report, beyond)
         errors = None
         if settings.pose_corrections == "auto" and images.priors is None:
             # Pixels that show several surfaces are displaced by any pose.
@@ -166,6 +171,8 @@ class FrameTask:
         start = self._initialise(frames, images, agreement)
         priors, share = self._priors(start), self._noise_share(frames, start)
         source.outline = replace(images, priors=priors, noise_share=share)
+        wide = self._frames_beyond(frames)
+        wider = None if wide == frames else RegionImages(self.reader, wide, self._outline(wide))
         start = InitialEstimate(start.fields.astype(np.float32), start.known)
         release_memory()
         sample = sample_images(source, start.fields, settings, report)
@@ -180,7 +187,8 @@ class FrameTask:
             fields = start.fields[:, region.rows, region.columns].astype(np.float64)
             own = InitialEstimate(fields, start.known[region.rows, region.columns])
             later = None if report is None else _after(report, number * settings.max_iterations)
-            found, beside = _fit(source.stack(region, start.fields, sample.images), own, settings, later)
+            beyond = None if wider is None else wider.stack(region, start.fields)
+            found, beside = _fit(source.stack(region, start.fields, sample.images), own, settings, later, beyond)
             found = replace(found, cameras=sample.cameras)
             made = self._maps(found, beside, own, sample.errors)
             for name, values in made.items():
@@ -191,6 +199,15 @@ class FrameTask:
             del found, beside, made
         whole.curved = round(curved / (images.shape[0] * images.shape[1]), 4)
         return whole
+
+    def _frames_beyond(self, frames: FramesNeeded) -> FramesNeeded:
+        """Return the frames of a fit, and those next to them that test the velocity of two or three frames."""
+        if not 1 < frames.last - frames.first <= LARGEST_UNTESTED:
+            return frames
+        last = self.reader.shape[2]
+        before, after = frames.first, last - frames.last
+        each = (1, 1) if before and after else (_ON_ONE_SIDE, _ON_ONE_SIDE)
+        return replace(frames, first=frames.first - min(each[0], before), last=frames.last + min(each[1], after))
 
     def _with_noise(self, images: ImageStack, mean_grey: Callable[[], float]) -> ImageStack:
         """Return the images with the noise of the settings."""
@@ -284,9 +301,16 @@ class FrameTask:
 
 
 def _fit(
-    images: ImageStack, start: InitialEstimate, settings: RefinedSettings, report: Report | None
+    images: ImageStack,
+    start: InitialEstimate,
+    settings: RefinedSettings,
+    report: Report | None,
+    beyond: ImageStack | None = None,
 ) -> tuple[RefinedState, DiscontinuityContext]:
-    """Fit surface and motion around every pixel."""
+    """Fit surface and motion around every pixel.
+
+    ``beyond``: Images of these frames and of those next to them; None if there are none.
+    """
     found = refine(images, start.fields, settings, report)
     beside = empty_discontinuity_context(images.shape)
     if not np.isfinite(found.fit.theta).all(axis=0).any():
@@ -296,7 +320,9 @@ def _fit(
     if settings.discontinuity_refit:
         found, beside = refit_discontinuities(found.images, start.fields, found, settings, report)
     found = add_growth_bias(found)
-    return replace(found, fit=systematic.added(found.fit, beside.where)), beside
+    found = replace(found, fit=systematic.added(found.fit, beside.where))
+    wide = found.images if beyond is None else join_frames(found.images, beyond)
+    return check_time_resolution(found, beside.where, wide, settings), beside
 
 
 def _after(report: Report, earlier: int) -> Report:

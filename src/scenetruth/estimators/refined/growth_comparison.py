@@ -6,6 +6,7 @@ standard deviations while disparity, velocity and residual hardly change, so tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -30,7 +31,9 @@ _SCALES = (2.0, 4.0, 8.0)
 _MOST = 9.0  # largest squared difference of a pixel in a test, in multiples of its noise; as for other motion models
 _ONE_IN_THOUSAND = 3.09  # normal deviate of the probability that noise appears significant
 _LEAST_PART = 0.5  # lower limit of the noise of their difference, relative to that of the affine fit
-_HIDDEN = 0.5  # standard deviations of the pooled mean square by which it may miss a bias
+# Standard deviations from which a mean difference, or a mean square, at one of the scales counts as a bias; and the
+# bias that the mean over a whole surface may miss, as a fraction of its variance.
+_LIKELY, _HIDDEN = 2.0, 0.75
 _LEAST_WINDOWS = 3.0  # smallest surface that is averaged by itself, in squares of the window width
 _Q_X = 3  # variance of q_X
 
@@ -52,24 +55,26 @@ def compare_growth(plain: Fit, affine: Fit, sigma_px: float, among: Mask, transf
 
     The squared difference D² of nested fits has the expectation b² + v with the bias b of the plain fit and the
     difference v of the variances. Means of D² / v at several scales, over n independent windows each, are compared with
-    χ² / n. Below significance, the excess over 1 is an estimate of the bias with the standard deviation √(2 / n).
+    χ² / n. Below significance, the bias follows from the means of D, in which a bias of one sign over a surface exceeds
+    noise by far earlier, and from the excess of the mean squares, for biases that change their sign.
 
     ``among``: Pixels included in the averages; parts that do not touch are separate surfaces. ``transfer``: Ratio of
     noise after interpolation to that before.
     """
     from scipy.ndimage import find_objects, label
 
-    square, noise = _differences(plain, affine, transfer)
-    valid = among & np.isfinite(square).all(axis=0) & (np.isfinite(noise) & (noise > 0.0)).all(axis=0)
+    difference, noise = _differences(plain, affine, transfer)
+    valid = among & np.isfinite(difference).all(axis=0) & (np.isfinite(noise) & (noise > 0.0)).all(axis=0)
     significant, included = np.zeros_like(valid), np.zeros_like(valid)
-    bias = np.zeros(square.shape)
+    bias = np.zeros(difference.shape)
     surfaces, _ = label(valid)
     for number, box in enumerate(find_objects(surfaces), 1):
         own = surfaces[box] == number
         if own.sum() < _LEAST_WINDOWS * sigma_px**2:
             continue
         part = (slice(None), *box)
-        differs, biased = _compare(np.where(own, square[part], 0.0), np.where(own, noise[part], np.inf), own, sigma_px)
+        values = np.where(own, difference[part], 0.0), np.where(own, noise[part], np.inf)
+        differs, biased = _compare(*values, own, sigma_px)
         significant[box] |= differs & own
         bias[part] = np.where(own, biased, bias[part])
         included[box] |= own
@@ -77,23 +82,28 @@ def compare_growth(plain: Fit, affine: Fit, sigma_px: float, among: Mask, transf
     return GrowthComparison(significant, fill_gaps(bias, included) if included.any() else bias)
 
 
-def _compare(square: Map, noise: Map, own: Mask, sigma_px: float) -> tuple[Mask, Map]:
+def _compare(difference: Map, noise: Map, own: Mask, sigma_px: float) -> tuple[Mask, Map]:
     """Return where growth differs on one surface, and the mean square bias of all rates."""
-    significant, bias = np.zeros_like(own), np.zeros(square.shape)
-    ratio = square / noise
+    significant, bias = np.zeros_like(own), np.zeros(difference.shape)
+    normal = difference / np.sqrt(noise)
+    ratio = normal**2
+    # The noise of the surroundings: single pixels of little texture have no information on the bias.
+    usual = 1.0 / np.maximum(_mean(1.0 / noise, own, _SCALES[0] * sigma_px), 1e-300)
     for scale in _scales(own, sigma_px):
-        # The noise of the surroundings: single pixels of little texture have no information on the bias.
-        usual = 1.0 / np.maximum(_mean(1.0 / noise, own, _SCALES[0] * sigma_px), 1e-300)
         tested = _mean(np.minimum(ratio, _MOST), own, scale.sigma_px) - 1.0
         if scale.sigma_px < _SCALES[-1] * sigma_px:
             excess = _mean(ratio, own, scale.sigma_px) - 1.0
-            least = np.where(tested > scale.std, excess, 0.0)
+            square = _mean(normal, own, scale.sigma_px) ** 2
+            least = np.zeros_like(square)
         else:
             # Large differences of single pixels must not spread over a surface.
             excess = tested
-            least = np.maximum(excess, _HIDDEN * scale.std)
+            square = _mean(np.clip(normal, -math.sqrt(_MOST), math.sqrt(_MOST)), own, scale.sigma_px) ** 2
+            least = _HIDDEN * scale.variance
         significant |= (tested[_GROWTH] > scale.significant) & (excess[_GROWTH] * usual[_GROWTH] > noise[_GROWTH])
-        bias = np.maximum(bias, least * usual)
+        of_mean = np.where(square > _LIKELY**2 * scale.variance, square - scale.variance, least)
+        of_square = np.where(tested > _LIKELY * scale.std, excess, 0.0)
+        bias = np.maximum(bias, np.maximum(of_mean, of_square) * usual)
     return significant, bias
 
 
@@ -111,7 +121,9 @@ class _Scale(NamedTuple):
 
     sigma_px: float
     std: Map
-    """Standard deviation of a mean."""
+    """Standard deviation of a mean of squares."""
+    variance: Map
+    """Variance of a mean of the values themselves."""
     significant: Map
     """Excess of a mean over 1 that noise reaches once in a thousand."""
 
@@ -120,13 +132,15 @@ def _scales(own: Mask, sigma_px: float) -> Iterator[_Scale]:
     """Yield the scales of averaging, the smallest first.
 
     Windows at a distance r have a correlation of exp(-r² / 4σ²), and their squares exp(-r² / 2σ²), so that a Gaussian
-    mean over s σ includes 1 + 2 s² independent windows. The quantile of χ² / n is that of Wilson and Hilferty.
+    mean over s σ includes 1 + 2 s² independent windows for squares, and 1 + s² for the values themselves. The quantile
+    of χ² / n is that of Wilson and Hilferty.
     """
     for scale in _SCALES:
-        count = 1.0 + 2.0 * scale**2 * _blurred(own.astype(np.float64), scale * sigma_px)
+        windows = scale**2 * _blurred(own.astype(np.float64), scale * sigma_px)
+        count = 1.0 + 2.0 * windows
         small = 2.0 / (9.0 * count)
         quantile = (1.0 - small + _ONE_IN_THOUSAND * np.sqrt(small)) ** 3
-        yield _Scale(scale * sigma_px, np.sqrt(2.0 / count), quantile - 1.0)
+        yield _Scale(scale * sigma_px, np.sqrt(2.0 / count), 1.0 / (1.0 + windows), quantile - 1.0)
 
 
 def _blurred(values: Map, sigma_px: float) -> Map:
@@ -142,10 +156,10 @@ def _mean(values: Map, own: Mask, sigma_px: float) -> Map:
 
 
 def _differences(plain: Fit, affine: Fit, transfer: float) -> tuple[Map, Map]:
-    """Return the squared differences of the rates, and the variances of these differences, shape (4, y, x)."""
+    """Return the differences of the rates, and the variances of these differences, shape (4, y, x)."""
     few, many = (fit.element_variance[RATES].astype(np.float64) / transfer**2 for fit in (plain, affine))
     with np.errstate(invalid="ignore", divide="ignore"):
-        square = (affine.element[RATES].astype(np.float64) - plain.element[RATES]) ** 2
+        difference = affine.element[RATES].astype(np.float64) - plain.element[RATES]
         # Interpolated images are not exact: the same lower limit as for velocity, in units of its noise.
         floor = (LEAST_PX / np.maximum(np.abs(affine.theta[0]), 1e-3)) ** 2 / affine.variance[_Q_X] * transfer**2
-        return square, np.maximum(many - few, np.maximum(floor, _LEAST_PART) * many)
+        return difference, np.maximum(many - few, np.maximum(floor, _LEAST_PART) * many)

@@ -225,6 +225,7 @@ def replace_reference(images: ImageStack, fields: Map) -> ImageStack:
 # Frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers.
 _CALLER = 7
 _MOST_NAMED = 6
+_FEW_OF_FRAME = 0.5  # largest fraction of the cameras of a frame whose exclusion indicates no motion
 _BLANK_SHARE = 0.9  # share of excluded pixels of an image that the user leaves out
 
 
@@ -269,6 +270,15 @@ class ExclusionReport:
             bad = bad | mask.sel({dim: n for dim, n in at.items() if dim in mask.dims}).values
         return float(bad.mean()) > _BLANK_SHARE
 
+    def _list_causes(self, images: Sequence[tuple[int, ...]]) -> str:
+        """Return possible causes: a camera is moved by itself; a motion concerns most cameras of a frame."""
+        causes = "a camera that was moved, a wrong file or a wrong exposure"
+        of_frame = [sum(image[-1] == t for image in images) for t in {image[-1] for image in images}]
+        if len(self._cameras) == 1 or max(of_frame) <= _FEW_OF_FRAME * len(self._cameras):
+            return causes
+        motion = "a motion that is not uniformly accelerated over the frames of the window (reduce window_frames)"
+        return f"{motion}, {causes}"
+
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of the estimate, and warn about exclusions that the user has not made."""
         named = sorted(self._left_out)
@@ -279,8 +289,8 @@ class ExclusionReport:
             listed = ", ".join(f"({', '.join(each)})" for each in spelled)
             more = f" and {len(unexpected) - _MOST_NAMED} more" if len(unexpected) > _MOST_NAMED else ""
             message = (
-                f"images: {listed}{more} are excluded because they contradict the other images; check for a camera "
-                "that was moved, a wrong file or a wrong exposure (attribute excluded_images)"
+                f"images: {listed}{more} are excluded because they contradict the other images; check for "
+                f"{self._list_causes(unexpected)} (attribute excluded_images)"
             )
             warnings.warn(message, EstimateWarning, stacklevel=_CALLER)
         for frame, reason in self._reasons.items():

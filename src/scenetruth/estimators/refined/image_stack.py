@@ -256,6 +256,19 @@ class ImageStack:
         """Return the images of the first, the estimated and the last frame."""
         return self._of(np.unique([np.argmin(self.times), np.argmin(np.abs(self.times)), np.argmax(self.times)]))
 
+    def included(self) -> ImageStack:
+        """Return the images of the frames that are not excluded as a whole."""
+        count = len(self.positions)
+        lost = np.bincount([frame for frame, _ in self.left_out], minlength=len(self.times)) == count
+        return self._of(np.flatnonzero(~lost)) if lost.any() and not lost.all() else self
+
+    def pair(self, frame: int) -> ImageStack:
+        """Return the images of the estimated frame and of another one; all of them, if all of that are excluded."""
+        found = self._of(np.unique([np.argmin(np.abs(self.times)), frame]))
+        place = int(np.argmax(np.abs(found.times)))
+        left_out = {image for image in found.left_out if image[0] == place}
+        return found.without(found.left_out - left_out) if len(left_out) == len(self.positions) else found
+
     def _of(self, frames: NDArray[np.intp]) -> ImageStack:
         return replace(
             self,

@@ -204,6 +204,7 @@ def compute_maps(
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
         # If almost no pixel fits, the others fit by chance.
         violated |= find_chance_fits(violated, known, settings.window_sigma_px)
+        violated |= known & (False if refined.unresolved is None else refined.unresolved)
         known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
         reason[violated] = _MODEL_VIOLATION
         known, normal, ambiguous, aperture = _determined(shown, fit, beside, settings, step_px, usual, known, reason)

@@ -43,12 +43,18 @@ from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
 
 __all__ = [
+    "OF_VELOCITY",
+    "Quantities",
+    "SpanGroup",
     "SystematicErrors",
     "add_contradiction",
+    "collect_quantities",
     "estimate_systematic_errors",
     "extrapolation_share",
+    "fit_span",
     "list_alternatives",
     "list_spans",
+    "mean_change",
     "polynomial_bias",
     "sees_second_camera",
 ]
@@ -115,7 +121,7 @@ def extrapolation_share(
     return shares
 
 
-class _Quantities(NamedTuple):
+class Quantities(NamedTuple):
     """Values and variances of all quantities with a standard deviation, on a grid."""
 
     values: Map
@@ -124,14 +130,15 @@ class _Quantities(NamedTuple):
     """Number of parameters of the fit; quantities of the surface element follow."""
 
 
-def _quantities(fit: Fit) -> _Quantities:
+def collect_quantities(fit: Fit) -> Quantities:
+    """Return all quantities of a fit that have a standard deviation, except the acceleration."""
     values = np.concatenate([fit.theta[TOLD[:_STEADY]], fit.element[:_STATED]])
     variances = np.concatenate([fit.variance[:_STEADY], fit.element_variance[:_STATED]])
-    return _Quantities(values, variances.astype(np.float64), _STEADY)
+    return Quantities(values, variances.astype(np.float64), _STEADY)
 
 
-# Whether a quantity changes with the velocity, in the order of `_quantities`.
-_OF_VELOCITY = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], dtype=np.intp)
+OF_VELOCITY = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], dtype=np.intp)
+"""Whether a quantity changes with the velocity, in the order of `collect_quantities`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +257,7 @@ def estimate_systematic_errors(
 
 
 @dataclass(frozen=True, eq=False)
-class _Group:
+class SpanGroup:
     """Pixels with the same motion model and span of frames."""
 
     where: Mask
@@ -265,12 +272,12 @@ class _Group:
         return self.settings.model_copy(update={"acceleration": bent})
 
 
-def _groups(refined: RefinedState, settings: RefinedSettings, spans: list[ImageStack], whole: Mask) -> list[_Group]:
+def _groups(refined: RefinedState, settings: RefinedSettings, spans: list[ImageStack], whole: Mask) -> list[SpanGroup]:
     """Return the pixels of each motion model and span."""
     affine = settings.model_copy(update={"motion": "affine"}) if settings.motion == "auto" else settings
     counts = np.array([part.count for part in spans])
     nearest = np.argmin(np.abs(counts[:, None, None] - np.nan_to_num(refined.fit.images)), axis=0)
-    found: list[_Group] = []
+    found: list[SpanGroup] = []
     for number in np.unique(refined.motion[whole]):
         bent = number in (MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART)
         own = (settings if number == MOTION_PLAIN else affine).model_copy(
@@ -278,39 +285,39 @@ def _groups(refined: RefinedState, settings: RefinedSettings, spans: list[ImageS
         )
         where = whole & (refined.motion == number)
         if number != MOTION_ACCELERATED_IN_PART:
-            found.append(_Group(where, own, 0, plain=number == MOTION_PLAIN))
+            found.append(SpanGroup(where, own, 0, plain=number == MOTION_PLAIN))
             continue
         parts = {span: where & (nearest == span) for span in range(1, len(spans))}
-        found += [_Group(part, own, span) for span, part in parts.items() if part.any()]
+        found += [SpanGroup(part, own, span) for span, part in parts.items() if part.any()]
     return found
 
 
 def list_alternatives(images: ImageStack, settings: RefinedSettings) -> list[Alternative]:
     """Return smaller windows and the next shorter span of frames, for pixels of the plain motion model."""
     where = np.zeros(images.shape, dtype=np.bool_)
-    return _alternatives(_Group(where, settings, 0), list_spans(images), settings.window_sigma_px)
+    return _alternatives(SpanGroup(where, settings, 0), list_spans(images), settings.window_sigma_px)
 
 
-def _alternatives(group: _Group, spans: list[ImageStack], sigma: float) -> list[Alternative]:
+def _alternatives(group: SpanGroup, spans: list[ImageStack], sigma: float) -> list[Alternative]:
     """Return smaller windows of the present frames, and shorter spans of frames down to the next one."""
     part, small = spans[group.span], _small(sigma)
     found = [Alternative(part, select_models(part, group.suited(part)), small, EVERY_VARIANCE)]
     return found + [_of_span(group, each, sigma) for each in spans[1 : group.span + 2]]
 
 
-def _of_span(group: _Group, part: ImageStack, sigma: float) -> Alternative:
+def _of_span(group: SpanGroup, part: ImageStack, sigma: float) -> Alternative:
     return Alternative(part, select_models(part, group.suited(part)), sigma, EVERY_VARIANCE)
 
 
 def _linearisation(
-    refined: RefinedState, group: _Group, images: ImageStack, state: Map, where: Mask, sigma: float
+    refined: RefinedState, group: SpanGroup, images: ImageStack, state: Map, where: Mask, sigma: float
 ) -> Linearisation:
     gains = group.settings.photometric_model == "per_image"
     return Linearisation(images, state, where, refined.curved, gains, lattice_step(sigma))
 
 
 def _linear_fits(
-    refined: RefinedState, group: _Group, spans: list[ImageStack], state: Map, sigma: float
+    refined: RefinedState, group: SpanGroup, spans: list[ImageStack], state: Map, sigma: float
 ) -> tuple[Map, Sequence[Fit]]:
     """Return the parameters of a group of pixels, and the fits of its alternatives."""
     part = spans[group.span]
@@ -325,7 +332,7 @@ def _linear_fits(
     return state, at.fits(_alternatives(group, spans, sigma))
 
 
-def _mean_change(change: Map, noise: Map, among: Mask, sigma: float, correlated: float) -> tuple[Map, Map, Map]:
+def mean_change(change: Map, noise: Map, among: Mask, sigma: float, correlated: float) -> tuple[Map, Map, Map]:
     """Return the squares of the systematic change, its significance, and the noise of the mean, for maps (n, y, x).
 
     The mean change over a wide area is compared with its noise, and so is its mean square, in which changes of both
@@ -363,7 +370,7 @@ def _mean_change(change: Map, noise: Map, among: Mask, sigma: float, correlated:
     return square, ratio, mean_noise
 
 
-def _noise_of_change(coarse: _Quantities, fine: _Quantities) -> Map:
+def _noise_of_change(coarse: Quantities, fine: Quantities) -> Map:
     """Return the variance of the change between an efficient fit and one of fewer data, due to noise."""
     return np.maximum(fine.variances - coarse.variances, 0.5 * fine.variances)
 
@@ -373,12 +380,12 @@ def _small(sigma: float) -> float:
     return max(1.0, _FINER * sigma)
 
 
-def _window_errors(refined: RefinedState, group: _Group, smaller: Fit, sigma: float) -> Map:
+def _window_errors(refined: RefinedState, group: SpanGroup, smaller: Fit, sigma: float) -> Map:
     """Return the squares of the errors of all quantities due to the width of the windows, at the nodes."""
     step, small = lattice_step(sigma), _small(sigma)
     share = sigma**2 / (sigma**2 - small**2) if small < sigma else 0.0
-    fine, full = _quantities(smaller), _quantities(at_nodes(refined.fit, step))
-    square, *_ = _mean_change(
+    fine, full = collect_quantities(smaller), collect_quantities(at_nodes(refined.fit, step))
+    square, *_ = mean_change(
         fine.values - full.values,
         _noise_of_change(full, fine),
         group.where[::step, ::step],
@@ -412,7 +419,7 @@ class _SpanErrors:
 
 def _span_errors(
     refined: RefinedState,
-    group: _Group,
+    group: SpanGroup,
     spans: list[ImageStack],
     state: Map,
     linear: Sequence[Fit],
@@ -422,28 +429,28 @@ def _span_errors(
     sigma, step = settings.window_sigma_px, lattice_step(settings.window_sigma_px)
     nodes = slice(None, None, step), slice(None, None, step)
     among = group.where[nodes]
-    present = _quantities(at_nodes(refined.fit, step))
+    present = collect_quantities(at_nodes(refined.fit, step))
     quantities, thetas, where = [present], [state], group.where
     errors: list[Map] = [np.zeros_like(present.values)]
     times = [part.times for part in spans]
     theta, worth = state, np.zeros(among.shape, dtype=np.bool_)
     for number, part in enumerate(spans[1:]):
-        theta, made = _fit_span(refined, group, part, theta, where, linear[number : number + 1], sigma)
-        latest = _quantities(made)
+        theta, made = fit_span(refined, group, part, theta, where, linear[number : number + 1], sigma)
+        latest = collect_quantities(made)
         before, n = quantities[-1], len(quantities)
         # The present fit may be that of this span.
         quantities.append(latest)
         thetas.append(theta)
         change, noise = latest.values - before.values, _noise_of_change(before, latest)
-        square, ratio, _ = _mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
+        square, ratio, _ = mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
         bent = group.suited(part).accelerated
-        share = extrapolation_share(times[n - 1], times[n], accelerated=bent)[_OF_VELOCITY][:, None, None]
+        share = extrapolation_share(times[n - 1], times[n], accelerated=bent)[OF_VELOCITY][:, None, None]
         errors[-1] = share**2 * square
         errors.append(np.maximum(share - 1.0, 0.0) ** 2 * square)
         # The error of longer spans is the change to the shortest, and its own.
         for k in range(n - 1):
             change, noise = latest.values - quantities[k].values, _noise_of_change(quantities[k], latest)
-            square, *_ = _mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
+            square, *_ = mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
             errors[k] = np.maximum(errors[k], square + errors[-1])
         large = (ratio[[0, *range(_VELOCITY, _STEADY)]].max(axis=0) > _LARGE) | (n < group.span + 1)
         worth |= large & (n >= group.span + 1)
@@ -454,9 +461,9 @@ def _span_errors(
     return _SpanErrors(errors, [each.variances for each in quantities], thetas, of_fit, worth & among)
 
 
-def _fit_span(
+def fit_span(
     refined: RefinedState,
-    group: _Group,
+    group: SpanGroup,
     part: ImageStack,
     theta: Map,
     where: Mask,
@@ -521,7 +528,7 @@ def add_contradiction(full: Fit, fit: Fit, where: Mask, transfer: float) -> Fit:
 
 
 def _with_fewer_frames(
-    refined: RefinedState, group: _Group, found: _SpanErrors, spans: list[ImageStack], settings: RefinedSettings
+    refined: RefinedState, group: SpanGroup, found: _SpanErrors, spans: list[ImageStack], settings: RefinedSettings
 ) -> tuple[RefinedState, NDArray[np.intp]]:
     """Fit the span with the smallest total error at every pixel of a group; return the fit and the spans."""
     shape = refined.images.shape
