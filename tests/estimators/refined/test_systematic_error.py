@@ -170,3 +170,19 @@ def test_fewer_frames_that_contradict_all_frames_have_the_difference_as_their_er
     # Output divides variances by the square of the splines' transfer.
     added = (found.variance[3, 0, 1] - 1e-6) / spline_transfer(5) ** 2
     assert added == pytest.approx((0.11 / 8.0) ** 2)
+
+
+def test_noise_does_not_surround_an_edge() -> None:
+    """The edge between two blank surfaces has no texture on either side, whatever the gradient of the noise."""
+    from scipy.ndimage import gaussian_filter
+
+    generator = np.random.default_rng(2)
+    by_noise = 1.0
+    # Half the squared sum of two normal derivatives has mean 1; neighbourhoods are means over 1 px.
+    noise = gaussian_filter(by_noise * 0.5 * generator.chisquare(2, (80, 80)), 1.0)
+    edge = np.zeros((80, 80))
+    edge[:, 38:42] = 25.0
+    assert is_surrounded(edge + noise, 4.0).mean() > 0.5
+    assert not is_surrounded(edge + noise, 4.0, by_noise)[12:-12, 35:45].any()
+    # Weak texture on all sides of a pixel.
+    assert is_surrounded(4.0 * by_noise + noise, 4.0, by_noise).all()

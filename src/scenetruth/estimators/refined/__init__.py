@@ -72,6 +72,7 @@ if TYPE_CHECKING:
         Elimination,
         ShiftObservations,
         compute_point_derivatives,
+        follow_points,
         select_blocks,
         solve_with_prior,
     )
@@ -151,6 +152,7 @@ __all__ = [
     "fine_contrast",
     "fit_bare_surfaces",
     "fit_round",
+    "follow_points",
     "image_motion",
     "initial_parameters",
     "interpolation_error",
@@ -216,7 +218,8 @@ __getattr__, __dir__ = export_lazily(
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
         "pose_corrections": (
-            "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks solve_with_prior"
+            "Blocks Elimination ShiftObservations compute_point_derivatives follow_points select_blocks "
+            "solve_with_prior"
         ),
         "row_bands": "FIT_LIMITS NO_OCCLUSION",
         "systematic_error": (

@@ -241,8 +241,8 @@ def compute_maps(
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm, images.transfers, of_element)
-    fallback = compute_fallback(shown, start, known | normal, theta[0], usual, settings.fallback)
-    rough = fallback.where & ~ambiguous
+    fallback = compute_fallback(shown, start, known | normal, theta[0], usual, ambiguous, settings.fallback)
+    rough = fallback.where
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
     # These maps have values everywhere.
     maps: dict[str, NDArray[Any]] = {
