@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         spline_transfer,
     )
     from scenetruth.estimators.refined.other_views import OtherViews, match_views
+    from scenetruth.estimators.refined.output_maps import find_open_blanks
     from scenetruth.estimators.refined.pixel_defects import (
         DefectFilteredFrames,
         fill_defects,
@@ -148,6 +149,7 @@ __all__ = [
     "find_dead_pixels",
     "find_far",
     "find_hidden",
+    "find_open_blanks",
     "find_saturated_runs",
     "fine_contrast",
     "fit_bare_surfaces",
@@ -215,6 +217,7 @@ __getattr__, __dir__ = export_lazily(
             "EVEN GreyVariance estimate_variance photon_transfer_variance resampled_transfer spline_transfer"
         ),
         "other_views": "OtherViews match_views",
+        "output_maps": "find_open_blanks",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
         "pose_corrections": (
