@@ -15,6 +15,7 @@ from scenetruth.estimators.refined import (
     ImageView,
     ShiftObservations,
     compute_point_derivatives,
+    follow_points,
     select_blocks,
     solve_with_prior,
 )
@@ -288,3 +289,18 @@ def test_blocks_without_texture_are_no_observations() -> None:
     shifts.sums[..., 5], shifts.sums[..., 6] = 1e-4, 100.0
     blocks = select_blocks(shifts, np.ones((4, *shape)))
     np.testing.assert_array_equal(blocks.at[::-1].T, shifts.centres()[:, textured].T)
+
+
+def test_in_a_single_frame_points_do_not_move() -> None:
+    """Positions visited one after the other: without further frames, motion is zero by definition, not an unknown.
+
+    With it as an unknown, motion towards the camera would add to the standard deviation of the disparity, away from
+    the middle of the image.
+    """
+    at, fields = np.array([[5.0, 90.0], [40.0, 12.0]]), np.array([[4.0, 6.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    s: Array = np.linspace(-2.0, 2.0, CAMERAS, dtype=np.float64)
+    view = ImageView(s, np.zeros(CAMERAS), s.copy(), np.zeros((CAMERAS, 4)), 200.0, 55.5, 39.5)
+    follow = follow_points(compute_point_derivatives(view, fields, at, still=True)).reshape(2, 6, CAMERAS, 2)
+    # Least squares: d = -Σ s δ / Σ s².
+    np.testing.assert_allclose(follow[:, 0, :, 0], np.tile(-s / (s @ s), (2, 1)), atol=1e-12)
+    assert (follow[:, 1:4] == 0.0).all()

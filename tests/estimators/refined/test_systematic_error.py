@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.typing import NDArray
+from scipy import ndimage
 
 import scenetruth as st
 from scenetruth.estimators.refined import (
@@ -16,6 +17,7 @@ from scenetruth.estimators.refined import (
     add_contradiction,
     blank_fit,
     extrapolation_share,
+    find_open_blanks,
     is_supported,
     is_surrounded,
     list_spans,
@@ -170,3 +172,40 @@ def test_fewer_frames_that_contradict_all_frames_have_the_difference_as_their_er
     # Output divides variances by the square of the splines' transfer.
     added = (found.variance[3, 0, 1] - 1e-6) / spline_transfer(5) ** 2
     assert added == pytest.approx((0.11 / 8.0) ** 2)
+
+
+def test_noise_does_not_surround_an_edge() -> None:
+    """The edge between two blank surfaces has no texture on either side, whatever the gradient of the noise."""
+    from scipy.ndimage import gaussian_filter
+
+    generator = np.random.default_rng(2)
+    by_noise = 1.0
+    # Half the squared sum of two normal derivatives has mean 1; neighbourhoods are means over 1 px.
+    noise = gaussian_filter(by_noise * 0.5 * generator.chisquare(2, (80, 80)), 1.0)
+    edge = np.zeros((80, 80))
+    edge[:, 38:42] = 25.0
+    assert is_surrounded(edge + noise, 4.0).mean() > 0.5
+    assert not is_surrounded(edge + noise, 4.0, by_noise)[12:-12, 35:45].any()
+    # Weak texture on all sides of a pixel.
+    assert is_surrounded(4.0 * by_noise + noise, 4.0, by_noise).all()
+
+
+def test_a_blank_area_between_textures_is_open_if_it_continues() -> None:
+    """Between strips 12 px apart, a blank wall is open within 3σ = 18 px of its wide part; a square of it is not."""
+    generator = np.random.default_rng(6)
+    noise, size = 1.0, (90, 120)
+    strips = np.zeros(size, dtype=bool)
+    strips[:40, 40:48] = strips[:40, 60:68] = True
+    ring = np.zeros(size, dtype=bool)
+    ring[20:60, 85:115], ring[34:46, 94:106] = True, False
+    own = strips | ring
+    grey = np.where(own, 40.0 + generator.normal(0, 15, size), 80.0) + generator.normal(0, noise, size)
+    gradient = np.where(own, 100.0, 1.0)
+    # The gradient of an outline reaches into the blank area.
+    near = np.asarray(ndimage.maximum_filter(own, 5))
+    gradient[near & ~own] = 20.0
+    found = find_open_blanks(gradient, gradient <= 4.0, grey, noise, 6.0)
+    assert found[32:, 49:59].mean() > 0.95
+    assert found[:, :30].mean() > 0.95
+    assert not found[34:46, 94:106].any()
+    assert found[own].mean() < 0.1

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         spline_transfer,
     )
     from scenetruth.estimators.refined.other_views import OtherViews, match_views
+    from scenetruth.estimators.refined.output_maps import find_open_blanks
     from scenetruth.estimators.refined.pixel_defects import (
         DefectFilteredFrames,
         fill_defects,
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
         Elimination,
         ShiftObservations,
         compute_point_derivatives,
+        follow_points,
         select_blocks,
         solve_with_prior,
     )
@@ -150,10 +152,12 @@ __all__ = [
     "find_dead_pixels",
     "find_far",
     "find_hidden",
+    "find_open_blanks",
     "find_saturated_runs",
     "fine_contrast",
     "fit_bare_surfaces",
     "fit_round",
+    "follow_points",
     "image_motion",
     "initial_parameters",
     "interpolation_error",
@@ -216,10 +220,12 @@ __getattr__, __dir__ = export_lazily(
             "EVEN GreyVariance estimate_variance photon_transfer_variance resampled_transfer spline_transfer"
         ),
         "other_views": "OtherViews match_views",
+        "output_maps": "find_open_blanks",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
         "pose_corrections": (
-            "Blocks Elimination ShiftObservations compute_point_derivatives select_blocks solve_with_prior"
+            "Blocks Elimination ShiftObservations compute_point_derivatives follow_points select_blocks "
+            "solve_with_prior"
         ),
         "row_bands": "FIT_LIMITS NO_OCCLUSION",
         "systematic_error": (

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.aperture import ApertureContext
+from scenetruth.estimators.refined.discontinuity_refit import find_hidden
 from scenetruth.estimators.refined.fit_maps import extract_fields
 from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack
 from scenetruth.estimators.refined.kernels.ambiguity import COSTS, add_similarity, compare_rivals, compare_windows
-from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, around, window_weights
 from scenetruth.threads import in_threads
 
 __all__ = ["SEARCHED_PX", "find_ambiguous", "find_chance_fits", "image_motion", "mark_mostly"]
@@ -130,12 +131,13 @@ def find_ambiguous(
     flags = np.zeros((len(rows), len(columns)), dtype=np.bool_)
     textured, repeated = flags.copy(), flags.copy()
     widths = ((sigma_px, ~small), (small_sigma_px, small))
+    hidden = find_hidden(images, np.ascontiguousarray(extract_fields(theta))) if small.any() else NO_OCCLUSION
     for axis in (_disparity_axis(images), _motion_axis(images)):
         if axis is None:
             continue
         wanted = [_Windows(sigma, (tested & among)[grid] & ~flags) for sigma, among in widths]
         repetition = _Repetition(textured, repeated, max_motion_px)
-        flags |= _rivalled(images, theta, axis, wanted, noise, (rows, columns), aperture, repetition)
+        flags |= _rivalled(images, theta, axis, wanted, noise, (rows, columns), aperture, repetition, hidden)
     flags |= mark_mostly(flags, tested[grid], _NEIGHBOURS)
     # Amid a texture that repeats, windows without a fit count as ambiguous.
     doubtful = textured & (flags | ~mark_mostly(where, ~where | where, step)[grid])
@@ -230,6 +232,7 @@ def _rivalled(
     at: tuple[NDArray[np.int64], NDArray[np.int64]],
     aperture: ApertureContext,
     repetition: _Repetition,
+    hidden: NDArray[np.uint8],
 ) -> Mask:
     """Return the windows with a rival, of a grid of rows and columns."""
     frame, camera = images.reference()
@@ -240,9 +243,11 @@ def _rivalled(
     every = [_within(images, theta, axis, each, repetition.max_motion_px) for each in every]
     if not any(len(each) for each in every):
         return flags
-    reference = grey.copy()
-    reference[~images.usable(frame, camera)] = np.nan
     places = [n * len(images.positions) + camera for n, camera in axis.images]
+    reference = np.repeat(np.where(images.usable(frame, camera), grey, np.nan)[None], len(places), axis=0)
+    # Points behind nearer surfaces fit no image.
+    for each, place in zip(reference, places if hidden.size else (), strict=bool(hidden.size)):
+        each[(hidden[place // 8] >> (place % 8)) & 1 > 0] = np.nan
     view = images.view_of(places)
     stack = np.stack([_mean_of_channels(images, *image) for image in axis.images])
     bad = np.stack([images.bad[n][camera] for n, camera in axis.images]) if images.bad else NO_DEFECTS

@@ -50,7 +50,7 @@ from scenetruth.estimators.refined.motion_model_selection import (
     encode_motion_models,
     list_motion_models,
 )
-from scenetruth.estimators.refined.noise_estimation import textured
+from scenetruth.estimators.refined.noise_estimation import compute_noise_gradient, textured
 from scenetruth.estimators.refined.row_bands import (
     NO_OCCLUSION,
     PixelEvidence,
@@ -118,6 +118,8 @@ _CONTINUED_AT, _CONTINUED = 1.5, 0.3
 # Distance in px at which texture must lie in each of several directions, and its smallest mean square gradient relative
 # to the largest one there: at this distance from an outline, 3 % of its square remains in a neighbourhood.
 _ON_ALL_SIDES_PX, _DIRECTIONS, _OF_STRONGEST, _CUT = 3.0, 8, 0.03, 2.0
+# Largest ratio of the mean square gradient of noise to its mean, in a neighbourhood and in a window.
+_OF_NOISE = 2.0, 1.3
 
 # Distance in px of the neighbours that support a pixel, smallest fraction of them, and largest difference of their
 # disparities, in px for images without noise, and in standard deviations: windows that overlap by most of their pixels
@@ -181,7 +183,8 @@ def refit_discontinuities(
         # finer than the pixels.
         other = refined.fit.residual[0] <= _REDUCED**2 * fit.residual[0]
         fitted |= other & ~around(outlines, reach)
-    surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma))
+    by_noise = compute_noise_gradient(noise, images.count, images.spline)
+    surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma), by_noise)
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
     final = chosen_fit(where, fit, refined.fit)
     own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
@@ -321,7 +324,7 @@ def _compute_residual_limit(gradient: NDArray[Any], noise: float) -> Map:
     return np.maximum((_NOISES * noise) ** 2, _SHIFT_PX**2 * gradient.astype(np.float64))
 
 
-def is_surrounded(gradient: Map, sigma: float) -> Mask:
+def is_surrounded(gradient: Map, sigma: float, by_noise: float = 0.0) -> Mask:
     """Return where texture lies on all sides of a pixel; beyond an outline before a blank surface, it lies on one side.
 
     In each direction, either the adjacent texture or that of a window farther away must not be much weaker than the
@@ -329,6 +332,7 @@ def is_surrounded(gradient: Map, sigma: float) -> Mask:
 
     ``gradient``: Mean square texture gradient of the neighbourhood of every pixel, shape (y, x).
     ``sigma``: Standard deviation of the window, which lies beyond the adjacent texture.
+    ``by_noise``: Mean square gradient that noise causes.
     """
     from scipy.ndimage import gaussian_filter, maximum_filter, shift
 
@@ -336,8 +340,10 @@ def is_surrounded(gradient: Map, sigma: float) -> Mask:
     far = _ON_ALL_SIDES_PX + _CUT * sigma
     limits = [
         _OF_STRONGEST * maximum_filter(values, 2 * round(distance) + 1)
-        for values, distance in ((gradient, _ON_ALL_SIDES_PX), (wide, far))
+        for values, distance in ((gradient - by_noise, _ON_ALL_SIDES_PX), (wide - by_noise, far))
     ]
+    # Noise varies, more among the neighbours of a pixel than in a window.
+    gradient, wide = (values - factor * by_noise for values, factor in zip((gradient, wide), _OF_NOISE, strict=True))
     found = np.ones(gradient.shape, dtype=np.bool_)
     for angle in np.arange(_DIRECTIONS) * 2.0 * np.pi / _DIRECTIONS:
         direction = np.array([np.sin(angle), np.cos(angle)])

@@ -16,7 +16,12 @@ from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertai
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.element_variance import describe_rows, propagate_rows
 from scenetruth.estimators.refined.kernels.window_solver import DIRECTION, FULL, FUNCTIONALS, VALUES
-from scenetruth.estimators.refined.pose_corrections import PoseCorrections, compute_point_derivatives, follow_points
+from scenetruth.estimators.refined.pose_corrections import (
+    PoseCorrections,
+    compute_point_derivatives,
+    count_frames,
+    follow_points,
+)
 from scenetruth.threads import in_bands
 
 __all__ = ["compute_calibration_effect", "compute_pose_effect"]
@@ -88,7 +93,7 @@ def _textures(images: ImageStack, sigma_px: float) -> Map:
 def _displace(images: ImageStack, fields: Map, at: Map, texture: Map, rooted: Map, turned: Map) -> Map:
     """Return the errors of disparity, and of velocity times disparity, per unit error; shape (points, 4, any)."""
     view = images.view()
-    moves = compute_point_derivatives(view, fields, at)
+    moves = compute_point_derivatives(view, fields, at, still=count_frames(view) == 1)
     points, count = len(at[0]), len(view.s)
     follow = follow_points(moves, texture)[:, :4].reshape(points, 4, count, 2)
     follow[:, 1:] *= fields[0][:, None, None, None]

@@ -60,6 +60,7 @@ _OUTLINE = 0.5  # error of a sweep in units of the deviation of disparities with
 # all four lines, on some, or on none, near its edge and far from it. Shares of wrong pixels on simulated scenes.
 _UNSEEN = np.array([0.2, 0.1, 0.1, 0.1, 0.1])
 _UNSEEN_FAR = 0.4
+_UNSEEN_OF_AMBIGUOUS = 0.4  # the same of a pixel that another disparity fits as well
 _DEPTHS = 0.3  # deviation of the disparity of an unknown background, between zero and the foreground, relative to that
 _ANY_DEPTH = 3**-0.5  # the same of a background with any disparity between zero and the foreground
 _LARGEST = 1.0  # largest standard deviation of a fallback disparity, relative to it
@@ -78,6 +79,7 @@ _BESIDE_PX, _DIFFERS, _AGREES = 4, 2.0, 0.3
 _UNLIKE_FROM, _UNLIKE = 1.0, np.array([0.0, 0.05, 0.3])
 _CONTRADICTION_PX = 1.0  # per step
 _CLEAR_OF_ZERO_PX = 1.0  # smallest displacement in the farthest camera
+_LEAST_FITTED = 0.25  # smallest ratio of fitted to swept pixels: shuffled images reach a few percent
 # Windows in px for the texture of a pixel itself, and smallest ratio of its gradient to that of noise.
 _OWN_PX, _CLOSE_PX, _OWN_GRADIENT = 2.0, 1.0, 2.0
 
@@ -113,11 +115,13 @@ def compute_fallback(
     valid: Mask,
     disparity: Map,
     noise: float,
+    ambiguous: Mask,
     kind: Literal["fill", "plane_sweep", "none"],
 ) -> FallbackValues:
     """Return the fallback disparities of a frame where the fit is not ``valid``.
 
     ``disparity``: That of the fit, in columns per step.
+    ``ambiguous``: Pixels that another disparity fits as well: their standard deviations include it.
     ``noise``: Standard deviation of the grey values.
     """
     swept = np.zeros_like(valid)
@@ -129,9 +133,9 @@ def compute_fallback(
     # Points at infinity have no depth.
     swept = start.known & ~valid & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX) & usable & textured
     # If almost no pixel fits, the images are not of a single scene.
-    swept &= valid.sum() > swept.sum()
+    swept &= valid.sum() > _LEAST_FITTED * swept.sum()
     if kind == "plane_sweep":
-        return FallbackValues(swept, start.fields[0], np.full(images.shape, np.nan))
+        return FallbackValues(swept & ~ambiguous, start.fields[0], np.full(images.shape, np.nan))
     grey, own_noise = images.reference_grey(), noise / images.channels**0.5
     texture = _own_texture(images, noise, _CLOSE_PX)
     areas = find_bare_areas(grey, own_noise, texture)
@@ -155,6 +159,8 @@ def compute_fallback(
     found = _fill_bare_surfaces(grey, own_noise, sources, areas, views, found, ~valid & usable)
     contradicted = start.known & ~swept & outside & (np.abs(start.fields[0] - found.disparity) > _CONTRADICTION_PX)
     clear = np.abs(found.disparity) * images.farthest > _CLEAR_OF_ZERO_PX
+    rival = np.where(ambiguous, _UNSEEN_OF_AMBIGUOUS * spread, 0.0)
+    found = replace(found, std=np.sqrt(found.std**2 + rival))
     return replace(found, where=found.where & ~contradicted & clear)
 
 

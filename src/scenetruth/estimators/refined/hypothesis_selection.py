@@ -40,6 +40,8 @@ Map = NDArray[np.float64]
 BLOCK_PX = 32
 """Side length of a block in px."""
 _LEAST_BLOCK_PIXELS = 64  # smallest number of pixels of a block
+_RESIDUAL_OF_BLOCK = 1.5  # largest residual of a block, relative to the noise
+_GAIN_STD, _LEAST_GAIN = 0.03, 0.1  # prior standard deviation of the gain of a block, and smallest gain
 
 
 class GainOffset(NamedTuple):
@@ -62,12 +64,17 @@ def estimate_gain_offset(
     fields: NDArray[np.float64],
     bad: NDArray[np.uint8] | list[NDArray[np.uint8]],
     good: NDArray[np.bool_],
+    noise: float,
 ) -> GainOffset:
-    """Estimate gains and offsets of the images relative to their mean by regression in blocks over ``good`` pixels."""
+    """Estimate gains and offsets of the images relative to their mean by regression in blocks over ``good`` pixels.
+
+    Blocks with residuals beyond the ``noise`` contain pixels of wrong parameters: they take the values of the nearest
+    others. The gain of an image in all blocks is the prior of that in blocks with little texture.
+    """
     count, (height, width) = len(view.s), fields.shape[1:]
     down, across = -(-height // BLOCK_PX), -(-width // BLOCK_PX)
-    gain = np.full((count, down, across), np.nan, dtype=np.float32)
-    offset = np.full_like(gain, np.nan)
+    sums = np.full((4, count, down, across), np.nan)
+    square = np.full((down, across), np.inf)
     asked = np.where(good, fields, np.nan)
     # Excluded images have no intensity.
     parts = [(len(part), flags) for part, flags in image_parts(coefficients, bad)]
@@ -86,21 +93,35 @@ def estimate_gain_offset(
             part = warped[:, :, column * BLOCK_PX : (column + 1) * BLOCK_PX].reshape(count, -1).astype(np.float64)
             found = _in_block(part[used], some_bad=some_bad)
             if found is not None:
-                gain[used, block, column], offset[used, block, column] = found
+                sums[:, used, block, column], square[block, column] = found
 
     in_threads(regress, range(down))
-    gain[~used], offset[~used] = 1.0, 0.0
-    known = np.isfinite(gain).all(axis=0) & (gain > 0.1).all(axis=0)
+    # Gain, mean grey value of the image, mean grey value of the mean image, and its sum of squares about that.
+    gain, mean, middle, squares = sums
+    gain[~used], mean[~used], middle[~used], squares[~used] = 1.0, 0.0, 0.0, 1.0
+    known = np.isfinite(gain).all(axis=0) & (gain > _LEAST_GAIN).all(axis=0)
     if not known.any():
         return uniform_gain_offset(count)
+    fitting = known & (square <= (_RESIDUAL_OF_BLOCK * noise) ** 2)
+    if fitting.any():
+        known = fitting
+    common = ((gain * squares)[:, known].sum(axis=1) / squares[:, known].sum(axis=1))[:, None, None]
+    prior = (noise / _GAIN_STD) ** 2
+    gain = (gain * squares + common * prior) / (squares + prior)
+    offset = mean - gain * middle
     from scipy.ndimage import distance_transform_edt
 
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return GainOffset(*(np.ascontiguousarray(values[:, nearest[0], nearest[1]]) for values in (gain, offset)))
+    values = (np.ascontiguousarray(each[:, nearest[0], nearest[1]], dtype=np.float32) for each in (gain, offset))
+    return GainOffset(*values)
 
 
-def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return gains and offsets of images relative to their mean, from grey values (n, pixels), NaN where invalid."""
+def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[np.float64], float] | None:
+    """Regress images on their mean; ``values``: grey values, shape (n, pixels), NaN where invalid.
+
+    Returns: Gains, mean grey values, those of the mean image at the same pixels, and its sums of squares about them,
+    shape (4, n); and the mean square residual.
+    """
     known = np.isfinite(values)
     # Pixels visible in all images have a common texture; with defective pixels, every image has its own valid pixels.
     values = values[:, known.mean(axis=0) >= 0.5 if some_bad else known.all(axis=0)]
@@ -117,7 +138,10 @@ def _in_block(values: NDArray[np.float64], *, some_bad: bool) -> tuple[NDArray[n
     if squares.min(initial=np.inf) <= 0:
         return None
     gain = (around @ texture) / squares
-    return gain, means - gain * (middle + means.mean())
+    left = np.where(known, around - gain[:, None] * (texture - middle[:, None]), 0.0)
+    # A gain and an offset of every image, and the mean image, are estimated.
+    free = max(int(known.sum()) - values.shape[1] - 2 * len(values), 1)
+    return np.stack([gain, means, middle + means.mean(), squares]), float((left**2).sum()) / free
 
 
 _SIDE_COST = 1.05  # ratio by which the images of one side must agree better than all images
@@ -150,7 +174,7 @@ class HypothesisSelection:
         self._brightness = [
             uniform_gain_offset(len(self._view.s))
             if steady is None
-            else estimate_gain_offset(stack, self._view, self._fields, self._bad, steady)
+            else estimate_gain_offset(stack, self._view, self._fields, self._bad, steady, noise)
             for stack in self._stacks
         ]
         self._arms = list_arms(images, len(self._fields))

@@ -48,8 +48,12 @@ def textured(
     ``images``: Number of images in the mean, possibly of every window.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        by_noise = 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
-        return np.asarray(mean_square_gradient > _ABOVE_NOISE * by_noise)
+        return np.asarray(mean_square_gradient > _ABOVE_NOISE * compute_noise_gradient(noise, images, spline))
+
+
+def compute_noise_gradient(noise: Any, images: Any, spline: int) -> Any:
+    """Return the mean square gradient of the mean image that noise causes, in squares of grey values per px."""
+    return 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
 
 
 @cache

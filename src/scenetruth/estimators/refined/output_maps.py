@@ -23,7 +23,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, Fit
-from scenetruth.estimators.refined.noise_estimation import textured
+from scenetruth.estimators.refined.noise_estimation import compute_noise_gradient, textured
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
 from scenetruth.estimators.refined.systematic_error import sees_second_camera
@@ -242,8 +242,8 @@ def compute_maps(
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
         found |= _element(fit, baseline_mm, images.transfers, of_element)
-    fallback = compute_fallback(shown, start, known | normal, theta[0], usual, settings.fallback)
-    rough = fallback.where & ~ambiguous
+    fallback = compute_fallback(shown, start, known | normal, theta[0], usual, ambiguous, settings.fallback)
+    rough = fallback.where
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
     # These maps have values everywhere.
     maps: dict[str, NDArray[Any]] = {
@@ -335,7 +335,43 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: ImageStack, sigma_
     total = np.maximum(gaussian_filter(texture, sigma_px), 1e-300)
     partial = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
     middle_px = sigma_px**2 * np.hypot(*partial)
-    return np.asarray(textured(texture, noise, images.count, images.spline) | (middle_px < FARTHEST * sigma_px))
+    own = textured(texture, noise, images.count, images.spline)
+    by_noise = compute_noise_gradient(noise, images.count, images.spline)
+    bare = find_open_blanks(texture / by_noise, ~own, images.reference_grey(), noise / images.channels**0.5, sigma_px)
+    return np.asarray((own | (middle_px < FARTHEST * sigma_px)) & ~bare)
+
+
+# Standard deviation in px of a neighbourhood; largest mean square gradient in it without texture, relative to that of
+# noise (of 99 % of such pixels); distance from texture beyond which an area is open, in units of the window's σ.
+_QUIET_PX, _QUIET, _OPEN = 2.0, 1.8, 0.5
+# Distance to which an open area extends, in the same units; distance in px to which the gradient of an outline reaches;
+# differences of grey values up to which they are the same, in standard deviations of the noise.
+_EXTENDED, _OUTLINE_PX, _SAME_GREY = 3.0, 4, 3.0
+
+
+def find_open_blanks(
+    gradient: Map, blank: NDArray[np.bool_], grey: Map, noise: float, sigma_px: float
+) -> NDArray[np.bool_]:
+    """Return where an area without texture continues beyond a window: as between twigs before a blank wall.
+
+    The texture around it need not be that of its surface, even if it lies on all sides. Blank areas that end within the
+    window, as the inside of printed squares, are not open. At outlines, an open area ends where the grey value changes.
+
+    ``gradient``: Mean square gradient relative to that of noise. ``blank``: Where it shows no texture.
+    ``grey``, ``noise``: Reference image, and the standard deviation of its noise.
+    """
+    from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
+
+    busy = gaussian_filter(gradient, _QUIET_PX) > _QUIET
+    quiet = distance_transform_edt(~busy) > _OPEN * sigma_px if busy.any() else ~busy
+    if not quiet.any():
+        return np.zeros_like(blank)
+    square = np.ones((3, 3))
+    found = binary_dilation(quiet, square, round(_EXTENDED * sigma_px), mask=blank)
+    share = gaussian_filter(found.astype(np.float64), _QUIET_PX)
+    mean = gaussian_filter(np.where(found, grey, 0.0), _QUIET_PX) / np.maximum(share, 1e-300)
+    same = (share > 0) & (np.abs(grey - mean) < _SAME_GREY * noise)
+    return np.asarray(binary_dilation(found, square, _OUTLINE_PX, mask=found | same))
 
 
 def _normal(theta: Map, x: Map, y: Map, focal: float) -> Map:

@@ -26,6 +26,7 @@ __all__ = [
     "PoseCorrections",
     "ShiftObservations",
     "compute_point_derivatives",
+    "count_frames",
     "follow_points",
     "join_blocks",
     "select_blocks",
@@ -51,9 +52,12 @@ class PointDerivatives:
 
 
 def compute_point_derivatives(
-    view: ImageView, fields: Array, at: Array, *, accelerated: bool = False
+    view: ImageView, fields: Array, at: Array, *, accelerated: bool = False, still: bool = False
 ) -> PointDerivatives:
-    """Return the derivatives of the image positions of points: fields (4, points) at column and row (2, points)."""
+    """Return the derivatives of the image positions of points: fields (4, points) at column and row (2, points).
+
+    ``still``: Whether motion is zero by definition, whatever the times of the positions, as in a single frame.
+    """
     d, q_x, q_y, q_z = fields[:, :, None]
     s, s_y, t = view.s[None], view.s_y[None], view.t[None]
     scale = 1.0 / (1.0 + t * d * q_z / view.focal)
@@ -67,8 +71,15 @@ def compute_point_derivatives(
         later = 0.5 * scale * d * t**2
         right, down = [*right, later, nil], [*down, nil, later]
     by_point = np.stack([np.stack(np.broadcast_arrays(*each), axis=-1) for each in (right, down)], axis=2)
+    if still:
+        by_point[..., 1:4] = 0.0
     by_image = np.stack([np.stack([one, nil, -y, x], axis=-1), np.stack([nil, one, x, y], axis=-1)], axis=2)
     return PointDerivatives(by_point, by_image)
+
+
+def count_frames(view: ImageView) -> int:
+    """Return the number of images of every position."""
+    return len(view.t) // len(np.unique(np.stack([view.s, view.s_y]), axis=1).T)
 
 
 def follow_points(moves: PointDerivatives, texture: Array | None = None) -> Array:
@@ -149,7 +160,7 @@ def compute_correction_uncertainty(view: ImageView, fields: Array, rooted: Array
     down, across = np.meshgrid(rows, columns, indexing="ij")
     at = np.stack([across.ravel(), down.ravel()]).astype(np.float64)
     own = fields[:, down.ravel(), across.ravel()]
-    moves = compute_point_derivatives(view, own, at)
+    moves = compute_point_derivatives(view, own, at, still=count_frames(view) == 1)
     points = len(at[0])
     follow = follow_points(moves)
     varied = np.empty((4, points))
@@ -245,10 +256,10 @@ class Elimination:
     def __init__(self, blocks: Blocks, view: ImageView) -> None:
         self._noise = blocks.noise
         self._size = CORRECTIONS * len(view.s)
-        cameras = len(np.unique(np.stack([view.s, view.s_y]), axis=1).T)
-        accelerated = len(view.t) // cameras >= _ACCELERATED
+        frames = count_frames(view)
+        accelerated, still = frames >= _ACCELERATED, frames == 1
         self._parts = [
-            _compute_part(blocks, view, slice(first, first + _PIECE), accelerated=accelerated)
+            _compute_part(blocks, view, slice(first, first + _PIECE), accelerated=accelerated, still=still)
             for first in range(0, len(blocks.shift), _PIECE)
         ]
 
@@ -309,8 +320,10 @@ class _Part:
         return np.asarray(self.plain - np.einsum("pms,pm->ps", self.mixed, self.own_shift, optimize=True))
 
 
-def _compute_part(blocks: Blocks, view: ImageView, part: slice, *, accelerated: bool) -> _Part:
-    moves = compute_point_derivatives(view, blocks.fields[:, part], blocks.at[:, part], accelerated=accelerated)
+def _compute_part(blocks: Blocks, view: ImageView, part: slice, *, accelerated: bool, still: bool) -> _Part:
+    moves = compute_point_derivatives(
+        view, blocks.fields[:, part], blocks.at[:, part], accelerated=accelerated, still=still
+    )
     weight, shift = blocks.weight[part], blocks.shift[part]
     a, e = moves.by_point, moves.by_image
     count = len(weight)

@@ -17,6 +17,9 @@ from scenetruth.estimators.refined.kernels import photo_consistency, warp
 from scenetruth.estimators.refined.row_bands import NO_OCCLUSION
 from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, Warped
 
+# Of images in float32.
+_NOISE = 1e-3
+
 
 def test_images_are_judged_by_their_variance(images: Array, fields: Array, warped: Warped) -> None:
     coefficients = _coefficients(images)
@@ -41,16 +44,35 @@ def test_gains_and_offsets_are_taken_away(images: Array, fields: Array) -> None:
     coefficients = (gain[:, None, None] * texture + offset[:, None, None]).astype(np.float32)
     still = np.zeros_like(fields)
     good = np.ones((HEIGHT, WIDTH), dtype=bool)
-    found = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
+    found = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good, _NOISE)
     np.testing.assert_allclose(found.gain[:, 0, 0], gain / gain.mean(), rtol=1e-4)
     assert np.nanmax(_judged(coefficients, still, found)) < 1e-6
     assert np.nanmedian(_judged(coefficients, still, uniform_gain_offset(COUNT))) > 1.0
     # Blocks without good pixels have the brightness of others; without any, it is even.
     good[:, : WIDTH // 2] = False
-    filled = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good)
+    filled = estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, good, _NOISE)
     # float32.
     np.testing.assert_allclose(filled.gain[:, 0, 0], found.gain[:, 0, 1], rtol=3e-7)
-    assert (estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, ~np.ones_like(good)).gain == 1).all()
+    assert (estimate_gain_offset(coefficients, VIEW, still, NO_DEFECTS, ~np.ones_like(good), _NOISE).gain == 1).all()
+
+
+def test_gains_of_blocks_with_wrong_parameters_are_those_of_others(images: Array) -> None:
+    """A block of pixels with a wrong disparity, and one of little texture: both have the gains of the whole image."""
+    texture = np.tile(_coefficients(images[:1])[0], (2, 2))[:, : 2 * WIDTH]
+    gain = np.linspace(0.96, 1.04, COUNT)
+    texture[BLOCK_PX:, :BLOCK_PX] = texture.mean() + 0.05 * (texture[BLOCK_PX:, :BLOCK_PX] - texture.mean())
+    noise = 0.02 * float(texture.std())
+    drawn = np.random.default_rng(4).normal(0, noise, (COUNT, *texture.shape))
+    coefficients = (gain[:, None, None] * texture + drawn).astype(np.float32)
+    fields = np.zeros((4, *texture.shape))
+    fields[0, :BLOCK_PX, BLOCK_PX : 2 * BLOCK_PX] = 3.0
+    good = np.ones(texture.shape, dtype=bool)
+    found = estimate_gain_offset(coefficients, VIEW, fields, NO_DEFECTS, good, noise)
+    bright = found.gain * float(texture.max()) + found.offset
+    expected = (gain / gain.mean())[:, None, None] * float(texture.max())
+    # In the block of little texture, the standard deviation of a gain is 1 / (0.05 / 0.02 √1024), about 1 %; its effect
+    # on the brightest pixels is half of this.
+    assert np.abs(bright / expected - 1.0).max() < 0.02
 
 
 def test_what_stands_behind_is_hidden() -> None:

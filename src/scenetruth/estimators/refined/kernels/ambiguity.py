@@ -246,7 +246,7 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
     ) -> None:
         count, height, width = coefficients.shape
         # Of the region, which is smaller than the parts of the images around it.
-        bottom, right = reference.shape
+        bottom, right = reference.shape[1:]
         step, rounds = sampling
         reach = len(weights) // 2
         size = 6 if both else 3
@@ -279,11 +279,13 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                         continue
                     for u in range(-reach, reach + 1, step):
                         x = column + u
-                        if x < 0 or x >= right or np.isnan(fields[0, y, x]) or np.isnan(reference[y, x]):
+                        if x < 0 or x >= right or np.isnan(fields[0, y, x]):
                             continue
                         w = weights[v + reach] * weights[u + reach]
-                        g = reference[y, x]
                         for i in range(count):
+                            g = reference[i, y, x]
+                            if np.isnan(g):
+                                continue
                             at_x, at_y, _ = place_of(accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x)
                             at_x, at_y = corrected(view, i, at_x, at_y)
                             moved_x = at_x + factors[i, 0] * (change[0] + change[1] * u + change[2] * v)
@@ -394,7 +396,7 @@ def compare_rivals(
     The rival displaces image i by its factors times a change that is linear in the window, refined from its start.
 
     ``coefficients``: Spline coefficients of the images, shape (n, y, x).
-    ``reference``: Grey values of the reference, NaN where unusable, shape (y, x).
+    ``reference``: Grey values of the reference, NaN where unusable or not visible in an image, shape (n, y, x).
     ``fields``: Fitted fields, NaN where invalid, shape (4 or 7, y, x).
     ``factors``: Displacement of the images along x and y by a change of 1 px, shape (n, 2).
     ``both``: Whether the changes along x and y are independent; else they are the same.
