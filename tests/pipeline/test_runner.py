@@ -56,6 +56,6 @@ def test_methods_that_need_all_frames_are_written_too(recording: xr.Dataset, tmp
 
 def test_failures_of_methods_are_named(recording: xr.Dataset, tmp_path: Path) -> None:
     holes = recording.assign(image=recording["image"].astype(np.float64))
-    holes["image"][0, 1, 5, 5] = np.nan
-    with pytest.raises(EstimateError, match="image: contains 1 values"):
+    holes["image"][0, 1] = np.nan
+    with pytest.raises(EstimateError, match=r"image: 1 of .* images have no valid pixel"):
         write_estimate(prepare(holes), tmp_path / "estimate.zarr")

@@ -419,7 +419,8 @@ class FrameReader:
 
     def empty_images(self) -> list[Problem]:
         """Return the images without a single finite value, which methods that compare all images cannot use."""
-        empty = np.argwhere(self._missing_by_image() == self.shape[0] * self.shape[3] * self.shape[4])
+        missing = self._missing_by_image()
+        empty = np.argwhere(missing == self.shape[0] * self.shape[3] * self.shape[4])
         if len(empty) == 0:
             return []
         camera, frame = empty[0].tolist()
@@ -427,7 +428,7 @@ class FrameReader:
         if "s_y" in self._image.dims:
             place["s_y"] = camera // self._image.sizes["s"]
         named = ", ".join(f"{dim} = {self._image[dim].values[at]}" for dim, at in place.items())
-        message = f"has no valid pixel in {len(empty)} images (the first at {named})"
+        message = f"{len(empty)} of {missing.size} images have no valid pixel (the first at {named})"
         return [Problem("image", f"{message}: omit these frames or positions, or use method 'refined'")]
 
     def _read(self, first: int, last: int) -> NDArray[Any]:
