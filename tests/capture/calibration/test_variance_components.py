@@ -22,10 +22,11 @@ from scenetruth.capture.calibration import (
     adjust,
     calibrate,
     estimate_components,
+    places_of_points,
     refit,
     scatter_of_poses,
 )
-from tests.helpers.drawn_rigs import DrawnRig, draw_rig
+from tests.helpers.drawn_rigs import SCREW, DrawnRig, draw_rig
 from tests.helpers.nightly import NIGHTLY, nightly
 
 PAPER = CalibrationTarget(half_width_mm=36.0, scale_std=1e-3, warp_mm=0.2, bend_mm=0.1, point_mm=(0.02, 0.05))
@@ -56,11 +57,11 @@ def test_components_are_those_of_the_draw() -> None:
     assert 0.7 < parts.height_mm / 0.05 < 1.3
 
 
-def _start(rig: DrawnRig):  # type: ignore[no-untyped-def]
+def _start(rig: DrawnRig, priors: RigPriors = CAMERA_ALONE):  # type: ignore[no-untyped-def]
     from scenetruth.capture.calibration import RigGuess, start_state
 
     guess = RigGuess(focal_length_px=5016.0, principal_point_px=(331.7, 228.4))
-    return start_state(rig.observations, CAMERA_ALONE, guess)
+    return start_state(rig.observations, priors, guess)
 
 
 @nightly
@@ -179,6 +180,31 @@ def test_the_widened_uncertainty_covers_the_errors() -> None:
     low, high = stats.chi2.ppf([0.001, 0.999], len(z))
     assert low < np.square(z).sum() / 3 < high
     assert np.square(plain).sum() / 3 > high
+
+
+@pytest.mark.parametrize("overstated", [1.0, 3.0])
+def test_places_of_points_need_no_right_noise(overstated: float) -> None:
+    """Places that deviate by 1 µm, found to 4 standard deviations of 176 values, where chi-squared is below 1.1."""
+    board = STATED.model_copy(update={"point_mm": (0.001, 0.0)})
+    rig = draw_rig(7, poses=12, positions=1, noise_px=0.01, priors=CAMERA_ALONE, board=board)
+    square = 2.0 * overstated**2
+    views = [replace(view, covariance_px2=view.covariance_px2 * square) for view in rig.observations.views]
+    wrong = replace(rig, observations=replace(rig.observations, targets=(STATED,), views=tuple(views)))
+    fit = adjust(wrong.observations, _start(wrong))
+    assert fit.variance_factor < 1.1
+    assert places_of_points(fit) == pytest.approx(0.001, rel=4 * 0.7 / np.sqrt(176))
+    found = calibrate(wrong.observations, guess=5016.0, priors=CAMERA_ALONE)
+    assert any("deviate by" in text for text in found.warnings)
+    for name in ("c_x", "c_y"):
+        assert found.std(name) > fit.std(name)
+        assert abs(found.value(name) - rig.truth.value(name)) < 4 * found.std(name)
+
+
+def test_exact_points_are_at_their_places() -> None:
+    """Five draws, of which none may deviate by chance, from several positions as well."""
+    for seed in range(5):
+        rig = draw_rig(seed, poses=8, positions=1 + seed % 2, priors=CAMERA_ALONE if seed % 2 == 0 else SCREW)
+        assert places_of_points(adjust(rig.observations, _start(rig, rig.priors))) == 0
 
 
 @nightly

@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from scenetruth.capture.calibration.variance_components import (
         VarianceComponents,
         estimate_components,
+        places_of_points,
         scatter_of_poses,
     )
 
@@ -84,9 +85,9 @@ __all__ = [
     "apparent_steps", "calibrate", "charuco_board", "check_models", "check_scale", "common_error", "compare_halves",
     "describe_fit", "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise",
     "export_calibration", "field_of_residuals", "fit_rig", "identify_combinations", "import_calibration",
-    "import_camera", "inconsistent_images", "moving_point_modes", "observe_boards", "observe_strip", "point_modes",
-    "project", "refine_points", "refit", "rotation_matrix", "scatter_of_poses", "start_state", "step_problems",
-    "triangulate", "with_other_tilts",
+    "import_camera", "inconsistent_images", "moving_point_modes", "observe_boards", "observe_strip", "places_of_points",
+    "point_modes", "project", "refine_points", "refit", "rotation_matrix", "scatter_of_poses", "start_state",
+    "step_problems", "triangulate", "with_other_tilts",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -112,6 +113,6 @@ __getattr__, __dir__ = export_lazily(
         ),
         "start_values": "start_state with_other_tilts",
         "strip_detection": "observe_strip",
-        "variance_components": "VarianceComponents estimate_components scatter_of_poses",
+        "variance_components": "VarianceComponents estimate_components places_of_points scatter_of_poses",
     },
 )

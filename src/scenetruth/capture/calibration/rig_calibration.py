@@ -38,7 +38,13 @@ from scenetruth.capture.calibration.rig_model import (
     rotation_matrix,
 )
 from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state, with_other_tilts
-from scenetruth.capture.calibration.variance_components import carry_state, estimate_components, scatter_of_poses
+from scenetruth.capture.calibration.variance_components import (
+    carry_state,
+    estimate_components,
+    fit_places,
+    places_of_points,
+    scatter_of_poses,
+)
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.threads import with_one_blas_thread
 
@@ -461,10 +467,18 @@ def _fit_board(first: tuple[RigFit, Observations], priors: RigPriors) -> tuple[R
 def _with_components(plain: RigFit, corrected: Observations, priors: RigPriors) -> tuple[RigFit, list[str]]:
     """Return a fit with variance components of the board and the corners where the residuals need them."""
     lost = [view for view in plain.views if not view.consistent]
-    if plain.variance_factor <= SCALED_ABOVE or len(lost) > _SHARE_OF_IMAGES * len(plain.views):
+    if len(lost) > _SHARE_OF_IMAGES * len(plain.views):
         return plain, []
     names = {view.name for view in lost}
     usable = corrected.selected([view for view in corrected.views if view.name not in names])
+    if plain.variance_factor <= SCALED_ABOVE:
+        # Overstated noise of the points hides deviations from chi-squared that all poses have in common.
+        point_mm = places_of_points(plain)
+        if point_mm == 0:
+            return plain, []
+        fit = fit_places(usable, plain, priors, point_mm)
+        text = f"the points of the board deviate by {1e3 * point_mm:.2g} µm from their places in its plane"
+        return replace(fit, views=(*fit.views, *lost)), [f"{text} in all poses; the stated uncertainty includes it"]
     parts, _, fit = estimate_components(usable, plain, priors)
     if not parts.structured and plain.variance_factor <= _REJECTED_ABOVE:
         return plain, []

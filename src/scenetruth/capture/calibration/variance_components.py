@@ -19,6 +19,7 @@ from scenetruth.capture.calibration.bundle_adjustment import (
 from scenetruth.capture.calibration.rig_model import (
     BENDS,
     INTRINSICS,
+    SAME_POINT_MM,
     STAGE,
     Observations,
     RigLayout,
@@ -29,7 +30,9 @@ from scenetruth.capture.calibration.rig_model import (
 )
 from scenetruth.threads import with_one_blas_thread
 
-__all__ = ["VarianceComponents", "carry_state", "estimate_components", "scatter_of_poses"]
+__all__ = [
+    "VarianceComponents", "carry_state", "estimate_components", "fit_places", "places_of_points", "scatter_of_poses",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -46,6 +49,8 @@ _SIGNIFICANT_SCATTER = 0.01
 """Probability of poses without common errors below which their scatter widens the covariance: one exact calibration of
 a hundred is then stated about 1.4 times as uncertain, and smaller scatter than by a higher limit stays in the result.
 """
+_BEYOND_DOUBT = 1e-6
+"""Probability of exact points below which they deviate from their places: no chance in any number of calibrations."""
 _DRAWS = 1000
 _MOST_LEVERAGE = 0.9
 """Share of the information above which a pose is regarded as no more influential: its absence leaves too little."""
@@ -168,6 +173,55 @@ def estimate_components(
         if (np.abs(one - other) <= _CHANGE * one).all():
             break
     return parts, changed, fit
+
+
+def places_of_points(fit: RigFit) -> float:
+    """Return the standard deviation in mm of the points from their places in the plane of the board; 0 if by chance.
+
+    The scores of each point by its two coordinates, summed over the images of a pose, are noise from pose to pose, and
+    have a common part if the point is not at its place (one-way analysis of variance). Neither needs a right noise.
+    """
+    from scipy.stats import f as distribution
+
+    given = fit.given
+    boards = [number for number, view in enumerate(given.views) if view.target == 0]
+    if not boards or given.targets[0].point_mm[0] > 0:
+        return 0.0
+    chosen = np.concatenate([np.arange(given.first[number], given.first[number + 1]) for number in boards])
+    poses = np.concatenate([np.full(len(given.views[number].pixels), given.views[number].pose) for number in boards])
+    weights = np.sqrt(robust_weights(np.hypot(fit.z[:, 0], fit.z[:, 1])))[chosen, None]
+    slopes = project(given, fit.state, derivatives=True)[1][chosen, :, -3:-1]
+    slopes = weights[:, :, None] * (given.whitening[chosen] @ slopes)
+    places = np.rint(given.points_mm[chosen] / SAME_POINT_MM)
+    keys, pairs = np.unique(np.column_stack([places, poses]), axis=0, return_inverse=True)
+    score, information = np.zeros((len(keys), 2)), np.zeros((len(keys), 2, 2))
+    np.add.at(score, pairs.ravel(), np.einsum("nij,ni->nj", slopes, weights * fit.z[chosen]))
+    np.add.at(information, pairs.ravel(), np.einsum("nij,nik->njk", slopes, slopes))
+    points, numbers = np.unique(keys[:, :3], axis=0, return_inverse=True)
+    common, whole = np.zeros((len(points), 2)), np.zeros((len(points), 2, 2))
+    np.add.at(common, numbers.ravel(), score)
+    np.add.at(whole, numbers.ravel(), information)
+    between = _squares(common, whole)
+    within = _squares(score, information) - between
+    dof = 2 * len(points)
+    rest = 2 * len(keys) - dof - 6 * len(set(poses.tolist()))
+    if rest < dof or not distribution.sf(between / dof / (within / rest), dof, rest) < _BEYOND_DOUBT:
+        return 0.0
+    excess = between - dof * within / rest
+    return float(np.sqrt(excess / np.trace(whole, axis1=1, axis2=2).sum()))
+
+
+def _squares(score: Array, information: Array) -> float:
+    """Return the sum of squared scores in units of their covariances."""
+    return float(np.einsum("ni,nij,nj->", score, np.linalg.pinv(information, hermitian=True), score))
+
+
+@with_one_blas_thread
+def fit_places(given: Observations, fit: RigFit, priors: RigPriors, point_mm: float) -> RigFit:
+    """Return the fit with deviations of the points in the plane of the board."""
+    changed = VarianceComponents(point_mm=point_mm).applied(given)
+    layout = RigLayout.from_observations(changed, priors)
+    return adjust(changed, carry_state(fit.state, layout), _start(fit, layout))
 
 
 @with_one_blas_thread
