@@ -179,7 +179,7 @@ def places_of_points(fit: RigFit) -> float:
     """Return the standard deviation in mm of the points from their places in the plane of the board; 0 if by chance.
 
     The scores of each point by its two coordinates, summed over the images of a pose, are noise from pose to pose, and
-    have a common part if the point is not at its place (one-way analysis of variance). Neither needs a right noise.
+    have a common part if the point is not at its place (analysis of variance). Neither needs a right noise.
     """
     from scipy.stats import f as distribution
 
