@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 
 import numpy as np
 from tests.helpers.drawn_rigs import assess_draw, draw_rig, fit_draw, summarise
+
+from scenetruth.capture.calibration import scatter_of_poses
 
 __all__ = ["main"]
 
@@ -23,13 +26,18 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=12)
     parser.add_argument("--noise", type=float, default=0.01)
     given = parser.parse_args()
-    begin, found, factors = time.process_time(), [], []
+    begin, found, factors, widened = time.process_time(), [], [], 0
     for seed in range(given.first, given.first + given.draws):
         rig = draw_rig(seed, poses=given.poses, noise_px=given.noise)
         fit = fit_draw(rig)
+        fit = replace(fit, scatter=scatter_of_poses(fit))
+        widened += fit.scatter is not None
         factors.append(fit.variance_factor)
         found.append(assess_draw(rig, fit))
-    print(f"{given.draws} draws, {given.poses} poses, {given.noise} px; chi2/dof {np.mean(factors):.3f}")
+    print(
+        f"{given.draws} draws, {given.poses} poses, {given.noise} px; chi2/dof {np.mean(factors):.3f}; "
+        f"{widened} widened by the scatter of the poses"
+    )
     print(
         f"std of z is uncertain by {1 / np.sqrt(2 * given.draws):.3f}, the share by {np.sqrt(0.0475 / given.draws):.3f}"
     )

@@ -164,12 +164,14 @@ def fit_draw(rig: DrawnRig, **options: Any) -> RigFit:
 def assess_draw(rig: DrawnRig, fit: RigFit) -> dict[str, tuple[float, float]]:
     """Return error and stated standard deviation by name."""
     truth, layout, given = rig.truth, fit.state.layout, rig.observations
-    found = {name: (fit.state.value(key) - truth.value(key), fit.std(key)) for name, key in PARAMETERS.items()}
+    covariance = fit.widened(fit.covariance)
+    std = dict(zip(layout.names, np.sqrt(np.diag(covariance)), strict=True))
+    found = {name: (fit.state.value(key) - truth.value(key), float(std[key])) for name, key in PARAMETERS.items()}
     grid = grid_pixels()
     errors = depth_errors(truth, fit.state, given, grid, DEPTH_MM)
     rays = fit.state.camera(*SIZE).ray_directions(grid)
     stated: CommonError = common_error(
-        fit.state.values, fit.covariance, layout, given.positions_mm, given.reference, [Moment(DEPTH_MM * rays)]
+        fit.state.values, covariance, layout, given.positions_mm, given.reference, [Moment(DEPTH_MM * rays)]
     )[2]
     for name, weights in patterns(grid).items():
         found[name] = (float(weights @ errors), stated.contrast(weights))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenetruth.camera import Camera, StageErrors
-from scenetruth.capture.calibration import Observations, RigCalibration, RigFit, RigPriors, refit
+from scenetruth.capture.calibration import Observations, PoseScatter, RigCalibration, RigFit, RigPriors, refit
 from scenetruth.capture.report import DepthBudget, depth_budget
 from tests.helpers.drawn_rigs import BOARD, DrawnRig, described, draw_rig, fit_draw
 
@@ -54,6 +54,24 @@ def test_sources_add_to_the_whole_error() -> None:
     assert mean == pytest.approx(budget.total.mean_std, rel=1e-6)
     assert rest == pytest.approx(budget.total.rest_rms, rel=1e-6)
     assert [part.mean_mm for part in budget.parts] == sorted((part.mean_mm for part in budget.parts), reverse=True)
+
+
+def test_scatter_of_the_poses_is_a_source() -> None:
+    """Focal length and principal point twice as uncertain: the sources add to the whole, which exceeds the other."""
+    rig, fit, _, plain = drawn()
+    scatter = PoseScatter(np.arange(3), 2 * np.eye(3), np.array([1.0, 4.0, 4.0]))
+    wider = replace(fit, scatter=scatter)
+    calibration = described(wider, rig.priors)
+    assert calibration.std("c_x") == pytest.approx(2 * fit.std("c_x"))
+    budget = depth_budget(calibration, DEPTH_MM, wider)
+    _, _, z = calibration.point_errors(budget.pixels, DEPTH_MM)
+    np.testing.assert_allclose(budget.total.covariance, z.covariance, rtol=1e-6, atol=1e-9)
+    mean = {part.title: part.mean_mm for part in budget.parts}
+    before = {part.title: part.mean_mm for part in plain.parts}
+    shared = mean.pop("errors that all points of a board image share")
+    assert mean == pytest.approx(before)
+    assert np.hypot(shared, plain.total.mean_std) == pytest.approx(budget.total.mean_std)
+    assert shared > 0.1 * plain.calibration.mean_std
 
 
 def test_tolerances_halved_agree_with_another_adjustment() -> None:

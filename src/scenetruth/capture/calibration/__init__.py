@@ -8,7 +8,7 @@ from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from scenetruth.capture.calibration.boards import Board, CharucoBoard, Checkerboard, DotGrid
-    from scenetruth.capture.calibration.bundle_adjustment import RigFit, ViewResidual, adjust
+    from scenetruth.capture.calibration.bundle_adjustment import PoseScatter, RigFit, ViewResidual, adjust
     from scenetruth.capture.calibration.calibration_result import RigCalibration
     from scenetruth.capture.calibration.corner_detection import Detection, charuco_board, detect_board
     from scenetruth.capture.calibration.corner_refinement import (
@@ -73,27 +73,28 @@ if TYPE_CHECKING:
     from scenetruth.capture.calibration.variance_components import (
         VarianceComponents,
         estimate_components,
+        places_of_points,
         scatter_of_poses,
     )
 
 __all__ = [
     "Board", "BoardImage", "CalibrationError", "CalibrationTarget", "CharucoBoard", "Checkerboard", "Combination",
     "CommonError", "Detection", "DotGrid", "HalvesTest", "MeasurementSlopes", "ModelTest", "Moment", "Observations",
-    "RefinedPoints", "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors", "RigSolution",
-    "RigState", "ScaleTest", "TargetView", "VarianceComponents", "ViewResidual", "adjust", "apparent_steps",
-    "calibrate", "charuco_board", "check_models", "check_scale", "common_error", "compare_halves", "describe_fit",
-    "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise", "export_calibration",
-    "field_of_residuals", "fit_rig", "identify_combinations", "import_calibration", "import_camera",
-    "inconsistent_images", "moving_point_modes", "observe_boards", "observe_strip", "point_modes", "project",
-    "refine_points", "refit", "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate",
-    "with_other_tilts",
+    "PoseScatter", "RefinedPoints", "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors",
+    "RigSolution", "RigState", "ScaleTest", "TargetView", "VarianceComponents", "ViewResidual", "adjust",
+    "apparent_steps", "calibrate", "charuco_board", "check_models", "check_scale", "common_error", "compare_halves",
+    "describe_fit", "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise",
+    "export_calibration", "field_of_residuals", "fit_rig", "identify_combinations", "import_calibration",
+    "import_camera", "inconsistent_images", "moving_point_modes", "observe_boards", "observe_strip", "places_of_points",
+    "point_modes", "project", "refine_points", "refit", "rotation_matrix", "scatter_of_poses", "start_state",
+    "step_problems", "triangulate", "with_other_tilts",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
     __name__,
     {
         "boards": "Board CharucoBoard Checkerboard DotGrid",
-        "bundle_adjustment": "RigFit ViewResidual adjust",
+        "bundle_adjustment": "PoseScatter RigFit ViewResidual adjust",
         "calibration_result": "RigCalibration",
         "corner_detection": "Detection charuco_board detect_board",
         "corner_refinement": "RefinedPoints disc_bias estimate_noise refine_points",
@@ -112,6 +113,6 @@ __getattr__, __dir__ = export_lazily(
         ),
         "start_values": "start_state with_other_tilts",
         "strip_detection": "observe_strip",
-        "variance_components": "VarianceComponents estimate_components scatter_of_poses",
+        "variance_components": "VarianceComponents estimate_components places_of_points scatter_of_poses",
     },
 )

@@ -19,10 +19,12 @@ from scenetruth.capture.calibration.rig_model import (
 from scenetruth.errors import Problem
 from scenetruth.threads import with_one_blas_thread
 
-__all__ = ["RigFit", "ViewResidual", "adjust", "robust_weights", "solve"]
+__all__ = ["SCALED_ABOVE", "PoseScatter", "RigFit", "ViewResidual", "adjust", "robust_weights", "solve"]
 
 Array = NDArray[np.float64]
 
+SCALED_ABOVE = 1.1
+"""Chi-squared per degree of freedom above which the covariance is scaled by it."""
 _HUBER = 3.0
 """Limit in standard deviations beyond which a point loses weight; 1.1 % of exact points lie beyond it."""
 _OUTLIER = 6.0
@@ -62,6 +64,39 @@ class ViewResidual:
 
 
 @dataclass(frozen=True, eq=False)
+class PoseScatter:
+    """Widening of a covariance by results of single poses that scatter more than it states.
+
+    ``chosen``: Indices of the lens parameters, shape (n,).
+    ``transfer``: Matrix M for which M C Mᵀ is the widened covariance of these parameters, shape (n, n).
+    ``factors``: Factors of their variances along the axes of the widening, ascending, 1 or more.
+    """
+
+    chosen: NDArray[np.int64]
+    transfer: Array = field(repr=False)
+    factors: Array
+
+    @property
+    def mean(self) -> float:
+        """Mean factor of the variances."""
+        return float(self.factors.mean())
+
+    @property
+    def common(self) -> float:
+        """Factor of the variances of all parameters, the least of the factors."""
+        return float(self.factors[0])
+
+    def widened(self, covariance: Array) -> Array:
+        """Return a covariance, shape (P, P), in which the other parameters follow the lens by their regression."""
+        inner = covariance[np.ix_(self.chosen, self.chosen)]
+        scale = 1 / np.sqrt(np.diag(inner))
+        slopes = np.linalg.solve(inner * scale[:, None] * scale, covariance[self.chosen] * scale[:, None])
+        excess = self.transfer @ inner @ self.transfer.T - self.common * inner
+        wider = self.common * covariance + slopes.T @ (excess * scale[:, None] * scale) @ slopes
+        return np.asarray((wider + wider.T) / 2)
+
+
+@dataclass(frozen=True, eq=False)
 class RigFit:
     """Result of a bundle adjustment.
 
@@ -73,7 +108,7 @@ class RigFit:
     ``chi2``, ``dof``: Weighted sum of squared residuals including the priors, and its degrees of freedom.
     ``views``: Residuals of every image, also of inconsistent images.
     ``rounds``: Iterations of the last minimisation.
-    ``scatter``: Factor by which the results of single poses scatter more than the covariance states, 1 or more.
+    ``scatter``: Widening where the results of single poses scatter more than the covariance states; else None.
     """
 
     given: Observations
@@ -86,12 +121,26 @@ class RigFit:
     dof: int = 0
     views: tuple[ViewResidual, ...] = ()
     rounds: int = 0
-    scatter: float = 1.0
+    scatter: PoseScatter | None = None
 
     @property
     def variance_factor(self) -> float:
         """Chi-squared per degree of freedom."""
         return self.chi2 / max(self.dof, 1)
+
+    @property
+    def scale(self) -> float:
+        """Factor of the covariance by chi-squared, 1 where that is not above ``SCALED_ABOVE``."""
+        return self.variance_factor if self.variance_factor > SCALED_ABOVE else 1.0
+
+    def widened(self, covariance: Array) -> Array:
+        """Return a covariance of these parameters widened by the scatter of the poses."""
+        return covariance if self.scatter is None else self.scatter.widened(covariance)
+
+    @cached_property
+    def stated_covariance(self) -> Array:
+        """Covariance of all parameters, scaled by chi-squared and widened by the scatter of the poses."""
+        return self.scale * self.widened(self.covariance)
 
     @cached_property
     def residuals_px(self) -> Array:

@@ -188,9 +188,9 @@ def compare_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str)
         if part is None:
             return None
         values.append(part.state.values[chosen])
-        covariances.append(part.covariance[np.ix_(chosen, chosen)])
+        covariances.append(fit.widened(part.covariance)[np.ix_(chosen, chosen)])
     difference = values[0] - values[1]
-    total = (covariances[0] + covariances[1]) * fit.scatter
+    total = covariances[0] + covariances[1]
     scale = np.sqrt(np.diag(total))
     chi2 = float((difference / scale) @ np.linalg.solve(total / scale[:, None] / scale, difference / scale))
     return HalvesTest(by, chi2, len(chosen), _survival(chi2, len(chosen)))
@@ -242,7 +242,7 @@ def check_scale(fit: RigFit, priors: RigPriors) -> ScaleTest | None:
     step, scale = layout.names.index("step_scale"), layout.first_target
     weights[step], weights[scale] = 1.0, -1.0
     difference = float(weights @ found.state.values)
-    square = float(weights @ found.covariance @ weights) * fit.scatter
+    square = float(weights @ fit.widened(found.covariance) @ weights)
     tolerances = priors.step_std**2 + fit.given.targets[0].scale_std ** 2
     return ScaleTest(difference, float(np.sqrt(square + tolerances)), float(np.sqrt(square)))
 
@@ -291,7 +291,8 @@ def _score_test(name: str, fit: RigFit, whitened: Array, extra: Array, z: Array)
     # Combinations that the estimated parameters absorb are excluded.
     kept = values > _ABSORBED
     projected = vectors[:, kept].T @ (score * scale)
-    chi2 = float((projected**2 / values[kept]).sum()) / (max(fit.variance_factor, 1.0) * fit.scatter)
+    factor = max(fit.variance_factor, 1.0) if fit.scatter is None else fit.scale * fit.scatter.mean
+    chi2 = float((projected**2 / values[kept]).sum()) / factor
     dof = int(kept.sum())
     estimate = float(score[0] / information[0, 0]) if count == 1 else np.nan
     return ModelTest(name, chi2, dof, _survival(chi2, dof) if dof else 1.0, estimate)

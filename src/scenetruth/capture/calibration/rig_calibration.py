@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from scenetruth.camera import Camera
 from scenetruth.capture.calibration.boards import Board, DotGrid
-from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust, robust_cost
+from scenetruth.capture.calibration.bundle_adjustment import SCALED_ABOVE, RigFit, adjust, robust_cost
 from scenetruth.capture.calibration.calibration_result import RigCalibration
 from scenetruth.capture.calibration.corner_detection import Detection, detect_board
 from scenetruth.capture.calibration.corner_refinement import disc_bias, estimate_noise, refine_points
@@ -38,7 +38,13 @@ from scenetruth.capture.calibration.rig_model import (
     rotation_matrix,
 )
 from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state, with_other_tilts
-from scenetruth.capture.calibration.variance_components import carry_state, estimate_components, scatter_of_poses
+from scenetruth.capture.calibration.variance_components import (
+    carry_state,
+    estimate_components,
+    fit_places,
+    places_of_points,
+    scatter_of_poses,
+)
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.threads import with_one_blas_thread
 
@@ -46,8 +52,8 @@ __all__ = ["BoardImage", "RigSolution", "calibrate", "describe_fit", "fit_rig", 
 
 Array = NDArray[np.float64]
 
-_SCALED_ABOVE, _REJECTED_ABOVE = 1.1, 2.0
-"""Chi-squared per degree of freedom above which the covariance is scaled by it, and the calibration is rejected."""
+_REJECTED_ABOVE = 2.0
+"""Chi-squared per degree of freedom above which the calibration is rejected."""
 _WEAKEST_FOCAL = 0.05
 _LEAST_NOISE = 1e-4  # of the contrast, the rounding of 12 bits
 _LARGEST_MISFIT = 0.25  # squares, more than any usable lens distorts
@@ -285,7 +291,7 @@ def calibrate(
     The covariance includes the tolerances. It is scaled by chi-squared per degree of freedom where that exceeds 1.1,
     and never reduced. Where the residuals show it, the board may bend from pose to pose and its points deviate from
     their places, with standard deviations that are estimated from the images, and the corners have more noise than
-    that of the pixels explains; results of single poses that still scatter more than stated scale the covariance. The
+    that of the pixels explains; results of single poses that still scatter more than stated widen the covariance. The
     coefficients k3 and k4 to k6 are estimated where the residuals ask for them, unless ``free_distortion`` is set.
     Depth and velocity have a common error from it, see `RigCalibration.point_errors`.
 
@@ -361,9 +367,8 @@ def fit_rig(
 def describe_fit(solution: RigSolution) -> RigCalibration:
     """Return the calibration of a fit, with everything that speaks against it."""
     fit, given = solution.fit, solution.observed
-    factor = (fit.variance_factor if fit.variance_factor > _SCALED_ABOVE else 1.0) * fit.scatter
     return RigCalibration.from_state(
-        fit.state, fit.covariance * factor, (given.width, given.height), given.positions_mm, given.reference,
+        fit.state, fit.stated_covariance, (given.width, given.height), given.positions_mm, given.reference,
         tuple(target.name for target in given.targets), chi2=fit.chi2, dof=fit.dof, images=fit.views,
         warnings=(*solution.notes, *diagnose(fit.given, fit, solution.priors)),
         combinations=tuple(identify_combinations(fit)),
@@ -390,7 +395,7 @@ def _fit_model(
         fit, words = _fit_board(_fit(given, state, dots), priors)
         return fit, priors, words
     first, tried = _fit(given, state, dots), set(priors.free_distortion)
-    if first[0].variance_factor > _SCALED_ABOVE:
+    if first[0].variance_factor > SCALED_ABOVE:
         richer = _with(priors, *_NEXT)
         second = _fit(given, carry_state(first[0].state, RigLayout.from_observations(given, richer)), dots)
         if _cost_of(first) - _cost_of(second) > _BETTER:
@@ -429,10 +434,8 @@ def _without_insignificant(fit: RigFit, priors: RigPriors) -> RigPriors | None:
     optional = [name for name in _NEXT if name in priors.free_distortion]
     if "k4" in priors.free_distortion:
         optional.remove("k3")
-    lost = [
-        name for name in optional
-        if abs(fit.state.value(name)) < _SHOWN * fit.std(name) * np.sqrt(fit.scatter)
-    ]  # fmt: skip
+    std = dict(zip(fit.state.layout.names, np.sqrt(np.diag(fit.widened(fit.covariance))), strict=True))
+    lost = [name for name in optional if abs(fit.state.value(name)) < _SHOWN * std[name]]
     if not lost:
         return None
     kept = tuple(name for name in priors.free_distortion if name not in lost)
@@ -449,30 +452,39 @@ def _wanted_coefficients(fit: RigFit, priors: RigPriors, tried: set[str]) -> Rig
 
 
 def _fit_board(first: tuple[RigFit, Observations], priors: RigPriors) -> tuple[RigFit, list[str]]:
-    """Return a fit with the variance components of the board and the corners where the residuals need them."""
-    plain, corrected = first
+    """Return a fit with the variance components and the scatter of its poses where the residuals need them."""
+    fit, words = _with_components(*first, priors)
+    _reject(fit)
+    fit = replace(fit, scatter=scatter_of_poses(fit))
+    if fit.scatter is not None:
+        words.append(
+            f"results of single poses scatter up to {np.sqrt(fit.scatter.factors[-1]):.1f} times as much as the noise "
+            "of the corners explains; the stated uncertainty includes it"
+        )
+    return fit, words
+
+
+def _with_components(plain: RigFit, corrected: Observations, priors: RigPriors) -> tuple[RigFit, list[str]]:
+    """Return a fit with variance components of the board and the corners where the residuals need them."""
     lost = [view for view in plain.views if not view.consistent]
-    if plain.variance_factor <= _SCALED_ABOVE or len(lost) > _SHARE_OF_IMAGES * len(plain.views):
-        _reject(plain)
+    if len(lost) > _SHARE_OF_IMAGES * len(plain.views):
         return plain, []
     names = {view.name for view in lost}
     usable = corrected.selected([view for view in corrected.views if view.name not in names])
+    if plain.variance_factor <= SCALED_ABOVE:
+        # Overstated noise of the points hides deviations from chi-squared that all poses have in common.
+        point_mm = places_of_points(plain)
+        if point_mm == 0:
+            return plain, []
+        fit = fit_places(usable, plain, priors, point_mm)
+        text = f"the points of the board deviate by {1e3 * point_mm:.2g} µm from their places in its plane"
+        return replace(fit, views=(*fit.views, *lost)), [f"{text} in all poses; the stated uncertainty includes it"]
     parts, _, fit = estimate_components(usable, plain, priors)
     if not parts.structured and plain.variance_factor <= _REJECTED_ABOVE:
-        _reject(plain)
         return plain, []
-    noise = parts.usual_noise_px
-    if noise > _LARGEST_NOISE_PX or field_of_residuals(fit) > _REJECTED_ABOVE:
+    if parts.usual_noise_px > _LARGEST_NOISE_PX or field_of_residuals(fit) > _REJECTED_ABOVE:
         _reject(plain)
-    fit = replace(fit, views=(*fit.views, *lost), scatter=scatter_of_poses(fit, priors))
-    _reject(fit)
-    words = parts.words(usable.views)
-    if fit.scatter > 1:
-        words.append(
-            f"results of single poses scatter {np.sqrt(fit.scatter):.1f} times as much as the noise of the corners "
-            "explains; the stated uncertainty includes it"
-        )
-    return fit, words
+    return replace(fit, views=(*fit.views, *lost)), parts.words(usable.views)
 
 
 def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:

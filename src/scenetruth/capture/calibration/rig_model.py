@@ -17,8 +17,8 @@ from scenetruth.errors import ArgumentError, Problem
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
 
 __all__ = [
-    "BENDS", "INTRINSICS", "STAGE", "CalibrationError", "CalibrationTarget", "Observations", "RigGuess", "RigLayout",
-    "RigPriors", "RigState", "TargetView", "project", "rotation_matrix",
+    "BENDS", "INTRINSICS", "SAME_POINT_MM", "STAGE", "CalibrationError", "CalibrationTarget", "Observations",
+    "RigGuess", "RigLayout", "RigPriors", "RigState", "TargetView", "project", "rotation_matrix",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ _BEND = ("bend_uu", "bend_uv", "bend_vv", "bend_uuu", "bend_uuv", "bend_uvv", "b
 BENDS = len(_BEND)
 _OF_POSE, _OF_POINT = 6 + BENDS, 3
 _SIZE_OF_VIEW = 45  # parameters of a view besides the deviations of its points
-_SAME_POINT_MM = 1e-6
+SAME_POINT_MM = 1e-6
 _LEAST_POINTS = 4
 
 
@@ -407,7 +407,7 @@ class RigLayout:
 
 def _places(view: TargetView) -> list[tuple[int, ...]]:
     """Return the places of the points of a view on its target, in units in which they are whole numbers."""
-    return [tuple(place) for place in np.rint(view.points_mm / _SAME_POINT_MM).astype(np.int64).tolist()]
+    return [tuple(place) for place in np.rint(view.points_mm / SAME_POINT_MM).astype(np.int64).tolist()]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,24 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust, robust_weights
+from scenetruth.capture.calibration.bundle_adjustment import (
+    PoseScatter,
+    RigFit,
+    adjust,
+    prior_information,
+    robust_weights,
+)
 from scenetruth.capture.calibration.rig_model import (
     BENDS,
     INTRINSICS,
-    CalibrationError,
+    SAME_POINT_MM,
+    STAGE,
     Observations,
     RigLayout,
     RigPriors,
     RigState,
     TargetView,
+    project,
 )
 from scenetruth.threads import with_one_blas_thread
 
-__all__ = ["VarianceComponents", "carry_state", "estimate_components", "scatter_of_poses"]
+__all__ = [
+    "VarianceComponents", "carry_state", "estimate_components", "fit_places", "places_of_points", "scatter_of_poses",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -34,7 +45,16 @@ _LEAST_FREEDOM = 0.1
 _NAMED_ABOVE = 2.0
 """Ratio of the noise of an image to the median beyond which it is named."""
 _FEWEST_POSES = 4
-_SIGNIFICANT = 1e-3
+_SIGNIFICANT_SCATTER = 0.01
+"""Probability of poses without common errors below which their scatter widens the covariance: one exact calibration of
+a hundred is then stated about 1.4 times as uncertain, and smaller scatter than by a higher limit stays in the result.
+"""
+_BEYOND_DOUBT = 1e-6
+"""Probability of exact points below which they deviate from their places: no chance in any number of calibrations."""
+_DRAWS = 1000
+_MOST_LEVERAGE = 0.9
+"""Share of the information above which a pose is regarded as no more influential: its absence leaves too little."""
+_LENS = np.array([*range(len(INTRINSICS)), len(INTRINSICS) + STAGE.index("aspect")])
 _NEGLIGIBLE = 0.1
 """Effect of a component on the image relative to the noise of the corners, below which it is omitted: 0.5 % of the
 total standard deviation.
@@ -155,38 +175,209 @@ def estimate_components(
     return parts, changed, fit
 
 
+def places_of_points(fit: RigFit) -> float:
+    """Return the standard deviation in mm of the points from their places in the plane of the board; 0 if by chance.
+
+    The scores of each point by its two coordinates, summed over the images of a pose, are noise from pose to pose, and
+    have a common part if the point is not at its place (analysis of variance). Neither needs a right noise.
+    """
+    from scipy.stats import f as distribution
+
+    given = fit.given
+    boards = [number for number, view in enumerate(given.views) if view.target == 0]
+    if not boards or given.targets[0].point_mm[0] > 0:
+        return 0.0
+    chosen = np.concatenate([np.arange(given.first[number], given.first[number + 1]) for number in boards])
+    poses = np.concatenate([np.full(len(given.views[number].pixels), given.views[number].pose) for number in boards])
+    weights = np.sqrt(robust_weights(np.hypot(fit.z[:, 0], fit.z[:, 1])))[chosen, None]
+    slopes = project(given, fit.state, derivatives=True)[1][chosen, :, -3:-1]
+    slopes = weights[:, :, None] * (given.whitening[chosen] @ slopes)
+    places = np.rint(given.points_mm[chosen] / SAME_POINT_MM)
+    keys, pairs = np.unique(np.column_stack([places, poses]), axis=0, return_inverse=True)
+    score, information = np.zeros((len(keys), 2)), np.zeros((len(keys), 2, 2))
+    np.add.at(score, pairs.ravel(), np.einsum("nij,ni->nj", slopes, weights * fit.z[chosen]))
+    np.add.at(information, pairs.ravel(), np.einsum("nij,nik->njk", slopes, slopes))
+    points, numbers = np.unique(keys[:, :3], axis=0, return_inverse=True)
+    common, whole = np.zeros((len(points), 2)), np.zeros((len(points), 2, 2))
+    np.add.at(common, numbers.ravel(), score)
+    np.add.at(whole, numbers.ravel(), information)
+    between = _squares(common, whole)
+    within = _squares(score, information) - between
+    dof = 2 * len(points)
+    rest = 2 * len(keys) - dof - 6 * len(set(poses.tolist()))
+    if rest < dof or not distribution.sf(between / dof / (within / rest), dof, rest) < _BEYOND_DOUBT:
+        return 0.0
+    excess = between - dof * within / rest
+    return float(np.sqrt(excess / np.trace(whole, axis1=1, axis2=2).sum()))
+
+
+def _squares(score: Array, information: Array) -> float:
+    """Return the sum of squared scores in units of their covariances."""
+    return float(np.einsum("ni,nij,nj->", score, np.linalg.pinv(information, hermitian=True), score))
+
+
 @with_one_blas_thread
-def scatter_of_poses(fit: RigFit, priors: RigPriors) -> float:
-    """Return by which factor results without one pose vary more than their covariance states; 1 if not significantly.
+def fit_places(given: Observations, fit: RigFit, priors: RigPriors, point_mm: float) -> RigFit:
+    """Return the fit with deviations of the points in the plane of the board."""
+    changed = VarianceComponents(point_mm=point_mm).applied(given)
+    layout = RigLayout.from_observations(changed, priors)
+    return adjust(changed, carry_state(fit.state, layout), _start(fit, layout))
+
+
+@with_one_blas_thread
+def scatter_of_poses(fit: RigFit) -> PoseScatter | None:
+    """Return by which matrix results without one pose vary more than their covariance states; None if by chance.
 
     Errors that all points of an image share (light, focus, bends of other form) are no noise of its corners. The
-    intrinsic parameters without a pose less those with it have the difference of both covariances as theirs.
+    jackknife over the poses estimates the covariance of the lens parameters (MacKinnon, Nielsen and Webb 2023), by one
+    step from the score of each pose. A matrix of a few poses is shrunk to a multiple of the stated covariance (Ledoit
+    and Wolf 2004), by the variance that its elements have for that many poses.
     """
-    from scipy.stats import chi2
-
     poses = list(dict.fromkeys(view.pose for view in fit.given.views))
-    chosen = [index for index in range(len(INTRINSICS)) if fit.free[index]]
-    shape = (len(chosen), len(chosen))
-    found, stated, count = np.zeros(shape), np.zeros(shape), 0
-    for omitted in poses:
-        rest = fit.given.selected([view for view in fit.given.views if view.pose != omitted])
-        try:
-            layout = RigLayout.from_observations(rest, priors)
-            part = adjust(rest, carry_state(fit.state, layout), _start(fit, layout))
-        except CalibrationError:
-            continue
-        change = part.state.values[chosen] - fit.state.values[chosen]
-        found += np.outer(change, change)
-        stated += part.covariance[np.ix_(chosen, chosen)] - fit.covariance[np.ix_(chosen, chosen)]
-        count += 1
-    if count < _FEWEST_POSES:
-        return 1.0
-    scale = np.sqrt(np.maximum(np.diag(stated), 1e-300))
-    relative = np.linalg.pinv(stated / scale[:, None] / scale, rcond=1e-6, hermitian=True)
-    ratio = float((relative * (found / scale[:, None] / scale)).sum()) / len(chosen)
-    # The changes of all poses add up to about zero, and those of neighbours are not independent.
-    dof = len(chosen) * (count - 1) / 2
-    return ratio if chi2.sf(ratio * dof, dof) < _SIGNIFICANT else 1.0
+    chosen = _LENS[fit.free[_LENS]]
+    if len(poses) < _FEWEST_POSES:
+        return None
+    root = _root(fit.covariance[np.ix_(chosen, chosen)])
+    inverse = np.linalg.pinv(root)
+    parts = _parts_of_poses(fit, poses, chosen, inverse)
+    unit = np.eye(len(chosen))
+    by_priors = unit - sum(part.share for part in parts)
+    exact = np.array([part.transport @ part.change(part.score[None])[0] for part in parts]) / np.sqrt(fit.scale)
+    found = float(((exact.T @ exact + by_priors) ** 2).sum())
+    if np.mean(_by_chance(parts, by_priors) >= found) > _SIGNIFICANT_SCATTER:
+        return None
+    reduced = (len(poses) - 1) / len(poses)
+    changes = np.array([part.change(part.score[None])[0] for part in parts]) / np.sqrt(fit.scale)
+    jackknife = reduced * changes.T @ changes + by_priors
+    mean = float(np.trace(jackknife)) / len(chosen)
+    expected = float(sum(np.trace(part.deleted) for part in parts) * reduced + np.trace(by_priors)) / len(chosen)
+    squares = reduced**2 * sum(float((part.deleted**2).sum() + np.trace(part.deleted) ** 2) for part in parts)
+    departure = float(((jackknife - mean * unit) ** 2).sum())
+    share = min((mean / expected) ** 2 * squares / max(departure, 1e-300), 1.0)
+    values, vectors = np.linalg.eigh(share * mean * unit + (1 - share) * jackknife)
+    factors = np.maximum(values, 1.0)
+    transfer = root @ (vectors * np.sqrt(factors)) @ vectors.T @ inverse
+    return PoseScatter(chosen, transfer, factors) if factors[-1] > 1 else None
+
+
+@dataclass(frozen=True, eq=False)
+class _PartOfPose:
+    """Part of a pose in the equations of the common parameters, in units of their covariance.
+
+    ``values``, ``vectors``: Eigenvalues and eigenvectors of its information H; with C = 1, these are its leverages.
+    ``axes``: Changes of the lens parameters, in units of their covariance, along the eigenvectors.
+    ``score``: Its score along the eigenvectors.
+    """
+
+    values: Array
+    vectors: Array
+    axes: Array
+    score: Array
+
+    @property
+    def kept(self) -> Array:
+        """Share of the information that the other poses have."""
+        return np.asarray(1 - np.minimum(self.values, _MOST_LEVERAGE))
+
+    @property
+    def share(self) -> Array:
+        """Its share of the covariance of the lens parameters, C H C."""
+        return np.asarray((self.axes * self.values) @ self.axes.T)
+
+    @property
+    def deleted(self) -> Array:
+        """Covariance of the change without this pose."""
+        return np.asarray((self.axes * (self.values * (1 - self.values) / self.kept**2)) @ self.axes.T)
+
+    def change(self, scores: Array) -> Array:
+        """Return the changes of the lens parameters without this pose, C (1 - H C)⁻¹ g, for scores (n, m)."""
+        return np.asarray((scores / self.kept) @ self.axes.T)
+
+    def drawn(self, seed: np.random.SeedSequence) -> Array:
+        """Return drawn scores along the eigenvectors, shape (draws, m)."""
+        return np.random.default_rng(seed).standard_normal((_DRAWS, len(self.values))) * np.sqrt(self.values)
+
+    @cached_property
+    def transport(self) -> Array:
+        """Symmetric matrix that gives the change the covariance of the share, whatever the leverage."""
+        root, inverse = _power(self.deleted, 0.5), _power(self.deleted, -0.5)
+        return np.asarray(inverse @ _power(root @ self.share @ root, 0.5) @ inverse)
+
+
+def _parts_of_poses(
+    fit: RigFit, poses: Sequence[int], chosen: NDArray[np.int64], inverse: NDArray[np.floating]
+) -> list[_PartOfPose]:
+    """Return the parts of all poses, from whose equations the parameters of one pose alone are eliminated."""
+    given, layout = fit.given, fit.state.layout
+    groups = [[number for number, view in enumerate(given.views) if view.pose == pose] for pose in poses]
+    touched = np.zeros((len(poses), layout.size), dtype=bool)
+    for row, numbers in zip(touched, groups, strict=True):
+        views = [given.views[number] for number in numbers]
+        row[layout.columns(views)] = True
+        for view in views:
+            row[layout.point_columns(view).ravel()] = True
+    alone = touched.sum(axis=0) == 1
+    alone[chosen] = False
+    common = np.flatnonzero(fit.free & ~alone)
+    root = _root(fit.covariance[np.ix_(common, common)])
+    to_lens = inverse @ root[np.searchsorted(common, chosen)]
+    weights = np.sqrt(robust_weights(np.hypot(fit.z[:, 0], fit.z[:, 1])))[:, None]
+    slopes = weights[:, :, None] * (given.whitening @ project(given, fit.state, derivatives=True)[1])
+    prior = np.zeros(layout.size)
+    prior[fit.free] = prior_information(layout.std, fit.free)
+    # Points beyond the limit of the weights determine nothing along their residual (Huber 1981).
+    robust = 2 * (weights**2).sum() / (weights**2 * np.where(weights < 1, 1, 2)).sum()
+    found = []
+    for row, numbers in zip(touched, groups, strict=True):
+        part = np.concatenate([np.arange(given.first[number], given.first[number + 1]) for number in numbers])
+        seen = given.selected([given.views[number] for number in numbers])
+        information = layout.information(seen, slopes[part])
+        score = layout.gather(seen, slopes[part], (weights * fit.z)[part][:, :, None])[:, 0]
+        own = np.flatnonzero(fit.free & alone & row)
+        inner = information[np.ix_(own, own)] + np.diag(prior[own])
+        cross = information[np.ix_(own, common)]
+        scale = 1 / np.sqrt(np.diag(inner))
+        solved = np.linalg.pinv(inner * scale[:, None] * scale, rcond=1e-13, hermitian=True) @ np.column_stack(
+            [scale[:, None] * cross, scale * (score[own] - prior[own] * (fit.state.values - fit.start)[own])]
+        )
+        reduced = information[np.ix_(common, common)] - cross.T @ (scale[:, None] * solved[:, :-1])
+        left = score[common] - cross.T @ (scale * solved[:, -1])
+        product = root.T @ reduced @ root
+        values, vectors = np.linalg.eigh((product + product.T) / 2)
+        score = robust * vectors.T @ (root.T @ left)
+        found.append(_PartOfPose(np.clip(values, 0.0, 1.0), vectors, to_lens @ vectors, score))
+    return found
+
+
+def _root(covariance: Array) -> Array:
+    """Return a matrix R with R Rᵀ equal to a covariance."""
+    scale = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / scale[:, None] / scale)
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _power(matrix: Array, exponent: float) -> Array:
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    return np.asarray((vectors * np.maximum(values, 1e-12) ** exponent) @ vectors.T)
+
+
+def _by_chance(parts: Sequence[_PartOfPose], by_priors: Array) -> Array:
+    """Return the sums of the squared elements of scatter matrices that the stated covariance explains.
+
+    Scores are drawn with the information of the poses and of the priors as covariances, less what the adjustment of the
+    common parameters takes from them.
+    """
+    seeds = np.random.SeedSequence(0).spawn(len(parts) + 1)
+    priors = np.eye(len(parts[0].vectors)) - sum((part.vectors * part.values) @ part.vectors.T for part in parts)
+    whole = np.random.default_rng(seeds[-1]).standard_normal((_DRAWS, len(priors))) @ _power(priors, 0.5)
+    for part, seed in zip(parts, seeds, strict=False):
+        whole += part.drawn(seed) @ part.vectors.T
+    total = np.tile(by_priors, (_DRAWS, 1, 1))
+    for part, seed in zip(parts, seeds, strict=False):
+        left = part.drawn(seed) - part.values * (whole @ part.vectors)
+        one = part.change(left) @ part.transport
+        total += one[:, :, None] * one[:, None, :]
+    return np.asarray((total**2).sum(axis=(1, 2)))
 
 
 def _values(parts: VarianceComponents) -> Array:

@@ -21,6 +21,8 @@ _COLUMNS, _ROWS = 9, 7
 """Grid of pixels over the image, on which errors that vary smoothly are computed."""
 _BORDERS = (0.0, 0.05, 0.1, 0.2, 0.3)
 """Shares of the image that are omitted at every border, if the lens folds the image there."""
+_ROUNDING = 1e-9
+"""Share of the variance below which a source is rounding."""
 _SOURCES: tuple[tuple[str, str], ...] = (
     ("step length", r"step_scale|backlash"),
     ("size of the board", r"board\.scale"),
@@ -36,6 +38,8 @@ _SOURCES: tuple[tuple[str, str], ...] = (
 """Sources and the parameters whose priors state them; the first that fits."""
 CORNERS, VISITS = "noise of the detected points", "repeatability in the measurement"
 """The other sources: the images of the calibration, and the visits of the measurement."""
+POSES = "errors that all points of a board image share"
+"""The source of scatter of the poses beyond the noise of the points."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +120,13 @@ def depth_budget(calibration: RigCalibration, depth_mm: float, fit: RigFit | Non
     names, std, covariance, factor = _covariance(calibration, fit)
     rows = [names.index(name) for name in slopes]
     jacobian = np.array(list(slopes.values()))
-    total = jacobian.T @ covariance[np.ix_(rows, rows)] @ jacobian * factor
+    whole = jacobian.T @ covariance[np.ix_(rows, rows)] @ jacobian
+    total = whole * factor
+    if fit is not None and fit.scatter is not None:
+        total = jacobian.T @ fit.stated_covariance[np.ix_(rows, rows)] @ jacobian
     effect = covariance[:, rows] @ jacobian
-    parts = _parts(_members(names, std, calibration), std, covariance, effect, total / factor, factor, fresh)
+    members = _members(names, std, calibration)
+    parts = _parts(members, std, covariance, effect, whole, factor, fresh, total - factor * whole)
     return DepthBudget(
         depth_mm, pixels, CommonError.from_covariance(total), CommonError.from_covariance(total + fresh), parts
     )
@@ -132,7 +140,7 @@ def _covariance(calibration: RigCalibration, fit: RigFit | None) -> tuple[list[s
     # A covariance that was scaled by chi-squared, because the tolerances or the noise are understated.
     place = int(np.argmax(np.diag(calibration.covariance)))
     factor = float(calibration.covariance[place, place] / fit.covariance[place, place])
-    return list(layout.names), layout.std, fit.covariance, factor
+    return list(layout.names), layout.std, fit.covariance, factor if fit.scatter is None else fit.scale
 
 
 def depth_slopes(calibration: RigCalibration, pixels: Array, depth_mm: float) -> tuple[dict[str, Array], Array]:
@@ -168,15 +176,17 @@ _MOTIONS = ("pitch", "yaw", "roll", "x", "y", "z")
 
 def _parts(
     members: dict[str, list[int]], std: Array, covariance: Array, effect: Array, whole: Array, factor: float,
-    fresh: Array,
+    fresh: Array, scatter: Array,
 ) -> tuple[BudgetPart, ...]:  # fmt: skip
     """Return the contributions of all sources to the variance of the depth.
 
     ``effect``: Covariance of all parameters with the depth, shape (P, n). ``whole``: Covariance of the depth.
+    ``scatter``: Covariance of the depth by the scatter of the poses.
     """
     usable = np.sort([index for rows in members.values() for index in rows])
-    visits = _moments(fresh)
-    total = factor * _moments(whole)[0] + visits[0]
+    visits, shared = _moments(fresh), _moments(scatter)
+    others = visits[0] + shared[0]
+    total = factor * _moments(whole)[0] + others
     found, rest = [], whole
     for title, rows in members.items():
         # The error of the depth by one standard deviation of the prior of each parameter.
@@ -188,8 +198,10 @@ def _parts(
         mean, other = (factor * value for value in _moments(own))
         found.append(_part(title, mean, other, total - factor * _moments(less)[0]))
     mean, other = (factor * value for value in _moments(rest))
-    quiet = factor * _moments(whole / 4 + _gain_of_quiet_corners(covariance, std, usable, effect))[0] + visits[0]
+    quiet = factor * _moments(whole / 4 + _gain_of_quiet_corners(covariance, std, usable, effect))[0] + others
     found.append(_part(CORNERS, mean, other, quiet))
+    if shared[0] > _ROUNDING * total:
+        found.append(_part(POSES, *shared, total - 0.75 * shared[0]))
     if visits[0] > 0:
         found.append(_part(VISITS, *visits, total - 0.75 * visits[0]))
     return tuple(sorted(found, key=lambda part: -part.mean_mm))

@@ -21,7 +21,7 @@ from scenetruth.capture.calibration import (
     rotation_matrix,
 )
 from scenetruth.capture.calibration.bundle_adjustment import build_equations
-from scenetruth.capture.report.error_budget import CORNERS, VISITS, DepthBudget, depth_grid, depth_slopes
+from scenetruth.capture.report.error_budget import CORNERS, POSES, VISITS, DepthBudget, depth_grid, depth_slopes
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = ["BoardCoverage", "PoseEffect", "Suggestion", "assess_poses", "cover", "place_targets", "suggest"]
@@ -166,7 +166,7 @@ def assess_poses(
         found.append(
             PoseEffect(
                 pose, tilt, farther, float(centre[2]), len(views), points, float(np.sqrt(squares / max(points, 1))),
-                np.nan if rest is None else mean_std(rest.state.layout.names, rest.covariance),
+                np.nan if rest is None else mean_std(rest.state.layout.names, fit.scale * fit.widened(rest.covariance)),
             )
         )  # fmt: skip
     return tuple(found)
@@ -222,6 +222,8 @@ def suggest(
 def _halve(title: str) -> str:
     if title == CORNERS:
         return "Halve the noise of the detected points: more light, a sharper image, or four times as many images"
+    if title == POSES:
+        return "Halve the errors of whole images: stiff board at rest, fixed focus, even light, or four times the poses"
     if title == VISITS:
         return "Halve the repeatability of the stage in the measurement, or add a fiducial strip"
     return f"Halve the tolerance of: {title}"
@@ -286,8 +288,8 @@ def _covariance_with(fit: RigFit, priors: RigPriors, rotation: Array, centre: Ar
         if len(kept.pixels) >= _FEWEST_POINTS:
             seen.append(kept)
     if len(seen) == len(given.views):
-        return state.layout.names, fit.covariance
-    return layout.names, _posterior(fit, replace(wider, views=tuple(seen)), moved)
+        return state.layout.names, fit.stated_covariance
+    return layout.names, fit.scale * fit.widened(_posterior(fit, replace(wider, views=tuple(seen)), moved))
 
 
 def _posterior(fit: RigFit, given: Observations, state: RigState) -> Array:
