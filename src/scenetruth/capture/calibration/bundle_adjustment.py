@@ -212,9 +212,7 @@ def _cost(given: Observations, state: RigState, start: Array, free: NDArray[np.b
 
 
 @with_one_blas_thread
-def adjust(
-    given: Observations, state: RigState, start: Array | None = None, *, must_converge: bool = True
-) -> RigFit:
+def adjust(given: Observations, state: RigState, start: Array | None = None, *, must_converge: bool = True) -> RigFit:
     """Estimate all parameters that are not fixed, exclude outliers, and return the fit with its covariance.
 
     ``state``: Start values.
