@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,20 @@ def test_a_turned_camera_is_named(board_capture: Path, board_calibration: Calibr
     (message,) = compare_measurement(open_capture(folder), board_calibration[0])
     assert "knocked" in message
     assert "calibrate again" in message
+
+
+def test_positions_that_the_calibration_knows_are_no_knock(
+    board_capture: Path, board_calibration: Calibrated, tmp_path: Path
+) -> None:
+    """A camera that is lower by z / f at one position sees the wall higher by one pixel there."""
+    folder, (calibration, _) = changed_capture(board_capture, tmp_path / "lab"), board_calibration
+    for file in folder.glob("images/s-1_*.tif"):
+        store(file, np.roll(tifffile.imread(file), -1, axis=0))
+    values = calibration.values.copy()
+    values[calibration.names.index("position[0].y")] += 660 / calibration.value("f")
+    assert compare_measurement(open_capture(folder), replace(calibration, values=values)) == []
+    (message,) = compare_measurement(open_capture(folder), calibration)
+    assert "across the stage" in message
 
 
 def test_two_boards_in_an_image_are_named() -> None:

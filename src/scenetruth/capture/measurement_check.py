@@ -120,13 +120,32 @@ def compare_measurement(folder: CaptureFolder, calibration: RigCalibration) -> l
     return _describe_parallax(calibration, parallaxes) if parallaxes else []
 
 
-def _parallax_covariance(calibration: RigCalibration, parallaxes: Sequence[_Parallax]) -> Floats:
-    """Return the covariance in px² of displacements across the stage: calibration, new visits and matching."""
-    focal, reference = calibration.value("f"), calibration.reference
-    along = np.abs(calibration.positions_mm - calibration.positions_mm[reference])
+def _usual_point(calibration: RigCalibration, parallaxes: Sequence[_Parallax]) -> Floats:
+    """Return a point on the optical axis at the median depth of the displacements along the stage, in mm."""
+    focal = calibration.value("f")
+    along = np.abs(calibration.positions_mm - calibration.positions_mm[calibration.reference])
     depths = [min(focal * along[each.place] / max(abs(each.along), _LEAST_SHIFT_PX), _DISTANT * focal)
               for each in parallaxes]  # fmt: skip
-    point = np.array([0.0, 0.0, float(np.median(depths))])
+    return np.array([0.0, 0.0, float(np.median(depths))])
+
+
+def _expected_across(calibration: RigCalibration, point: Floats, places: Sequence[int]) -> Floats:
+    """Return the displacements of a point across the stage that a rectification through a distant plane leaves, in px.
+
+    It corrects the turns of the camera, not the deviations of its positions from a straight line.
+    """
+    distant = point * (_DISTANT * calibration.value("f") / point[2])
+
+    def left(place: int) -> float:
+        near, far = (recorded_pixels(calibration, each, place)[1] for each in (point, distant))
+        return float(near - far)
+
+    return np.array([left(place) for place in places]) - left(calibration.reference)
+
+
+def _parallax_covariance(calibration: RigCalibration, parallaxes: Sequence[_Parallax], point: Floats) -> Floats:
+    """Return the covariance in px² of displacements across the stage: calibration, new visits and matching."""
+    focal, reference = calibration.value("f"), calibration.reference
 
     def across(given: RigCalibration) -> Floats:
         rows = [recorded_pixels(given, point, each.place)[1] for each in parallaxes]
@@ -181,8 +200,10 @@ def _compare_strip(calibration: RigCalibration) -> list[str]:
 
 def _describe_parallax(calibration: RigCalibration, parallaxes: Sequence[_Parallax]) -> list[str]:
     """Return messages on displacements across the stage: those of a turned camera, or of single images."""
-    covariance = _parallax_covariance(calibration, parallaxes)
+    point = _usual_point(calibration, parallaxes)
+    covariance = _parallax_covariance(calibration, parallaxes, point)
     across, along = (np.array([getattr(each, name) for each in parallaxes]) for name in ("across", "along"))
+    across -= _expected_across(calibration, point, [each.place for each in parallaxes])
     # A camera that is turned about its axis sees displacements along the stage under the angle of the turn.
     weights = np.linalg.solve(covariance, along)
     information = float(along @ weights)
@@ -195,10 +216,10 @@ def _describe_parallax(calibration: RigCalibration, parallaxes: Sequence[_Parall
                 "remounted since the calibration; calibrate again with this mounting, or add a fiducial strip"
             ]
     found = []
-    for each, deviation in zip(parallaxes, np.sqrt(np.diag(covariance)), strict=True):
-        if abs(each.across) > max(_LARGE_PX, _SIGMAS * deviation):
+    for each, shift, deviation in zip(parallaxes, across.tolist(), np.sqrt(np.diag(covariance)), strict=True):
+        if abs(shift) > max(_LARGE_PX, _SIGMAS * deviation):
             found.append(
-                f"{each.name}: is displaced by {each.across:+.2f} ± {deviation:.2f} px across the stage against the "
+                f"{each.name}: is displaced by {shift:+.2f} ± {deviation:.2f} px across the stage against the "
                 "reference position: the camera was knocked, or the scene moved between the images of a frame; check "
                 "the image, or calibrate again"
             )

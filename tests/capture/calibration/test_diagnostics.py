@@ -19,6 +19,7 @@ from scenetruth.capture.calibration import (
     compare_halves,
     diagnose,
     identify_combinations,
+    inconsistent_images,
     project,
     start_state,
     step_problems,
@@ -128,6 +129,17 @@ def test_posterior_follows_from_the_ratios(fit: RigFit) -> None:
     relative = fit.covariance[np.ix_(bound, bound)] / std[:, None] / std
     expected = sorted(1 / (1 + each.ratio) for each in identify_combinations(fit))
     np.testing.assert_allclose(np.linalg.eigvalsh(relative), expected, atol=2e-3)
+
+
+def test_images_with_residuals_as_large_as_stated_are_not_named(fit: RigFit) -> None:
+    """With overstated noise the residuals of most images are small, and those of exact images 1.5 times as large."""
+    views = [replace(view, points=44, mean_square=0.6, consistent=True) for view in fit.views]
+    views[3] = replace(views[3], mean_square=1.55)
+    assert inconsistent_images(replace(fit, views=tuple(views))) == []
+    views[3] = replace(views[3], mean_square=2.5)
+    (text,) = inconsistent_images(replace(fit, views=tuple(views)))
+    assert text.startswith(views[3].name)
+    assert "sharpness" in text
 
 
 def steps_of(rig: DrawnRig, given: Observations) -> list[str]:

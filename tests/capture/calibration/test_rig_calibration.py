@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import stats
 
 from scenetruth.camera import Camera, Distortion, StageErrors, Viewpoint
@@ -15,12 +16,15 @@ from scenetruth.capture.calibration import (
     CalibrationTarget,
     CharucoBoard,
     DotGrid,
+    Observations,
     RigCalibration,
+    RigFit,
     RigGeometry,
     RigLayout,
     RigPriors,
     RigState,
     TargetView,
+    adjust,
     calibrate,
     observe_boards,
     project,
@@ -31,6 +35,7 @@ from tests.helpers.drawn_rigs import DrawnRig, draw_rig
 from tests.helpers.nightly import NIGHTLY, by_night
 from tests.helpers.rendered_boards import noisy, render_board, rendered_noise_variance
 
+Array = NDArray[np.float64]
 X_MM = np.array([-10.0, 0.0, 10.0])
 CAMERA = Camera(
     width=400, height=320, focal_length_px=3000, principal_point_px=(203.0, 156.0), distortion=Distortion(k1=-0.3, k2=2)
@@ -174,6 +179,27 @@ def test_contradicting_images_are_rejected_with_their_reason() -> None:
 def test_too_little_tilt_says_what_to_add() -> None:
     rig = draw_rig(91, poses=3, positions=3, tilt_deg=(0.0, 0.5))
     with pytest.raises(CalibrationError, match="add poses with a tilt"):
+        calibrate(rig.observations, guess=5016.0, priors=rig.priors)
+
+
+def test_a_fit_that_does_not_converge_starts_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong tilt can lead into a valley without an end, far from the start values of the lens."""
+    rig = draw_rig(93, poses=5, positions=3)
+    name = "scenetruth.capture.calibration.rig_calibration.adjust"
+    starts = list[RigState]()
+
+    def first_without_end(given: Observations, state: RigState, *start: Array, must_converge: bool = True) -> RigFit:
+        starts.append(state)
+        fit = adjust(given, state, *start, must_converge=must_converge)
+        return replace(fit, rounds=10_000) if len(starts) <= endless else fit
+
+    monkeypatch.setattr(name, first_without_end)
+    endless = 1
+    found = calibrate(rig.observations, guess=5016.0, priors=rig.priors)
+    assert abs(found.value("f") - rig.truth.value("f")) < 5 * found.std("f")
+    np.testing.assert_array_equal(starts[1].values, starts[0].values)
+    endless, starts[:] = 2, []
+    with pytest.raises(CalibrationError, match="no solution"):
         calibrate(rig.observations, guess=5016.0, priors=rig.priors)
 
 

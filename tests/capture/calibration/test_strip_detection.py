@@ -78,6 +78,38 @@ def test_a_turn_by_more_than_half_a_dot_does_not_shift_the_row() -> None:
         assert np.abs(view.pixels - centres(1, shift_px)).max() < 0.03
 
 
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_rows_of_few_dots(count: int) -> None:
+    """Such rows have fewer dots than a match needs: the second row is found from the first."""
+    columns = np.linspace(-20, 20, 11)[:count] + 8
+    points = np.array([[u, v, 0.0] for v in (-19.0, 19.0) for u in columns])
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    for position in range(3):
+        image = image_of(position, hidden=len(POINTS))
+        turn = np.array([[1, 0.02], [-0.02, 1]])
+        places = PER_MM * (points[:, :2] - [X_MM[position], 0.0]) @ turn + [201.3, 138.6]
+        for dot in places:
+            image -= 1700 * 0.5 * (1 - np.tanh((np.hypot(x - dot[0], y - dot[1]) - 5) / 0.8))
+        (view,) = observe_strip([BoardImage(image, position, 50, visit=1, variance=NOISE**2)], points, X_MM)
+        np.testing.assert_array_equal(view.points_mm, points)
+        assert np.abs(view.pixels - places).max() < 0.03
+
+
+def test_spots_of_a_texture_are_no_strip() -> None:
+    """Of ten dots, six spots that lie near expected places by chance would be enough."""
+    points = np.array([[u, v, 0.0] for v in (-19.0, 19.0) for u in (-10, -5, 0, 5, 10)])
+    y, x = np.mgrid[:240, :320].astype(float)
+    for seed in (8, 12):
+        generator = np.random.default_rng(seed)
+        image = np.full((240, 320), 1800.0)
+        for _ in range(250):
+            spot, depth = generator.uniform([0, 0], [320, 240]), generator.uniform(200, 500)
+            image -= depth * np.clip(generator.uniform(4, 7) - np.hypot(x - spot[0], y - spot[1]), 0, 1)
+        image += NOISE * generator.standard_normal(image.shape)
+        with pytest.raises(CalibrationError, match="dots of the strip"):
+            observe_strip([BoardImage(image, 0, 50, visit=1, variance=NOISE**2)], points, [0.0])
+
+
 def test_images_without_the_strip_are_named() -> None:
     images = [*recorded(), *recorded(), BoardImage(np.full(SIZE, 500.0), 0, 50, name="dark.tif")]
     with pytest.warns(EstimateWarning, match=r"dark\.tif.*60%"):

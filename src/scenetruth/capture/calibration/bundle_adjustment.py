@@ -124,6 +124,11 @@ class RigFit:
     scatter: PoseScatter | None = None
 
     @property
+    def converged(self) -> bool:
+        """Whether the last minimisation has reached a minimum."""
+        return self.rounds < _MOST_ROUNDS
+
+    @property
     def variance_factor(self) -> float:
         """Chi-squared per degree of freedom."""
         return self.chi2 / max(self.dof, 1)
@@ -256,11 +261,12 @@ def _cost(given: Observations, state: RigState, start: Array, free: NDArray[np.b
 
 
 @with_one_blas_thread
-def adjust(given: Observations, state: RigState, start: Array | None = None) -> RigFit:
+def adjust(given: Observations, state: RigState, start: Array | None = None, *, must_converge: bool = True) -> RigFit:
     """Estimate all parameters that are not fixed, exclude outliers, and return the fit with its covariance.
 
     ``state``: Start values.
     ``start``: Prior means, shape (P,); default: the intrinsic parameters of ``state``, and 0 for all others.
+    ``must_converge``: Raise if the iterations reach no minimum; else see ``RigFit.converged``.
     """
     layout = state.layout
     if start is None:
@@ -275,9 +281,8 @@ def adjust(given: Observations, state: RigState, start: Array | None = None) -> 
             break
         used = _selection(given, points, whole)
         state, equations, rounds = solve(used, state, start, _estimable(layout.std, used, state))
-    if rounds >= _MOST_ROUNDS:
-        msg = f"have no solution that {_MOST_ROUNDS} iterations reach: check the start values, the board and its poses"
-        raise CalibrationError([Problem("observations", msg)])
+    if must_converge and rounds >= _MOST_ROUNDS:
+        raise not_converged()
     free = _estimable(layout.std, used, state)
     covariance = np.zeros((layout.size, layout.size))
     covariance[np.ix_(free, free)] = _invert(equations.information, layout.std, free, layout.names)
@@ -287,6 +292,12 @@ def adjust(given: Observations, state: RigState, start: Array | None = None) -> 
         covariance=covariance, chi2=equations.squares, dof=dof,
         views=tuple(_view_residuals(given, state, points, whole)), rounds=rounds,
     )  # fmt: skip
+
+
+def not_converged() -> CalibrationError:
+    """Return the error of an adjustment whose iterations reach no minimum."""
+    msg = f"have no solution that {_MOST_ROUNDS} iterations reach: check the start values, the board and its poses"
+    return CalibrationError([Problem("observations", msg)])
 
 
 def _estimable(std: Array, used: Observations, state: RigState) -> NDArray[np.bool_]:

@@ -304,8 +304,9 @@ def inconsistent_images(fit: RigFit) -> list[str]:
     squares = np.array([view.mean_square for view in fit.views if view.consistent])
     median = float(np.median(squares))
     for view in fit.views:
-        # The mean of n squared normal values scatters by the root of 1 / n; five deviations of it are no chance.
-        limit = max(_LARGER_THAN_MEDIAN, 1 + 5 / np.sqrt(max(view.points, 1))) * max(median, 1e-300)
+        # The mean of 2 n squared normal values scatters by the root of 1 / n; five deviations of it are no chance. A
+        # median below 1 is that of overstated noise: residuals as large as stated are no fault of an image.
+        limit = max(_LARGER_THAN_MEDIAN * median, (1 + 5 / np.sqrt(max(view.points, 1))) * max(median, 1.0))
         if not view.consistent:
             text = f"{view.name}: contradicts the other images (residual {view.rms_px:.2g} px); check its position"
             found.append(f"{text}, its visit, and that it shows one board")

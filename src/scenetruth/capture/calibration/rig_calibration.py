@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from scenetruth.camera import Camera
 from scenetruth.capture.calibration.boards import Board, DotGrid
-from scenetruth.capture.calibration.bundle_adjustment import SCALED_ABOVE, RigFit, adjust, robust_cost
+from scenetruth.capture.calibration.bundle_adjustment import SCALED_ABOVE, RigFit, adjust, not_converged, robust_cost
 from scenetruth.capture.calibration.calibration_result import RigCalibration
 from scenetruth.capture.calibration.corner_detection import Detection, detect_board
 from scenetruth.capture.calibration.corner_refinement import disc_bias, estimate_noise, refine_points
@@ -489,10 +489,17 @@ def _with_components(plain: RigFit, corrected: Observations, priors: RigPriors) 
 
 def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:
     """Return the fit, and the observations without the perspective bias of dots."""
-    fit = adjust(given, state)
-    if not all(view.consistent for view in fit.views):
-        other = adjust(given, with_other_tilts(given, fit.state, fit.start), fit.start)
-        fit = max(fit, other, key=lambda each: sum(view.points for view in each.views))
+    # A pose with the wrong of two tilts can also prevent that the iterations end.
+    fit = adjust(given, state, must_converge=False)
+    if not fit.converged or not all(view.consistent for view in fit.views):
+        turned = with_other_tilts(given, fit.state, fit.start)
+        if not fit.converged:
+            # The wrong tilt has led far into a long valley: start again with the right tilts.
+            turned = RigState(turned.layout, state.values, turned.turns)
+        other = adjust(given, turned, fit.start, must_converge=False)
+        fit = max(fit, other, key=lambda each: (each.converged, sum(view.points for view in each.views)))
+    if not fit.converged:
+        raise not_converged()
     if dots is None:
         return fit, given
     corrected = given

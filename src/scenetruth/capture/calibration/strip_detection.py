@@ -30,6 +30,10 @@ _SHARE = 0.6
 _CERTAIN = 0.8
 """Share of the dots from which the search ends."""
 _LEAST = 6
+_ROW = 3
+"""Least number of dots of a short row from which the other row is predicted."""
+_FEW, _REMAINDER = 12, 0.1
+"""Largest RMS distance of fewer than 12 dots from a homography, in units of the distance of neighbouring dots."""
 _LINE = 0.02
 """Ratio of the extents of points below which they are on a line."""
 _SHARE_OF_IMAGES = 0.25
@@ -157,6 +161,7 @@ def _match(
         if (
             len(pairs) >= max(_LEAST, _SHARE * len(points))
             and not _on_a_line(points[pairs[:, 0]])
+            and _fits(blobs, points, pairs)
             and (best is None or len(pairs) > len(best[0]))
         ):
             radius = float(np.sqrt(np.median(blobs.areas[pairs[:, 1]]) / np.pi))
@@ -164,6 +169,19 @@ def _match(
             if len(pairs) == len(points):
                 break
     return best
+
+
+def _fits(blobs: Blobs, points: Array, pairs: NDArray[np.int64]) -> bool:
+    """Return whether a homography fits the pairs.
+
+    So few spots of a texture can be near expected places by chance; many dots may deviate by the distortion of a lens.
+    """
+    if len(pairs) >= _FEW:
+        return True
+    expected = _expected(points[pairs[:, 0]], blobs.centres[pairs[:, 1]], points)
+    away = blobs.centres[pairs[:, 1]] - expected[pairs[:, 0]]
+    free = 2 * len(pairs) - 8
+    return float((away**2).sum()) < free / 2 * (_REMAINDER * float(np.median(_spacing(expected)))) ** 2
 
 
 def _apply(homography: Array, points: Array) -> Array:
@@ -266,6 +284,7 @@ def _search(blobs: Blobs, points: Array, shape: tuple[int, ...]) -> NDArray[np.i
     vectors = points[:, None] - points[None]
     lengths = np.hypot(vectors[..., 0], vectors[..., 1])
     np.fill_diagonal(lengths, np.inf)
+    least = _least_of_row(lengths)
     best, highest = np.empty((0, 2), dtype=np.int64), 0
     for one in range(len(blobs.centres)):
         for other in np.atleast_1d(near[one])[1:].tolist():
@@ -276,7 +295,7 @@ def _search(blobs: Blobs, points: Array, shape: tuple[int, ...]) -> NDArray[np.i
                 turn = (nominal[0] * step[1] - nominal[1] * step[0]) / (np.hypot(*nominal) * np.hypot(*step))
                 if abs(turn) > _TURN or nominal @ step <= 0:
                     continue
-                pairs = _grown(blobs, tree, points, lengths, (start, one), (end, other))
+                pairs = _grown(blobs, tree, points, lengths, least[start], (start, one), (end, other))
                 if len(pairs) < _LEAST:
                     continue
                 score = _score(blobs, points, pairs, shape)
@@ -309,9 +328,12 @@ def _expected(points: Array, seen: Array, all_points: Array) -> Array:
 
 
 def _grown(
-    blobs: Blobs, tree: object, points: Array, lengths: Array, one: tuple[int, int], other: tuple[int, int]
+    blobs: Blobs, tree: object, points: Array, lengths: Array, least: int, one: tuple[int, int], other: tuple[int, int]
 ) -> NDArray[np.int64]:
-    """Return pairs that continue two correspondences from dot to dot; 2 if a similarity of them does not fit."""
+    """Return pairs that continue two correspondences from dot to dot along a row, then to the other row.
+
+    Two pairs are returned if a similarity of them does not fit.
+    """
     found = dict((one, other))
     spacing = float(lengths[one[0], other[0]])
     lacking: set[int] = set()
@@ -325,7 +347,8 @@ def _grown(
         if not len(rest):
             break
         gap = lengths[np.ix_(rest, where)].min(axis=1)
-        reach = max(1.05 * spacing, 1.01 * float(gap.min()) if len(found) >= _LEAST else 0.0)
+        jumps = len(found) >= _LEAST or (len(found) >= least and not (gap <= 1.05 * spacing).any())
+        reach = max(1.05 * spacing, 1.01 * float(gap.min()) if jumps else 0.0)
         before = len(found)
         for point in rest[gap <= reach].tolist():
             anchor = int(where[lengths[point, where].argmin()])
@@ -333,11 +356,21 @@ def _grown(
             away, blob = tree.query(guess)  # type: ignore[attr-defined]
             if away < _NEAR * spacing * scale and blob not in found.values():
                 found[point] = int(blob)
-            elif len(found) >= _LEAST:
+            elif len(found) >= least:
                 lacking.add(point)
-        if len(found) == before and len(found) < _LEAST:
+        if len(found) == before and len(found) < least:
             break
     return np.array(sorted(found.items()), dtype=np.int64)
+
+
+def _least_of_row(lengths: Array) -> list[int]:
+    """Return how many dots of the row of each point must be found before dots of the other row are predicted."""
+    from scipy.sparse.csgraph import connected_components
+
+    nearest = lengths.min(axis=1)
+    _, row = connected_components(lengths <= 1.05 * np.minimum(nearest, nearest[:, None]), directed=False)
+    share = np.ceil(_SHARE * np.bincount(row)[row]).astype(int)
+    return [int(count) for count in np.clip(share, _ROW, _LEAST)]
 
 
 def _similar(points: Array, seen: Array, all_points: Array) -> Array:

@@ -113,7 +113,7 @@ class VarianceComponents:
         if self.usual_noise_px > 0:
             texts.append(
                 f"the corners scatter by {self.usual_noise_px:.2g} px more than the noise of the images explains "
-                "(compression, sharpening, gamma, reflections)"
+                "(compression, sharpening, gamma, reflections, uneven pixels without flat fields)"
             )
         if self.bend_mm > 0:
             texts.append(f"the board bends by {self.bend_mm:.2g} mm from pose to pose: use a stiff board")
