@@ -364,7 +364,7 @@ def _grown(
 
 
 def _least_of_row(lengths: Array) -> list[int]:
-    """Return how many dots of the row of each point must be found before dots of the other row are predicted."""
+    """Return how many dots of the row of each point must be detected before those of the other row are predicted."""
     from scipy.sparse.csgraph import connected_components
 
     nearest = lengths.min(axis=1)
