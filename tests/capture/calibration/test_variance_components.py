@@ -73,7 +73,8 @@ def test_the_stated_uncertainty_includes_them() -> None:
         found = calibrate(rig.observations, guess=5016.0, priors=CAMERA_ALONE)
         assert any("bends" in text for text in found.warnings)
         z.append((found.value("f") - 5016) / found.std("f"))
-        plain = adjust(rig.observations, _start(rig))
+        # Without the components, single draws converge slowly.
+        plain = adjust(rig.observations, _start(rig), must_converge=False)
         naive.append((plain.state.value("f") - 5016) / plain.std("f"))
     low, high = stats.chi2.ppf([0.001, 0.999], len(z))
     assert low < np.square(z).sum() < high

@@ -32,6 +32,8 @@ _OUTLIER = 6.0
 _MEDIAN_SQUARE = 2 * np.log(2)  # of chi-squared with two degrees of freedom
 _MOST_ROUNDS = 600
 """Images of a wrong tilt bend a long valley, which takes some 200 rounds; others take 10."""
+_SLOW, _NEAR = 20, 0.05
+"""If the sum of the steps that are left is below this, in standard deviations, for so many iterations, they end."""
 _CONVERGED = 1e-8
 """Squared length of the last step in units of the standard deviations: an error of 1e-4 of the uncertainty. A limit on
 the change of chi-squared instead would end while combinations of small effect still lie off by their uncertainty.
@@ -220,8 +222,8 @@ def solve(
     damping = 0.0
     prior = np.diag(prior_information(state.layout.std, free))
     equations = build_equations(given, state, start, free)
-    rounds, length = 0, np.inf
-    while rounds < most_rounds and not (length < _CONVERGED and damping < 1e-3):
+    rounds, length, near = 0, np.inf, 0
+    while rounds < most_rounds and not ((length < _CONVERGED and damping < 1e-3) or near >= _SLOW):
         rounds += 1
         total = equations.information + prior
         scale = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
@@ -235,7 +237,10 @@ def solve(
             if cost <= equations.cost * (1 + 1e-12) or damping > _MOST_DAMPING:
                 break
             damping = max(10 * damping, 1e-6)
-        length = float(shift @ total @ shift)
+        before, length = length, float(shift @ total @ shift)
+        # Outliers may slow the steps down to a geometric sequence, whose sum is the distance from the minimum.
+        ratio = np.sqrt(length / before)
+        near = near + 1 if damping < 1e-7 and ratio < 1.0 and np.sqrt(length) < _NEAR * (1.0 - ratio) else 0
         state, damping = candidate, 0.1 * damping if damping > 1e-7 else 0.0
         equations = build_equations(given, state, start, free)
     return state, equations, rounds
