@@ -24,7 +24,7 @@ from scenetruth.capture import (
 from scenetruth.capture.calibration import CalibrationError, RigGeometry, RigPriors, rotation_matrix, triangulate
 from scenetruth.errors import CaptureError, OutputExistsError
 from tests.helpers.board_captures import changed_capture, constant_depth, make_board_capture, true_values
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 
 Calibrated = tuple[RigCalibration, Path]
 StripCapture = tuple[Path, RigCalibration, Path]
@@ -306,6 +306,7 @@ def test_images_are_rectified_by_the_poses_of_their_visits(with_strip: StripCapt
     assert not np.array_equal(recording["image"].values, other["image"].values)
 
 
+@nightly
 def test_run_states_the_error_of_the_measured_visits(with_strip: StripCapture, tmp_path: Path) -> None:
     folder, found, _ = with_strip
     run = run_capture(folder, tmp_path / "out", method=constant_depth)

@@ -15,6 +15,7 @@ from scenetruth.capture import CaptureRun, load_capture, run_capture
 from scenetruth.errors import CaptureError, EstimateError, OutputExistsError
 from tests.helpers.board_captures import changed_capture, constant_depth
 from tests.helpers.gradient_method import Gradients
+from tests.helpers.nightly import by_night
 
 PRODUCTS = {
     "calibration.npz", "calibration.yaml", "calibration_points.npz", "capture.html", "capture_figures",
@@ -71,7 +72,8 @@ def test_second_call_does_nothing_again(run: CaptureRun, board_capture: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("what", "done"), [("detect boards", ("check",)), ("report", ("check", "calibrate", "import", "estimate"))]
+    ("what", "done"),
+    [("detect boards", ("check",)), *by_night(("report", ("check", "calibrate", "import", "estimate")))],
 )
 def test_interrupted_run_resumes(what: str, done: tuple[str, ...], board_capture: Path, tmp_path: Path) -> None:
     def stop(task: str, step: int, total: int) -> None:
