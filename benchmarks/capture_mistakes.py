@@ -1,9 +1,9 @@
 """Mistakes that are planted in simulated captures: how often check and calibration name them, and false alarms.
 
 Run it from the top of the repository:
-``python -m benchmarks.capture_mistakes [--aside] [--fresh FIRST] [--only NAME ...]``.
+``python -m benchmarks.capture_mistakes [--held-out] [--fresh FIRST] [--only NAME ...]``.
 Each rig is drawn once: scene, lens, stage, sensor, board and frame sets. A mistake is planted in a copy of its folder.
-It is named if one message has its cause and a remedy. ``--aside`` takes rigs that have not been used in development;
+It is named if one message has its cause and a remedy. ``--held-out`` takes rigs that have not been used in development;
 ``--fresh`` checks ten clean rigs from a number on.
 """
 
@@ -35,8 +35,8 @@ __all__ = ["main"]
 
 Floats = NDArray[np.float64]
 
-_CLEAN, _FRESH, _OPEN, _ASIDE = 20, 10, 4, 2
-_FIRST_ASIDE = 500
+_CLEAN, _FRESH, _OPEN, _HELD_OUT = 20, 10, 4, 2
+_FIRST_HELD_OUT = 500
 _SCENES, _BOARDS = (
     ("plane", "cube", "leaf"),
     ("charuco", "checkerboard", "charuco", "dots", "charuco", "asymmetric_dots"),
@@ -388,7 +388,7 @@ def count_alarms(rigs: list[Rig], folder: Path) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--aside", action="store_true", help="rigs that were kept aside")
+    parser.add_argument("--held-out", action="store_true", help="rigs that have not been used in development")
     parser.add_argument("--fresh", type=int, metavar="FIRST", help="number of the first of ten clean rigs; no mistakes")
     parser.add_argument("--only", nargs="+", help="names of mistakes, or clean")
     parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "capture_mistakes")
@@ -398,9 +398,9 @@ def main() -> None:
     if given.fresh is not None:
         print(count_alarms([draw_rig(given.fresh + number) for number in range(_FRESH)], given.folder))
         return
-    first = _FIRST_ASIDE if given.aside else 0
+    first = _FIRST_HELD_OUT if given.held_out else 0
     rigs = [draw_rig(first + number) for number in range(_CLEAN)]
-    count = _ASIDE if given.aside else _OPEN
+    count = _HELD_OUT if given.held_out else _OPEN
     rows = []
     for mistake in (*TWELVE, *MORE):
         if given.only and not any(word in mistake.name for word in given.only):

@@ -121,14 +121,14 @@ def other_seeds(design: DesignResult, count: int, max_size_px: int | None, folde
     missing = [number for number in range(count) if job.figures(number) is None]
     for_each(missing, simulate_candidate, (job,), present=count - len(missing), workers=2, notice=print)
     for one in design.objectives:
-        told = rig.simulated[one.title]
+        expected = rig.simulated[one.title]
         found = [get_simulated_statistic(job.figures(number), one.title, one.statistic) for number in range(count)]
-        inside = sum(told.pi_low <= figure <= told.pi_high for figure in found)
+        inside = sum(expected.pi_low <= figure <= expected.pi_high for figure in found)
         print(
             f"  {one.title}, {one.statistic_title}, {one.unit}, other seeds: "
             f"{', '.join(f'{figure:.4g}' for figure in found)}"
         )
-        print(f"  {inside} of {count} within {told.pi_low:.4g} to {told.pi_high:.4g}", end="")
+        print(f"  {inside} of {count} within {expected.pi_low:.4g} to {expected.pi_high:.4g}", end="")
         reached = sum(figure <= (one.wanted or 0.0) for figure in found)
         print(f"; {reached} within what is wanted, {one.wanted:g}" if one.wanted is not None else "")
 
