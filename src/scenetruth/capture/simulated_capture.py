@@ -178,9 +178,10 @@ class _Writing:
     def _sensor(self, exposure: float) -> OpenSensor:
         """Return the sensor of an exposure; all have the same fixed patterns."""
         if exposure not in self.sensors:
-            camera = self.scene.camera
+            camera, given = self.scene.camera, self.plan.settings.noise_seed
+            seed = self.scene.seed if given is None else given
             self.sensors[exposure] = expose_longer(self.chain, exposure).open(
-                (camera.height, camera.width), partial(generator_for, self.scene.seed, "sensor")
+                (camera.height, camera.width), partial(generator_for, seed, "sensor")
             )
         return self.sensors[exposure]
 
@@ -286,7 +287,7 @@ class _Writing:
     def _write_truth(self) -> None:
         folder = self.folder / _TRUTH
         store = folder / store_name(TRUTH, zipped=self.scene.storage.form == "zip")
-        if not is_store(store):
+        if self.plan.settings.truth_maps and not is_store(store):
             save_store(make_truth(self.scene), store)
         self._put(folder / "scene.yaml", _to_yaml(self.scene.to_dict()))
         self._put(folder / "points.npz", self._points())

@@ -101,6 +101,11 @@ class CaptureSimulation(FrozenModel):
     """Relative standard deviation of the size of the strip."""
     distance_mm: Positive | None = None
     """Mean distance of the board in mm; default: mean depth of the objects."""
+    noise_seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None
+    """Seed of the noise and the fixed patterns of the sensor; default: that of the scene. Captures with another seed
+    are repetitions with the same rig, texture and motion."""
+    truth_maps: bool = True
+    """Whether the folder ``truth`` contains the exact maps."""
 
     @field_validator("exposures")
     @classmethod

@@ -48,7 +48,7 @@ def test_rows_add_the_parts_and_know_what_the_capture_states() -> None:
     capture = twin.assign(depth_std_common=(("t", "y", "x"), np.full(depth.shape, 0.3, np.float32)))
     settings = {"interior_margin_px": 0.0}
     score = st.score(twin, truth, recording, settings=settings)
-    found = predict_errors(score, twin, truth, recording, capture)
+    found = predict_errors(score, [twin], truth, recording, capture)
     row = next(each for each in found.rows if (each.region, each.quantity) == ("all", "depth"))
     assert row.bias == pytest.approx(0.2, abs=1e-4)
     assert row.common_std == pytest.approx(0.3, rel=1e-6)

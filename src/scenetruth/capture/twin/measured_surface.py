@@ -22,11 +22,15 @@ Mask = NDArray[np.bool_]
 _STEEPEST_DEG = 80.0
 """Angle between the normal and the ray above which neighbouring pixels belong to different surfaces."""
 _JUMP_STDS = 4.0
-_LEAST_SHARE, _LEAST_PIXELS = 1e-3, 64
+_LEAST_SHARE, _LEAST_PIXELS, _LEAST_ENCLOSED = 1e-3, 64, 225
+"""Least surfaces; those in a hole of another are wrong matches if they are smaller than half a window of 6 px."""
+_OVERLAP_PX = 3
 _SCALES_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
 """Standard deviations of the Gaussian windows of smoothing."""
-_MOST_MEAN_SQUARE = 1.5
-"""Mean square of residuals in standard deviations up to which a smoothed map agrees with the measured one."""
+_AGREEMENT_STDS, _LEVEL_PX = 1.5, 3.0
+"""Root mean square up to which planes of two windows agree, in deviations, and window of the mean of their sizes."""
+_ROUGHNESS_PX, _CORRELATIONS_PX = 3.0, (0.28, 8.0)
+"""Window of the roughness, and bounds of the width of the autocorrelation: 4 π w² is 1 px² for white noise."""
 _RIDGE = 1e-5
 _CLEAR_PX = 6.0
 _BORDER_PX = 3.0
@@ -122,8 +126,11 @@ def find_parts(
         reach_px = min(parallax + _CLEAR_PX, _WIDEST_SHARE * canvas.shape[1])
         near = ndimage.distance_transform_edt(~own) <= reach_px
         step = np.tan(np.deg2rad(_STEEPEST_DEG)) * each / canvas.camera.focal_px
-        behind = near & ~own & (owner > 0) & (each > front + step)
-        parts.append(SurfacePart(f"surface_{number}", each, own, own | behind, inside))
+        others = ~own & (owner > 0)
+        behind = near & others & (each > front + step)
+        # Meshes end at the last vertex inside: surfaces that touch overlap, lest there be a gap.
+        touching = ndimage.binary_dilation(own, iterations=_OVERLAP_PX) & others & (np.abs(each - front) <= step)
+        parts.append(SurfacePart(f"surface_{number}", each, own, own | behind | touching, inside))
     return parts
 
 
@@ -148,10 +155,13 @@ def _continued(canvas: Canvas, distance: Floats, shown: Mask | None) -> Mask:
 
 
 def _usable_std(std: Floats, known: Mask) -> Floats:
-    """Return standard deviations without zeros and gaps; their median where they are missing."""
+    """Return standard deviations without zeros and gaps; where they are missing, the nearest if above the median."""
     valid = known & np.isfinite(std) & (std > 0)
-    typical = float(np.median(std[valid])) if valid.any() else 1.0
-    return np.where(valid, np.maximum(std, 0.3 * typical), typical)
+    if not valid.any():
+        return np.ones(std.shape)
+    typical = float(np.median(std[valid]))
+    rows, columns = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
+    return np.where(valid, np.maximum(std, 0.3 * typical), np.maximum(std[rows, columns], typical))
 
 
 def _label(depth: Floats, std: Floats, known: Mask, focal_px: float) -> NDArray[np.int64]:
@@ -170,11 +180,20 @@ def _label(depth: Floats, std: Floats, known: Mask, focal_px: float) -> NDArray[
     numbers = np.where(known, numbers.reshape(depth.shape), -1)
     values, sizes = np.unique(numbers[known], return_counts=True)
     least = max(_LEAST_PIXELS, _LEAST_SHARE * depth.size)
-    labels = np.zeros(depth.shape, dtype=np.int64)
-    for place, which in enumerate(np.argsort(-sizes, kind="stable")):
-        if sizes[which] >= least:
-            labels[numbers == values[which]] = place + 1
+    labels, place = np.zeros(depth.shape, dtype=np.int64), 0
+    for which in np.argsort(-sizes, kind="stable"):
+        inside = numbers == values[which]
+        if sizes[which] >= least and not (sizes[which] < _LEAST_ENCLOSED and _is_enclosed(inside, labels)):
+            place += 1
+            labels[inside] = place
     return labels
+
+
+def _is_enclosed(inside: Mask, labels: NDArray[np.int64]) -> bool:
+    """Return whether a surface fills a hole of a larger one."""
+    return any(
+        bool(ndimage.binary_fill_holes(labels == number)[inside].all()) for number in range(1, int(labels.max()) + 1)
+    )
 
 
 def _neighbours(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
@@ -184,25 +203,34 @@ def _neighbours(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
 
 
 def smooth_map(values: Floats, std: Floats, scales_px: Sequence[float] = _SCALES_PX) -> Floats:
-    """Return a map smoothed by local planes, as far as its residuals agree with their standard deviations.
+    """Return a map smoothed by local planes, as far as they agree with the measured values within their uncertainty.
 
-    The window of every pixel is the largest whose residuals, and those of all smaller windows, have a local mean square
-    below 1.5 standard deviations squared. Outside the measured pixels, planes are extrapolated.
+    The window of every pixel is the largest whose plane agrees with those of all smaller windows, and with the values
+    themselves: their difference has a local root mean square below 1.5 standard deviations of the other plane (the rule
+    of Lepski for the width of a window). Errors are correlated over a distance that the roughness of the values shows.
+    Outside the measured pixels, planes are extrapolated.
 
     ``values``: NaN where there is no value. ``std``: Standard deviations, positive.
     """
     inside = np.isfinite(values)
     filled, weight = np.where(inside, values, 0.0), np.where(inside, 1 / std**2, 0.0)
-    weight /= weight.max(initial=1e-300)
-    fits = [_local_planes(filled, weight, scale) for scale in scales_px]
+    unit = max(float(weight.max(initial=0.0)), 1e-300)
+    planes = [_local_planes(filled, weight / unit, scale) for scale in scales_px]
+    fits, leverages = ([each[number] for each in planes] for number in (0, 1))
+    width = _correlation_px(filled - _local_planes(filled, weight / unit, _ROUGHNESS_PX)[0], std, inside)
     for number in range(len(fits) - 2, -1, -1):
         fits[number] = np.where(np.isfinite(fits[number]), fits[number], fits[number + 1])
     level, agrees = np.zeros(values.shape), inside.copy()
+    earlier = [(filled, std)]
     for number, (fit, scale) in enumerate(zip(fits, scales_px, strict=True)):
-        square = np.where(inside, ((filled - np.where(inside, fit, 0.0)) / std) ** 2, 0.0)
-        agrees &= _local_mean(square, inside, 2 * scale) <= _MOST_MEAN_SQUARE
+        for other, deviation in earlier:
+            with np.errstate(invalid="ignore"):
+                square = np.where(inside, ((fit - other) / deviation) ** 2, 0.0)
+            agrees &= _local_mean(square, inside, scale) <= _AGREEMENT_STDS**2
         level[agrees] = number
-    level = _local_mean(np.where(inside, level, 0.0), inside, scales_px[1])
+        variance = leverages[number] / unit * width**2 / (width**2 + scale**2)
+        earlier.append((fit, np.sqrt(variance)))
+    level = _local_mean(np.where(inside, level, 0.0), inside, _LEVEL_PX)
     distance, (rows, columns) = ndimage.distance_transform_edt(~inside, return_indices=True)
     # Extrapolation by planes of a window that is as wide as the distance.
     needed = np.log2(np.maximum(distance, scales_px[0]) / scales_px[0])
@@ -215,6 +243,20 @@ def smooth_map(values: Floats, std: Floats, scales_px: Sequence[float] = _SCALES
     return np.asarray(np.where(np.isfinite(found), found, values[rows, columns]))
 
 
+def _correlation_px(rough: Floats, std: Floats, inside: Mask) -> float:
+    """Return the width w of the autocorrelation exp(-d² / 4 w²) of errors, from values less their local plane.
+
+    The variance of errors less their plane in a Gaussian window s is 1 - 2 / (1 + a / 2) + 1 / (1 + a), a = s² / w².
+    """
+    if not inside.any():
+        return _CORRELATIONS_PX[0]
+    # The median of the square of a normal variable is 0.455, and is not that of edges.
+    found = float(np.nanmedian((rough[inside] / std[inside]) ** 2)) / 0.455
+    widths = np.geomspace(*_CORRELATIONS_PX, 50)
+    ratio = (_ROUGHNESS_PX / widths) ** 2
+    return float(np.interp(-found, -(1 - 2 / (1 + ratio / 2) + 1 / (1 + ratio)), widths))
+
+
 def _local_mean(values: Floats, inside: Mask, sigma: float) -> Floats:
     """Return the mean over the valid pixels of a Gaussian window."""
     weight = ndimage.gaussian_filter(inside.astype(np.float64), sigma, mode="constant")
@@ -222,8 +264,11 @@ def _local_mean(values: Floats, inside: Mask, sigma: float) -> Floats:
     return np.asarray(total / np.maximum(weight, 1e-12))
 
 
-def _local_planes(values: Floats, weight: Floats, sigma: float) -> Floats:
-    """Return the value at every pixel of the plane fitted in a Gaussian window; NaN without weight."""
+def _local_planes(values: Floats, weight: Floats, sigma: float) -> tuple[Floats, Floats]:
+    """Return the value at every pixel of the plane fitted in a Gaussian window, and its leverage; NaN without weight.
+
+    The leverage is the variance of the value if the window contained one measurement of its mean weight.
+    """
     y, x = np.indices(values.shape, dtype=np.float64)
     y, x = y - y.mean(), x - x.mean()
     total, m_x, m_y, m_xx, m_xy, m_yy, m_v, m_xv, m_yv = (
@@ -238,8 +283,11 @@ def _local_planes(values: Floats, weight: Floats, sigma: float) -> Floats:
         determinant = c_xx * c_yy - c_xy**2
         slope_x = (c_yy * c_xv - c_xy * c_yv) / determinant
         slope_y = (c_xx * c_yv - c_xy * c_xv) / determinant
-        found = m_v + slope_x * (x - m_x) + slope_y * (y - m_y)
-    return np.where(total > 1e-9, found, np.nan)
+        d_x, d_y = x - m_x, y - m_y
+        found = m_v + slope_x * d_x + slope_y * d_y
+        leverage = (1 + (c_yy * d_x**2 - 2 * c_xy * d_x * d_y + c_xx * d_y**2) / determinant) / total
+    valid = total > 1e-9
+    return np.where(valid, found, np.nan), np.where(valid, leverage, np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import fft
+from scipy import fft, ndimage
 
 from scenetruth.errors import Problem
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.output import write_atomically
 from scenetruth.results import QuantityValue, Result, refuse_unknown
 from scenetruth.schema import STATUS_VALID
-from scenetruth.scoring import QUANTITIES, Score
+from scenetruth.scoring import QUANTITIES, Quantity, Score
 from scenetruth.scoring.regions import edge_distance, further_regions, main_regions, visible_throughout
 from scenetruth.scoring.scorer import local_contrast, reference_images
 from scenetruth.settings import ScoreSettings
@@ -45,7 +45,7 @@ _EVERYWHERE = ("depth", "velocity_z")
 _LIKE = (0.8, 1.25)
 """Ratios of capture and twin between which a value is taken to be the same."""
 _ERROR_WINDOW_PX = 6.0
-_BEND_PX, _BEND_DEG = 6, 40.0
+_BEND_PX, _BEND_DEG, _BEND_STDS, _CENTRE_PX = 6, 40.0, 3.0, 2
 _LEAST_ERRORS, _UNCORRELATED = 64, 0.1
 
 
@@ -54,15 +54,16 @@ class RegionError:
     """Predicted error of one quantity in one region.
 
     ``region``, ``quantity``, ``unit``: As in a score.
-    ``count``, ``density``: Pixels of the twin with a valid estimate, and their share of the region.
+    ``count``: Pixels that are valid in the twin and in the measurement; the errors are those of these pixels.
+    ``density``: Share of the pixels of the region that are valid in the twin.
     ``pixel_std``: Standard deviation of the errors of the twin about their mean.
     ``bias``: Mean error of the twin.
     ``common_std``: Stated uncertainty that all pixels have in common, of the measurement: calibration, stage and lens.
     ``rmse``: Predicted root-mean-square error of the measurement: the root of the sum of squares of the three.
     ``stated_capture``, ``stated_twin``: Root mean square of the stated standard deviation of a pixel.
     ``capture_density``: Share of the pixels of the region that the measurement has.
-    ``sampling_std``: Relative standard deviation of ``pixel_std``, because one simulation has few independent errors;
-    the errors of the measurement itself scatter as much about their expected size.
+    ``sampling_std``: Relative standard deviation of ``pixel_std``, because simulations have few independent errors;
+    the errors of the measurement scatter about their expected size as much as those of one simulation.
 
     See Also
     --------
@@ -232,21 +233,32 @@ class TwinPrediction(Result):
         ]  # fmt: skip
 
 
-def mark_bends(truth: xr.Dataset) -> xr.Dataset:
+def mark_bends(truth: xr.Dataset, depth_std: Floats | None = None) -> xr.Dataset:
     """Return a truth whose mixed pixels contain strong bends: creases that a method has rounded.
 
-    The normals at 6 px on either side of a bend differ by more than 40°.
+    The normals at 6 px on either side of a bend differ by more than 40°, half of it within 2 px of both
+    sides, so that a rounded crease is about as narrow as a sharp one. A bend that the uncertainty of the measured depth
+    explains is none: its second difference over 6 px is below three standard deviations.
+
+    ``depth_std``: Standard deviation of the depth from which the surface was made, shape (y, x), NaN where it has none;
+    default: exact.
     """
+    depth = truth["depth"].transpose("t", "y", "x").values.astype(np.float64)
     normal = truth["normal"].transpose("t", "y", "x", "component").values
     bent = np.zeros(normal.shape[:-1], dtype=np.bool_)
+    least = np.zeros(bent.shape[1:]) if depth_std is None else _BEND_STDS * np.nan_to_num(depth_std, nan=np.inf)
     for axis in (1, 2):
-        one, other = (np.roll(normal, shift, axis=axis) for shift in (-_BEND_PX, _BEND_PX))
+        one, other = (np.roll(normal, shift, axis=axis) for shift in (_BEND_PX, -_BEND_PX))
+        far, near = (np.roll(normal, shift, axis=axis) for shift in (_CENTRE_PX, -_CENTRE_PX))
+        here, there = (np.roll(depth, shift, axis=axis) for shift in (-_BEND_PX, _BEND_PX))
         inside = np.zeros(bent.shape[axis], dtype=np.bool_)
         inside[_BEND_PX:-_BEND_PX] = True
         shape = [1, 1, 1]
         shape[axis] = -1
         with np.errstate(invalid="ignore"):
-            bent |= (np.sum(one * other, axis=-1) < np.cos(np.deg2rad(_BEND_DEG))) & inside.reshape(shape)
+            turn, left, right = _angle(one, other), _angle(one, near), _angle(far, other)
+            central = np.minimum(left, right) >= 0.5 * turn
+            bent |= (turn > _BEND_DEG) & central & (np.abs(here + there - 2 * depth) > least) & inside.reshape(shape)
     mixed = truth["mixed"].values.astype(bool) | bent
     distance = edge_distance(mixed)
     return truth.assign(
@@ -255,23 +267,29 @@ def mark_bends(truth: xr.Dataset) -> xr.Dataset:
     )
 
 
+def _angle(one: Floats, other: Floats) -> Floats:
+    """Return the angle between unit vectors in degrees."""
+    return np.asarray(np.rad2deg(np.arccos(np.clip(np.sum(one * other, axis=-1), -1.0, 1.0))))
+
+
 def predict_errors(
     score: Score,
-    twin: xr.Dataset,
+    twins: Sequence[xr.Dataset],
     truth: xr.Dataset,
     twin_recording: xr.Dataset,
     capture: xr.Dataset,
     comparisons: tuple[Comparison, ...] = (),
     notes: tuple[str, ...] = (),
 ) -> TwinPrediction:
-    """Return the errors to expect from a measurement.
+    """Return the errors to expect from a measurement, over the pixels that are valid in it and in the twin.
 
-    ``score``: Score of the estimate of the twin. ``twin``, ``truth``, ``twin_recording``: Its data.
-    ``capture``: Estimate of the measurement.
+    ``score``: Score of the first estimate of the twin. ``twins``: Estimates of its simulations, which differ in the
+    noise. ``truth``, ``twin_recording``: Its truth, and its first recording. ``capture``: Estimate of the measurement.
     """
     settings = ScoreSettings(**score.metadata.get("score_settings", {}))
-    frames = np.intersect1d(twin["t"].values, capture["t"].values)
-    one, other, exact = (each.sel(t=frames) for each in (twin, capture, truth))
+    frames = np.intersect1d(twins[0]["t"].values, capture["t"].values)
+    estimates = [each.sel(t=frames) for each in twins]
+    other, exact = (each.sel(t=frames) for each in (capture, truth))
     masks = main_regions(exact, settings.interior_margin_px)
     contrast = local_contrast(reference_images(twin_recording, frames), settings.contrast_window_px)
     masks |= further_regions(
@@ -282,70 +300,124 @@ def predict_errors(
         for name, values in quantities.items():
             if name not in QUANTITIES or "bias" not in values or region not in masks:
                 continue
-            row = _row(region, name, values, masks[region], one, other)
-            errors = _errors(name, masks[region], one, exact)
-            rows.append(row if errors is None else replace(row, sampling_std=sampling_std(errors)))
+            quantity = QUANTITIES[name]
+            shown = masks[region] & _valid(other, quantity.needs)
+            found = [_errors(name, shown, each, exact) for each in estimates]
+            errors = [each for each in found if each is not None]
+            stated = [_pixel_std(each, quantity.variable, quantity.component) for each in estimates[: len(errors)]]
+            statistics = _statistics(_unit_factor(quantity, other), errors, stated)
+            rows.append(_row(region, name, values, masks[region], estimates[0], other, statistics))
     return TwinPrediction(tuple(rows), comparisons, notes)
 
 
-def _row(region: str, name: str, values: Any, mask: Mask, twin: xr.Dataset, capture: xr.Dataset) -> RegionError:
-    bias, rmse = (math.nan if values[each] is None else float(values[each]) for each in ("bias", "rmse"))
+@dataclass(frozen=True)
+class _ErrorStatistics:
+    """Statistics of the errors of all simulations of a twin; ``count`` is that of the first."""
+
+    count: int
+    bias: float
+    pixel_std: float
+    sampling_std: float
+
+
+def _statistics(scale: float, errors: Sequence[Floats], stated: Sequence[Floats | None]) -> _ErrorStatistics | None:
+    """Return the statistics of the errors of all simulations, times ``scale``; None if there are no maps of errors."""
+    if not errors:
+        return None
+    samples = [each[np.isfinite(each)] for each in errors]
+    kept = [each for each in samples if each.size]
+    if not kept:
+        return _ErrorStatistics(0, math.nan, math.nan, math.nan)
+    bias = scale * float(np.mean([each.mean() for each in kept]))
+    pixel = scale * math.sqrt(float(np.mean([each.var() for each in kept])))
+    scatter = [sampling_std(each, std) for each, std in zip(errors, stated, strict=True)]
+    # Simulations are independent.
+    sampling = math.sqrt(float(np.mean(np.square(scatter))) / len(kept))
+    return _ErrorStatistics(samples[0].size, bias, pixel, sampling)
+
+
+def _row(
+    region: str,
+    name: str,
+    values: Any,
+    mask: Mask,
+    twin: xr.Dataset,
+    capture: xr.Dataset,
+    errors: _ErrorStatistics | None,
+) -> RegionError:
     quantity = QUANTITIES[name]
-    scale = _unit_factor(quantity.variable, quantity.units, twin)
+    if errors is None:
+        bias, rmse = (math.nan if values[each] is None else float(values[each]) for each in ("bias", "rmse"))
+        pixel = math.sqrt(max(rmse**2 - bias**2, 0.0)) if math.isfinite(rmse) else math.nan
+        errors = _ErrorStatistics(int(values.get("count") or 0), bias, pixel, math.nan)
+    scale = _unit_factor(quantity, twin)
     common = scale * _rms(_map(capture, f"{quantity.variable}_std_common", quantity.component), mask)
-    pixel = math.sqrt(max(rmse**2 - bias**2, 0.0)) if math.isfinite(rmse) else math.nan
-    total = math.sqrt(rmse**2 + (common**2 if math.isfinite(common) else 0.0))
+    common = common if math.isfinite(common) else 0.0
     valid = _valid(capture, quantity.needs)
     share = float((valid & mask).sum() / mask.sum()) if mask.any() else math.nan
     return RegionError(
         region,
         name,
         quantity.units,
-        int(values.get("count") or 0),
+        errors.count,
         float(values.get("density") or 0.0),
-        pixel,
-        bias,
-        common if math.isfinite(common) else 0.0,
-        total,
-        scale * _stated(capture, quantity.variable, quantity.component, mask & valid),
-        scale * _stated(twin, quantity.variable, quantity.component, mask & _valid(twin, quantity.needs)),
+        errors.pixel_std,
+        errors.bias,
+        common,
+        math.sqrt(errors.pixel_std**2 + errors.bias**2 + common**2),
+        scale * _rms(_pixel_std(capture, quantity.variable, quantity.component), mask & valid),
+        scale * _rms(_pixel_std(twin, quantity.variable, quantity.component), mask & _valid(twin, quantity.needs)),
         share,
+        errors.sampling_std,
     )
 
 
 def _errors(name: str, mask: Mask, twin: xr.Dataset, truth: xr.Dataset) -> Floats | None:
-    """Return the errors of a quantity in a region, shape (t, y, x), NaN elsewhere; None if it has no map."""
+    """Return the errors of a quantity in a region, shape (t, y, x), NaN elsewhere; None if they are no differences."""
     quantity = QUANTITIES[name]
+    if quantity.error != "difference":
+        return None
     found, exact = (_map(each, quantity.variable, quantity.component) for each in (twin, truth))
     if found is None or exact is None or found.shape != mask.shape or exact.shape != mask.shape:
         return None
     return np.where(mask & _valid(twin, quantity.needs), found - exact, np.nan)
 
 
-def sampling_std(errors: Floats) -> float:
+def sampling_std(errors: Floats, std: Floats | None = None) -> float:
     """Return the relative standard deviation of the standard deviation of correlated errors.
 
-    It is the root of Σ ρ² / 2N, with the autocorrelation ρ of the errors, averaged over directions and up to the
-    distance at which it falls below 0.1. Errors of different frames, which share their images, count as one.
+    It is the root of Σ ρ² q / 2N, with the autocorrelation ρ of the errors, averaged over directions and up to the
+    distance at which it falls below 0.1, and the mean product q of the variances at this distance over the square of
+    their mean: few pixels with large errors count as few. Errors of different frames, which share their images, count
+    as one.
 
-    ``errors``: Errors, shape (t, y, x), NaN where there is none.
+    ``errors``: Errors, shape (t, y, x), NaN where there is none. ``std``: Their standard deviations; default: equal.
     """
     inside = np.isfinite(errors)
     if inside.sum() < _LEAST_ERRORS:
         return math.nan
-    centred = np.where(inside, errors - errors[inside].mean(), 0.0)
+    deviation = np.ones(errors.shape)
+    if std is not None:
+        given = inside & np.isfinite(std) & (std > 0)
+        typical = float(np.median(std[given])) if given.any() else 1.0
+        # Errors over deviations that are far too small would dominate the correlation.
+        deviation = np.where(given, np.maximum(std, 0.3 * typical), typical)
+    centred = np.where(inside, (errors - errors[inside].mean()) / deviation, 0.0)
+    variance = np.where(inside, deviation**2, 0.0)
     shape = [fft.next_fast_len(2 * size, real=True) for size in errors.shape[1:]]
-    products, pairs = (_autocorrelation(each, shape) for each in (centred, inside.astype(np.float64)))
+    known = inside.astype(np.float64)
+    products, pairs, squares = (_autocorrelation(each, shape) for each in (centred, known, variance))
     if not products[0, 0] > 0:
         return math.nan
     y, x = (np.minimum(np.arange(size), size - np.arange(size)) for size in shape)
     distance = np.rint(np.hypot(y[:, None], x)).astype(np.int64).ravel()
-    product, pair = (np.bincount(distance, each.ravel()) for each in (products, pairs))
+    product, pair, square = (np.bincount(distance, each.ravel()) for each in (products, pairs, squares))
     lags = np.bincount(distance)
     rho = (product / np.maximum(pair, 1.0)) / (product[0] / pair[0])
     below = np.flatnonzero((rho < _UNCORRELATED) | (pair < pair[0]))
     end = int(below[0]) if below.size else len(rho)
-    independent = pair[0] / len(errors) / float(np.sum(lags[:end] * rho[:end] ** 2))
+    q = (square / np.maximum(pair, 1.0))[:end] / (float(variance.sum()) / pair[0]) ** 2
+    independent = pair[0] / len(errors) / float(np.sum(lags[:end] * rho[:end] ** 2 * q))
     return math.sqrt(0.5 / independent)
 
 
@@ -354,9 +426,9 @@ def _autocorrelation(values: Floats, shape: list[int]) -> Floats:
     return np.asarray(fft.irfft2((np.abs(fft.rfft2(values, shape)) ** 2).sum(axis=0), shape))
 
 
-def _unit_factor(variable: str, units: str, dataset: xr.Dataset) -> float:
+def _unit_factor(quantity: Quantity, dataset: xr.Dataset) -> float:
     """Return the factor from the unit of a stored variable to that of its errors."""
-    if units == "%/h" and variable in dataset:
+    if quantity.units == "%/h" and quantity.variable in dataset:
         return 100 * 3600 / float(dataset.attrs["frame_interval_s"])
     return 1.0
 
@@ -377,11 +449,12 @@ def _rms(values: Floats | None, mask: Mask) -> float:
     return float(np.sqrt(np.mean(inside**2))) if inside.size else math.nan
 
 
-def _stated(dataset: xr.Dataset, variable: str, component: int | None, mask: Mask) -> float:
-    """Return the root mean square of the stated deviation of a pixel, without the common part."""
-    total = _rms(_map(dataset, f"{variable}_std", component), mask)
-    common = _rms(_map(dataset, f"{variable}_std_common", component), mask)
-    return math.sqrt(max(total**2 - common**2, 0.0)) if math.isfinite(common) else total
+def _pixel_std(dataset: xr.Dataset, variable: str, component: int | None) -> Floats | None:
+    """Return the stated deviation of a pixel, without the common part; None if there is none."""
+    total, common = (_map(dataset, f"{variable}_{part}", component) for part in ("std", "std_common"))
+    if total is None or common is None:
+        return total
+    return np.sqrt(np.maximum(total**2 - np.nan_to_num(common) ** 2, 0.0))
 
 
 def _valid(dataset: xr.Dataset, needs: tuple[str, ...]) -> Mask:
@@ -412,7 +485,7 @@ def compare_estimates(capture: xr.Dataset, twin: xr.Dataset, scales: tuple[float
             [(None, "depth")] if name == "depth" else [(0, "U_X"), (1, "U_Y"), (2, "U_Z")]
         ):  # fmt: skip
             if f"{name}_std" in capture and f"{name}_std" in twin:
-                stated = [_stated(each, name, component, both) for each in (capture, twin)]
+                stated = [_rms(_pixel_std(each, name, component), both) for each in (capture, twin)]
                 yield Comparison(f"stated standard deviation of {label}, RMS", unit, *stated)
     loops = [_closure(each) for each in (capture, twin)]
     if all(map(math.isfinite, loops)):
@@ -426,8 +499,6 @@ def _median(values: NDArray[np.floating], mask: Mask) -> float:
 
 def _closure(estimate: xr.Dataset) -> float:
     """Return the robust deviation of the change of depth along the motion from U_Z, over consecutive frames."""
-    from scipy import ndimage
-
     frames = estimate["t"].values
     if "velocity" not in estimate or "flow" not in estimate or len(frames) < 2:
         return math.nan
@@ -459,7 +530,6 @@ def draw_prediction(
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from scipy import ndimage
 
     images = [reference_images(recording, np.array([0]))[0] for recording, _ in (capture, twin)]
     depths = [each["depth"].sel(t=0).values.astype(np.float64) for _, each in (capture, twin)]

@@ -32,7 +32,7 @@ from scenetruth.capture.twin.twin_scene import (
     make_twin,
     open_measurement,
 )
-from scenetruth.errors import SceneWarning
+from scenetruth.errors import ArgumentError, Problem, SceneWarning
 from scenetruth.estimators import estimate, find_method
 from scenetruth.estimators.registry import validate_settings
 from scenetruth.jobs.job_folder import JobFolder
@@ -53,6 +53,7 @@ _INDEX, _SCENE, _CAPTURE, _RUN = "twin.json", "scene", "capture", "run"
 _FOLDER = JobFolder(_INDEX, "a twin", _RUN)
 _PREDICTION, _TABLE, _PICTURE = "prediction.json", "prediction.csv", "prediction.png"
 _LEAST_STATIC = 2
+_DRAW, _MOST_DRAWS = "draw_", 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,8 @@ class TwinRun:
     ----------
     folder
         Output folder: ``scene`` with the scene file, ``capture`` with the simulated images, the run directory ``run``
-        with recording, estimate and truth, and ``prediction.json``, ``.csv`` and ``.png``.
+        with recording, estimate and truth, ``draw_02`` and further with those of the other simulations, and
+        ``prediction.json``, ``.csv`` and ``.png``.
     scene
         Scene file of the twin.
     prediction
@@ -98,6 +100,7 @@ def run_twin(
     mesh: str | Path | None = None,
     score_settings: ScoreSettings | Mapping[str, Any] | None = None,
     seed: int = 20,
+    draws: int = 1,
     progress: Progress | None = None,
 ) -> TwinRun:
     """Predict the errors of a measurement by simulating its twin and estimating it in the same manner.
@@ -114,6 +117,9 @@ def run_twin(
         Output folder.
     score_settings
         Bounds of the regions, as for `scenetruth.score`.
+    draws
+        Number of simulations, which differ in the noise and in the visits of the stage. The relative standard deviation
+        ``sampling_std`` of the predicted errors falls with its root. A later call with more draws adds the missing.
     progress
         Called with (what, done, total).
 
@@ -124,6 +130,8 @@ def run_twin(
 
     Raises
     ------
+    ArgumentError
+        If ``draws`` is not between 1 and 100.
     CaptureError
         If the capture, the run or the calibration cannot be used, or do not belong together; lists every problem.
     EstimateError
@@ -159,6 +167,9 @@ def run_twin(
     ...     print(len(error.problems) > 0)
     True
     """
+    if not 1 <= draws <= _MOST_DRAWS:
+        message = f"must be between 1 and {_MOST_DRAWS}"
+        raise ArgumentError([Problem("draws", message, draws)], source="a twin")
     folder, measured, rig = open_measurement(capture, run, calibration, method, mesh, repeatable=True)
     # Raises before any work if the method is not installed.
     validate_settings(find_method(measured.method), measured.settings)
@@ -175,7 +186,7 @@ def run_twin(
     }
     other = "contains the twin of another measurement, other settings or another release; choose another"
     with _FOLDER.open(output, identity, other=other) as place:
-        return _Running(folder, measured, rig, place, progress).finish(Path(run), mesh, seed, settings)
+        return _Running(folder, measured, rig, place, progress).finish(Path(run), mesh, (seed, draws), settings)
 
 
 class _Running:
@@ -192,23 +203,36 @@ class _Running:
         self.folder, self.measured, self.calibration = folder, measured, calibration
         self.place, self.progress = place, progress
 
-    def finish(self, run: Path, mesh: str | Path | None, seed: int, settings: ScoreSettings) -> TwinRun:
+    def finish(
+        self, run: Path, mesh: str | Path | None, seed_and_draws: tuple[int, int], settings: ScoreSettings
+    ) -> TwinRun:
+        seed, draws = seed_and_draws
         scene, notes = self._scene(run, mesh, seed)
-        twin_capture = self._simulate(scene)
-        recording = self._import(twin_capture)
-        found = self._estimate(recording)
+        twin_capture, recording, found = self._measure(scene, self.place)
+        estimates = [found]
+        for number in range(1, draws):
+            again = scene.model_copy(update={"seed": scene.seed + number})
+            estimates.append(self._measure(again, self.place / f"{_DRAW}{number + 1:02d}")[2])
         truth = self._truth(scene)
         scored = score(found, truth, recording, settings=settings, allow_mismatch=True)
         self._put("score.json", scored.to_json(), _RUN)
         self._put("score.csv", scored.to_csv(), _RUN)
         comparisons = tuple(self._compare(found, recording, twin_capture))
-        prediction = predict_errors(scored, found, truth, recording, self._with_calibration(), comparisons, notes)
+        prediction = predict_errors(
+            scored, estimates, truth, recording, self._with_calibration(), comparisons, notes
+        )  # fmt: skip
         prediction.save(self.place / _PREDICTION, overwrite=True)
         self._put(_TABLE, prediction.to_dataframe().to_csv(index=False))
         draw_prediction(
             self.place / _PICTURE, (self.measured.recording, self.measured.estimate), (recording, found), truth
         )
         return TwinRun(self.place, self.place / _SCENE / SCENE_FILE, prediction, scored)
+
+    def _measure(self, scene: Scene, place: Path) -> tuple[Path, xr.Dataset, xr.Dataset]:
+        """Return the simulated capture of a scene, its recording and its estimate."""
+        folder = self._simulate(scene, place)
+        recording = self._import(folder, place)
+        return folder, recording, self._estimate(recording, place)
 
     def _with_calibration(self) -> xr.Dataset:
         """Return the estimate of the measurement with the errors of the calibration."""
@@ -240,14 +264,16 @@ class _Running:
             self._put(notes.name, "\n".join(lines))
         return load_scene(place / SCENE_FILE), tuple(notes.read_text(encoding="utf-8").splitlines())
 
-    def _simulate(self, scene: Scene) -> Path:
+    def _simulate(self, scene: Scene, place: Path) -> Path:
         sets = self.folder.sets
         counts: dict[str, Any] = {}
         for name in ("dark", "flat", "static"):
             found = sets.get(name)
             counts[name] = 0 if found is None else max(map(len, found.levels.values()))
+        # The maps of the truth are those of the rectified recording, see below.
+        counts |= {"truth_maps": False}
         return simulate_capture(
-            scene, self.place / _CAPTURE, poses=0, step_std=0.0, progress=self.progress, **counts
+            scene, place / _CAPTURE, poses=0, step_std=0.0, progress=self.progress, **counts
         )  # fmt: skip
 
     def _capture(self, folder: Path) -> Capture:
@@ -269,8 +295,8 @@ class _Running:
             plain["camera"] = {**given["camera"], "black_level_dn": made["camera"]["black_level_dn"]}
         return Capture.from_dict(plain, source=folder, folder=folder)
 
-    def _import(self, folder: Path) -> xr.Dataset:
-        store = self.place / _RUN / store_name(RECORDING, zipped=False)
+    def _import(self, folder: Path, place: Path) -> xr.Dataset:
+        store = place / _RUN / store_name(RECORDING, zipped=False)
         if not is_store(store):
             given: dict[str, Any] = {}
             if self.calibration is not None:
@@ -286,8 +312,8 @@ class _Running:
         attrs = self.measured.recording.attrs
         return self.folder.capture.camera.distortion is not None and "distortion" not in attrs
 
-    def _estimate(self, recording: xr.Dataset) -> xr.Dataset:
-        store = self.place / _RUN / store_name(f"estimate.{self.measured.method}", zipped=False)
+    def _estimate(self, recording: xr.Dataset, place: Path) -> xr.Dataset:
+        store = place / _RUN / store_name(f"estimate.{self.measured.method}", zipped=False)
         if not is_store(store):
             found = estimate(recording.load(), self.measured.method, self.measured.settings, progress=self.progress)
             save_store(found, store)
@@ -310,7 +336,7 @@ class _Running:
                 # Warnings of the scene have been given by the simulation.
                 warnings.simplefilter("ignore", SceneWarning)
                 found = make_truth(ideal, truth_poses="nominal", progress=self.progress)
-            save_store(mark_bends(found), store)
+            save_store(mark_bends(found, self.measured.pixel_std("depth")), store)
         return open_store(store, kind="truth")
 
     def _compare(self, found: xr.Dataset, recording: xr.Dataset, folder: Path) -> list[Comparison]:

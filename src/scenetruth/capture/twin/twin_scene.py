@@ -61,7 +61,7 @@ _FINE_PX, _STEP_PX = 400, 2
 _SEED = 20
 _SAME_FOCAL = 1e-6
 _FREE_PX, _LEAST_FREE, _LEAST_DIFFERENCE = 4, 200, 0.03
-_OWN = re.compile(r"scene\.yaml|surface_\d+(\.obj|\.png|_positions\.npy)")
+_OWN = re.compile(r"scene\.yaml|surface_\d+(\.ply|\.obj|\.png|_positions\.npy)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -520,11 +520,11 @@ class _Making:
         else:
             vertices, faces, texels, velocity = self._given_mesh(mesh, part, motion)
         self.motions[part.name] = motion.kind
-        _write_mesh(place / f"{part.name}.obj", vertices, texels, faces)
+        _write_mesh(place / f"{part.name}.ply", vertices, texels, faces)
         _write_texture(place / f"{part.name}.png", make_texture(self.canvas, part, mean, noise, self.seed))
         entry: dict[str, Any] = {
             "name": part.name,
-            "mesh": {"kind": "file", "file": f"{part.name}.obj"},
+            "mesh": {"kind": "file", "file": f"{part.name}.ply"},
             "texture": {"kind": "image", "file": f"{part.name}.png", "encoding": "linear"},
         }
         entries = motion.to_entries()
@@ -566,12 +566,14 @@ def _texels(grid: GridMesh, canvas: Canvas) -> Floats:
 
 
 def _write_mesh(file: Path, vertices: Floats, texels: Floats, faces: NDArray[Any]) -> None:
-    """Write an OBJ file, whose v is upwards."""
-    lines = ["# scenetruth: surface of a twin, in mm"]
-    lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices.tolist()]
-    lines += [f"vt {u:.8f} {1 - v:.8f}" for u, v in texels.tolist()]
-    lines += [f"f {a}/{a} {b}/{b} {c}/{c}" for a, b, c in (faces + 1).tolist()]
-    file.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    """Write a binary PLY file with texture coordinates, whose t is upwards."""
+    head = ["ply", "format binary_little_endian 1.0", "comment scenetruth: surface of a twin, in mm"]
+    head += [f"element vertex {len(vertices)}", *(f"property double {name}" for name in "xyzst")]
+    head += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    points = np.column_stack([vertices, texels[:, 0], 1 - texels[:, 1]]).astype("<f8")
+    corners = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    corners["count"], corners["corners"] = 3, faces
+    file.write_bytes("\n".join(head).encode("ascii") + points.tobytes() + corners.tobytes())
 
 
 def _write_texture(file: Path, radiance: Floats) -> None:
