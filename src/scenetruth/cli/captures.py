@@ -136,7 +136,7 @@ CaptureParameters = Annotated[
         "--parameter",
         "NAME=VALUE",
         "Parameter of the simulated capture, with a value in YAML: board, poses, scale_std, warp_mm, step_std, "
-        "exposures, static, strip_scale_std, distance_mm.",
+        "exposures, static, strip_scale_std, distance_mm, noise_seed, truth_maps.",
     ),
 ]
 
@@ -156,6 +156,10 @@ SurfaceMesh = Annotated[
         metavar="FILE",
         help="Mesh of the surface in mm, in the frame of the recording, instead of the depth.",
     ),
+]
+
+Draws = Annotated[
+    int, options.option("--draws", metavar="N", help="Simulations, which differ in the noise; more lower the scatter.")
 ]
 
 SceneOnly = Annotated[bool, options.flag("--scene-only", help="Scene of the twin only, without simulation.")]
@@ -395,6 +399,7 @@ def twin(
     calibration: Calibration = None,
     method: Method = None,
     surface: SurfaceMesh = None,
+    draws: Draws = 1,
     scene_only: SceneOnly = False,
     overwrite: options.Overwrite = False,
     as_json: options.Json = False,
@@ -425,8 +430,15 @@ def twin(
         return
     with reporting() as reporter:
         found = run_twin(
-            capture, run, output, calibration=calibration, method=method, mesh=surface, progress=reporter
-        )  # fmt: skip
+            capture,
+            run,
+            output,
+            calibration=calibration,
+            method=method,
+            mesh=surface,
+            draws=draws,
+            progress=reporter,
+        )
     if as_json:
         typer.echo(json.dumps(found.prediction.to_dict(), indent=2))
     else:

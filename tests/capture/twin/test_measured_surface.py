@@ -36,6 +36,24 @@ def test_noise_of_a_plane_is_removed_without_a_bias_at_the_border(a: float, b: f
     assert np.abs(smooth_map(plane, np.full(SHAPE, std)) - plane).max() < 1e-3 * (1 + 40 * (abs(a) + abs(b)))
 
 
+def test_the_noise_of_correlated_errors_is_removed_and_a_crease_is_kept() -> None:
+    """Noise that is much wider at the border, as of an estimate: the surface follows neither it nor its correlation."""
+    y, x = np.indices((120, 160), dtype=np.float64)
+    roof = 600 + 0.5 * np.abs(x - 80) + 0.1 * y
+    border = np.minimum.reduce([x, y, 159 - x, 119 - y])
+    std = 0.1 * (1 + 4 * np.exp(-border / 5))
+    drawn = gaussian_filter(np.random.default_rng(4).standard_normal(roof.shape), 5.0)
+    measured = roof + std * drawn / drawn.std()
+    error = smooth_map(measured, std) - roof
+    aside, band = np.abs(x - 80) > 20, border < 10
+    # An independent measure of noise that becomes structure: bends over 6 px. 10 x 120 px have 18 independent errors.
+    bends = [np.abs(np.diff(each, 2, axis=1))[:, 6:-6] for each in (error[:, ::6], (measured - roof)[:, ::6])]
+    assert np.sqrt(np.mean(error[aside & band] ** 2)) < 0.5 * np.sqrt(np.mean(std[aside & band] ** 2))
+    assert np.mean(bends[0][:, 0]) < 0.5 * np.mean(bends[1][:, 0])
+    # A plane over the crease would be off by 0.5 x 24 / sqrt(2 pi) = 4.8 mm, twice as much as its error in the middle.
+    assert np.abs(error[20:-20, 78:83]).max() < 1.5
+
+
 def test_structure_above_the_uncertainty_remains() -> None:
     _, x = np.indices(SHAPE, dtype=np.float64)
     wave = 600 + 2 * np.sin(2 * np.pi * x / 20)
@@ -85,6 +103,21 @@ def test_single_pixels_are_no_surface() -> None:
     (part,) = find_parts(canvas(), depth, np.full(SHAPE, 0.05), 10.0)
     assert abs(part.depth_mm[20, 20] - 600) < 1e-6
     assert find_parts(canvas(), np.full(SHAPE, np.nan), np.full(SHAPE, np.nan), 10.0) == []
+
+
+def test_wrong_matches_in_a_hole_are_no_surface_and_those_that_touch_leave_no_gap() -> None:
+    depth = planar(0.0, 0.0)
+    depth[20:30, 30:40] = 610  # 100 px, at a wrong depth
+    (part,) = find_parts(canvas(), depth, np.full(SHAPE, 0.05), 10.0)
+    assert part.front.all()
+    assert np.abs(part.depth_mm - 600).max() < 0.5
+    # Pixels without a depth cut a surface in two; both meshes reach over the cut.
+    depth = planar(0.0, 0.0)
+    depth[:, 40:42] = np.nan
+    parts = find_parts(canvas(), depth, np.full(SHAPE, 0.05), 10.0)
+    assert len(parts) == 2
+    assert (np.sum([part.mask for part in parts], axis=0)[:, 49:53] == 2).all()
+    assert (np.sum([part.front for part in parts], axis=0) == 1).all()
 
 
 @pytest.mark.parametrize("step", [1, 2, 3])

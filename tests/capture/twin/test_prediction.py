@@ -39,6 +39,33 @@ def test_a_strong_bend_is_an_edge_and_a_weak_one_is_not() -> None:
     assert marked["boundary_distance"].values == pytest.approx(truth["boundary_distance"].values)
 
 
+def test_a_bend_that_noise_explains_is_none() -> None:
+    mesh = {"kind": "cylinder", "radius_mm": 8.0, "length_mm": 200}
+    truth = st.make_truth(st.Scene.from_dict(scene(mesh)))
+    # The second difference of the depth over 6 px, 4.5 mm of 8 mm, is 2 x (8 - sqrt(64 - 20)) = 2.7 mm in the middle.
+    for std, bent in ((0.5, True), (1.2, False)):
+        marked = mark_bends(truth, np.full((60, 80), std))["mixed"].values
+        assert bool(marked[0, 25:35, 39:41].all()) is bent
+    assert not (mark_bends(truth, np.full((60, 80), np.nan))["mixed"].values & ~truth["mixed"].values).any()
+
+
+def test_a_rounded_crease_is_a_narrow_bend() -> None:
+    """The interior of a surface that a method has rounded is about as large as that of the sharp one."""
+    _, x = np.indices((60, 80), dtype=np.float64)
+    slope = np.clip((x - 40) / 6, -1, 1)  # from -45° to 45° over 12 px of 1 mm
+    normal = np.stack([-slope, np.zeros_like(x), np.ones_like(x)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    depth = 600 + np.cumsum(slope, axis=1)
+    truth = st.make_truth(st.Scene.from_dict(scene({"kind": "plane", "size_mm": [200, 160]})))
+    truth = truth.assign(
+        depth=(("t", "y", "x"), depth[None]), normal=(("t", "y", "x", "component"), normal[None]),
+        mixed=(truth["mixed"].dims, np.zeros((1, 60, 80), dtype=bool)),
+    )  # fmt: skip
+    columns = np.flatnonzero(mark_bends(truth)["mixed"].values[0, 30])
+    assert len(columns)
+    assert 34 < columns.min() <= 40 <= columns.max() < 46
+
+
 def test_rows_add_the_parts_and_know_what_the_capture_states() -> None:
     plain = scene({"kind": "plane", "size_mm": [200, 160]})
     recording, truth = st.simulate(plain)
@@ -57,6 +84,14 @@ def test_rows_add_the_parts_and_know_what_the_capture_states() -> None:
     assert row.stated_capture == pytest.approx(0.4)
     assert row.capture_density == 1.0
     assert row.density == 1.0
+    # Further simulations are averaged, and pixels that the measurement lacks are not counted.
+    half = capture.assign(depth=capture["depth"].where(capture["x"] < 40))
+    other = twin.assign(depth=twin["depth"] + (0.4 * (-1.0) ** twin["x"] - 0.2).astype(np.float32))
+    both = predict_errors(score, [twin, other], truth, recording, half)
+    row = next(each for each in both.rows if (each.region, each.quantity) == ("all", "depth"))
+    assert row.count == 60 * 40
+    assert row.bias == pytest.approx(0.1, abs=1e-3)
+    assert row.pixel_std == pytest.approx(0.4 / math.sqrt(2), rel=1e-3)
 
 
 @pytest.mark.parametrize(("sigma_px", "side"), [(4.0, 100), (6.0, 80)])
@@ -74,6 +109,20 @@ def test_sampling_std_is_the_scatter_of_the_size_of_errors(sigma_px: float, side
     # The scatter of 300 draws is uncertain by 4 %; few independent errors shorten the measured correlation.
     assert 0.75 < np.mean(stated) / scatter < 1.15
     assert np.mean(stated) == pytest.approx(math.sqrt(math.pi * sigma_px**2 / kept.sum()), rel=0.25)
+
+
+def test_few_pixels_with_large_errors_scatter_as_few() -> None:
+    """A quarter of the pixels has ten times the error of the others: 97 % of the sum of squares."""
+    generator, side = np.random.default_rng(8), 80
+    std = np.ones((side, side))
+    std[:, : side // 4] = 10.0
+    drawn = [std * ndimage.gaussian_filter(generator.standard_normal((side, side)), 3.0) for _ in range(200)]
+    sizes = [np.std(each) for each in drawn]
+    scatter = float(np.std(sizes) / np.mean(sizes))
+    stated = np.mean([sampling_std(each[None], std[None]) for each in drawn[:40]])
+    # The scatter of 200 draws is uncertain by 5 %.
+    assert 0.75 < stated / scatter < 1.25
+    assert np.mean([sampling_std(each[None]) for each in drawn[:40]]) < 0.75 * scatter
 
 
 def test_sampling_std_counts_frames_once_and_needs_errors() -> None:

@@ -95,6 +95,23 @@ def test_summary_and_values(predicted: TwinRun) -> None:
     assert all(problem.path for problem in predicted.prediction.disagreements)
 
 
+def test_numbers_of_draws_are_checked(measured: MeasuredCapture, tmp_path: Path) -> None:
+    with pytest.raises(st.ArgumentError, match="draws"):
+        run_twin(measured.capture, measured.run, tmp_path / "new", draws=0)
+
+
+@nightly
+def test_further_draws_are_added(measured: MeasuredCapture, predicted: TwinRun) -> None:
+    before = (predicted.folder / "run" / "estimate.refined.zarr").stat().st_mtime_ns
+    found = run_twin(measured.capture, measured.run, predicted.folder, draws=2, score_settings=MARGIN)
+    assert (predicted.folder / "run" / "estimate.refined.zarr").stat().st_mtime_ns == before
+    images = [st.open_store(predicted.folder / each / "run" / "recording.zarr")["image"] for each in (".", "draw_02")]
+    assert (images[0].values != images[1].values).mean() > 0.5
+    one, two = (each.value("depth", "sampling_std").value for each in (predicted.prediction, found.prediction))
+    # The scatter of the second simulation is about that of the first.
+    assert two / one == pytest.approx(2**-0.5, rel=0.3)
+
+
 @nightly
 def test_command(measured: MeasuredCapture, tmp_path: Path) -> None:
     capture = measured.capture.folder

@@ -386,10 +386,10 @@ def _errors(name: str, mask: Mask, twin: xr.Dataset, truth: xr.Dataset) -> Float
 def sampling_std(errors: Floats, std: Floats | None = None) -> float:
     """Return the relative standard deviation of the standard deviation of correlated errors.
 
-    It is the root of Σ ρ² q / 2N, with the autocorrelation ρ of the errors, averaged over directions and up to the
-    distance at which it falls below 0.1, and the mean product q of the variances at this distance over the square of
-    their mean: few pixels with large errors count as few. Errors of different frames, which share their images, count
-    as one.
+    The mean square of errors with the variances v has the relative variance 2 Σ ρ² v v' / (Σ v)², over all pairs of
+    pixels with the correlation ρ, and its root a quarter of that. ρ is the autocorrelation of the errors over their
+    standard deviations, averaged over directions and up to the distance at which it falls below 0.1. Errors of
+    different frames, which share their images, count as one.
 
     ``errors``: Errors, shape (t, y, x), NaN where there is none. ``std``: Their standard deviations; default: equal.
     """
@@ -412,13 +412,11 @@ def sampling_std(errors: Floats, std: Floats | None = None) -> float:
     y, x = (np.minimum(np.arange(size), size - np.arange(size)) for size in shape)
     distance = np.rint(np.hypot(y[:, None], x)).astype(np.int64).ravel()
     product, pair, square = (np.bincount(distance, each.ravel()) for each in (products, pairs, squares))
-    lags = np.bincount(distance)
     rho = (product / np.maximum(pair, 1.0)) / (product[0] / pair[0])
     below = np.flatnonzero((rho < _UNCORRELATED) | (pair < pair[0]))
     end = int(below[0]) if below.size else len(rho)
-    q = (square / np.maximum(pair, 1.0))[:end] / (float(variance.sum()) / pair[0]) ** 2
-    independent = pair[0] / len(errors) / float(np.sum(lags[:end] * rho[:end] ** 2 * q))
-    return math.sqrt(0.5 / independent)
+    share = float(np.sum(rho[:end] ** 2 * square[:end])) / float(variance.sum()) ** 2
+    return math.sqrt(0.5 * len(errors) * share)
 
 
 def _autocorrelation(values: Floats, shape: list[int]) -> Floats:
