@@ -74,7 +74,7 @@ def test_the_scene_file_is_one_of_the_same_rig(measured: MeasuredCapture, twin: 
     assert (scene.stage.positions, scene.frames.count, scene.frames.frame_interval_s) == (3, 3, 60)
     assert scene.estimate.method == "refined"
     names = {path.name for path in twin.iterdir()}
-    assert names == {"scene.yaml", *(f"surface_{n}.{end}" for n in (1, 2) for end in ("obj", "png"))}
+    assert names == {"scene.yaml", *(f"surface_{n}.{end}" for n in (1, 2) for end in ("ply", "png"))}
 
 
 @nightly
