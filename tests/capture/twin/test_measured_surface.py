@@ -105,19 +105,36 @@ def test_single_pixels_are_no_surface() -> None:
     assert find_parts(canvas(), np.full(SHAPE, np.nan), np.full(SHAPE, np.nan), 10.0) == []
 
 
-def test_wrong_matches_in_a_hole_are_no_surface_and_those_that_touch_leave_no_gap() -> None:
+def test_wrong_matches_in_a_hole_are_no_surface_and_surfaces_that_touch_leave_no_gap() -> None:
     depth = planar(0.0, 0.0)
     depth[20:30, 30:40] = 610  # 100 px, at a wrong depth
     (part,) = find_parts(canvas(), depth, np.full(SHAPE, 0.05), 10.0)
     assert part.front.all()
     assert np.abs(part.depth_mm - 600).max() < 0.5
-    # Pixels without a depth cut a surface in two; both meshes reach over the cut.
+    # Behind a gap of 2 px a surface recedes by 1 mm per row from the depth of the other: both meshes reach over the gap
+    # where they touch, in the first rows, as well as where it is hidden.
     depth = planar(0.0, 0.0)
     depth[:, 40:42] = np.nan
+    depth[:, 42:] += np.arange(SHAPE[0])[:, None]
     parts = find_parts(canvas(), depth, np.full(SHAPE, 0.05), 10.0)
     assert len(parts) == 2
-    assert (np.sum([part.mask for part in parts], axis=0)[:, 49:53] == 2).all()
+    assert (np.sum([part.mask for part in parts], axis=0)[10:65, 49:51] == 2).all()
     assert (np.sum([part.front for part in parts], axis=0) == 1).all()
+
+
+@pytest.mark.parametrize(("step_mm", "count"), [(0.0, 1), (4.0, 1), (30.0, 2)])
+def test_surfaces_continue_over_gaps_without_a_jump(step_mm: float, count: int) -> None:
+    """Islands of valid pixels on one surface, with gaps of 6 px, are one surface, unless their depths differ."""
+    depth = planar(0.2, 0.1)
+    depth[:, 40:] += step_mm  # a slope of 60° is 1.04 mm per pixel at 600 mm, over 7 px
+    depth[:, 37:43] = np.nan
+    depth[27:33] = np.nan
+    parts = find_parts(canvas(), depth, np.full(SHAPE, 0.05), 10.0)
+    assert len(parts) == count
+    assert sum(part.measured.sum() for part in parts) == np.isfinite(depth).sum()
+    if step_mm == 0:
+        assert np.abs(parts[0].depth_mm - parts[0].depth_mm.mean()).max() < 30
+        assert np.abs(canvas().crop(parts[0].depth_mm) - planar(0.2, 0.1)).max() < 0.05
 
 
 @pytest.mark.parametrize("step", [1, 2, 3])

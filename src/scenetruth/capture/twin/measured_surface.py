@@ -25,6 +25,8 @@ _JUMP_STDS = 4.0
 _LEAST_SHARE, _LEAST_PIXELS, _LEAST_ENCLOSED = 1e-3, 64, 225
 """Least surfaces; those in a hole of another are wrong matches if they are smaller than half a window of 6 px."""
 _OVERLAP_PX = 3
+_STEEPEST_GAP_DEG, _WIDEST_GAP_PX = 60.0, 40.0
+"""Slope and width of gaps over which surfaces continue."""
 _SCALES_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
 """Standard deviations of the Gaussian windows of smoothing."""
 _AGREEMENT_STDS, _LEVEL_PX = 1.5, 3.0
@@ -104,7 +106,7 @@ def find_parts(
     depth, std = canvas.extend(depth_mm), canvas.extend(depth_std_mm)
     known = np.isfinite(depth) & np.isfinite(canvas.rays).all(axis=-1)
     std = _usable_std(std, known)
-    labels = _label(depth, std, known, canvas.camera.focal_px)
+    labels = _join(_label(depth, std, known, canvas.camera.focal_px), depth, std, canvas.camera.focal_px)
     count = int(labels.max())
     if count == 0:
         return []
@@ -187,6 +189,42 @@ def _label(depth: Floats, std: Floats, known: Mask, focal_px: float) -> NDArray[
             place += 1
             labels[inside] = place
     return labels
+
+
+def _join(labels: NDArray[np.int64], depth: Floats, std: Floats, focal_px: float) -> NDArray[np.int64]:
+    """Return labels in which surfaces on both sides of a gap are one if their depths agree, the largest first.
+
+    Half of the pairs of nearest pixels across the gap must differ by less than a slope of 60° over their distance.
+    """
+    if labels.max() < 2:
+        return labels
+    places = np.stack(ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True))
+    owner, near, deviation = (each[tuple(places)] for each in (labels, depth, std))
+    votes: dict[tuple[int, int], list[NDArray[np.bool_]]] = {}
+    for axis in (0, 1):
+        one, other = _neighbours(axis)
+        meets = owner[one] != owner[other]
+        here, there = (np.stack([each[side][meets] for each in (owner, near, deviation)]) for side in (one, other))
+        gap = np.hypot(*(places[(slice(None), *one)][:, meets] - places[(slice(None), *other)][:, meets]))
+        limit = np.tan(np.deg2rad(_STEEPEST_GAP_DEG)) / focal_px * np.minimum(here[1], there[1]) * gap
+        agrees = np.abs(here[1] - there[1]) <= limit + _JUMP_STDS * np.hypot(here[2], there[2])
+        agrees &= gap <= _WIDEST_GAP_PX
+        first, second = (
+            each.astype(np.int64) for each in (np.minimum(here[0], there[0]), np.maximum(here[0], there[0]))
+        )
+        for pair in np.unique(np.stack([first, second]), axis=1).T.tolist():
+            votes.setdefault((pair[0], pair[1]), []).append(agrees[(first == pair[0]) & (second == pair[1])])
+    joined = [pair for pair, each in votes.items() if np.concatenate(each).mean() >= 0.5]
+    ends = np.array(joined, dtype=np.int64).reshape(-1, 2).T
+    size = int(labels.max()) + 1
+    graph = coo_array((np.ones(ends.shape[1], dtype=np.int8), (ends[0], ends[1])), shape=(size, size))
+    _, group = connected_components(graph, directed=False)
+    merged = np.where(labels > 0, group[labels], -1)
+    values, sizes = np.unique(merged[labels > 0], return_counts=True)
+    found = np.zeros_like(labels)
+    for place, which in enumerate(np.argsort(-sizes, kind="stable")):
+        found[merged == values[which]] = place + 1
+    return found
 
 
 def _is_enclosed(inside: Mask, labels: NDArray[np.int64]) -> bool:
