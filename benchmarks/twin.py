@@ -222,7 +222,14 @@ def repeat(folder: Path, scene: dict[str, Any], number: int, calibration: RigCal
     place = folder / f"repetition_{number}"
     file = place / "run" / "estimate.refined.zarr"
     if not file.exists():
-        given: dict[str, Any] = {"poses": 0, "dark": 8, "flat": 8, "static": 0, "truth_maps": False, "noise_seed": 1000 + number}
+        given: dict[str, Any] = {
+            "poses": 0,
+            "dark": 8,
+            "flat": 8,
+            "static": 0,
+            "truth_maps": False,
+            "noise_seed": 1000 + number,
+        }
         simulate_capture(scene, place / "capture", **given)
         plain = yaml.safe_load((folder / "capture" / "capture.yaml").read_text())
         made = yaml.safe_load((place / "capture" / "capture.yaml").read_text())
