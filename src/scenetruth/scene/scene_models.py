@@ -122,8 +122,8 @@ _AUTOMATIC_SAMPLES = 4
 class RenderSettings(FrozenModel):
     """Rendering of the images."""
 
-    backend: Literal["auto", "pyrender", "raycast"] = "auto"
-    """``pyrender`` (OpenGL), ``raycast`` (reference), or ``auto``: pyrender if available, else raycast."""
+    backend: Literal["auto", "pyrender", "raycast"] = "raycast"
+    """``raycast`` (ray casting), ``pyrender`` (OpenGL), or ``auto``: pyrender if available, else raycast."""
     platform: Literal["auto", "osmesa", "egl"] = "auto"
     """OpenGL platform of ``pyrender``; ``auto``: OSMesa if available, else EGL."""
     supersampling: Literal["auto"] | Annotated[int, Field(ge=1, le=16)] = "auto"
