@@ -19,6 +19,12 @@ from tests.helpers.faceted_surfaces import relief
 def scattered(caster: RayCaster, *arguments: object) -> Hits:
     """Cast with cells, however few the faces are; Embree must not be asked."""
     with patch.object(caster_module, "_MOST_TILED", 0), patch.object(RayCaster, "_trace", side_effect=AssertionError):
+        return not_by_faces(caster, *arguments)
+
+
+def not_by_faces(caster: RayCaster, *arguments: object) -> Hits:
+    """Cast without the search of regular grids face by face."""
+    with patch.object(RayCaster, "_cover", return_value=None):
         return caster.cast(*arguments)  # type: ignore[arg-type]
 
 
@@ -55,7 +61,12 @@ def test_a_leaf_in_cells_in_tiles_and_traced_is_the_same_to_the_bit(seed: int, c
     directions = grid(64, 48, 550)
     one = scattered(caster, np.zeros(3), directions, 64)
     with patch.object(caster_module, "_MOST_TILED", 1 << 30):
-        two = caster.cast(np.zeros(3), directions, 64)
+        two = not_by_faces(caster, np.zeros(3), directions, 64)
+    by_faces = caster._cover(np.zeros(3), directions, 64)
+    assert by_faces is not None
+    np.testing.assert_array_equal(by_faces.face, two.face)
+    np.testing.assert_array_equal(by_faces.depth, two.depth)
+    np.testing.assert_array_equal(by_faces.weights, two.weights)
     with patch.object(caster_module, "_MOST_RASTERED", 0):
         three = caster.cast(np.zeros(3), directions, 64)
     np.testing.assert_array_equal(one.face, two.face)
@@ -82,11 +93,35 @@ def test_slivers_in_cells_and_in_tiles_are_the_same_to_the_bit(seed: int, count:
     directions = grid(64, 48, 550)
     one = scattered(caster, np.zeros(3), directions, 64)
     with patch.object(caster_module, "_MOST_TILED", 1 << 30):
-        two = caster.cast(np.zeros(3), directions, 64)
+        two = not_by_faces(caster, np.zeros(3), directions, 64)
+    by_faces = caster._cover(np.zeros(3), directions, 64)
+    assert by_faces is not None
+    np.testing.assert_array_equal(by_faces.face, two.face)
+    np.testing.assert_array_equal(by_faces.depth, two.depth)
+    np.testing.assert_array_equal(by_faces.weights, two.weights)
     assert tilt > 1.4 or (one.face >= 0).any()
     np.testing.assert_array_equal(one.face, two.face)
     np.testing.assert_array_equal(one.depth, two.depth)
     np.testing.assert_array_equal(one.weights, two.weights)
+
+
+def test_a_turned_grid_behind_near_faces_and_grids_that_are_not_regular() -> None:
+    mesh = relief(3, 8)
+    turn = Rotation.from_rotvec([0.2, -0.4, 0.7]).as_matrix()
+    # Part of the faces are beside or behind the origin.
+    vertices = (mesh.vertices_mm + [32, 0, 5]) @ turn.T
+    caster = RayCaster(vertices, Topology.of(vertices, mesh.faces))
+    directions = grid(64, 48, 60) @ turn.T
+    hits = caster._cover(np.zeros(3), directions, 64)
+    assert hits is not None
+    other = not_by_faces(caster, np.zeros(3), directions, 64)
+    for name in ("face", "depth", "weights"):
+        np.testing.assert_array_equal(getattr(hits, name), getattr(other, name))
+    assert 0 < np.mean(hits.face >= 0) < 1
+    bent = directions * np.linspace(1, 1.01, len(directions))[:, None]
+    bent[100] += 1e-4
+    assert caster._cover(np.zeros(3), bent, 64) is None
+    assert caster._cover(np.zeros(3), np.tile(directions[0], (len(directions), 1)), 64) is None
 
 
 def test_what_was_prepared_for_one_point_is_not_used_for_another() -> None:

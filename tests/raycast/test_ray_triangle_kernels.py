@@ -26,13 +26,15 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 
 
-@pytest.mark.parametrize("path", ["tiles", "cells", "embree"])
+@pytest.mark.parametrize("path", ["faces", "tiles", "cells", "embree"])
 @pytest.mark.parametrize("spacing_px", [1, 2.5, 5])
 def test_rays_through_all_corners_of_a_lattice_meet_it(
     path: str, spacing_px: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(caster_module, "_MOST_TILED", 10**9 if path == "tiles" else 0)
     monkeypatch.setattr(caster_module, "_MOST_RASTERED", 0 if path == "embree" else 10**9)
+    if path != "faces":
+        monkeypatch.setattr(RayCaster, "_cover", lambda *_: None)
     width, height, focal = 120, 90, 3000.0
     step = spacing_px * 600 / focal
     columns, rows = int(width / spacing_px) + 4, int(height / spacing_px) + 4

@@ -88,10 +88,10 @@ objects:
 sensor:
 {sensor}
 
-# Rendering: OpenGL where available, otherwise ray casting; every pixel is the mean of 4 x 4 samples.
+# Rendering: ray casting; every pixel is a mean over its area, by as many samples as texture and edges require.
 render:
-  backend: auto
-  supersampling: 4
+  backend: raycast
+  supersampling: auto
 
 # Estimation of depth and motion from the images: a method of `scenetruth list methods`, with its settings.
 estimate:

@@ -22,7 +22,7 @@ _SMALL: dict[str, Any] = {
     "camera": {"width": 48, "height": 36, "focal_length_px": 240.0},
     "stage": {"positions": 3, "baseline_mm": 5.0},
     "frames": {"count": 3, "frame_interval_s": 60.0},
-    "render": {"backend": "raycast", "supersampling": 2},
+    "render": {"backend": "raycast"},
     "seed": 1,
 }
 _NOISE: dict[str, Any] = {"kind": "noise", "wavelength_mm": [3, 15], "rms_contrast": 0.2}

@@ -2,20 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.camera import Camera, Viewpoint
+from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast.ray_caster import RayCaster
 
-__all__ = ["mixed_pixels"]
+__all__ = ["MixedPixels", "find_mixed_pixels", "mixed_pixels"]
 
 _NEAR = 1e-6  # near clipping depth of edges in mm
 _TOUCH_PX = 1e-6  # distance from a pixel border in px below which a line belongs to both pixels
 _PIECE_PX = 1 / 64  # piece length of lines curved by distortion; pixels touched over a shorter length may be missed
 _HIDDEN = 1e-7  # relative depth tolerance for the occlusion of edge points
+
+
+@dataclass(frozen=True, eq=False)
+class MixedPixels:
+    """Mixed pixels of an image with the edges in them.
+
+    ``mixed``: Pixels whose footprint crosses a visible edge, shape (height, width).
+    ``bare``: Those of them without an edge, where bodies intersect, shape (height, width).
+    ``pixels``: Index of the pixel of each edge, hidden or not, in mixed pixels, ascending, shape (k,).
+    ``ends``: Ends x0, y0, x1, y1 of these edges relative to the pixel centre in px, also outside the pixel, shape
+      (k, 4). Rays are linear in x and y, as in `ImageRays`.
+    ``seen``: Whether any tested piece of the edge in this pixel is visible, shape (k,).
+    """
+
+    mixed: NDArray[np.bool_]
+    bare: NDArray[np.bool_]
+    pixels: NDArray[np.int64]
+    ends: NDArray[np.float64]
+    seen: NDArray[np.bool_]
+
+
+class _Pieces(NamedTuple):
+    """Pieces of projected edges: positions in px, shape (k, 2); edge, shape (k,); and whether each is visible."""
+
+    positions: NDArray[np.float64]
+    edge: NDArray[np.int64]
+    seen: NDArray[np.bool_]
 
 
 def mixed_pixels(
@@ -29,19 +58,58 @@ def mixed_pixels(
     ``bodies``: Body index at every pixel centre, shape (height, width), -1 for none. Where it changes between two
       pixels without an edge (intersecting bodies), both pixels are marked.
     """
+    mixed, _bare, _pieces = _marked(caster, viewpoint, camera, bodies)
+    return mixed
+
+
+def find_mixed_pixels(
+    caster: RayCaster, viewpoint: Viewpoint, camera: Camera, bodies: NDArray[np.int32]
+) -> MixedPixels:
+    """Find the mixed pixels, see `mixed_pixels`, and the edges in them."""
+    mixed, bare, pieces = _marked(caster, viewpoint, camera, bodies)
+    columns, rows = (
+        np.clip(np.rint(pieces.positions[:, axis]).astype(np.int64), 0, size - 1)
+        for axis, size in enumerate((camera.width, camera.height))
+    )
+    pixels = rows * camera.width + columns
+    inside = np.flatnonzero(mixed.ravel()[pixels])
+    edges = len(caster.topology.edges)
+    # Distortion divides the part of an edge in a pixel into several pieces.
+    parts, of_part = np.unique(pixels[inside] * edges + pieces.edge[inside], return_inverse=True)
+    seen = np.zeros(len(parts), dtype=np.bool_)
+    seen[of_part[pieces.seen[inside]]] = True
+    pixels, edge = np.divmod(parts, edges)
+    rays = pixel_rays(camera)
+    across, down = (item[pixels] if len(item) > 1 else np.broadcast_to(item, (len(pixels), 3)) for item in rays.steps)
+    # A point is on the ray at x, y of a pixel if it is a multiple of the direction + x across + y down.
+    basis = np.linalg.inv(np.stack([rays.directions[pixels], across, down], axis=-1))
+    corners = viewpoint.to_camera(caster.vertices_mm)[caster.topology.edges[edge]]
+    _cut_in_front(corners)
+    places = np.einsum("kij,kcj->kci", basis, corners)
+    ends = (places[..., 1:] / places[..., :1]).reshape(-1, 4)
+    return MixedPixels(mixed, bare, pixels, ends, seen)
+
+
+def _marked(
+    caster: RayCaster, viewpoint: Viewpoint, camera: Camera, bodies: NDArray[np.int32]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], _Pieces]:
+    """Return the mixed pixels, those of them without an edge, and the pieces of all edges."""
     mixed = np.zeros((camera.height, camera.width), dtype=np.bool_)
     edges = _contour_edges(caster, viewpoint.position_mm)
     relative = viewpoint.to_camera(caster.vertices_mm)
     start, end = relative[caster.topology.edges[edges, 0]], relative[caster.topology.edges[edges, 1]]
     inverse_depth, positions, directions, which = _cut_at_pixels(start, end, camera)
+    seen = np.zeros(len(positions), dtype=np.bool_)
     if len(positions):
         hits = caster.cast(viewpoint.position_mm, viewpoint.directions_to_world(directions))
         depth = 1 / inverse_depth
         at_edge = (hits.face[:, None] == caster.topology.edge_faces[edges[which]]).any(axis=1)
         seen = at_edge | ~(hits.depth < depth * (1 - _HIDDEN))
         _mark(mixed, positions[seen])
+    bare = mixed.copy()
     _mark_unmarked_borders(mixed, bodies)
-    return mixed
+    np.not_equal(bare, mixed, out=bare)
+    return mixed, bare, _Pieces(positions, edges[which], seen)
 
 
 def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
@@ -80,11 +148,9 @@ def _cut_at_pixels(
     focal, centre = pinhole.focal_px, np.asarray(pinhole.principal_point)
     in_front = (start[:, 2] > _NEAR) | (end[:, 2] > _NEAR)
     which = np.flatnonzero(in_front)
-    start, end = start[which].copy(), end[which].copy()
-    for one, other in ((start, end), (end, start)):
-        behind = one[:, 2] <= _NEAR
-        share = (_NEAR - one[behind, 2]) / (other[behind, 2] - one[behind, 2])
-        one[behind] += share[:, None] * (other[behind] - one[behind])
+    both = np.stack([start[which], end[which]], axis=1)
+    _cut_in_front(both)
+    start, end = both[:, 0], both[:, 1]
     first = focal * start[:, :2] / start[:, 2:] + centre
     last = focal * end[:, :2] / end[:, 2:] + centre
     inverse_first, inverse_last = 1 / start[:, 2], 1 / end[:, 2]
@@ -102,6 +168,14 @@ def _cut_at_pixels(
         inverses, positions, segments = inverses[inside], positions[inside], segments[inside]
         directions = directions[inside]
     return inverses, positions, directions, segments
+
+
+def _cut_in_front(ends: NDArray[np.float64]) -> None:
+    """Move the ends of segments, shape (n, 2, 3), that lie behind the camera to the near clipping depth, in place."""
+    for one, other in ((ends[:, 0], ends[:, 1]), (ends[:, 1], ends[:, 0])):
+        behind = one[:, 2] <= _NEAR
+        share = (_NEAR - one[behind, 2]) / (other[behind, 2] - one[behind, 2])
+        one[behind] += share[:, None] * (other[behind] - one[behind])
 
 
 @lru_cache(maxsize=4096)

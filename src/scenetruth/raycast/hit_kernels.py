@@ -285,7 +285,7 @@ def _ways_out(w0: float, w1: float, w2: float) -> Any:
 
 
 def walk_footprints(
-    mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64]
+    mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64], *, places: bool = True
 ) -> tuple[NDArray[np.bool_], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Compute the faces hit by the samples of pixels whose footprint crosses no silhouette or sharp edge.
 
@@ -299,14 +299,15 @@ def walk_footprints(
 
     ``pixels``: Pixel indices, shape (n,).
     ``offsets``: Offsets of the samples from the pixel centre in px, (x, y), shape (k, 2).
+    ``places``: Whether to return depth and barycentric coordinates; otherwise both have no rows.
     Returns: Whether the walk reached all samples, shape (n,); face, (n, k), depth, (n, k), and barycentric coordinates,
     (n, k, 2), as in `Hits`; and texture coordinates, (n, k, 2).
     """
     count, samples = pixels.shape[0], offsets.shape[0]
     arrived = np.zeros(count, dtype=np.bool_)
     face = np.full((count, samples), -1, dtype=np.int32)
-    depth = np.empty((count, samples), dtype=np.float64)
-    weights = np.empty((count, samples, 2), dtype=np.float64)
+    depth = np.empty((count * places, samples), dtype=np.float64)
+    weights = np.empty((count * places, samples, 2), dtype=np.float64)
     uv = np.empty((count, samples, 2), dtype=np.float64)
     out = (arrived, face, depth, weights, uv)
     in_bands(_walk_footprints, count, mesh, rays, pixels, offsets, *out, least=_LEAST_WALKED)
@@ -382,8 +383,10 @@ def _walk_footprints(
             if not found or min(abs(w0), abs(w1), abs(w2)) <= blur or not side * towards > 0.0:
                 break
             b1, b2 = w1 / total, w2 / total
-            face_out[n, sample], depth_out[n, sample] = face, form[DISTANCE] / towards
-            weights[n, sample, 0], weights[n, sample, 1] = b1, b2
+            face_out[n, sample] = face
+            if depth_out.shape[0] > 0:
+                depth_out[n, sample] = form[DISTANCE] / towards
+                weights[n, sample, 0], weights[n, sample, 1] = b1, b2
             for k in range(2):
                 first = uv[face, 0, k]
                 uv_out[n, sample, k] = first + b1 * (uv[face, 1, k] - first) + b2 * (uv[face, 2, k] - first)

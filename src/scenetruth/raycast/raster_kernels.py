@@ -12,6 +12,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
     BLUR_Z,
+    DISTANCE,
     FORMS,
     HIGH_U,
     HIGH_V,
@@ -33,7 +34,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["prepare_faces", "raster_hits", "tile_bounds"]
+__all__ = ["grid_hits", "grid_steps", "prepare_faces", "raster_hits", "tile_bounds"]
 
 TILE = 16
 """Side length of the square tiles in rays."""
@@ -42,6 +43,8 @@ TILE = 16
 # usable projection; their faces are tested against all rays.
 _GRAZING = 1e-6
 _BOX_MARGIN = 1e-8  # relative margin of the boxes; rounding is below 1e-9 even at `_GRAZING`
+_SHORT = 4  # number of rays in a row that are all tested against a face
+_GRID_MARGIN = 1e-6  # deviation of rays from a regular grid, in steps of the grid
 _LEAST_BOUNDED, _LEAST_CAST = 8192, 2048  # minimum number of rays per thread
 
 
@@ -238,3 +241,150 @@ def _raster_hits(
                 continue
             dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
             weights[n, 0], weights[n, 1] = weigh(forms[face_out[n]], dx, dy, dz)
+
+
+def grid_steps(
+    directions: NDArray[np.float64], width: int, frame: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], bool]:
+    """Compute the positions of a regular grid of rays in the central projection along an axis.
+
+    Returns: Lowest u, step of u from column to column, lowest v, and step of v from row to row, shape (4,); and whether
+    all rays are on this grid, within `_GRID_MARGIN` steps, and point into the half space of the axis.
+    """
+    height = directions.shape[0] // width
+    grid = np.empty(4, dtype=np.float64)
+    for axis, last in enumerate((width - 1, (height - 1) * width)):
+        ends = directions[[0, last]] @ frame.T
+        places = ends[:, axis] / ends[:, 2]
+        grid[2 * axis] = places[0]
+        grid[2 * axis + 1] = (places[1] - places[0]) / (width - 1 if axis == 0 else height - 1)
+    regular = np.empty(height, dtype=np.bool_)
+    least = -(-_LEAST_BOUNDED // width)
+    in_bands(_grid_steps, height, directions, width, frame, grid, regular, least=least)
+    return grid, bool(regular.all())
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _grid_steps(
+    low: int, high: int, directions: NDArray[np.float64], width: int, frame: NDArray[np.float64],
+    grid: NDArray[np.float64], regular: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    apart_u, apart_v = _GRID_MARGIN * abs(grid[1]), _GRID_MARGIN * abs(grid[3])
+    for y in range(low, high):
+        good = True
+        for x in range(width):
+            n = y * width + x
+            dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
+            across, down, along = components(dx, dy, dz, frame)
+            ahead = along > LEAST_COSINE * np.sqrt(dx * dx + dy * dy + dz * dz)
+            # Comparisons with NaN are false.
+            near_u = abs(across / along - grid[0] - x * grid[1]) < apart_u
+            near_v = abs(down / along - grid[2] - y * grid[3]) < apart_v
+            good = good and ahead and near_u and near_v
+        regular[y] = good
+
+
+def grid_hits(
+    forms: NDArray[np.float64],
+    boxes: NDArray[np.float64],
+    grid: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    width: int,
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+    """Compute the first hit of every ray of a regular grid, face by face.
+
+    As `raster_hits`, but every face is tested against the rays within its box, see `grid_steps`.
+    """
+    count = directions.shape[0]
+    face = np.empty(count, dtype=np.int32)
+    depth = np.empty(count, dtype=np.float64)
+    weights = np.empty((count, 2), dtype=np.float64)
+    arguments = (forms, boxes, grid, directions, width, face, depth, weights)
+    in_bands(_grid_hits, count // width, *arguments, least=-(-_LEAST_CAST // width))
+    return face, depth, weights
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _covered(one: float, other: float, low: float, step: float, first: int, last: int) -> Any:
+    """Return the first and last + 1 of the grid lines between two places, within a range."""
+    start, end = (one - low) / step, (other - low) / step
+    start, end = min(start, end) - 2.0 * _GRID_MARGIN, max(start, end) + 2.0 * _GRID_MARGIN
+    return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _between_edges(
+    form: NDArray[np.float64], directions: NDArray[np.float64], start: int, width: int, left: int, right: int
+) -> Any:  # fmt: skip
+    """Return the first and last + 1 of the columns from ``left`` to ``right`` whose rays may be inside the edges.
+
+    Edge functions are linear in the column; ``start`` is the ray of the first column. Margins cover rounding and the
+    deviation of rays from the grid.
+    """
+    distance = form[DISTANCE]
+    if distance == 0.0:
+        return left, right
+    side = 1.0 if distance > 0.0 else -1.0
+    dx, dy, dz = directions[start, 0], directions[start, 1], directions[start, 2]
+    ax, ay, az = (
+        directions[1, 0] - directions[0, 0],
+        directions[1, 1] - directions[0, 1],
+        directions[1, 2] - directions[0, 2],
+    )
+    bx, by, bz = (
+        directions[width, 0] - directions[0, 0],
+        directions[width, 1] - directions[0, 1],
+        directions[width, 2] - directions[0, 2],
+    )
+    blur = 4.0 * rounding(form, abs(dx) + width * abs(ax), abs(dy) + width * abs(ay), abs(dz) + width * abs(az))
+    low, high = 0.0, right - left - 1.0
+    for k in (W0_X, W1_X, W2_X):
+        value = side * (form[k] * dx + form[k + 1] * dy + form[k + 2] * dz)
+        step = side * (form[k] * ax + form[k + 1] * ay + form[k + 2] * az)
+        below = form[k] * bx + form[k + 1] * by + form[k + 2] * bz
+        value += blur + 8.0 * _GRID_MARGIN * (abs(step) + abs(below))
+        if step > 0.0:
+            low = max(low, -value / step)
+        elif step < 0.0:
+            high = min(high, -value / step)
+        elif value < 0.0:
+            return left, left
+    if not low <= high:
+        return left, left
+    return left + int(np.ceil(low)), left + int(np.floor(high)) + 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _grid_hits(
+    low: int, high: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], grid: NDArray[np.float64],
+    directions: NDArray[np.float64], width: int, face_out: NDArray[np.int32], depth_out: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> None:  # fmt: skip
+    for n in range(low * width, high * width):
+        face_out[n], depth_out[n] = -1, np.inf
+    for face in range(forms.shape[0]):
+        if not boxes[face, LOW_V] <= boxes[face, HIGH_V]:
+            continue
+        top, bottom = _covered(boxes[face, LOW_V], boxes[face, HIGH_V], grid[2], grid[3], low, high)
+        if top >= bottom:
+            continue
+        left, right = _covered(boxes[face, LOW_U], boxes[face, HIGH_U], grid[0], grid[1], 0, width)
+        form = forms[face]
+        for y in range(top, bottom):
+            first, last = left, right
+            if right - left > _SHORT:
+                first, last = _between_edges(form, directions, y * width + left, width, left, right)
+            for n in range(y * width + first, y * width + last):
+                dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
+                w0, w1, w2 = edge_functions(form, dx, dy, dz)
+                if not inside(w0, w1, w2, rounding(form, dx, dy, dz)):
+                    continue
+                depth = depth_on(form, dx, dy, dz)
+                if depth > 0.0 and depth < depth_out[n]:
+                    face_out[n], depth_out[n] = face, depth
+    for n in range(low * width, high * width):
+        if face_out[n] < 0:
+            depth_out[n], weights[n, 0], weights[n, 1] = np.nan, 0.0, 0.0
+            continue
+        dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
+        weights[n, 0], weights[n, 1] = weigh(forms[face_out[n]], dx, dy, dz)

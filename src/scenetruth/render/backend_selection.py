@@ -66,12 +66,19 @@ def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoi
 
 def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> Renderer:
     from scenetruth.raycast import Topology
+    from scenetruth.render.adaptive_raycast import AdaptiveRenderer
     from scenetruth.render.raycast_backend import RaycastRenderer
 
     topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
 
+    settings = scene.render
+    exact = settings.supersampling == "auto" and settings.edges == "sampled"
+
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
-        adaptive = scene.render.edges == "adaptive"
+        if exact:
+            error = settings.image_error
+            return AdaptiveRenderer(world, camera, scene.background, scene.lighting, topology, image_error=error)
+        adaptive = settings.edges == "adaptive"
         return RaycastRenderer(
             world, camera, scene.background, supersampling, scene.lighting, topology, adaptive=adaptive
         )
@@ -86,5 +93,5 @@ def _behind_lens(
         renderer = open_renderer(camera, samples)
         return renderer if wrap is None else wrap(renderer, camera)
 
-    interval, samples = scene.frames.frame_interval_s, scene.render.supersampling
+    interval, samples = scene.frames.frame_interval_s, scene.render.samples
     return open_behind_lens(scene.camera, scene.optics, scene.shutter, world, interval, samples, open_wrapped)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,48 +11,12 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh, Topology, mixed_pixels
 from scenetruth.render.renderer import Renderer
+from scenetruth.render.sampling_rules import Rule, even_rule, gauss_rule, lattice_rule, square_rule
 from scenetruth.render.shading import Shader
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
 
-__all__ = ["RaycastRenderer", "even_rule", "gauss_rule", "visible_uv"]
-
-
-_GOLDEN = (math.sqrt(5) - 1) / 2
-Rule = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
-def even_rule(count: int) -> Rule:
-    """Return equally spaced samples in [-1/2, 1/2] px along one axis of a footprint, with weights of the highest order.
-
-    Equal weights (midpoint rule) are exact for linear functions only and amplify a wave of f cycles per pixel by 1 +
-    (πf / n)² / 6. For three or more samples the weights 1/n + a (x² - mean of x²) are exact for cubic functions.
-    """
-    positions = (np.arange(count) + 0.5) / count - 0.5
-    weights = np.full(count, 1 / count)
-    if count > 2:
-        squares = positions**2 - np.mean(positions**2)
-        # The second moment of a unit interval is 1/12; equal weights give (1 - 1/n²) / 12.
-        weights += squares * (1 / 12 - np.mean(positions**2)) / np.sum(squares**2)
-    return positions, weights
-
-
-def gauss_rule(count: int) -> Rule:
-    """Return n Gauss-Legendre positions in [-1/2, 1/2] px and weights with sum 1, exact up to degree 2n - 1."""
-    positions, weights = np.polynomial.legendre.leggauss(count)
-    return positions / 2, weights / 2
-
-
-def lattice_rule(count: int) -> Rule:
-    """Return at least ``count`` positions in the square [-1/2, 1/2]² px with equal weights: a lattice of rank 1.
-
-    Their number is prime, so that the projections onto both axes and both diagonals are equally spaced: no edge in
-    these directions passes several samples together. Returns offsets (x, y), shape (n, 2), and weights, shape (n,).
-    """
-    size = next(n for n in range(max(count, 5), 2 * count + 6) if all(n % k for k in range(2, math.isqrt(n) + 1)))
-    number = np.arange(size)
-    offsets = np.stack([number, (number * round(_GOLDEN * size)) % size], axis=-1)
-    return (offsets + 0.5) / size - 0.5, np.full(size, 1 / size)
+__all__ = ["RayView", "RaycastRenderer", "even_rule", "gauss_rule", "lattice_rule", "visible_uv"]
 
 
 def visible_uv(
@@ -78,7 +41,7 @@ _RAYS_PER_PIECE = 1 << 19
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class RayView:
     """Rays through the pixel centres of one image in row-major order, with the faces and bodies hit."""
 
     caster: RayCaster
@@ -126,8 +89,8 @@ class RaycastRenderer(Renderer):
         # The Gauss rule is almost exact for smooth textures; equal spacing is best across silhouettes.
         steps, weights = gauss_rule(supersampling)
         self._reach_px = float(steps[-1])
-        self._smooth = _square(steps, weights)
-        self._mixed = _square(
+        self._smooth = square_rule(steps, weights)
+        self._mixed = square_rule(
             (np.arange(supersampling) + 0.5) / supersampling - 0.5, np.full(supersampling, 1 / supersampling)
         )
         self._fine = self._test = None
@@ -182,7 +145,7 @@ class RaycastRenderer(Renderer):
             visible_uv(world, caster.vertices_mm, origin),
         )
         rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
-        view = _View(caster, t, mesh, rays, body)
+        view = RayView(caster, t, mesh, rays, body)
         mixed, leaving = edges, np.zeros_like(edges)
         image = np.full(len(body), self._background, dtype=np.float32) if albedo is None else albedo().ravel().copy()
         offsets, weights = self._smooth
@@ -219,7 +182,12 @@ class RaycastRenderer(Renderer):
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
 
     def _sample(
-        self, view: _View, image: NDArray[np.float32], pixels: NDArray[np.int64], edges: NDArray[np.bool_], rule: Rule
+        self,
+        view: RayView,
+        image: NDArray[np.float32],
+        pixels: NDArray[np.int64],
+        edges: NDArray[np.bool_],
+        rule: Rule,
     ) -> None:
         """Render pixels by samples: by walks across faces where possible, else by tracing."""
         at_once = max(1, _RAYS_PER_PIECE // len(rule[1]))
@@ -235,7 +203,7 @@ class RaycastRenderer(Renderer):
             image[piece] = self._trace(view, piece, *rule)
 
     def _walk(
-        self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
+        self, view: RayView, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Return which walks reached all samples, and the means over footprints, without tracing the samples."""
         from scenetruth.raycast.hit_kernels import walk_footprints
@@ -260,10 +228,15 @@ class RaycastRenderer(Renderer):
         return arrived, np.einsum("ps,s->p", radiance, weights)
 
     def _trace(
-        self, view: _View, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
+        self, view: RayView, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the means over footprints by tracing every sample."""
-        directions = view.directions(pixels, offsets)
+        radiance = self._traced(view, view.directions(pixels, offsets))
+        means: NDArray[np.float64] = np.einsum("ps,s->p", radiance.reshape(-1, len(weights)), weights)
+        return means
+
+    def _traced(self, view: RayView, directions: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return the radiance along directions by tracing."""
         hits = view.caster.cast(view.rays.origin, directions)
         body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
         uv = hits.interpolate_corners(view.mesh.uv)
@@ -275,8 +248,7 @@ class RaycastRenderer(Renderer):
         if self._shader is not None:
             factors = self._shader.factors(view.caster, view.t, view.rays.origin, directions, hits)[0]
             radiance *= factors.astype(np.float32)
-        means: NDArray[np.float64] = np.einsum("ps,s->p", radiance.reshape(-1, len(weights)), weights)
-        return means
+        return radiance
 
     def _caster_at(self, t: float) -> RayCaster:
         if self._caster is None or self._caster[0] != t:
@@ -286,11 +258,3 @@ class RaycastRenderer(Renderer):
     def close(self) -> None:
         """Release the mesh, the only resource."""
         self._caster = None
-
-
-def _square(
-    steps: NDArray[np.float64], weights: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the offsets (x, y) and weights of the tensor-product rule over a footprint."""
-    across, down = np.meshgrid(steps, steps)
-    return np.column_stack([across.ravel(), down.ravel()]), np.outer(weights, weights).ravel()

@@ -26,6 +26,8 @@ class PixelLight:
     ``mixed``: Pixels whose footprint crosses an edge, shape (height, width).
     ``uneven``: Pixels with non-smooth irradiance, shape (height, width): at its borders, or at steep gradients.
     ``borders``: Pixels at the borders of shadows and light cones, shape (height, width).
+    ``blocked``: Lamps that do not reach the point because of a shadow, one bit each from the lowest, uint64, shape
+      (height, width).
     """
 
     shade: NDArray[np.float64]
@@ -33,6 +35,7 @@ class PixelLight:
     mixed: NDArray[np.bool_]
     uneven: NDArray[np.bool_]
     borders: NDArray[np.bool_]
+    blocked: NDArray[np.uint64]
 
     def on(self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], variance_px2: float) -> NDArray[np.float32]:
         """Shade an image of the mean albedo over the pixel footprints, shape (height, width)."""
@@ -65,6 +68,12 @@ class Shader:
         Returns: ambient + sum of E falloff max(0, n l) over the unblocked lights, shape (n,), 1 without a hit; and
         state numbers, shape (n,), that differ between points lit by different lights or cone zones.
         """
+        return self._factors(caster, t, origin_mm, directions, hits)[:2]
+
+    def _factors(
+        self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
+        """Return the results of `factors` and the blocked lamps, see `PixelLight`."""
         from scenetruth.render.shading_kernels import facing_points
 
         seen = np.flatnonzero(hits.face >= 0)
@@ -78,10 +87,10 @@ class Shader:
         )
         starts = self._smooth(caster, t, points, normals, hits, seen) if self._world.face_smooth.any() else points
         lamps = self._lighting.lamps_at(t)
-        irradiance, zones = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
-        factors, state = np.ones(len(directions)), np.zeros(len(directions), dtype=np.uint64)
-        factors[seen], state[seen] = irradiance, zones
-        return factors, state
+        irradiance, zones, shadows = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
+        factors, (state, blocked) = np.ones(len(directions)), np.zeros((2, len(directions)), dtype=np.uint64)
+        factors[seen], state[seen], blocked[seen] = irradiance, zones, shadows
+        return factors, state, blocked
 
     def irradiance(
         self,
@@ -91,8 +100,8 @@ class Shader:
         normals: NDArray[np.float64],
         faces: NDArray[np.int32],
         starts_mm: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Compute the irradiance and state numbers (see `factors`) of surface points, shape (n,) each.
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
+        """Compute irradiance, state numbers (`factors`) and blocked lamps (`PixelLight`) of points, shape (n,) each.
 
         ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
         ``faces``: Face of each point, shape (n,), which casts no shadow on it.
@@ -101,8 +110,8 @@ class Shader:
         from scenetruth.render.shading_kernels import add_light, direct_light
 
         total = np.full(len(points_mm), self._lighting.ambient or 0.0)
-        state = np.zeros(len(points_mm), dtype=np.uint64)
-        for lamp in lamps:
+        state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
+        for number, lamp in enumerate(lamps):
             light, zone, to_light, distance = direct_light(
                 points_mm,
                 normals,
@@ -124,8 +133,25 @@ class Shader:
                     dark[reached] = caster_of_shadows.blocked(
                         starts_mm[reached], faces[reached], to_light[reached], distance[reached]
                     )
+                # Lamps beyond the 64th share a bit.
+                blocked |= dark.astype(np.uint64) << np.uint64(min(number, 63))
             add_light(total, state, light, zone, dark)
-        return total, state
+        return total, state, blocked
+
+    def face_light(self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return the irradiance of flat faces on the side of a point by each lamp without shadows, shape (m, lamps).
+
+        None if lamps at a finite distance, or more than 64, make it depend on more than the face.
+        """
+        lamps = self._lighting.lamps_at(t)
+        if len(lamps) > 64 or any(lamp.position_mm is not None for lamp in lamps):
+            return None
+        normals = caster.face_normals
+        corners = caster.vertices_mm[caster.topology.faces[:, 0]]
+        side = np.where(np.einsum("mk,mk->m", normals, origin_mm - corners) > 0, 1.0, -1.0)
+        facing = [-(normals @ lamp.axis) * side for lamp in lamps]
+        light = [lamp.irradiance * np.maximum(cosine, 0.0) for lamp, cosine in zip(lamps, facing, strict=True)]
+        return np.ascontiguousarray(np.array(light).reshape(len(lamps), -1).T)
 
     def on_pixels(
         self,
@@ -139,12 +165,12 @@ class Shader:
         """Return the illumination of the pixels of one image with mixed pixels, shape (height, width)."""
         from scenetruth.render.shading_kernels import uneven_pixels
 
-        factors, state = self.factors(caster, t, origin_mm, directions, hits)
+        factors, state, blocked = self._factors(caster, t, origin_mm, directions, hits)
         shade, face = factors.reshape(mixed.shape), hits.face.reshape(mixed.shape)
         brightest = float(shade[face >= 0].max(initial=0.0))
         zones = state.reshape(mixed.shape)
         uneven, borders = uneven_pixels(shade, zones, face, mixed, _STEEPEST * brightest)
-        return PixelLight(shade, face, mixed, uneven, borders)
+        return PixelLight(shade, face, mixed, uneven, borders, blocked.reshape(mixed.shape))
 
     def _smooth(
         self,

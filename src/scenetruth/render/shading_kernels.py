@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from scenetruth.threads import in_bands
 
-__all__ = ["add_light", "direct_light", "facing_points", "shade_image", "smooth_points", "uneven_pixels"]
+__all__ = [
+    "add_light",
+    "direct_light",
+    "facing_points",
+    "lit_means",
+    "shade_image",
+    "smooth_points",
+    "uneven_pixels",
+]
 
 DARK = 0
 """Cone zone of points that receive no light."""
@@ -366,3 +374,42 @@ def _shade_image(
                     continue
                 value += variance * (slope_a * slope_s + 0.5 * a * bend)
             out[y, x] = np.float32(value)
+
+
+def lit_means(
+    radiance: NDArray[np.float32],
+    face: NDArray[np.int32],
+    face_light: NDArray[np.float64],
+    blocked: NDArray[np.uint64],
+    ambient: float,
+    weights: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Average samples of flat faces, lit by the lamps that are not blocked.
+
+    ``radiance``, ``face``: Radiance without light and face of each sample, shape (n, k).
+    ``face_light``: Irradiance of the faces by each lamp, shape (m, lamps).
+    ``blocked``: Bits of the blocked lamps of each pixel, see `PixelLight`, shape (n,).
+    ``weights``: Weights of the samples, shape (k,).
+    Returns: Mean radiance, shape (n,).
+    """
+    out = np.empty(radiance.shape[0], dtype=np.float32)
+    samples = (radiance, face, face_light, blocked, ambient, weights)
+    in_bands(_lit_means, radiance.shape[0], *samples, out, least=_LEAST_POINTS)
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _lit_means(
+    low: int, high: int, radiance: NDArray[np.float32], face: NDArray[np.int32], face_light: NDArray[np.float64],
+    blocked: NDArray[np.uint64], ambient: float, weights: NDArray[np.float64], out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    samples, lamps = radiance.shape[1], face_light.shape[1]
+    for n in range(np.uint64(low), np.uint64(high)):
+        mean, dark = 0.0, blocked[n]
+        for k in range(samples):
+            light = ambient
+            for lamp in range(lamps):
+                if (dark >> np.uint64(lamp)) & np.uint64(1) == np.uint64(0):
+                    light += face_light[face[n, k], lamp]
+            mean += weights[k] * light * np.float64(radiance[n, k])
+        out[n] = mean

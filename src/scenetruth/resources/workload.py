@@ -167,7 +167,7 @@ def limit_problems(scene: Scene, limits: Limits) -> list[Problem]:
     """Return the exceeded limits that follow from the numbers of a scene alone."""
     camera, stage = scene.camera, scene.stage
     images = stage.rows * stage.positions * scene.frames.count
-    inner = -(-scene.render.supersampling // fine_parts(scene.optics.psf))
+    inner = -(-scene.render.samples // fine_parts(scene.optics.psf))
     samples = sharp_images(scene) * (fine_parts(scene.optics.psf) * inner) ** 2
     leaves = [(f"plants.{number}.leaves", float(len(plant.places()))) for number, plant in enumerate(scene.plants)]
     total = sum(count for _, count in leaves)
@@ -219,7 +219,7 @@ def compute_workload(
         positions=scene.stage.positions * scene.stage.rows,
         frames=scene.frames.count,
         sharp_images=sharp_images(scene),
-        supersampling=-(-scene.render.supersampling // fine),
+        supersampling=-(-scene.render.samples // fine),
         strips=camera.height if scene.shutter.readout_time_s > 0 else 1,
         lamps=len(scene.lighting.lights),
         lit=scene.lighting.lit,

@@ -116,25 +116,38 @@ else:
     Plant = discriminated_union(PlantModel, "scenetruth.scene.plant")
 
 
+_AUTOMATIC_SAMPLES = 4
+
+
 class RenderSettings(FrozenModel):
     """Rendering of the images."""
 
-    backend: Literal["auto", "pyrender", "raycast"] = "auto"
-    """``pyrender`` (OpenGL), ``raycast`` (reference), or ``auto``: pyrender if available, else raycast."""
+    backend: Literal["auto", "pyrender", "raycast"] = "raycast"
+    """``raycast`` (ray casting), ``pyrender`` (OpenGL), or ``auto``: pyrender if available, else raycast."""
     platform: Literal["auto", "osmesa", "egl"] = "auto"
     """OpenGL platform of ``pyrender``; ``auto``: OSMesa if available, else EGL."""
-    supersampling: Annotated[int, Field(ge=1, le=16)] = 4
-    """n: every pixel is the mean of n x n samples."""
+    supersampling: Literal["auto"] | Annotated[int, Field(ge=1, le=16)] = "auto"
+    """n: every pixel is the mean of n x n samples. ``auto``: ray casting takes as many samples as texture and edges
+    require in each pixel; n is 4 with ``pyrender`` or ``edges: adaptive``.
+    """
+    image_error: Annotated[float, Field(ge=1e-6, le=1e-2)] = 1e-4
+    """With ``supersampling: auto``, RMS error of the radiance by which the samples inside surfaces are chosen."""
     edges: Literal["sampled", "adaptive"] = "sampled"
     """``adaptive``: at least (12 n)² samples in pixels that a step of a texture or a silhouette crosses; ray casting
-    only.
+    only. With ``supersampling: auto``, edges are exact without it.
     """
 
     @model_serializer(mode="wrap")
     def _without_default(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Omit the default of ``edges``, so that hashes of scenes without it remain."""
+        """Omit the defaults of ``edges`` and ``image_error``, so that hashes of scenes without them remain."""
         plain: dict[str, Any] = write(self)
-        return {key: value for key, value in plain.items() if key != "edges" or value != "sampled"}
+        omitted = {"edges": "sampled", "image_error": 1e-4}
+        return {key: value for key, value in plain.items() if omitted.get(key) != value}
+
+    @property
+    def samples(self) -> int:
+        """Samples along one axis of a pixel; for ``supersampling: auto``, where it has a fixed number."""
+        return _AUTOMATIC_SAMPLES if self.supersampling == "auto" else self.supersampling
 
 
 def _refuse_twice(names: list[str]) -> None:

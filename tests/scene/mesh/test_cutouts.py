@@ -182,7 +182,7 @@ def test_ids_depth_and_images_follow_the_contour(tmp_path: Path, kind: str) -> N
         "frames": {"count": 3},
         "objects": [card, {**wall, "texture": {"kind": "uniform", "radiance": 0.25}}],
     }
-    recording, truth = st.simulate({**plain, "render": {"backend": "raycast"}})
+    recording, truth = st.simulate({**plain, "render": {"backend": "raycast", "supersampling": 4}})
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     rays = np.stack([(x - (width - 1) / 2) / focal, (y - (height - 1) / 2) / focal, np.ones_like(x)], axis=-1)
     depth = (corner @ axes[:, 2]) / (rays @ axes[:, 2])

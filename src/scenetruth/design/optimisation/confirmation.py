@@ -126,7 +126,7 @@ def _focus(scene: Scene, plain: dict[str, Any], depth_mm: NDArray[np.float64]) -
         plain["optics"] |= {"defocus": None, "psf": {"kind": "gaussian", "sigma_px": sigma}}
         return [f"defocus blur (at most {most:.2g} px) included in the point spread function"]
     plain["optics"]["defocus"]["samples"] = min(_SAMPLES, defocus.samples)
-    plain["render"]["supersampling"] = min(_FEWER_SAMPLES, scene.render.supersampling)
+    plain["render"]["supersampling"] = min(_FEWER_SAMPLES, scene.render.samples)
     few = plain["optics"]["defocus"]["samples"]
     return [f"{few} aperture samples instead of {defocus.samples}"] if few < defocus.samples else []
 

@@ -32,12 +32,16 @@ _NYQUIST = 0.5  # Nyquist frequency, in periods per px
 def compute_transfer(frequency: Array, scene: Scene, depth_mm: Array, motion_px: Array) -> Array:
     """Return the modulation transfer function of waves at points.
 
-    Pixels average over n x n samples, sin(π f) / (n sin(π f / n)) along x and y; the lens has its point-spread
-    function; the aperture is a disc; motion averages over a line. Waves beyond the Nyquist frequency are set to 0:
-    their aliases do not move with the surface. ``frequency`` is in periods per px, shape (points, waves, 2),
+    Pixels average over their area or over n x n samples, sin(π f) / (n sin(π f / n)) along x and y; the lens has its
+    point-spread function; the aperture is a disc; motion averages over a line. Waves beyond the Nyquist frequency are
+    set to 0: their aliases do not move with the surface. ``frequency`` is in periods per px, shape (points, waves, 2),
     ``motion_px`` the motion during the exposure, shape (points, 2).
     """
-    found = _pixel(frequency, scene.render.supersampling)
+    settings = scene.render
+    if settings.supersampling == "auto" and settings.backend != "pyrender":
+        found = np.asarray(np.prod(np.sinc(frequency), axis=-1))
+    else:
+        found = _pixel(frequency, settings.samples)
     optics, focal = scene.optics, scene.camera.focal_px
     if optics.psf is not None:
         found = found * optics.psf.transfer(np.hypot(frequency[..., 0], frequency[..., 1]))

@@ -62,6 +62,11 @@ class LeafPainting:
         means: Image = spline_means(self.coefficients, forms, offsets, weights)
         return means
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the raster."""
+        return self.coefficients.shape[0], self.coefficients.shape[1]
+
     def raster(self) -> Image:
         """Return the coefficients."""
         return self.coefficients

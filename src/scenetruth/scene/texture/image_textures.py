@@ -102,6 +102,11 @@ class Picture:
         means: NDArray[np.float32] = linear_means(self.values, forms, offsets, weights, self.tiled)
         return means
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the raster."""
+        return self.values.shape[0], self.values.shape[1]
+
     def raster(self) -> NDArray[np.float32]:
         """Return the image."""
         return self.values
@@ -209,6 +214,10 @@ class _Ramp:
         lattice = np.column_stack([np.ones(len(offsets)), offsets])
         u = np.einsum("nm,m->n", (forms[:, 0] @ lattice.T) / (forms[:, 2] @ lattice.T), weights)
         return self.radiance(u[:, None])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return 2, _RAMP
 
     def raster(self) -> NDArray[np.float32]:
         return np.tile(np.linspace(0, 1, _RAMP, dtype=np.float32), (2, 1))

@@ -167,6 +167,10 @@ class _Noise:
         means += np.float32(self.mean)
         return means
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.coefficients.shape[0], self.coefficients.shape[1]
+
     def raster(self) -> NDArray[np.float32]:
         return np.float32(self.mean) + np.float32(self.std) * self.coefficients
 
@@ -228,6 +232,10 @@ class _Plaid:
 
         return np.asarray(self.mean + self.amplitude * plaid_means(forms, offsets, weights), dtype=np.float32)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        return _PLAID_TEXELS, _PLAID_TEXELS
+
     def raster(self) -> NDArray[np.float32]:
         centres = (np.arange(_PLAID_TEXELS) + 0.5) / _PLAID_TEXELS
         wave = np.cos(2 * np.pi * centres)
@@ -267,6 +275,10 @@ class _Uniform:
 
     def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
         return np.full(len(forms), self.value, dtype=np.float32)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return 2, 2
 
     def raster(self) -> NDArray[np.float32]:
         return np.full((2, 2), self.value, dtype=np.float32)

@@ -46,6 +46,11 @@ class SurfaceTexture(Protocol):
         """Whether the raster is interpolated as a cubic B-spline; otherwise bilinearly."""
         ...
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the raster."""
+        ...
+
     def raster(self) -> NDArray[np.float32]:
         """Return a tile (h, w) of spline coefficients or values; texel (i, j) at ((j + 1/2) / w, (i + 1/2) / h)."""
         ...

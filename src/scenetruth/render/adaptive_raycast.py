@@ -1,0 +1,410 @@
+"""Ray casting with as many samples per pixel as texture and edges require, within a stated error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.camera import Camera, Viewpoint
+from scenetruth.raycast import ImageRays, MixedPixels, RayCaster, TexturedMesh, Topology, find_mixed_pixels
+from scenetruth.render.raycast_backend import RaycastRenderer, RayView, visible_uv
+from scenetruth.render.sampling_rules import (
+    FILTER_TAPS,
+    GAUSS_ORDERS,
+    Rule,
+    compute_longest_steps,
+    gauss_rule,
+    lattice_rule,
+    square_rule,
+)
+from scenetruth.render.shading import PixelLight
+from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.lighting import Lighting
+from scenetruth.scene.texture import SurfaceTexture
+
+__all__ = ["AdaptiveRenderer"]
+
+_ORDER = 4  # order of the rules across the borders of shadows
+_LATTICES = (67, 257, 1021)  # samples of the lattices for textures with steps
+_CROWDED = 521  # samples of the lattice for mixed pixels that are not cut along their edges
+_FINE = 1 + len(GAUSS_ORDERS)  # index of the first lattice among the rules; the first rule is the filter
+_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE = 1 << 16, 1 << 19
+_SAME_DIRECTION = 1 - 1e-12  # cosine above which flat faces are lit equally
+# A bilinear texture is bent at its texels. Its slope per pixel is at most its range in the pixel times its step in
+# texels. Gauss rules of order n are within slope / (12 n²), lattices of N points within slope / (4 N²) of the mean.
+_SLOPES = {1: 12 * 2**2, 3: 12 * 4**2, **{_FINE + k: 4 * size**2 for k, size in enumerate(_LATTICES)}}
+_BLOCK = 8  # texels along a side of the blocks whose range is kept
+
+
+@lru_cache(maxsize=1)
+def _rules() -> list[Rule]:
+    """Return the rules from the first Gauss rule on."""
+    return [square_rule(*gauss_rule(order)) for order in GAUSS_ORDERS] + [lattice_rule(size) for size in _LATTICES]
+
+
+_ranges: WeakKeyDictionary[SurfaceTexture, tuple[NDArray[np.float32], NDArray[np.float32]]] = WeakKeyDictionary()
+
+
+def _block_ranges(texture: SurfaceTexture) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the lowest and highest value of a bilinear texture in blocks of `_BLOCK` texels, see `texture_ranges`."""
+    found = _ranges.get(texture)
+    if found is None:
+        values = texture.raster()
+        ends = []
+        for choose in (np.minimum, np.maximum):
+            down = _blocks_along(values, choose, tiled=texture.tiled)
+            ends.append(np.ascontiguousarray(_blocks_along(down.T, choose, tiled=texture.tiled).T))
+        found = _ranges[texture] = (ends[0], ends[1])
+    return found
+
+
+def _blocks_along(values: NDArray[np.float32], choose: np.ufunc, *, tiled: bool) -> NDArray[np.float32]:
+    """Return the lowest or highest values of the blocks along the first axis, with the first value of the next block.
+
+    Between texels of two blocks, the texture is interpolated.
+    """
+    size = len(values)
+    count = -(-size // _BLOCK)
+    index = np.arange(count * _BLOCK + 1)
+    padded = values[index % size if tiled else np.minimum(index, size - 1)]
+    inside = choose.reduce(padded[:-1].reshape(count, _BLOCK, -1), axis=1)
+    blocks = choose(inside, padded[_BLOCK::_BLOCK])
+    if tiled and size % _BLOCK:
+        # Beyond the border, blocks do not begin at multiples of their size.
+        blocks = choose(choose(np.roll(blocks, 1, axis=0), blocks), np.roll(blocks, -1, axis=0))
+    return np.asarray(blocks)
+
+
+@lru_cache(maxsize=1)
+def _gauss_tables() -> Rule:
+    """Return nodes and weights along one axis of all orders, shape (orders, most)."""
+    nodes, weights = np.zeros((2, GAUSS_ORDERS[-1] + 1, GAUSS_ORDERS[-1]))
+    for order in range(1, GAUSS_ORDERS[-1] + 1):
+        nodes[order, :order], weights[order, :order] = gauss_rule(order)
+    return nodes, weights
+
+
+@dataclass(frozen=True, eq=False)
+class _Canvas:
+    """Image in progress, in row-major order.
+
+    ``image``: Radiance. ``albedo``: Mean radiance without light, or that of the pixel centre.
+    ``lit``: Averaged pixels whose radiance is in ``image`` already; of the others, ``albedo`` is the mean.
+    ``light``: Illumination at the pixel centres, None without light.
+    ``face_light``: Irradiance of each face by each lamp if it depends on nothing else, see `Shader.face_light`.
+    """
+
+    image: NDArray[np.float32]
+    albedo: NDArray[np.float32]
+    lit: NDArray[np.bool_]
+    light: PixelLight | None
+    face_light: NDArray[np.float64] | None
+    samples: list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]
+    """Samples to be traced together: pixels; number of samples of each; offsets; and weights of all samples."""
+    large: list[tuple[NDArray[np.int64], Rule]]
+    """Pixels to be traced by a rule, with too many samples to be kept."""
+
+    def trace_later(self, pixels: NDArray[np.int64], rule: Rule) -> None:
+        """Add the samples of a rule in pixels."""
+        offsets, weights = rule
+        self.lit[pixels] = True
+        if len(pixels) * len(weights) > _SAMPLES_PER_PIECE:
+            self.large.append((pixels, rule))
+            return
+        counts = np.full(len(pixels), len(weights))
+        self.samples.append((pixels, counts, np.tile(offsets, (len(pixels), 1)), np.tile(weights, len(pixels))))
+
+
+class AdaptiveRenderer(RaycastRenderer):
+    """Renderer by ray casting that adapts the samples of every pixel to texture and edges.
+
+    Where the texture is coarse enough and the surface smooth, samples at pixel centres are filtered
+    (`sampling_rules.FILTER_TAPS`); elsewhere the order of the Gauss rule follows from the texture step per pixel.
+    Pixels crossed by edges are cut along them. For bilinear textures, which may have steps, the rule follows from the
+    range of the texture in each pixel, and pixels with steps get a lattice of samples.
+
+    ``image_error``: RMS error of the radiance by which the rules are chosen.
+    """
+
+    def __init__(
+        self,
+        world: BuiltScene,
+        camera: Camera,
+        background: float = 0.0,
+        lighting: Lighting | None = None,
+        topology: Topology | None = None,
+        *,
+        image_error: float = 1e-4,
+    ) -> None:
+        super().__init__(world, camera, background, _ORDER, lighting, topology)
+        self._image_error = image_error
+        self._longest = np.stack([compute_longest_steps(body.texture, image_error) for body in world.bodies])
+        shapes = np.array([body.texture.shape for body in world.bodies], dtype=np.float64)
+        self._texels = np.ascontiguousarray(shapes[:, ::-1])
+        self._bent: tuple[RayCaster, NDArray[np.bool_]] | None = None
+
+    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the image at time t from a viewpoint, see `Renderer.render`."""
+        from scenetruth.render.pixel_filter_kernels import choose_rules, filter_samples
+
+        camera, world, caster = self._camera, self._world, self._caster_at(t)
+        origin, shape = viewpoint.position_mm, (camera.height, camera.width)
+        directions, across, down = (
+            viewpoint.directions_to_world(item) for item in (self._directions, self._across, self._down)
+        )
+        hits = caster.cast(origin, directions, grid_width=camera.width)
+        body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
+        edges = find_mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
+        light = None
+        if self._shader is not None:
+            light = self._shader.on_pixels(caster, t, origin, directions, hits, edges.mixed)
+        uv = visible_uv(world, caster.vertices_mm, origin)
+        mesh = TexturedMesh(caster.vertices_mm, world.faces, caster.topology.face_neighbours, world.face_body, uv)
+        rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
+        view = RayView(caster, t, mesh, rays, body)
+
+        place = hits.interpolate_corners(uv)
+        albedo = np.full(len(body), self._background, dtype=np.float32)
+        for index, item in enumerate(world.bodies):
+            chosen = np.flatnonzero(body == index)
+            for first in range(0, len(chosen), _PIXELS_PER_PIECE):
+                piece = chosen[first : first + _PIXELS_PER_PIECE]
+                albedo[piece] = item.texture.radiance(place[piece])
+        rules, steps = choose_rules(
+            place.reshape(*shape, 2), body.reshape(shape), edges.mixed, self._texels, self._longest
+        )
+        self._choose_for_bends(rules.ravel(), steps.ravel(), place, body)
+        # Large images: arrays of float64 are freed as soon as possible.
+        del place, steps, hits
+        usable, samples, face_light = rules == 0, albedo, None
+        if light is not None:
+            usable &= ~(light.uneven | self._kinks(view).reshape(shape))
+            samples = albedo * light.shade.ravel().astype(np.float32)
+            face_light = None if self._shader is None else self._shader.face_light(caster, t, origin)
+        means, done = filter_samples(samples.reshape(shape), usable, body.reshape(shape), FILTER_TAPS)
+        image = means.ravel()
+        left = np.flatnonzero((body >= 0) & ~(done | edges.mixed).ravel())
+        canvas = _Canvas(image, albedo, np.zeros(len(body), dtype=np.bool_), light, face_light, [], [])
+        self._average(view, canvas, left, rules, edges.mixed)
+        self._cut(view, canvas, edges, rules)
+        self._trace_samples(view, canvas)
+        return image.reshape(shape) * np.float32(self._lighting.brightness(t))
+
+    def _choose_for_bends(
+        self, rules: NDArray[np.uint8], steps: NDArray[np.float32], place: NDArray[np.float64], body: NDArray[np.int32]
+    ) -> None:
+        """Change the rules for textures without an end of their spectrum, by the range of the texture in each pixel."""
+        from scenetruth.render.pixel_filter_kernels import NO_RULE, texture_ranges
+
+        np.putmask(rules, (rules == _FINE), _FINE + 1)
+        for index, item in enumerate(self._world.bodies):
+            if item.texture.cubic:
+                continue
+            every = np.flatnonzero((body == index) & (rules != NO_RULE))
+            lowest, highest = _block_ranges(item.texture)
+            for first in range(0, len(every), _PIXELS_PER_PIECE):
+                pixels = every[first : first + _PIXELS_PER_PIECE]
+                uv, step = place[pixels], steps[pixels].astype(np.float64)
+                if item.texture.tiled:
+                    uv -= np.floor(uv)
+                places = (uv * self._texels[index] - 0.5) / _BLOCK
+                ranges = texture_ranges(lowest, highest, item.texture.tiled, places, step / _BLOCK)
+                slope = ranges * np.clip(step, 1.0, 1e9)
+                chosen = np.full(len(pixels), max(_SLOPES), dtype=np.uint8)
+                for rule, inverse in sorted(_SLOPES.items(), reverse=True):
+                    chosen[slope <= inverse * self._image_error] = rule
+                rules[pixels] = chosen
+
+    def _kinks(self, view: RayView) -> NDArray[np.bool_]:
+        """Return the pixels next to another face of a surface that is shaded flat, unless both are parallel."""
+        shape = (-1, view.rays.width)
+        kinked = self._kinked(view.caster)
+        if not kinked.any():
+            return np.zeros(len(view.body), dtype=np.bool_)
+        face = view.rays.face.reshape(shape)
+        found = np.zeros(face.shape, dtype=np.bool_)
+        for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+            differs = face[one] != face[other]
+            found[one] |= differs
+            found[other] |= differs
+        return np.asarray(found.ravel() & (view.rays.face >= 0) & kinked[view.rays.face])
+
+    def _kinked(self, caster: RayCaster) -> NDArray[np.bool_]:
+        """Return whether a face is shaded flat and not parallel to all its neighbours, shape (m,)."""
+        if self._bent is None or self._bent[0] is not caster:
+            neighbours, normals = caster.topology.face_neighbours, caster.face_normals
+            cosine = np.einsum("mk,msk->ms", normals, normals[neighbours])
+            turned = (np.abs(cosine) < _SAME_DIRECTION) & (neighbours >= 0)
+            self._bent = (caster, turned.any(axis=1) & ~self._world.face_smooth)
+        return self._bent[1]
+
+    def _average(
+        self,
+        view: RayView,
+        canvas: _Canvas,
+        pixels: NDArray[np.int64],
+        rules: NDArray[np.uint8],
+        mixed: NDArray[np.bool_],
+    ) -> None:
+        """Render pixels on one surface by the rule of each."""
+        image, light, shape = canvas.image, canvas.light, mixed.shape
+        if light is not None:
+            # Light that is not smooth is evaluated at every sample: equally spaced across borders.
+            uneven, borders = light.uneven.ravel()[pixels], light.borders.ravel()[pixels]
+            for some, rule in ((pixels[uneven & ~borders], self._smooth), (pixels[borders], self._mixed)):
+                arrived = np.empty(0, dtype=np.bool_)
+                for first in range(0, len(some), _SAMPLES_PER_PIECE // _ORDER**2):
+                    piece = some[first : first + _SAMPLES_PER_PIECE // _ORDER**2]
+                    arrived, image[piece] = self._walk(view, piece, *rule)
+                    canvas.trace_later(piece[~arrived], rule)
+            pixels = pixels[~uneven]
+        chosen = rules.ravel()[pixels]
+        for number, rule in enumerate(_rules(), start=1):
+            # The rule at pixel centres is for pixels that can be filtered; the first Gauss rule replaces it.
+            some = pixels[np.maximum(chosen, 1) == number]
+            if len(some):
+                self._average_by(rule, view, canvas, some)
+        some = pixels[~canvas.lit[pixels]]
+        if light is None:
+            image[some] = canvas.albedo[some]
+        elif len(some):
+            # All Gauss rules have the variance of the pixel.
+            image[some] = light.on(canvas.albedo.reshape(shape), mixed, 1 / 12).ravel()[some]
+
+    def _average_by(self, rule: Rule, view: RayView, canvas: _Canvas, pixels: NDArray[np.int64]) -> None:
+        """Average pixels by a rule: the albedo, or the image where it is marked as lit."""
+        from scenetruth.raycast.hit_kernels import footprint_forms, walk_footprints
+        from scenetruth.render.shading_kernels import lit_means
+
+        offsets, weights = rule
+        reach = float(np.abs(offsets).max())
+        at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(weights)))
+        body = view.body[pixels]
+        canvas.lit[pixels] = False
+        for index, item in enumerate(self._world.bodies):
+            own = pixels[body == index]
+            faceted = canvas.light is not None and not item.mesh.smooth
+            for first in range(0, len(own), at_once):
+                piece = own[first : first + at_once]
+                forms, whole = footprint_forms(view.mesh, view.rays, piece, reach)
+                inside = piece[whole]
+                canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], offsets, weights)
+                if faceted and canvas.face_light is not None and canvas.light is not None:
+                    canvas.image[inside] = canvas.albedo[inside] * canvas.light.shade.ravel()[inside]
+                    canvas.lit[inside] = True
+                piece = piece[~whole]
+                if faceted and canvas.face_light is None:
+                    arrived, canvas.image[piece] = self._walk(view, piece, *rule)
+                    canvas.lit[piece] = True
+                    canvas.trace_later(piece[~arrived], rule)
+                    continue
+                arrived, face, _depth, _weights, uv = walk_footprints(
+                    view.mesh, view.rays, piece, offsets, places=False
+                )
+                if not arrived.all():
+                    canvas.trace_later(piece[~arrived], rule)
+                    piece, face, uv = piece[arrived], face[arrived], uv[arrived]
+                radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(face.shape)
+                if faceted and canvas.face_light is not None and canvas.light is not None:
+                    blocked, ambient = canvas.light.blocked.ravel()[piece], self._lighting.ambient or 0.0
+                    canvas.image[piece] = lit_means(radiance, face, canvas.face_light, blocked, ambient, weights)
+                    canvas.lit[piece] = True
+                else:
+                    canvas.albedo[piece] = np.einsum("ps,s->p", radiance, weights)
+
+    def _cut(self, view: RayView, canvas: _Canvas, edges: MixedPixels, rules: NDArray[np.uint8]) -> None:
+        """Place samples in mixed pixels, cut along their edges."""
+        from scenetruth.raycast.edge_cell_kernels import MOST_EDGES, cut_pixels
+
+        size = len(canvas.image)
+        # Hidden edges matter where they meet the edge that hides them: unless there are too many, they cut as well.
+        many = np.bincount(edges.pixels, minlength=size) > MOST_EDGES
+        used = np.flatnonzero(edges.seen | ~many[edges.pixels])
+        where, ends = self._intersections(view, np.flatnonzero(edges.bare))
+        owners = np.concatenate([edges.pixels[used], where])
+        order = np.argsort(owners, kind="stable")
+        owners, ends = owners[order], np.concatenate([edges.ends[used], ends])[order]
+        counts = np.bincount(owners, minlength=size)
+        largest = self._largest_rules(rules).ravel()
+        uncut = (counts > MOST_EDGES) | (edges.bare.ravel() & (counts == 0)) | (largest >= _FINE)
+        canvas.trace_later(np.flatnonzero(edges.mixed.ravel() & uncut), lattice_rule(_CROWDED))
+        pixels, ends = np.flatnonzero(edges.mixed.ravel() & ~uncut), ends[~uncut[owners]]
+        starts = np.concatenate([[0], np.cumsum(counts[pixels])])
+        # Gauss points per pixel: one less per axis than inside surfaces, because cells are smaller than pixels.
+        orders = np.array([2, 2, 2, 3, 4, 4])[largest[pixels]]
+        firsts, offsets, weights = cut_pixels(ends, starts, orders, *_gauss_tables())
+        canvas.samples.append((pixels, np.diff(firsts), offsets, weights))
+
+    def _trace_samples(self, view: RayView, canvas: _Canvas) -> None:
+        """Trace the samples in several pixels together, because each call has to sort the faces."""
+        for pixels, (offsets, weights) in canvas.large:
+            at_once = max(1, _SAMPLES_PER_PIECE // len(weights))
+            for first in range(0, len(pixels), at_once):
+                piece = pixels[first : first + at_once]
+                canvas.image[piece] = self._trace(view, piece, offsets, weights)
+        pixels, counts, offsets, weights = (np.concatenate(part) for part in zip(*canvas.samples, strict=True))
+        ends = np.cumsum(counts)
+        first = 0
+        while first < len(pixels):
+            start = ends[first] - counts[first]
+            last = max(int(np.searchsorted(ends, start + _SAMPLES_PER_PIECE, side="right")), first + 1)
+            piece, here = pixels[first:last], slice(start, ends[last - 1])
+            owner = np.repeat(np.arange(len(piece)), counts[first:last])
+            radiance = self._radiance(view, piece[owner], offsets[here])
+            canvas.image[piece] = np.bincount(owner, radiance * weights[here], minlength=len(piece))
+            first = last
+
+    def _intersections(self, view: RayView, pixels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the lines along which two bodies intersect, with the pixel and the ends of each as in `MixedPixels`.
+
+        The line follows from the planes of the faces at the centres of the pixel and of a neighbour.
+        """
+        width, size = view.rays.width, len(view.body)
+        face, origin, normals = view.rays.face, view.rays.origin, view.caster.face_normals
+        columns = pixels % width
+        other = np.full(len(pixels), -1, dtype=np.int64)
+        own_body = view.body[pixels]
+        for step, inside in (
+            (1, columns < width - 1),
+            (-1, columns > 0),
+            (width, pixels + width < size),
+            (-width, pixels >= width),
+        ):
+            beside = np.where(inside, pixels + step, pixels)
+            another = (view.body[beside] >= 0) & (view.body[beside] != own_body)
+            other = np.where((other < 0) & another, beside, other)
+        found = (other >= 0) & (own_body >= 0)
+        pixels, other = pixels[found], other[found]
+        corners = view.caster.vertices_mm[view.caster.topology.faces[:, 0]]
+
+        def inverse_depth(of: NDArray[np.int64]) -> NDArray[np.float64]:
+            normal = normals[face[of]]
+            return np.asarray(normal / np.einsum("nk,nk->n", normal, corners[face[of]] - origin)[:, None])
+
+        apart = inverse_depth(pixels) - inverse_depth(other)
+        across, down = (item[pixels] if len(item) > 1 else item for item in (view.rays.across, view.rays.down))
+        at_centre = np.einsum("nk,nk->n", apart, view.rays.directions[pixels])
+        right, below = (apart * across).sum(axis=1), (apart * down).sum(axis=1)
+        squared = np.maximum(right**2 + below**2, 1e-300)
+        middle = -(at_centre / squared)[:, None] * np.column_stack([right, below])
+        # Two pixels along the line in both directions cover the pixel.
+        along = 2 / np.sqrt(squared)[:, None] * np.column_stack([-below, right])
+        return pixels, np.hstack([middle - along, middle + along])
+
+    def _largest_rules(self, rules: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the finest rule of every pixel and its neighbours."""
+        from scenetruth.render.pixel_filter_kernels import NO_RULE
+
+        padded = np.pad(np.where(rules == NO_RULE, 0, rules), 1).astype(np.uint8)
+        rows = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
+        return np.asarray(np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:]))
+
+    def _radiance(self, view: RayView, pixels: NDArray[np.int64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return the radiance of samples, with the pixel and the offset of each, by tracing."""
+        across, down = (item[pixels] if len(item) > 1 else item for item in (view.rays.across, view.rays.down))
+        directions = view.rays.directions[pixels] + (offsets[:, :1] * across + offsets[:, 1:] * down)
+        return self._traced(view, directions)

@@ -1,0 +1,182 @@
+"""Rules that average a pixel footprint, and the finest texture that each of them averages within a stated error."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.scene.texture import SurfaceTexture
+
+__all__ = [
+    "FILTER_TAPS",
+    "GAUSS_ORDERS",
+    "Rule",
+    "compute_longest_steps",
+    "even_rule",
+    "filter_transfer",
+    "gauss_rule",
+    "gauss_transfer",
+    "lattice_rule",
+    "square_rule",
+]
+
+Rule = tuple[NDArray[np.float64], NDArray[np.float64]]
+Floats = NDArray[np.float64]
+
+_GOLDEN = (math.sqrt(5) - 1) / 2
+
+
+def even_rule(count: int) -> Rule:
+    """Return equally spaced samples in [-1/2, 1/2] px along one axis of a footprint, with weights of the highest order.
+
+    Equal weights (midpoint rule) are exact for linear functions only and amplify a wave of f cycles per pixel by 1 +
+    (πf / n)² / 6. For three or more samples the weights 1/n + a (x² - mean of x²) are exact for cubic functions.
+    """
+    positions = (np.arange(count) + 0.5) / count - 0.5
+    weights = np.full(count, 1 / count)
+    if count > 2:
+        squares = positions**2 - np.mean(positions**2)
+        # The second moment of a unit interval is 1/12; equal weights give (1 - 1/n²) / 12.
+        weights += squares * (1 / 12 - np.mean(positions**2)) / np.sum(squares**2)
+    return positions, weights
+
+
+def gauss_rule(count: int) -> Rule:
+    """Return n Gauss-Legendre positions in [-1/2, 1/2] px and weights with sum 1, exact up to degree 2n - 1."""
+    positions, weights = np.polynomial.legendre.leggauss(count)
+    return positions / 2, weights / 2
+
+
+def lattice_rule(count: int) -> Rule:
+    """Return at least ``count`` positions in the square [-1/2, 1/2]² px with equal weights: a lattice of rank 1.
+
+    Their number is prime, so that the projections onto both axes and both diagonals are equally spaced: no edge in
+    these directions passes several samples together. Returns offsets (x, y), shape (n, 2), and weights, shape (n,).
+    """
+    size = next(n for n in range(max(count, 5), 2 * count + 6) if all(n % k for k in range(2, math.isqrt(n) + 1)))
+    number = np.arange(size)
+    offsets = np.stack([number, (number * round(_GOLDEN * size)) % size], axis=-1)
+    return (offsets + 0.5) / size - 0.5, np.full(size, 1 / size)
+
+
+def square_rule(steps: Floats, weights: Floats) -> Rule:
+    """Return the offsets (x, y) and weights of the tensor-product rule over a footprint."""
+    across, down = np.meshgrid(steps, steps)
+    return np.column_stack([across.ravel(), down.ravel()]), np.outer(weights, weights).ravel()
+
+
+_HIGHEST = 0.25  # cycles per pixel up to which the filter equals the mean over a pixel, within 3e-5
+
+
+def _filter_polynomial() -> Floats:
+    """Return the coefficients c of 1 + Σ c_k q^k, q = sin²(πf), k = 1 to 3, near sinc(f) up to f = `_HIGHEST`."""
+    most = math.sin(math.pi * _HIGHEST) ** 2
+    # Interpolation at Chebyshev points is nearly the best approximation.
+    q = most * (1 - np.cos((np.arange(3) + 0.5) * np.pi / 3)) / 2
+    slopes = (np.sinc(np.arcsin(np.sqrt(q)) / np.pi) - 1) / q
+    return np.asarray(np.linalg.solve(q[:, None] ** np.arange(3), slopes))
+
+
+def _filter_taps() -> Floats:
+    polynomial, power = _filter_polynomial(), np.ones(1)
+    taps = np.zeros(7)
+    taps[3] = 1.0
+    for order, coefficient in enumerate(polynomial.tolist(), start=1):
+        # q is minus a quarter of the second difference.
+        power = np.convolve(power, [-0.25, 0.5, -0.25])
+        taps[3 - order : 4 + order] += coefficient * power
+    return taps
+
+
+FILTER_TAPS = _filter_taps()
+"""Filter along one axis that turns samples at pixel centres into means over pixels: seven weights with sum 1.
+
+Samples at pixel centres determine an image without waves shorter than 2 px, and with it the means over its pixels,
+whose transfer is sinc(f) for f cycles per pixel.
+"""
+
+GAUSS_ORDERS = (2, 3, 4, 6, 8)
+"""Orders n of the rules of n x n Gauss points, from the cheapest."""
+
+
+def filter_transfer(frequency: Floats) -> Floats:
+    """Return the transfer of the filter for waves of a frequency in cycles per pixel, with their aliases."""
+    return np.asarray(FILTER_TAPS @ np.cos(2 * np.pi * np.multiply.outer(np.arange(-3, 4), frequency)).reshape(7, -1))
+
+
+def gauss_transfer(count: int, frequency: Floats) -> Floats:
+    """Return the transfer of n Gauss points along one axis for waves of a frequency in cycles per pixel."""
+    positions, weights = gauss_rule(count)
+    return np.asarray(weights @ np.cos(2 * np.pi * np.multiply.outer(positions, frequency)).reshape(count, -1))
+
+
+_LINES, _POINTS, _PER_TEXEL = 24, 512, 2
+_STEPS = 2.0 ** np.arange(-6, 6.01, 0.0625)  # steps tried, in texels per pixel
+# Lines of the texture whose mean square is compared with the error: the roughest of this fraction.
+_ROUGHEST = 1
+
+
+@lru_cache(maxsize=1)
+def _squared_errors() -> Floats:
+    """Return the squared transfer errors of the filter and the Gauss rules, shape (rules, frequencies, steps)."""
+    frequency = np.fft.rfftfreq(_POINTS, 1 / _PER_TEXEL)
+    waves = np.multiply.outer(frequency, _STEPS)
+    exact = np.sinc(waves)
+    flat = [filter_transfer(waves.ravel()), *(gauss_transfer(n, waves.ravel()) for n in GAUSS_ORDERS)]
+    return np.stack([(transfer.reshape(waves.shape) - exact) ** 2 for transfer in flat])
+
+
+_found: WeakKeyDictionary[SurfaceTexture, tuple[float, Floats]] = WeakKeyDictionary()
+
+
+def compute_longest_steps(texture: SurfaceTexture, error: float) -> Floats:
+    """Return the longest step of the texture per pixel, in texels, for which a rule is within an RMS error.
+
+    The power spectrum of the texture along lines in four directions, with all waves between its texels, gives the error
+    of every rule as a function of the step from pixel to pixel. Textures with steps, whose spectrum does not end, get
+    short steps, and a uniform texture infinite steps.
+
+    ``error``: RMS error of the radiance.
+    Returns: Steps of the filter at pixel centres (`FILTER_TAPS`) and of each of `GAUSS_ORDERS`, ascending from the
+    second on.
+    """
+    known = _found.get(texture)
+    if known is None or known[0] != error:
+        known = _found[texture] = (error, _longest_steps(texture, error))
+    return known[1]
+
+
+def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
+    rows, columns = texture.shape
+    size = np.array([columns, rows], dtype=np.float64)
+    along = (np.arange(_POINTS) - _POINTS / 2) / _PER_TEXEL
+    # Low-discrepancy points, so that the lines cover the texture evenly.
+    number = np.arange(_LINES) + 0.5
+    starts = np.column_stack([number / _LINES, (number * _GOLDEN) % 1.0]) * size
+    if not texture.tiled:
+        # Lines stay inside the image where it is large enough; outside, its border is extended.
+        reach = np.minimum(_POINTS / _PER_TEXEL / 2, size / 2)
+        starts = np.clip(starts, reach, size - reach)
+    window = np.sin(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS) ** 2
+    powers = []
+    for direction in ((1.0, 0.0), (0.0, 1.0), (0.5**0.5, 0.5**0.5), (0.5**0.5, -(0.5**0.5))):
+        points = starts[:, None] + along[:, None] * np.array(direction)
+        values = texture.radiance((points / size).reshape(-1, 2)).reshape(_LINES, _POINTS).astype(np.float64)
+        values -= (values @ window)[:, None] / window.sum()
+        spectrum = np.abs(np.fft.rfft(values * window)) ** 2
+        # Both signs of every frequency; Parseval's theorem gives the mean square under the window.
+        powers.append(2 * spectrum / (_POINTS * np.sum(window**2)))
+    power = np.stack(powers)
+    longest = []
+    for squared in _squared_errors():
+        lines = np.sort(power @ squared, axis=1)[:, -_LINES // _ROUGHEST :]
+        worst = lines.mean(axis=1).max(axis=0)
+        # The two axes of a pixel share the error.
+        beyond = np.flatnonzero(worst > error**2 / 2)
+        longest.append(np.inf if not len(beyond) else 0.0 if beyond[0] == 0 else float(_STEPS[beyond[0] - 1]))
+    longest[1:] = np.maximum.accumulate(longest[1:]).tolist()
+    return np.array(longest)

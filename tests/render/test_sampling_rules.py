@@ -1,0 +1,77 @@
+"""Rules that average a pixel: transfer of waves, and the finest texture of each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scenetruth.render.sampling_rules import (
+    FILTER_TAPS,
+    GAUSS_ORDERS,
+    compute_longest_steps,
+    filter_transfer,
+    gauss_rule,
+    gauss_transfer,
+)
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.validation_studies.rendering_accuracy import noise_plane
+
+
+def test_the_filter_has_the_transfer_of_the_mean_over_a_pixel() -> None:
+    frequency = np.linspace(0, 0.25, 101)
+    assert FILTER_TAPS.sum() == pytest.approx(1, abs=1e-12)
+    np.testing.assert_allclose(FILTER_TAPS, FILTER_TAPS[::-1], rtol=0, atol=1e-15)
+    assert np.abs(filter_transfer(frequency) - np.sinc(frequency)).max() < 1e-4
+    # A sampled wave, filtered in the space domain.
+    x = np.arange(200)
+    for cycles in (0.03, 0.11, 0.24):
+        filtered = np.convolve(np.cos(2 * np.pi * cycles * x), FILTER_TAPS, mode="valid")
+        expected = filter_transfer(np.array(cycles)) * np.cos(2 * np.pi * cycles * x[3:-3])
+        np.testing.assert_allclose(filtered, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", GAUSS_ORDERS)
+def test_gauss_transfer_is_that_of_its_points(order: int) -> None:
+    positions, weights = gauss_rule(order)
+    for cycles in (0.0, 0.2, 0.7):
+        wave = np.sum(weights * np.exp(2j * np.pi * cycles * positions))
+        assert gauss_transfer(order, np.array([cycles]))[0] == pytest.approx(wave.real, abs=1e-12)
+        assert abs(wave.imag) < 1e-12
+
+
+def test_finer_textures_and_smaller_errors_have_shorter_steps() -> None:
+    coarse, fine = (build_scene(noise_plane((shortest, 30.0), (60, 80))).bodies[0].texture for shortest in (6.0, 2.0))
+    strict, loose = compute_longest_steps(coarse, 1e-5), compute_longest_steps(coarse, 1e-3)
+    assert (strict[1:] < loose[1:]).all()
+    assert (np.diff(loose[1:]) > 0).all()
+    # The raster has 16 texels per shortest wave: in texels, both textures are the same up to their draws.
+    np.testing.assert_allclose(compute_longest_steps(fine, 1e-3)[:-1], loose[:-1], rtol=0.3)
+
+
+@pytest.mark.parametrize("number", range(len(GAUSS_ORDERS) + 1))
+def test_the_error_at_the_longest_step_is_the_stated_error(number: int) -> None:
+    texture = build_scene(noise_plane((6.0, 30.0), (100, 120))).bodies[0].texture
+    error = 1e-3
+    step = compute_longest_steps(texture, error)[number]
+    rows, columns = texture.shape
+    pixels = np.stack(np.meshgrid(np.arange(-3, 44), np.arange(-3, 44)), axis=-1).reshape(-1, 2) * step
+    size = np.array([columns, rows])
+
+    def mean(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        values = texture.radiance(((pixels[:, None] + offsets * step) / size).reshape(-1, 2))
+        return np.asarray(values.reshape(len(pixels), -1).astype(np.float64) @ weights).reshape(47, 47)
+
+    def square(steps: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, y = np.meshgrid(steps, steps)
+        return np.stack([x.ravel(), y.ravel()], axis=-1), np.outer(weights, weights).ravel()
+
+    exact = mean(*square(*gauss_rule(16)))[3:-3, 3:-3]
+    if number == 0:
+        samples = mean(np.zeros((1, 2)), np.ones(1))
+        across = np.apply_along_axis(np.convolve, 1, samples, FILTER_TAPS, mode="valid")
+        found = np.apply_along_axis(np.convolve, 0, across, FILTER_TAPS, mode="valid")
+    else:
+        found = mean(*square(*gauss_rule(GAUSS_ORDERS[number - 1])))[3:-3, 3:-3]
+    ratio = np.sqrt(np.mean((found - exact) ** 2)) / error
+    # The error of the steepest rules grows with the 16th power of the step, whose grid has steps of 4 %.
+    assert 0.3 < ratio < 1.3
