@@ -166,7 +166,7 @@ def _limit_noise(images: ImageStack, state: Map, settings: RefinedSettings) -> f
     models = select_models(still, settings.model_copy(update={"acceleration": False}))
     gains = settings.photometric_model == "per_image"
     begun = state[:FULL]
-    (fit, *_) = fit_round(still, begun, models[:1], settings.window_sigma_px, gains=gains, coarse=True)
+    (fit, *_) = fit_round(still, begun, models[:1], settings.window_sigma_px, gains=gains, coarse=True, draft=True)
     found = estimate_noise(np.sqrt(fit.residual[0]))
     return _NOISE_MARGIN * found if np.isfinite(found) and found > 0 else np.inf
 
