@@ -105,7 +105,7 @@ def _tiles(edges: Sequence[list[int]], margin: int, shape: tuple[int, int]) -> I
 def _alignment(sigma_px: float) -> int:
     """Return the common multiple of the distances of windows, and of gains, and of rows; or of rows alone."""
     reach = math.ceil(2.0 * sigma_px)
-    found = math.lcm(2, sample_step(sigma_px), max(1, (2 * reach + 1) // 6))
+    found = math.lcm(2, sample_step(sigma_px), max(1, round((2 * reach + 1) / 6)))
     return found if found <= _ALIGNED else 2
 
 
