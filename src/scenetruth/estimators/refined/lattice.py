@@ -49,10 +49,10 @@ def lattice_step(sigma_px: float) -> int:
 def sample_step(sigma_px: float) -> int:
     """Return the distance of windows in which statistics of areas larger than a window are sampled, in px.
 
-    Fits at a distance r have a correlation of exp(-r² / 4σ²). At 1.4 σ, means over 2 σ have the same noise as those
-    over all pixels to 1e-5, and means of squares to 1e-3.
+    Fits at a distance r have a correlation of exp(-r² / 4σ²): at σ, means and means of squares over larger areas have
+    the same noise as those over all pixels.
     """
-    return 2 * lattice_step(sigma_px)
+    return max(1, int(sigma_px))
 
 
 def _lattice_steps(sigma_px: float, *, coarse: bool, draft: bool) -> list[int]:
