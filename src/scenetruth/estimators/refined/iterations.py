@@ -105,7 +105,8 @@ def refine(
     steady = plain._replace(accelerated=False)
     cameras = None if images.priors is None else PoseCorrections(images.priors, images)
     span = float(np.abs(images.times).max())
-    stages = [(reach, steady) for reach in STAGES if reach < span]
+    # The step from the adjacent frames to the fourth is as large as that from the second to the eighth.
+    stages = [(reach, steady) for reach in STAGES if reach == 1 < span or 1 < reach < span / 2]
     state = initial_parameters(start, accelerated=settings.accelerated)
     done, left = 0, settings.max_iterations - _FULL_ITERATIONS
     left_out: frozenset[tuple[int, int]] = frozenset()
