@@ -138,7 +138,8 @@ def release_memory() -> None:
 
 # Options of mallopt in glibc, and their values while memory is retained and, as large arrays set them, afterwards.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-_RETAINED, _USUAL = {_TRIM_THRESHOLD: 2**31 - 1, _MMAP_THRESHOLD: 2**30}, {_TRIM_THRESHOLD: 2**26, _MMAP_THRESHOLD: 2**25}
+_RETAINED = {_TRIM_THRESHOLD: 2**31 - 1, _MMAP_THRESHOLD: 2**30}
+_USUAL = {_TRIM_THRESHOLD: 2**26, _MMAP_THRESHOLD: 2**25}
 
 
 @contextmanager

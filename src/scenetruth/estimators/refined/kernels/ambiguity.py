@@ -326,7 +326,9 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                             at_y[:, k] = -1.0
                             if np.isnan(reference[i, y, x]) or np.isnan(fields[0, y, x]):
                                 continue
-                            over, below, _ = place_of(accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x)
+                            over, below, _ = place_of(
+                                accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x
+                            )
                             over, below = corrected(view, i, over, below)
                             along = change[0] + change[1] * u + change[2] * v
                             down = change[3] + change[4] * u + change[5] * v if both else along
