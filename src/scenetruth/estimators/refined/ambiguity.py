@@ -137,7 +137,7 @@ def find_ambiguous(
         wanted = [_Windows(sigma, (tested & among)[grid] & ~flags) for sigma, among in widths]
         repetition = _Repetition(textured, repeated, max_motion_px)
         flags |= _rivalled(
-            images, theta, axis, wanted, noise, (rows, columns), aperture, repetition, occluded=small.any()
+            images, theta, axis, wanted, noise, (rows, columns), aperture, repetition, occluded=bool(small.any())
         )
     flags |= mark_mostly(flags, tested[grid], _NEIGHBOURS)
     # Amid a texture that repeats, windows without a fit count as ambiguous.
