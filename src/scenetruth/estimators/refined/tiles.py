@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.image_stack import FramesNeeded, ImageStack, Region, filter_image
-from scenetruth.estimators.refined.lattice import sample_step
+from scenetruth.estimators.refined.lattice import lattice_step
 from scenetruth.estimators.refined.lens_distortion import distort
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.estimators.refined.row_bands import FIT_LIMITS
@@ -114,7 +114,7 @@ def _tiles(edges: Sequence[list[int]], margin: int, shape: tuple[int, int]) -> I
 def _alignment(sigma_px: float) -> int:
     """Return the common multiple of the distances of windows, and of gains, and of rows; or of rows alone."""
     reach = math.ceil(2.0 * sigma_px)
-    found = math.lcm(2, sample_step(sigma_px), max(1, round((2 * reach + 1) / 6)))
+    found = math.lcm(2, lattice_step(sigma_px), max(1, round((2 * reach + 1) / 6)))
     return found if found <= _ALIGNED else 2
 
 
