@@ -131,13 +131,14 @@ def find_ambiguous(
     flags = np.zeros((len(rows), len(columns)), dtype=np.bool_)
     textured, repeated = flags.copy(), flags.copy()
     widths = ((sigma_px, ~small), (small_sigma_px, small))
-    hidden = find_hidden(images, np.ascontiguousarray(extract_fields(theta))) if small.any() else NO_OCCLUSION
     for axis in (_disparity_axis(images), _motion_axis(images)):
         if axis is None:
             continue
         wanted = [_Windows(sigma, (tested & among)[grid] & ~flags) for sigma, among in widths]
         repetition = _Repetition(textured, repeated, max_motion_px)
-        flags |= _rivalled(images, theta, axis, wanted, noise, (rows, columns), aperture, repetition, hidden)
+        flags |= _rivalled(
+            images, theta, axis, wanted, noise, (rows, columns), aperture, repetition, occluded=bool(small.any())
+        )
     flags |= mark_mostly(flags, tested[grid], _NEIGHBOURS)
     # Amid a texture that repeats, windows without a fit count as ambiguous.
     doubtful = textured & (flags | ~mark_mostly(where, ~where | where, step)[grid])
@@ -232,9 +233,13 @@ def _rivalled(
     at: tuple[NDArray[np.int64], NDArray[np.int64]],
     aperture: ApertureContext,
     repetition: _Repetition,
-    hidden: NDArray[np.uint8],
+    *,
+    occluded: bool,
 ) -> Mask:
-    """Return the windows with a rival, of a grid of rows and columns."""
+    """Return the windows with a rival, of a grid of rows and columns.
+
+    ``occluded``: Whether there may be points behind nearer surfaces.
+    """
     frame, camera = images.reference()
     grey = images.reference_grey()
     square = noise**2 * images.variance.at(grey) / images.channels
@@ -245,13 +250,14 @@ def _rivalled(
         return flags
     places = [n * len(images.positions) + camera for n, camera in axis.images]
     reference = np.repeat(np.where(images.usable(frame, camera), grey, np.nan)[None], len(places), axis=0)
+    fields = np.ascontiguousarray(extract_fields(theta))
     # Points behind nearer surfaces fit no image.
-    for each, place in zip(reference, places if hidden.size else (), strict=bool(hidden.size)):
-        each[(hidden[place // 8] >> (place % 8)) & 1 > 0] = np.nan
+    hidden = find_hidden(images, fields, places=places) if occluded else NO_OCCLUSION
+    for n, each in enumerate(reference if hidden.size else ()):
+        each[(hidden[n // 8] >> (n % 8)) & 1 > 0] = np.nan
     view = images.view_of(places)
     stack = np.stack([_mean_of_channels(images, *image) for image in axis.images])
     bad = np.stack([images.bad[n][camera] for n, camera in axis.images]) if images.bad else NO_DEFECTS
-    fields = np.ascontiguousarray(extract_fields(theta))
     for windows, candidates in zip(wanted, every, strict=True):
         weights = window_weights(windows.sigma)[0, 0]
         used = weights[::_STEP]

@@ -593,12 +593,17 @@ def _solve(
     solve_all(np.flatnonzero(left))
 
 
-def find_hidden(images: ImageStack, fields: Map, near: Mask | None = None) -> NDArray[np.uint8]:
-    """Return the images in which each pixel is occluded, as bits; empty for one camera; zero far from a mask."""
+def find_hidden(
+    images: ImageStack, fields: Map, near: Mask | None = None, places: list[int] | None = None
+) -> NDArray[np.uint8]:
+    """Return the images in which each pixel is occluded, as bits; empty for one camera; zero far from a mask.
+
+    ``places``: Images to consider, by their indices in `ImageStack.stack`; default: all.
+    """
     near = np.ones(fields.shape[1:], dtype=np.bool_) if near is None else near
     if images.farthest == 0.0 or not near.any():
         return NO_OCCLUSION
-    view, inner = images.view(), (slice(None), slice(None))
+    view, inner = images.view() if places is None else images.view_of(places), (slice(None), slice(None))
     if images.beside is None:
         # Pixels as far away as points of different disparity and velocity are displaced relative to each other.
         inside = fields[:, near]

@@ -105,7 +105,8 @@ def refine(
     steady = plain._replace(accelerated=False)
     cameras = None if images.priors is None else PoseCorrections(images.priors, images)
     span = float(np.abs(images.times).max())
-    stages = [(reach, steady) for reach in STAGES if reach < span]
+    # The step from the adjacent frames to the fourth is as large as that from the second to the eighth.
+    stages = [(reach, steady) for reach in STAGES if reach == 1 < span or 1 < reach < span / 2]
     state = initial_parameters(start, accelerated=settings.accelerated)
     done, left = 0, settings.max_iterations - _FULL_ITERATIONS
     left_out: frozenset[tuple[int, int]] = frozenset()
@@ -166,7 +167,7 @@ def _limit_noise(images: ImageStack, state: Map, settings: RefinedSettings) -> f
     models = select_models(still, settings.model_copy(update={"acceleration": False}))
     gains = settings.photometric_model == "per_image"
     begun = state[:FULL]
-    (fit, *_) = fit_round(still, begun, models[:1], settings.window_sigma_px, gains=gains, coarse=True)
+    (fit, *_) = fit_round(still, begun, models[:1], settings.window_sigma_px, gains=gains, coarse=True, draft=True)
     found = estimate_noise(np.sqrt(fit.residual[0]))
     return _NOISE_MARGIN * found if np.isfinite(found) and found > 0 else np.inf
 

@@ -18,7 +18,7 @@ from scenetruth.estimators.refined.noise_estimation import textured
 from scenetruth.estimators.refined.row_bands import FIT_LIMITS, RowBand, pieces, window_weights
 from scenetruth.threads import in_threads
 
-__all__ = ["WindowLattice", "WindowNodes", "lattice_step"]
+__all__ = ["WindowLattice", "WindowNodes", "lattice_step", "sample_step"]
 
 # Largest error of interpolation, as a displacement in any image, in px: below that of the splines through the images.
 _ERROR_PX = 5e-4
@@ -44,6 +44,15 @@ Chosen = NDArray[np.int8]
 def lattice_step(sigma_px: float) -> int:
     """Return the distance of windows from which the results between them can be interpolated, in px."""
     return max(1, int(FIT_LIMITS.lattice_step * sigma_px))
+
+
+def sample_step(sigma_px: float) -> int:
+    """Return the distance of windows in which statistics of areas larger than a window are sampled, in px.
+
+    Fits at a distance r have a correlation of exp(-r² / 4σ²): at σ, means and means of squares over larger areas have
+    the same noise as those over all pixels.
+    """
+    return max(1, int(sigma_px))
 
 
 def _lattice_steps(sigma_px: float, *, coarse: bool, draft: bool) -> list[int]:

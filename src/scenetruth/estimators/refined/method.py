@@ -50,6 +50,7 @@ def fill_estimate(
     from scenetruth.estimators.refined.frame_task import FrameTask
     from scenetruth.estimators.refined.image_consistency import ExclusionReport
     from scenetruth.estimators.refined.pose_consistency import warn_of_pose_errors
+    from scenetruth.estimators.refined.tiles import retained_memory
 
     task = FrameTask(recording, settings)
     needed = _needed(task.reader.shape[2], settings)
@@ -62,7 +63,8 @@ def fill_estimate(
         if entries is not None:
             entries(0)
         try:
-            found = task.estimate(frames, entries)
+            with retained_memory():
+                found = task.estimate(frames, entries)
         except EstimateError as error:
             noted.report_invalid_frame(frames.output, error.problems[0].message)
             found = task.estimate_nothing(frames)

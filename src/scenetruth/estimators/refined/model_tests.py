@@ -32,6 +32,7 @@ __all__ = ["Alternative", "Linearisation", "at_nodes", "enlarged", "find_far", "
 _LEAST_SHARE = 0.5  # smallest valid fraction of a window
 # Largest step of a linear fit, as a displacement in any image: the error of a step is of second order.
 _LINEAR_PX = 0.1
+_LEAST_SQUARE = 3  # smallest side of an area in nodes
 _MOST_NEEDED = 0.02  # largest fraction of all nodes that an area must have, for small images
 
 Map = NDArray[np.float64]
@@ -151,10 +152,10 @@ def large_areas(found: Mask, sigma: float) -> Mask:
 
     They contain a square of its width, and are as large as a Gaussian window with its mean square weight, 4 π σ².
     """
-    from scipy.ndimage import label, maximum_filter, minimum_filter
+    from scipy.ndimage import grey_opening, label
 
-    size = 2 * int(sigma) + 1
-    areas, _ = label(maximum_filter(minimum_filter(found, size, mode="nearest"), size, mode="nearest"))
+    size = max(2 * int(sigma) + 1, _LEAST_SQUARE)
+    areas, _ = label(grey_opening(found.astype(np.uint8), size, mode="nearest"))
     large = np.bincount(areas.ravel()) >= min(4.0 * math.pi * sigma**2, _MOST_NEEDED * found.size)
     large[0] = False
     return np.asarray(large[areas])

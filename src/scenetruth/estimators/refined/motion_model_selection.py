@@ -37,7 +37,7 @@ from scenetruth.estimators.refined.kernels.neighbours import find_jumps
 from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
-from scenetruth.estimators.refined.lattice import lattice_step
+from scenetruth.estimators.refined.lattice import sample_step
 from scenetruth.estimators.refined.model_tests import (
     Alternative,
     Linearisation,
@@ -178,7 +178,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     # Apparent curvature may have been motion.
     state[CURVATURES] = 0.0
     gains = settings.photometric_model == "per_image"
-    at = Linearisation(images, state, known, refined.curved, gains, lattice_step(sigma), smooth)
+    at = Linearisation(images, state, known, refined.curved, gains, sample_step(sigma), smooth)
     refined, tests = _test_motion_models(refined, at, richer, settings, (whole, growing))
     tried = _list_tried([test.promising for test in tests], richer)
     if not any(where.any() for where in tried):

@@ -227,7 +227,7 @@ def _channel(
 
 def _brightness_step(window: Map) -> int:
     """Return the distance at which gain and offset are estimated: a third of the half-width of the window."""
-    return max(1, len(window) // 6)
+    return max(1, round(len(window) / 6))
 
 
 # Pixels are evaluated with their neighbours, in a Gaussian window of this standard deviation truncated at 3 px.

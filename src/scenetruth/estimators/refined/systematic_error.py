@@ -29,7 +29,7 @@ from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState, fit_final, fit_round, is_valid_step, select_models
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, TOLD, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
-from scenetruth.estimators.refined.lattice import lattice_step
+from scenetruth.estimators.refined.lattice import sample_step
 from scenetruth.estimators.refined.model_tests import (
     Alternative,
     Linearisation,
@@ -234,7 +234,7 @@ def estimate_systematic_errors(
         return refined, SystematicErrors(nothing, nothing, known, fit.theta[:FULL])
     sigma = settings.window_sigma_px
     reach = window_weights(sigma).shape[2] // 2
-    spans, step = list_spans(images), lattice_step(sigma)
+    spans, step = list_spans(images), sample_step(sigma)
     # Windows with several surfaces are fitted again. Next to invalid pixels there is no other surface, and over all
     # frames motions of the same surface by different models are far apart.
     apart = find_discontinuities(spans[-1], fit.theta) & ~around(~known, 1)
@@ -313,7 +313,7 @@ def _linearisation(
     refined: RefinedState, group: SpanGroup, images: ImageStack, state: Map, where: Mask, sigma: float
 ) -> Linearisation:
     gains = group.settings.photometric_model == "per_image"
-    return Linearisation(images, state, where, refined.curved, gains, lattice_step(sigma))
+    return Linearisation(images, state, where, refined.curved, gains, sample_step(sigma))
 
 
 def _linear_fits(
@@ -382,7 +382,7 @@ def _small(sigma: float) -> float:
 
 def _window_errors(refined: RefinedState, group: SpanGroup, smaller: Fit, sigma: float) -> Map:
     """Return the squares of the errors of all quantities due to the width of the windows, at the nodes."""
-    step, small = lattice_step(sigma), _small(sigma)
+    step, small = sample_step(sigma), _small(sigma)
     share = sigma**2 / (sigma**2 - small**2) if small < sigma else 0.0
     fine, full = collect_quantities(smaller), collect_quantities(at_nodes(refined.fit, step))
     square, *_ = mean_change(
@@ -426,7 +426,7 @@ def _span_errors(
     settings: RefinedSettings,
 ) -> _SpanErrors:
     """Fit shorter spans of frames as long as their results change by much more than noise."""
-    sigma, step = settings.window_sigma_px, lattice_step(settings.window_sigma_px)
+    sigma, step = settings.window_sigma_px, sample_step(settings.window_sigma_px)
     nodes = slice(None, None, step), slice(None, None, step)
     among = group.where[nodes]
     present = collect_quantities(at_nodes(refined.fit, step))
@@ -486,7 +486,7 @@ def fit_span(
 
     ``linear``: Fit at the present parameters, if it is solved already.
     """
-    own, alternative, step = group.suited(part), _of_span(group, part, sigma), lattice_step(sigma)
+    own, alternative, step = group.suited(part), _of_span(group, part, sigma), sample_step(sigma)
     theta = theta if own.accelerated else theta[:FULL]
     fits = linear or _linearisation(refined, group, part, theta, where, sigma).fits([alternative])
     nodes = slice(None, None, step), slice(None, None, step)
@@ -554,7 +554,7 @@ def _with_fewer_frames(
     for square, variance in zip(found.squares, found.variances, strict=True):
         total = ((variance + square)[places] / np.maximum(usual, 1e-300)).sum(axis=0)
         totals.append(np.where(np.isfinite(total), total, np.inf))
-    step = lattice_step(settings.window_sigma_px)
+    step = sample_step(settings.window_sigma_px)
     at = which[::step, ::step]
     present = np.take_along_axis(np.stack(totals), np.maximum(at, 0)[None], axis=0)[0]
     best = np.argmin(totals, axis=0)

@@ -10,6 +10,7 @@ import ctypes
 import math
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any
@@ -24,7 +25,15 @@ from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.estimators.refined.row_bands import FIT_LIMITS
 from scenetruth.threads import in_threads
 
-__all__ = ["RegionImages", "Tile", "choose_tiles", "margin_px", "release_memory", "spread_regions"]
+__all__ = [
+    "RegionImages",
+    "Tile",
+    "choose_tiles",
+    "margin_px",
+    "release_memory",
+    "retained_memory",
+    "spread_regions",
+]
 
 # Margin in standard deviations of a window. Windows end at 2; averages over twice their width, which test for changes
 # and biases, have 1.2 % of their weight beyond it.
@@ -105,7 +114,7 @@ def _tiles(edges: Sequence[list[int]], margin: int, shape: tuple[int, int]) -> I
 def _alignment(sigma_px: float) -> int:
     """Return the common multiple of the distances of windows, and of gains, and of rows; or of rows alone."""
     reach = math.ceil(2.0 * sigma_px)
-    found = math.lcm(2, lattice_step(sigma_px), max(1, (2 * reach + 1) // 6))
+    found = math.lcm(2, lattice_step(sigma_px), max(1, round((2 * reach + 1) / 6)))
     return found if found <= _ALIGNED else 2
 
 
@@ -125,6 +134,29 @@ def release_memory() -> None:
     # Specific to glibc.
     if trim is not None:
         trim(0)
+
+
+# Options of mallopt in glibc, and their values while memory is retained and, as large arrays set them, afterwards.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_RETAINED = {_TRIM_THRESHOLD: 2**31 - 1, _MMAP_THRESHOLD: 2**30}
+_USUAL = {_TRIM_THRESHOLD: 2**26, _MMAP_THRESHOLD: 2**25}
+
+
+@contextmanager
+def retained_memory() -> Iterator[None]:
+    """Retain freed memory until `release_memory`, for the next arrays: the system clears the pages of new memory."""
+    option = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
+    if option is None:
+        yield
+        return
+    for each in _RETAINED.items():
+        option(*each)
+    try:
+        yield
+    finally:
+        for each in _USUAL.items():
+            option(*each)
+        release_memory()
 
 
 class RegionImages:

@@ -26,7 +26,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import FULL, Fit
-from scenetruth.estimators.refined.lattice import lattice_step
+from scenetruth.estimators.refined.lattice import sample_step
 from scenetruth.estimators.refined.model_tests import at_nodes, enlarged, find_far
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.estimators.refined.systematic_error import (
@@ -176,7 +176,7 @@ def _check(
 ) -> RefinedState:
     """Check the pixels of a mask, fitted to the frames of a part."""
     sigma = settings.window_sigma_px
-    step, reach = lattice_step(sigma), window_weights(sigma).shape[2] // 2
+    step, reach = sample_step(sigma), window_weights(sigma).shape[2] // 2
     nodes = slice(None, None, step), slice(None, None, step)
     known = np.asarray(np.isfinite(refined.fit.theta).all(axis=0))
     state = fill_gaps(refined.fit.theta, known)
@@ -270,7 +270,7 @@ def _acceleration(
     refined: RefinedState, part: ImageStack, state: Map, where: Mask, settings: RefinedSettings
 ) -> tuple[Map, Map]:
     """Return the acceleration over the frames of a part, 0 where the fit fails, and its variance at the nodes."""
-    step = lattice_step(settings.window_sigma_px)
+    step = sample_step(settings.window_sigma_px)
     if len(state) > FULL:
         return state[FULL:], refined.fit.variance[_STEADY:, ::step, ::step]
     group = SpanGroup(where, settings.model_copy(update={"acceleration": True}), 0)
@@ -290,7 +290,7 @@ def _deviation(
     core: Quantities,
 ) -> _Deviation:
     """Fit the motion from the estimated frame to a frame beyond, and compare it with that of the fit."""
-    sigma, step = settings.window_sigma_px, lattice_step(settings.window_sigma_px)
+    sigma, step = settings.window_sigma_px, sample_step(settings.window_sigma_px)
     nodes = slice(None, None, step), slice(None, None, step)
     pair, time = images.pair(frame), float(images.times[frame])
     group = SpanGroup(where, settings.model_copy(update={"acceleration": False}), 0)

@@ -8,15 +8,15 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.estimators.refined.kernels.spline_samples import TAPS, cubic_weights, quintic_weights
+from scenetruth.estimators.refined.kernels.spline_samples import sample_cubic, sample_quintic
 from scenetruth.estimators.refined.kernels.warp import (
     ACCELERATED,
     CUBIC,
     QUINTIC,
-    REACH,
     STEADY,
     ImageView,
     corrected,
+    find_offsets,
     place_of,
 )
 
@@ -164,6 +164,11 @@ COSTS = 5
 _LARGEST = 6
 _FARTHEST_PX, _LARGEST_GRADIENT = 1.0, 0.02  # largest change of displacement and of its gradient in an iteration
 _SUMS = 6
+# Change of displacement over the window, in px, from which on further iterations are without effect; and ratio of the
+# differences of a rival to those of the fit, with those of a shift in px, from which on a rival is given up that an
+# iteration does not improve by this ratio.
+_SETTLED_PX = 0.01
+_HOPELESS, _SHIFT_PX, _SLOW = 6.0, 0.1, 0.5
 
 
 @_jit
@@ -205,26 +210,53 @@ def _solve(matrix: Any, values: Any) -> None:
 
 
 @_jit
-def _sample(image: Any, at_x: Any, at_y: Any, weights: Any, cubic: Any) -> Any:
-    """Return value and derivatives of an image at a point; ``weights``: Space for its weights, shape (4, taps)."""
-    left, top = int(at_x), int(at_y)
-    if cubic:
-        cubic_weights(at_x - left, weights[0], weights[1])
-        cubic_weights(at_y - top, weights[2], weights[3])
-    else:
-        quintic_weights(at_x - left, weights[0], weights[1])
-        quintic_weights(at_y - top, weights[2], weights[3])
-    value, along, below = 0.0, 0.0, 0.0
-    for k in range(TAPS):
-        a, b = 0.0, 0.0
-        for j in range(TAPS):
-            c = image[top + k - REACH, left + j - REACH]
-            a += weights[0, j] * c
-            b += weights[1, j] * c
-        value += weights[2, k] * a
-        along += weights[2, k] * b
-        below += weights[3, k] * a
-    return value, along, below
+def _add_samples(w: Any, g: Any, values: Any, sums: Any) -> None:
+    """Add the grey values of the reference and of an image to the sums of `_line` and `_residual`."""
+    one, by_g, by_value, square, product, squares = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(w.size):
+        value = float(values[k])
+        one += w[k]
+        by_g += w[k] * g[k]
+        by_value += w[k] * value
+        square += w[k] * g[k] * g[k]
+        product += w[k] * g[k] * value
+        squares += w[k] * value * value
+    sums[0] += one
+    sums[1] += by_g
+    sums[2] += by_value
+    sums[3] += square
+    sums[4] += product
+    sums[5] += squares
+
+
+@_jit
+def _add_moments(w: Any, u: Any, one: Any, other: Any, v: float, normal: Any) -> None:
+    """Add the products of two derivatives in a row of a window, for changes that are linear in u and v."""
+    s, s_u, s_uu = 0.0, 0.0, 0.0
+    for k in range(w.size):
+        product = w[k] * one[k] * other[k]
+        s += product
+        s_u += product * u[k]
+        s_uu += product * u[k] * u[k]
+    normal[0, 0] += s
+    normal[1, 0] += s_u
+    normal[2, 0] += v * s
+    normal[1, 1] += s_uu
+    normal[2, 1] += v * s_u
+    normal[2, 2] += v * v * s
+
+
+@_jit
+def _add_side(w: Any, u: Any, derivative: Any, left: Any, v: float, side: Any) -> None:
+    """Add the products of a derivative and a difference in a row of a window."""
+    s, s_u = 0.0, 0.0
+    for k in range(w.size):
+        product = w[k] * derivative[k] * left[k]
+        s += product
+        s_u += product * u[k]
+    side[0] += s
+    side[1] += s_u
+    side[2] += v * s
 
 
 def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
@@ -245,6 +277,7 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
         part: Any,
     ) -> None:
         count, height, width = coefficients.shape
+        flat = coefficients.reshape((count, height * width))
         # Of the region, which is smaller than the parts of the images around it.
         bottom, right = reference.shape[1:]
         step, rounds = sampling
@@ -252,10 +285,14 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
         size = 6 if both else 3
         sums, before = np.empty((count, _SUMS)), np.empty((count, _SUMS))
         gain, offset = np.empty(count), np.empty(count)
-        taps = np.empty((4, TAPS))
         change = np.empty(_LARGEST)
-        jacobian = np.empty(_LARGEST)
-        some_bad = bad.shape[0] > 0
+        # Positions in an image of the pixels of a row of the window: fitted, and displaced.
+        at_x, at_y = np.empty((2, len(weights))), np.empty((2, len(weights)))
+        every_offset = np.empty((2, len(weights)), dtype=np.int64)
+        fractions = np.empty((2, len(weights)), dtype=np.float32)
+        samples = np.zeros((2, 3, len(weights)), dtype=np.float32)
+        # Weights, distances from the centre, grey values, derivatives by the changes, and differences of these pixels.
+        of_row = np.zeros((6, len(weights)))
         for n in range(part[0], part[1]):
             row, column = int(rivals[n, 0]), int(rivals[n, 1])
             change[:] = 0.0
@@ -263,88 +300,113 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
             if both:
                 change[3] = rivals[n, 3]
             normal, right_side = np.zeros((size, size)), np.zeros(size)
-            slope = 0.0
+            before[:] = 0.0
+            slope, own, previous, settled = 0.0, 0.0, np.inf, False
+            begun = column - reach
+            while begun < 0:
+                begun += step
+            number = (min(column + reach, right - 1) - begun) // step + 1
             for iteration in range(rounds + 1):
-                last = iteration == rounds
+                first, last = iteration == 0, iteration == rounds or settled
                 # Gain and offset of the previous iteration; none are available in the first.
                 solving = iteration > 0 and not last
                 normal[:] = 0.0
                 right_side[:] = 0.0
                 sums[:] = 0.0
-                before[:] = 0.0
-                slope = 0.0
                 for v in range(-reach, reach + 1, step):
                     y = row + v
                     if y < 0 or y >= bottom:
                         continue
-                    for u in range(-reach, reach + 1, step):
-                        x = column + u
-                        if x < 0 or x >= right or np.isnan(fields[0, y, x]):
-                            continue
-                        w = weights[v + reach] * weights[u + reach]
-                        for i in range(count):
-                            g = reference[i, y, x]
-                            if np.isnan(g):
+                    for i in range(count):
+                        for k in range(number):
+                            x = begun + k * step
+                            u = x - column
+                            # Outside the image.
+                            at_x[:, k] = -1.0
+                            at_y[:, k] = -1.0
+                            if np.isnan(reference[i, y, x]) or np.isnan(fields[0, y, x]):
                                 continue
-                            at_x, at_y, _ = place_of(accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x)
-                            at_x, at_y = corrected(view, i, at_x, at_y)
-                            moved_x = at_x + factors[i, 0] * (change[0] + change[1] * u + change[2] * v)
-                            moved_y = at_y
-                            if both:
-                                moved_y += factors[i, 1] * (change[3] + change[4] * u + change[5] * v)
-                            else:
-                                moved_y += factors[i, 1] * (change[0] + change[1] * u + change[2] * v)
-                            if not (
-                                at_x >= REACH
-                                and at_x < width - 3
-                                and at_y >= REACH
-                                and at_y < height - 3
-                                and moved_x >= REACH
-                                and moved_x < width - 3
-                                and moved_y >= REACH
-                                and moved_y < height - 3
-                            ):
-                                continue
-                            if some_bad and (
-                                bad[i, int(moved_y + 0.5), int(moved_x + 0.5)] != 0
-                                or bad[i, int(at_y + 0.5), int(at_x + 0.5)] != 0
-                            ):
-                                continue
-                            value, along, below = _sample(coefficients[i], moved_x, moved_y, taps, cubic)
-                            sums[i, 0] += w
-                            sums[i, 1] += w * g
-                            sums[i, 2] += w * value
-                            sums[i, 3] += w * g * g
-                            sums[i, 4] += w * g * value
-                            sums[i, 5] += w * value * value
-                            if last:
-                                own, along, below = _sample(coefficients[i], at_x, at_y, taps, cubic)
-                                before[i, 0] += w
-                                before[i, 1] += w * g
-                                before[i, 2] += w * own
-                                before[i, 3] += w * g * g
-                                before[i, 4] += w * g * own
-                                before[i, 5] += w * own * own
-                                slope += w * (along * along + below * below)
-                            elif solving:
-                                difference = offset[i] + gain[i] * g - value
-                                if both:
-                                    for k in range(3):
-                                        arm = 1.0 if k == 0 else (u if k == 1 else v)
-                                        jacobian[k] = factors[i, 0] * along * arm
-                                        jacobian[k + 3] = factors[i, 1] * below * arm
+                            over, below, _ = place_of(
+                                accelerated, view, view.s[i], view.s_y[i], view.t[i], fields, y, x
+                            )
+                            over, below = corrected(view, i, over, below)
+                            along = change[0] + change[1] * u + change[2] * v
+                            down = change[3] + change[4] * u + change[5] * v if both else along
+                            at_x[0, k], at_y[0, k] = over, below
+                            at_x[1, k], at_y[1, k] = over + factors[i, 0] * along, below + factors[i, 1] * down
+                        own_bad = bad[min(i, bad.shape[0] - 1)] if bad.shape[0] > 0 else bad[0:0, 0]
+                        for k in range(2):
+                            find_offsets(
+                                at_x[k, :number],
+                                at_y[k, :number],
+                                height,
+                                width,
+                                own_bad,
+                                every_offset[k, :number],
+                                fractions[0, :number],
+                                fractions[1, :number],
+                            )
+                            if k == 1 or first or last:
+                                offsets = every_offset[k, :number]
+                                parts = fractions[0, :number], fractions[1, :number]
+                                if cubic:
+                                    sample_cubic(flat[i], offsets, width, parts[0], parts[1], samples[k])
                                 else:
-                                    for k in range(3):
-                                        arm = 1.0 if k == 0 else (u if k == 1 else v)
-                                        jacobian[k] = (factors[i, 0] * along + factors[i, 1] * below) * arm
-                                for k in range(size):
-                                    right_side[k] += w * jacobian[k] * difference
-                                    for m in range(k + 1):
-                                        normal[k, m] += w * jacobian[k] * jacobian[m]
+                                    sample_quintic(flat[i], offsets, width, parts[0], parts[1], samples[k])
+                        w, u_of, g = of_row[0, :number], of_row[1, :number], of_row[2, :number]
+                        along_of, down_of, left = of_row[3, :number], of_row[4, :number], of_row[5, :number]
+                        for k in range(number):
+                            x = begun + k * step
+                            known = every_offset[0, k] >= 0 and every_offset[1, k] >= 0
+                            w[k] = weights[v + reach] * weights[x - column + reach] if known else 0.0
+                            g[k] = reference[i, y, x] if known else 0.0
+                            u_of[k] = x - column
+                        _add_samples(w, g, samples[1, 0, :number], sums[i])
+                        if first or last:
+                            _add_samples(w, g, samples[0, 0, :number], before[i])
+                            for k in range(number):
+                                along, down = float(samples[0, 1, k]), float(samples[0, 2, k])
+                                slope += w[k] * (along * along + down * down)
+                        elif solving:
+                            for k in range(number):
+                                along_of[k] = factors[i, 0] * samples[1, 1, k]
+                                down_of[k] = factors[i, 1] * samples[1, 2, k]
+                                left[k] = offset[i] + gain[i] * g[k] - samples[1, 0, k]
+                            if both:
+                                _add_moments(w, u_of, along_of, along_of, float(v), normal[:3, :3])
+                                _add_moments(w, u_of, down_of, down_of, float(v), normal[3:, 3:])
+                                _add_moments(w, u_of, down_of, along_of, float(v), normal[3:, :3])
+                                _add_side(w, u_of, along_of, left, float(v), right_side[:3])
+                                _add_side(w, u_of, down_of, left, float(v), right_side[3:])
+                            else:
+                                for k in range(number):
+                                    along_of[k] += down_of[k]
+                                _add_moments(w, u_of, along_of, along_of, float(v), normal)
+                                _add_side(w, u_of, along_of, left, float(v), right_side)
                 for i in range(count):
                     gain[i], offset[i] = _line(sums[i])
+                if first or last:
+                    own = 0.0
+                    for i in range(count):
+                        own += _residual(before[i])
+                if last:
+                    break
+                rival = 0.0
+                for i in range(count):
+                    rival += _residual(sums[i])
+                if rival > _SLOW * previous and rival > _HOPELESS * (own + _SHIFT_PX * _SHIFT_PX * slope):
+                    break
+                # The first two are those of the start.
+                previous = rival if iteration > 0 else np.inf
+                if first:
+                    slope = 0.0
+                    before[:] = 0.0
                 if solving:
                     largest = 0.0
+                    for k in range(3 if both else 0):
+                        # The moments of a product of two derivatives are symmetric.
+                        for m in range(k):
+                            normal[3 + m, k] = normal[3 + k, m]
                     for k in range(size):
                         largest = max(largest, normal[k, k])
                         for m in range(k):
@@ -356,14 +418,16 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                         arm = 1.0 if k % 3 == 0 else 0.1 * reach * reach
                         normal[k, k] = normal[k, k] * (1.0 + 1e-3) + 1e-4 * largest * arm / (0.1 * reach * reach)
                     _solve(normal, right_side)
+                    settled = True
                     for k in range(size):
                         most = _FARTHEST_PX if k % 3 == 0 else _LARGEST_GRADIENT
-                        change[k] += min(max(right_side[k], -most), most)
-            total, rival, own = 0.0, 0.0, 0.0
+                        moved = min(max(right_side[k], -most), most)
+                        change[k] += moved
+                        settled = settled and abs(moved) * (1.0 if k % 3 == 0 else reach) < _SETTLED_PX
+            total, rival = 0.0, 0.0
             for i in range(count):
                 total += sums[i, 0]
                 rival += _residual(sums[i])
-                own += _residual(before[i])
             out[0, n], out[1, n], out[2, n], out[3, n] = own, rival, total, slope
             out[4, n] = np.hypot(change[0], change[3] if both else 0.0)
 
