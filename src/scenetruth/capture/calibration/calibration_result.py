@@ -365,6 +365,9 @@ class RigCalibration:
         tuple of CommonError
             Errors along X, Y and Z in mm, each with its modes over the pixels.
         """
+        if len(self.positions_mm) < 2:
+            message = "are one, and a point has no depth from it: calibrate from at least two"
+            raise CalibrationError([Problem("positions_mm", message, self.positions_mm.tolist())])
         where = np.atleast_2d(np.asarray(pixels, dtype=np.float64))
         depth = np.broadcast_to(np.asarray(depth_mm, dtype=np.float64), (len(where),))
         points = self.camera.ray_directions(where) * depth[:, None]
