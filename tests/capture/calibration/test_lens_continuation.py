@@ -83,7 +83,7 @@ def test_a_lens_of_stated_terms_is_not_continued() -> None:
     """Coefficients that a user names are fitted as they are; a fold is an error with its remedy."""
     given = seen_in_the_middle("webcam", 2)
     stated = RigPriors(free_distortion=("k1", "k2"))
-    with pytest.raises(CalibrationError, match="folds the image.*show boards in the corners"):
+    with pytest.raises(CalibrationError, match=r"folds the image.*show boards in the corners"):
         calibrate(given, priors=stated)
 
 
