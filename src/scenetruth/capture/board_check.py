@@ -127,10 +127,7 @@ def board_of(folder: CaptureFolder) -> Board:
     """Return the board of a capture file as a board of the detection."""
     section = folder.capture.board
     assert section is not None  # given together with its files
-    plain = section.model_dump(exclude_none=True)
-    if section.kind != "charuco":
-        plain.pop("legacy")
-    found: Board = TypeAdapter(Board).validate_python(plain)
+    found: Board = TypeAdapter(Board).validate_python(section.stated())
     return found
 
 

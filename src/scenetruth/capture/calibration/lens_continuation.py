@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 RADIAL = ("k1", "k2", "k3")
 """Coefficients of the radial polynomial in their order."""
 _RATIONAL = ("k4", "k5", "k6")
-_NEARLY_ALL = 2 / 3
+_NEARLY_ALL = 0.6
 """Share of the distance to the image corners that the points must reach; beyond it, the lens is extrapolated."""
 _OUTERMOST = 6
 """Number of points that define the radius that they reach: single points do not determine the distortion there."""
