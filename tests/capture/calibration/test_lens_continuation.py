@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.capture.calibration import (
     CalibrationError,
     CalibrationTarget,
+    DotGrid,
     Observations,
     RigCalibration,
     RigPriors,
@@ -85,6 +86,14 @@ def test_a_lens_of_stated_terms_is_not_continued() -> None:
     stated = RigPriors(free_distortion=("k1", "k2"))
     with pytest.raises(CalibrationError, match=r"folds the image.*show boards in the corners"):
         calibrate(given, priors=stated)
+
+
+def test_dots_in_the_middle_of_the_image_are_calibrated() -> None:
+    """The perspective bias of dots needs no camera without a fold in the corners."""
+    board = DotGrid(kind="dots", dots=(7, 5), spacing_mm=12.0, diameter_mm=4.0, warp_mm=0.0)
+    found = calibrate(seen_in_the_middle("webcam", 1), board)
+    assert not found.camera.folding_problem(0)
+    assert found.value("f") == pytest.approx(FOCAL, rel=0.01)
 
 
 def test_boards_over_the_whole_image_need_no_continuation() -> None:

@@ -575,7 +575,10 @@ def _fit(
 
 def _without_bias(given: Observations, state: RigState, dots: DotGrid) -> Observations:
     """Return observations whose centroids are replaced by images of the centres."""
-    camera, views = state.camera(given.width, given.height), []
+    # The bias does not depend on the principal point, and no fold in the corners concerns the dots.
+    values, views = state.values.copy(), []
+    values[1:3] = 0.0
+    camera = RigState(state.layout, values, state.turns).camera(1, 1)
     numbers = {pose: number for number, pose in enumerate(state.layout.poses)}
     offsets = state.layout.offsets(given.views)
     for view, (position, visit, _, pose) in zip(given.views, offsets, strict=True):
