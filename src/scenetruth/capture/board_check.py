@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from scenetruth.capture.calibration import Board, CalibrationError
-from scenetruth.capture.dark_pattern import PatternMatch
+from scenetruth.capture.corrections import PatternMatch
 from scenetruth.capture.edge_response import fit_edge_exponent
 from scenetruth.capture.file_patterns import MatchedFile
 from scenetruth.capture.folder_reading import CaptureFolder

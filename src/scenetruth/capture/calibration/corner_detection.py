@@ -18,7 +18,7 @@ __all__ = ["Detection", "charuco_board", "detect_board", "stretched"]
 Array = NDArray[np.float64]
 
 _FAMILIES = ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "APRILTAG_36h11", "APRILTAG_25h9")
-"""Dictionaries that contain the smaller ones of their size."""
+"""Dictionaries that contain the smaller dictionaries of their size."""
 
 _FEWEST = 6  # corners of a ChArUco board
 _DARK, _BRIGHT = 1.0, 99.5  # percentiles of black and white
