@@ -40,12 +40,14 @@ class LensContinuation:
     ``name``: Coefficient.
     ``mean``, ``std``: Its prior.
     ``share``: Radius of the outermost points relative to that of the image corners.
+    ``corner_px``: Displacement of the farthest corner by a coefficient of 1, in px.
     """
 
     name: str
     mean: float
     std: float
     share: float
+    corner_px: float
 
     def priors(self, priors: RigPriors) -> RigPriors:
         """Return tolerances with the prior of the coefficient; it is estimated."""
@@ -54,11 +56,17 @@ class LensContinuation:
         return priors.model_copy(update={"free_distortion": names, "intrinsics": stated})
 
     def words(self, state: RigState, std: float) -> str:
-        """Return what the calibration states about the corners; ``std`` is that of the estimated coefficient."""
+        """Return what the calibration states about the corners; empty below one pixel, which the covariance states.
+
+        ``std``: Standard deviation of the estimated coefficient.
+        """
+        if std * self.corner_px < _LEAST_PX:
+            return ""
         return (
             f"the outermost points reach {100 * self.share:.0f} % of the distance to the image corners: beyond them, "
             f"the image scale is continued by {self.name} = {state.value(self.name):.2g} ± {std:.2g} with a prior of "
-            f"{self.mean:.2g} ± {self.std:.2g}; show boards in the corners of the image"
+            f"{self.mean:.2g} ± {self.std:.2g}, which leaves {std * self.corner_px:.2g} px; show boards in the "
+            "corners of the image"
         )
 
 
@@ -113,7 +121,8 @@ def continue_lens(fit: RigFit, count: int) -> LensContinuation | None:
         last = INTRINSICS.index(RADIAL[count - 1])
         own = float(np.sqrt(fit.stated_covariance[last, last])) * edge.outer ** (2 * count + 1)
         std = min(std, max(_LEAST_PX / fit.state.value("f"), *map(abs, terms)) + own)
-    return LensContinuation(RADIAL[count], (edge.corner - edge.outer - sum(terms)) / power, std / power, edge.share)
+    mean = (edge.corner - edge.outer - sum(terms)) / power
+    return LensContinuation(RADIAL[count], mean, std / power, edge.share, power * fit.state.value("f"))
 
 
 @dataclass(frozen=True)

@@ -455,7 +455,8 @@ def _continued(
             found, notes = _fit_board(_fit_again(given, part, longer, dots, {term.name: term.mean}), longer)
             if not folding(found.state, given.width, given.height):
                 std = np.sqrt(np.diag(found.stated_covariance))[INTRINSICS.index(term.name)]
-                return found, longer, [*notes, *kept, narrow.words(found.state, float(std))]
+                text = narrow.words(found.state, float(std))
+                return found, longer, [*notes, *kept, *([text] if text else [])]
     _reject_folded(fit)
     return fit, priors, words
 
