@@ -34,7 +34,8 @@ from scenetruth.capture.calibration import (
 __all__ = ["main"]
 
 CHARUCO = CharucoBoard(kind="charuco", squares=(12, 9), square_mm=6.0, marker_mm=4.5, scale_std=1e-4, warp_mm=0.0)
-DOTS = DotGrid(kind="dots", dots=(11, 8), spacing_mm=6.0, diameter_mm=2.9, scale_std=1e-4, warp_mm=0.0)
+# All dots must be visible from all positions.
+DOTS = DotGrid(kind="dots", dots=(11, 8), spacing_mm=5.0, diameter_mm=2.4, scale_std=1e-4, warp_mm=0.0)
 Array = NDArray[np.float64]
 
 
@@ -60,7 +61,7 @@ def run_capture(seed: int, given: argparse.Namespace) -> dict[str, Any]:
     scale = float(rig.truth.values[rig.truth.layout.first_target])
     sized = {"square_mm": 6.0 * (1 + scale), "marker_mm": 4.5 * (1 + scale)}
     if isinstance(board, DotGrid):
-        sized = {"spacing_mm": 6.0 * (1 + scale), "diameter_mm": 2.9 * (1 + scale)}
+        sized = {name: getattr(board, name) * (1 + scale) for name in ("spacing_mm", "diameter_mm")}
     real = board.model_copy(update=sized)
     camera = rig.truth.camera(*SIZE)
     images, errors, stated = [], [], []

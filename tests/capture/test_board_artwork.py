@@ -77,6 +77,18 @@ def test_areas_of_dots_are_those_of_discs() -> None:
     assert dark_mm2 == pytest.approx(12 * np.pi * 1.5**2, rel=1e-6)
 
 
+def test_bright_and_hollow_dots_leave_the_ground() -> None:
+    """Ink on the plate: all of it but the discs for bright dots; holes have a third of the diameter."""
+    fields: dict[str, Any] = {"kind": "dots", "dots": (4, 3), "spacing_mm": 7, "diameter_mm": 3}
+    markers = ((1, 1), (3, 1), (1, 0))
+    disc = np.pi * 1.5**2
+    hollow = draw_board(BoardPrint(**fields, markers=markers))
+    dark_mm2 = (1 - frontal(hollow)).sum() / PX_PER_MM**2
+    assert dark_mm2 == pytest.approx((12 - 3 / 9) * disc, rel=1e-6)
+    bright_mm2 = frontal(draw_board(BoardPrint(**fields, markers=markers, dark=False))).sum() / PX_PER_MM**2
+    assert bright_mm2 == pytest.approx((12 - 3 / 9) * disc, rel=1e-6)
+
+
 def test_asymmetric_dots_are_in_the_order_of_opencv() -> None:
     artwork = draw_board(BoardPrint(kind="asymmetric_dots", dots=(4, 11), spacing_mm=10, diameter_mm=4))
     # As in the documentation of cv2.findCirclesGrid: ((2 j + i % 2) s, i s) with s half the distance in a row.
@@ -95,6 +107,21 @@ def test_asymmetric_dots_are_in_the_order_of_opencv() -> None:
             r"markers of 5 mm, which do not fit",
         ),
         ({"kind": "dots", "dots": [5, 4], "spacing_mm": 5, "diameter_mm": 4.5}, r"dots of 4\.5 mm, more than 0\.8"),
+        ({"kind": "checkerboard", "squares": [5, 4], "square_mm": 5, "dark": False}, "must not have dark: false"),
+        (
+            {"kind": "dots", "dots": [5, 4], "spacing_mm": 5, "diameter_mm": 2, "markers": [[1, 1], [3, 1], [1, 4]]},
+            r"markers that must lie on the grid of 5 x 4",
+        ),
+        (
+            {
+                "kind": "asymmetric_dots",
+                "dots": [5, 8],
+                "spacing_mm": 5,
+                "diameter_mm": 2,
+                "markers": [[1, 1], [3, 1], [1, 4]],
+            },
+            r"another in its column, an even number of rows away",
+        ),
     ],
 )
 def test_what_no_board_can_be_is_named(values: dict[str, Any], message: str) -> None:

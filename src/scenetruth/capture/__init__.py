@@ -30,11 +30,9 @@ if TYPE_CHECKING:
     from scenetruth.capture.capture_calibration import calibrate_capture
     from scenetruth.capture.capture_check import CaptureReport, check_capture
     from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
-    from scenetruth.capture.capture_findings import CaptureFinding
     from scenetruth.capture.capture_run import CaptureRun, run_capture
     from scenetruth.capture.capture_template import capture_text, write_capture_file
-    from scenetruth.capture.corrections import FixedPatternCorrection, correct_images, undistort_images
-    from scenetruth.capture.dark_pattern import PatternMatch
+    from scenetruth.capture.corrections import FixedPatternCorrection, PatternMatch, correct_images, undistort_images
     from scenetruth.capture.edge_response import fit_edge_exponent
     from scenetruth.capture.file_patterns import (
         FilePattern,
@@ -68,6 +66,7 @@ if TYPE_CHECKING:
         measure_noise,
     )
     from scenetruth.capture.region_means import RegionMean, region_mean
+    from scenetruth.capture.response_check import CaptureFinding
     from scenetruth.capture.simulated_capture import simulate_capture
     from scenetruth.capture.simulated_rig import BoardPose, CaptureSimulation
     from scenetruth.capture.twin import Comparison, RegionError, Twin, TwinPrediction, TwinRun, make_twin, run_twin
@@ -95,15 +94,13 @@ __getattr__, __dir__ = export_lazily(
         "region_means": "RegionMean region_mean",
         "capture_calibration": "calibrate_capture",
         "capture_check": "CaptureReport check_capture",
-        "capture_findings": "CaptureFinding",
         "capture_file": "CAPTURE_FILE Capture CaptureLike load_capture",
         "capture_run": "CaptureRun run_capture",
         "capture_template": "capture_text write_capture_file",
-        "corrections": "FixedPatternCorrection correct_images undistort_images",
+        "corrections": "FixedPatternCorrection PatternMatch correct_images undistort_images",
         "file_patterns": (
             "FilePattern GuessedPattern expected_indices guess_patterns list_names nearest_patterns read_pattern"
         ),
-        "dark_pattern": "PatternMatch",
         "edge_response": "fit_edge_exponent",
         "measurement_check": "compare_measurement",
         "board_check": "describe_blurred sharpness",
@@ -115,6 +112,7 @@ __getattr__, __dir__ = export_lazily(
         ),
         "board_artwork": "BoardArtwork BoardKind BoardPrint default_board draw_board draw_dots read_board_print",
         "board_rendering": ("BoardLight BoardRenderer InkRenderer PlacedBoard open_board_renderer project_points"),
+        "response_check": "CaptureFinding",
         "simulated_capture": "simulate_capture",
         "simulated_rig": "BoardPose CaptureSimulation",
         "twin": "Comparison RegionError Twin TwinPrediction TwinRun make_twin run_twin",

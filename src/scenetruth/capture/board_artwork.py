@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -13,15 +13,21 @@ from pydantic import Field, ValidationError, model_validator
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.validated_model import FrozenModel, Positive
 
-__all__ = ["BoardArtwork", "BoardKind", "BoardPrint", "default_board", "draw_board", "draw_dots", "read_board_print"]
+__all__ = [
+    "BoardArtwork", "BoardKind", "BoardPrint", "DotPlace", "default_board", "draw_board", "draw_dots", "marker_problem",
+    "read_board_print",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 BoardKind = Literal["charuco", "checkerboard", "dots", "asymmetric_dots"]
 """Types of boards."""
 Count = Annotated[int, Field(ge=2, le=100)]
+DotPlace = tuple[Annotated[int, Field(ge=0, le=99)], Annotated[int, Field(ge=0, le=99)]]
+"""Column and row of a dot, from 0 at the upper left."""
 
 _CORNERS_OF_DISC = 512
 _LARGEST_DOT = 0.8  # largest diameter relative to the distance of neighbouring dots
+_HOLE = 1 / 3  # diameter of the hole of a hollow dot relative to the dot
 
 
 class BoardPrint(FrozenModel):
@@ -45,6 +51,11 @@ class BoardPrint(FrozenModel):
     """Distance in mm between the dots of a row; rows of an asymmetric grid have half of it."""
     diameter_mm: Positive | None = None
     """Diameter of the dots in mm."""
+    dark: bool = True
+    """Dark dots on a bright ground; false for bright dots of a ``dots`` or ``asymmetric_dots`` board."""
+    markers: tuple[DotPlace, DotPlace, DotPlace] | None = None
+    """Hollow dots (column, row), from 0 at the upper left: one, another in its row, and another in its column. Boards
+    with them may be cut off by the image border."""
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -55,9 +66,10 @@ class BoardPrint(FrozenModel):
         )
         required = {"charuco": squared + charuco, "checkerboard": squared}.get(self.kind, dotted)
         lacking = [name for name in required if getattr(self, name) is None]
-        extra = [
-            name for name in (*squared, *charuco, *dotted) if name not in required and getattr(self, name) is not None
-        ]
+        named = [name for name in (*squared, *charuco, *dotted, "markers") if getattr(self, name) is not None]
+        optional = ("markers",) if required == dotted else ()
+        extra = [name for name in named if name not in (*required, *optional)]
+        extra += ["dark: false"] if not self.dark and required != dotted else []
         problems = [f"lacks {', '.join(lacking)}"] if lacking else []
         problems += [f"must not have {', '.join(extra)}"] if extra else []
         if self.marker_mm is not None and self.square_mm is not None and self.marker_mm >= self.square_mm:
@@ -68,10 +80,38 @@ class BoardPrint(FrozenModel):
                 problems.append(
                     f"has dots of {self.diameter_mm:g} mm, more than 0.8 of their distance of {nearest:g} mm"
                 )
+        if self.markers is not None and self.dots is not None and required == dotted:
+            problem = marker_problem(self.kind, self.dots, self.markers)
+            problems += [f"has markers that {problem}"] if problem else []
         if problems:
             msg = f"a board of this type ({self.kind}) {' and '.join(problems)}"
             raise ValueError(msg)
         return self
+
+    def stated(self, mode: Literal["python", "json"] = "python") -> dict[str, Any]:
+        """Return the fields that a board of this type has, without dark dots, which are the default."""
+        plain = self.model_dump(mode=mode, exclude_none=True)
+        if self.kind != "charuco":
+            plain.pop("legacy")
+        if self.dark:
+            plain.pop("dark")
+        return plain
+
+
+def marker_problem(kind: str, dots: tuple[int, int], markers: tuple[DotPlace, DotPlace, DotPlace]) -> str:
+    """Return why three dots do not number a grid of dots; empty if they do.
+
+    A column of an asymmetric grid has every second row.
+    """
+    first, right, below = markers
+    if any(place[axis] >= dots[axis] for place in markers for axis in (0, 1)):
+        return f"must lie on the grid of {dots[0]} x {dots[1]} dots; got {markers}"
+    apart = first[0] != right[0] and first[1] != below[1]
+    shifted = kind == "asymmetric_dots" and (first[1] - below[1]) % 2
+    if not apart or first[1] != right[1] or first[0] != below[0] or shifted:
+        rows = ", an even number of rows away" if kind == "asymmetric_dots" else ""
+        return f"must be a dot, another in its row, and another in its column{rows}; got {markers}"
+    return ""
 
 
 # Share of the field of view that a board fills; boards whose points must all be visible fill less.
@@ -126,7 +166,8 @@ class BoardArtwork:
 
     The origin of a board with squares is its upper left corner, that of a dot grid the first dot, as in OpenCV.
 
-    ``rings``: Closed polygons of ink, clockwise, in groups of shape (n, corners, 2); they do not overlap.
+    ``rings``: Closed polygons of ink, clockwise, in groups of shape (n, corners, 2); they do not overlap. Holes are
+      anticlockwise.
     ``points_mm``: Calibration points in the order of OpenCV, shape (n, 2): inner corners, or centres of dots.
     ``box_mm``: Left, upper, right and lower border of the white plate.
     """
@@ -170,17 +211,28 @@ def draw_board(board: BoardPrint) -> BoardArtwork:
         # The order of OpenCV: row by row; odd rows are shifted by half the distance in a row.
         column, row = column + 0.5 * (row % 2), row / 2
     points = board.spacing_mm * np.stack([column, row], axis=-1).reshape(-1, 2)
-    return draw_dots(points, board.diameter_mm, board.spacing_mm)
+    hollow = [row * columns + column for column, row in board.markers or ()]
+    artwork = draw_dots(points, board.diameter_mm, board.spacing_mm, hollow)
+    if board.dark:
+        return artwork
+    # The ground is ink, and the dots are free of it.
+    return replace(artwork, rings=(artwork.plate, *(ring[:, ::-1] for ring in artwork.rings)))
 
 
-def draw_dots(points_mm: Array, diameter_mm: float, margin_mm: float) -> BoardArtwork:
-    """Return the artwork of dots at given centres, shape (n, 2), on a plate with a margin around the centres."""
+def draw_dots(points_mm: Array, diameter_mm: float, margin_mm: float, hollow: Sequence[int] = ()) -> BoardArtwork:
+    """Return the artwork of dots at given centres, shape (n, 2), on a plate with a margin around the centres.
+
+    ``hollow``: Indices of dots with a hole, whose outline is anticlockwise.
+    """
     angle = 2 * np.pi * np.arange(_CORNERS_OF_DISC) / _CORNERS_OF_DISC
     # The polygon has the area of the disc.
     radius = diameter_mm / 2 * np.sqrt(2 * np.pi / (_CORNERS_OF_DISC * np.sin(2 * np.pi / _CORNERS_OF_DISC)))
     outline = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     low, high = points_mm.min(axis=0) - margin_mm, points_mm.max(axis=0) + margin_mm
-    return BoardArtwork((points_mm[:, None] + outline,), points_mm, (*low.tolist(), *high.tolist()))
+    rings = [points_mm[:, None] + outline]
+    if len(hollow):
+        rings.append(points_mm[list(hollow), None] + _HOLE * outline[::-1])
+    return BoardArtwork(tuple(rings), points_mm, (*low.tolist(), *high.tolist()))
 
 
 def _draw_squares(board: BoardPrint, squares: tuple[int, int], side: float) -> BoardArtwork:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from scenetruth.capture.calibration import Board, CalibrationError
-from scenetruth.capture.dark_pattern import PatternMatch
+from scenetruth.capture.corrections import PatternMatch
 from scenetruth.capture.edge_response import fit_edge_exponent
 from scenetruth.capture.file_patterns import MatchedFile
 from scenetruth.capture.folder_reading import CaptureFolder
@@ -127,10 +127,7 @@ def board_of(folder: CaptureFolder) -> Board:
     """Return the board of a capture file as a board of the detection."""
     section = folder.capture.board
     assert section is not None  # given together with its files
-    plain = section.model_dump(exclude_none=True)
-    if section.kind != "charuco":
-        plain.pop("legacy")
-    found: Board = TypeAdapter(Board).validate_python(plain)
+    found: Board = TypeAdapter(Board).validate_python(section.stated())
     return found
 
 

@@ -18,13 +18,12 @@ from scenetruth.capture.board_check import (
     sharpness,
 )
 from scenetruth.capture.capture_file import CaptureLike, load_capture
-from scenetruth.capture.capture_findings import CaptureFinding, Severity
-from scenetruth.capture.dark_pattern import PatternMatch
+from scenetruth.capture.corrections import PatternMatch
 from scenetruth.capture.folder_reading import CaptureFolder, open_capture
 from scenetruth.capture.image_reading import FrameMoments
 from scenetruth.capture.ingest import list_missing
 from scenetruth.capture.radiometry import GammaFit, SensorNoise, measure_noise
-from scenetruth.capture.response_check import check_response
+from scenetruth.capture.response_check import CaptureFinding, Severity, check_response
 from scenetruth.errors import ArgumentError, CaptureError, Problem
 from scenetruth.progress import Progress
 

@@ -149,10 +149,13 @@ def read_header(file: Path) -> ImageHeader:
             return _tiff_header(stream) if head[:4] in _TIFF else _other_header(stream, head)
     except PictureFileError:
         raise
-    except OSError as error:
-        msg = f"cannot be read: {error.strerror or error}"
-        raise PictureFileError(msg) from error
     except Exception as error:  # decoders raise various exceptions
+        if isinstance(error, OSError) and error.strerror:
+            msg = f"cannot be read: {error.strerror}"
+            raise PictureFileError(msg) from error
+        if "cannot identify" in str(error):
+            msg = "cannot be read as an image: it has the header of no image format"
+            raise PictureFileError(msg) from error
         text = " ".join(str(error).split())[:200] or type(error).__name__
         msg = f"cannot be read as an image: {text}"
         raise PictureFileError(msg) from error

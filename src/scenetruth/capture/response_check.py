@@ -1,22 +1,52 @@
-"""Check of the response of a camera: linear, or encoded for a display."""
+"""Findings of the check of a capture, and that of the response of its camera: linear, or encoded for a display."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from scenetruth.capture.capture_findings import CaptureFinding
 from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.radiometry import GammaFit, fit_gamma, measure_linearity
 from scenetruth.errors import ArgumentError
 
-__all__ = ["check_response"]
+__all__ = ["CaptureFinding", "Severity", "check_response"]
 
 _GAMMA_OF_EXPOSURES = 0.05
 _SIGMAS = 4.0
 _SATURATED = 1e-3  # share of the pixels of an image
 _BLACK_DN = 2.0
+
+Severity = Literal["error", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class CaptureFinding:
+    """A single result of a check.
+
+    ``mistake``: Name of the mistake: ``files``, ``missing_image``, ``turned``, ``saturated``, ``gamma``, ``dark``,
+    ``flat``, ``exposure``, ``blurred``, ``bit_depth``, ``board``, ``units``.
+    ``severity``: ``error`` where results would be wrong, ``warning`` where they are impaired, ``note`` otherwise.
+    ``message``: Path, what was measured, and what to do.
+
+    See Also
+    --------
+    check_capture : Returns it.
+
+    Examples
+    --------
+    >>> str(CaptureFinding("gamma", "error", "the response has an exponent of 0.45"))
+    'error: gamma: the response has an exponent of 0.45'
+    """
+
+    mistake: str
+    severity: Severity
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.mistake}: {self.message}"
 
 
 def check_response(

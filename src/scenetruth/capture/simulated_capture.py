@@ -412,9 +412,7 @@ def describe_capture(plan: CapturePlan) -> dict[str, Any]:
     }
     if plan.boards and not isinstance(settings.board, str):
         files["board"] = f"board/p{{pose:02d}}_{row}s{{s:+d}}.{_SUFFIX}"
-        board = settings.board.model_dump(mode="json", exclude_none=True)
-        if settings.board.kind != "charuco":
-            board.pop("legacy")
+        board = settings.board.stated("json")
         found["board"] = {**board, "scale_std": settings.scale_std, "warp_mm": settings.warp_mm}
     files |= {name: f"{name}/*.{_SUFFIX}" for name in ("dark", "flat", "static") if getattr(settings, name)}
     if settings.exposures:

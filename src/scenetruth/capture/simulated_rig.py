@@ -389,7 +389,7 @@ def _check_points(plan: CapturePlan) -> None:
     problems, scene = [], plan.scene
     places = [(s_y, s) for s_y in scene.stage.s_y.tolist() for s in scene.stage.s.tolist()]
     board_print = plan.settings.board
-    whole = not isinstance(board_print, str) and board_print.kind != "charuco"
+    whole = not isinstance(board_print, str) and board_print.kind != "charuco" and board_print.markers is None
     for number, board in enumerate(plan.boards):
         views = [plan.board_viewpoint(number, s, s_y) for s_y, s in places]
         corners = board.to_world(board.artwork.plate[0])

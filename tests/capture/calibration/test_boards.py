@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -65,6 +67,18 @@ def test_the_legacy_pattern_is_named() -> None:
     legacy = CHARUCO.model_copy(update={"legacy": True})
     assert "board.legacy to true" in detect_board(rendered(legacy), CHARUCO).reason
     assert detect_board(rendered(legacy), legacy).reason == ""
+
+
+@pytest.mark.parametrize(
+    ("changes", "remedy"),
+    [
+        ({"dictionary": "5X5_250"}, r"0 markers .* markers of the dictionary 4X4_1000: check board\.dictionary"),
+        ({"squares": (13, 6)}, r"markers and 0 corners .*check board\.squares"),
+    ],
+)
+def test_another_dictionary_and_other_squares_are_named(changes: dict[str, object], remedy: str) -> None:
+    stated = CHARUCO.model_copy(update=changes)
+    assert re.search(remedy, detect_board(rendered(CHARUCO), stated).reason)
 
 
 def test_parts_of_a_charuco_board_are_sufficient_and_of_others_not() -> None:

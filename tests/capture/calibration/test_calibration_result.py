@@ -61,6 +61,8 @@ def replaced(file: Path, matrix: np.ndarray, names: tuple[str, ...]) -> None:
         ("nan", "must be finite"),
         ("fixed", "parameter without a variance"),
         ("small", "must be a matrix of"),
+        ("complex", "must have a covariance of real numbers"),
+        ("text", "must have a covariance of real numbers"),
     ],
 )
 def test_matrices_that_are_no_covariance_are_refused(
@@ -78,6 +80,8 @@ def test_matrices_that_are_no_covariance_are_refused(
         matrix[2, 2] = np.nan
     elif change == "fixed":
         matrix[7, 0] = matrix[0, 7] = 1e-6
+    elif change in ("complex", "text"):
+        matrix = matrix.astype(complex if change == "complex" else str)
     else:
         matrix = matrix[:-1, :-1]
     replaced(file, matrix, calibration.names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from scenetruth.capture.calibration import (
     RigGuess,
     RigState,
     adjust,
+    advise_pose,
     apparent_steps,
     check_models,
     check_scale,
@@ -160,3 +162,24 @@ def test_mistakes_of_the_stage_are_named_before_the_fit(rig: DrawnRig) -> None:
         replace(view, pixels=np.stack([view.pixels[:, 1], 639 - view.pixels[:, 0]], axis=-1)) for view in given.views
     ]
     assert "along Y" in steps_of(rig, given.selected(turned))[0]
+
+
+def test_frontal_poses_ask_for_a_tilt_that_helps() -> None:
+    """Three poses of up to 10° of tilt: the stated gain is that of a tilted pose of the same rig."""
+    rig = draw_rig(21, poses=9, tilt_deg=(36.0, 38.0))
+    frontal = [view for view in rig.observations.views if view.pose % 4 == 0]
+    fit = fit_draw(replace(rig, observations=rig.observations.selected(frontal)))
+    advice = advise_pose(fit, rig.priors)
+    before, after = (float(text) for text in re.findall(r"to ([\d.]+) px", advice))
+    assert "tilted by 37°" in advice
+    assert before == pytest.approx(fit.std("f"), rel=0.06)
+    wider = [view for view in rig.observations.views if view.pose % 4 == 0 or view.pose == 1]
+    obtained = fit_draw(replace(rig, observations=rig.observations.selected(wider))).std("f")
+    assert obtained == pytest.approx(after, rel=0.25)
+    assert 2 * obtained < before
+    assert advice in diagnose(fit.given, fit, rig.priors)
+
+
+def test_tilted_poses_need_no_advice() -> None:
+    rig = draw_rig(23, poses=4)
+    assert not advise_pose(fit_draw(rig), rig.priors)

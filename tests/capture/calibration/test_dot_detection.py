@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from scenetruth.camera import Camera
+from scenetruth.camera import Camera, Viewpoint
+from scenetruth.capture import BoardLight, BoardPrint, BoardRenderer, PlacedBoard, draw_board
 from scenetruth.capture.calibration import DotGrid, detect_board, disc_bias, refine_points, rotation_matrix
 from tests.helpers.rendered_boards import noisy, render_board, rendered_noise_variance
 
@@ -60,6 +61,35 @@ def test_what_does_not_fit_has_a_reason() -> None:
     assert detect_board(np.ascontiguousarray(image[:, ::-1]), GRID).reason
     far = GRID.model_copy(update={"markers": ((2, 5), (8, 5), (2, 2))})
     assert "check board.markers" in detect_board(image, far).reason
+
+
+PRINTS = {
+    "dots": {"dots": (10, 8), "spacing_mm": 5.0, "diameter_mm": 2.4, "markers": ((2, 5), (7, 5), (2, 2))},
+    "asymmetric_dots": {"dots": (6, 11), "spacing_mm": 8.0, "diameter_mm": 2.4, "markers": ((1, 8), (4, 8), (1, 4))},
+}
+
+
+@pytest.mark.parametrize(("kind", "dark"), [("dots", True), ("asymmetric_dots", True), ("asymmetric_dots", False)])
+@pytest.mark.parametrize("shift_mm", [0.0, 9.0])
+def test_prints_with_markers_are_read(kind: str, dark: bool, shift_mm: float) -> None:
+    """The artwork of a board, rendered, is numbered as its points are, cut off by the border, too."""
+    artwork = draw_board(BoardPrint(kind=kind, dark=dark, **PRINTS[kind]))
+    board = DotGrid(kind=kind, dark=dark, **PRINTS[kind])
+    place = np.array([shift_mm, 0.6 * shift_mm, 660.0])
+    placed = PlacedBoard(artwork, TURN, place)
+    view = Viewpoint.on_axis(0.0)
+    image = BoardRenderer(CAMERA, placed, BoardLight(200.0, 3000.0, 1500.0)).render(0.0, view).astype(np.float64)
+    detection = detect_board(image, board)
+    assert not detection.reason
+    whole = artwork.points_mm.shape[0]
+    assert len(detection.ids) == whole if shift_mm == 0 else 0.5 * whole < len(detection.ids) < whole
+    points = refine_points(image, 1.0, board, detection)
+    true = CAMERA.project(board.points_mm[points.ids] @ TURN.T + place)
+    true = true + disc_bias(CAMERA, TURN, place, board.points_mm[points.ids], board.diameter_mm / 2)
+    assert len(points.ids) > 0.9 * len(detection.ids)
+    assert np.abs(points.pixels - true).max() < 0.02
+    mirrored = detect_board(np.ascontiguousarray(image[:, ::-1]), board)
+    assert mirrored.reason
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
+    from scenetruth.capture.calibration.added_poses import advise_pose
     from scenetruth.capture.calibration.boards import Board, CharucoBoard, Checkerboard, DotGrid
     from scenetruth.capture.calibration.bundle_adjustment import PoseScatter, RigFit, ViewResidual, adjust
     from scenetruth.capture.calibration.calibration_result import RigCalibration
@@ -81,7 +82,7 @@ __all__ = [
     "Board", "BoardImage", "CalibrationError", "CalibrationTarget", "CharucoBoard", "Checkerboard", "Combination",
     "CommonError", "Detection", "DotGrid", "HalvesTest", "MeasurementSlopes", "ModelTest", "Moment", "Observations",
     "PoseScatter", "RefinedPoints", "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors",
-    "RigSolution", "RigState", "ScaleTest", "TargetView", "VarianceComponents", "ViewResidual", "adjust",
+    "RigSolution", "RigState", "ScaleTest", "TargetView", "VarianceComponents", "ViewResidual", "adjust", "advise_pose",
     "apparent_steps", "calibrate", "charuco_board", "check_models", "check_scale", "common_error", "compare_halves",
     "describe_fit", "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise",
     "export_calibration", "field_of_residuals", "fit_rig", "identify_combinations", "import_calibration",
@@ -93,6 +94,7 @@ __all__ = [
 __getattr__, __dir__ = export_lazily(
     __name__,
     {
+        "added_poses": "advise_pose",
         "boards": "Board CharucoBoard Checkerboard DotGrid",
         "bundle_adjustment": "PoseScatter RigFit ViewResidual adjust",
         "calibration_result": "RigCalibration",

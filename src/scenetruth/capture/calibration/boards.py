@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
+from scenetruth.capture.board_artwork import DotPlace, marker_problem
 from scenetruth.capture.calibration.rig_model import CalibrationTarget
 from scenetruth.discovery import kind_in_lower_case
 from scenetruth.validated_model import FrozenModel, NonNegative, Positive
@@ -17,7 +18,6 @@ __all__ = ["Board", "CharucoBoard", "Checkerboard", "DotGrid"]
 Array = NDArray[np.float64]
 
 _Count = Annotated[int, Field(ge=2, le=100)]
-_Place = tuple[Annotated[int, Field(ge=0, le=99)], Annotated[int, Field(ge=0, le=99)]]
 
 
 class _Tolerances(FrozenModel):
@@ -122,7 +122,7 @@ class DotGrid(_Tolerances):
     """Diameter of the dots in mm."""
     dark: bool = True
     """Dark dots on a bright ground; false for bright dots."""
-    markers: tuple[_Place, _Place, _Place] | None = None
+    markers: tuple[DotPlace, DotPlace, DotPlace] | None = None
     """Hollow dots (column, row), from 0 at the upper left: one, another in its row, and another in its column."""
 
     @model_validator(mode="after")
@@ -137,15 +137,9 @@ class DotGrid(_Tolerances):
     def _markers_on_the_grid(self) -> DotGrid:
         if self.markers is None:
             return self
-        first, right, below = self.markers
-        if self.kind != "dots":
-            msg = "markers are hollow dots of a rectangular grid; use `dots`"
-            raise ValueError(msg)
-        if any(place[axis] >= self.dots[axis] for place in self.markers for axis in (0, 1)):
-            msg = f"markers must lie on the grid of {self.dots[0]} x {self.dots[1]} dots; got {self.markers}"
-            raise ValueError(msg)
-        if first[1] != right[1] or first[0] != below[0] or first[0] == right[0] or first[1] == below[1]:
-            msg = f"markers must be a dot, another in its row, and another in its column; got {self.markers}"
+        problem = marker_problem(self.kind, self.dots, self.markers)
+        if problem:
+            msg = f"markers {problem}"
             raise ValueError(msg)
         return self
 

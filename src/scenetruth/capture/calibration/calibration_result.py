@@ -365,6 +365,9 @@ class RigCalibration:
         tuple of CommonError
             Errors along X, Y and Z in mm, each with its modes over the pixels.
         """
+        if len(self.positions_mm) < 2:
+            message = "are one, and a point has no depth from it: calibrate from at least two"
+            raise CalibrationError([Problem("positions_mm", message, self.positions_mm.tolist())])
         where = np.atleast_2d(np.asarray(pixels, dtype=np.float64))
         depth = np.broadcast_to(np.asarray(depth_mm, dtype=np.float64), (len(where),))
         points = self.camera.ray_directions(where) * depth[:, None]
@@ -633,9 +636,12 @@ def _read_covariance(file: Path, given: _CalibrationFile, names: Sequence[str]) 
         return None, f"{file.name} has changed or belongs to another calibration; copy both files together"
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            stored, matrix = tuple(arrays["names"].tolist()), np.asarray(arrays["covariance"], dtype=np.float64)
+            stored, matrix = tuple(arrays["names"].tolist()), arrays["covariance"]
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         return None, f"{file.name} is no file of a covariance: {error}"
+    if matrix.dtype.kind != "f":
+        return None, f"{file.name} must have a covariance of real numbers, and has {matrix.dtype}"
+    matrix = np.asarray(matrix, dtype=np.float64)
     if stored != tuple(names):
         return None, f"{file.name} has other parameters than the calibration file"
     message = covariance_problem(matrix, names)

@@ -17,6 +17,9 @@ __all__ = ["Detection", "charuco_board", "detect_board", "stretched"]
 
 Array = NDArray[np.float64]
 
+_FAMILIES = ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "APRILTAG_36h11", "APRILTAG_25h9")
+"""Dictionaries that contain the smaller dictionaries of their size."""
+
 _FEWEST = 6  # corners of a ChArUco board
 _DARK, _BRIGHT = 1.0, 99.5  # percentiles of black and white
 
@@ -110,10 +113,26 @@ def _detect_charuco(image: Array, board: CharucoBoard) -> Detection:
         mirrored = cv2.aruco.CharucoDetector(charuco_board(board)).detectBoard(np.ascontiguousarray(grey[:, ::-1]))[1]
         if mirrored is not None and len(mirrored) >= _FEWEST:
             return _nothing("the board is mirrored; read the images without flipping them")
-        return _nothing(f"{seen} markers and {count} corners detected, of at least {_FEWEST}")
+        remedy = _remedy(grey, board, seen)
+        return _nothing(f"{seen} markers and {count} corners detected, of at least {_FEWEST}{remedy}")
     numbers = np.asarray(ids, dtype=np.int64).ravel()
     pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
     return Detection(numbers, pixels)
+
+
+def _remedy(grey: NDArray[np.uint8], board: CharucoBoard, seen: int) -> str:
+    """Return what is wrong with a board whose corners are not found."""
+    if seen >= _FEWEST:
+        return "; check board.squares"
+    cv2, counts = opencv(), {}
+    for name in _FAMILIES:
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+        ids = cv2.aruco.ArucoDetector(dictionary).detectMarkers(grey)[1]
+        counts[name] = 0 if ids is None else len(np.unique(ids))
+    best = max(counts, key=lambda name: counts[name])
+    if counts[best] < max(_FEWEST, 2 * seen):
+        return ""
+    return f"; {counts[best]} markers of the dictionary {best}: check board.dictionary, which is {board.dictionary}"
 
 
 def _detect_squares(image: Array, board: Checkerboard) -> Detection:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.capture.calibration.added_poses import advise_pose
 from scenetruth.capture.calibration.bundle_adjustment import RigFit, adjust, robust_weights
 from scenetruth.capture.calibration.rig_model import (
     INTRINSICS,
@@ -453,7 +454,10 @@ def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
                 f"the halves differ ({by}: chi-squared {halves.chi2:.0f} for {halves.dof}): "
                 "the camera changed, or the noise of the corners is understated"
             )
-    if fit.std("f") > _WEAK_TILT * fit.state.value("f"):
+    advice = advise_pose(fit, priors)
+    if advice:
+        words.append(advice)
+    elif fit.std("f") > _WEAK_TILT * fit.state.value("f"):
         words.append(
             f"the focal length is uncertain by {100 * fit.std('f') / fit.state.value('f'):.1f} %: "
             "add poses with a tilt of 35 to 40°"

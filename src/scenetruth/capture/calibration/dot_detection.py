@@ -24,6 +24,8 @@ _HOLES = (0.005, 0.6)
 """Range of the area of the hole of a hollow dot, relative to the dot."""
 _CONCENTRIC = 0.3
 """Largest distance of a hole from the centre of its dot, in radii."""
+_DOT_RADIUS, _GROUND_RADIUS, _HOLE_CONTRAST = 0.6, 1.4, 0.2
+"""Radii at which the dot and its ground are seen, and least contrast of a hole relative to theirs."""
 _NEAR = 0.3
 """Largest distance of a dot from its expected place, in units of the distance to its neighbours."""
 _FEWEST = 12
@@ -69,7 +71,7 @@ def find_blobs(grey: NDArray[np.uint8], block: int) -> Blobs:
             continue
         centres.append(centre)
         areas.append(area)
-        hollow.append(_has_hole(contours, hierarchy[0], number, centre, area))
+        hollow.append(_has_hole(contours, hierarchy[0], number, centre, area) or _is_bright_inside(grey, contour))
     return Blobs(np.array(centres).reshape(-1, 2), np.array(areas), np.array(hollow, dtype=bool))
 
 
@@ -109,6 +111,24 @@ def _has_hole(contours: Sequence[Any], hierarchy: Any, number: int, centre: Arra
     return False
 
 
+def _is_bright_inside(grey: NDArray[np.uint8], contour: Any) -> bool:
+    """Return whether the middle of a dot is brighter than the dot about it; small holes do not reach the threshold."""
+    import cv2
+
+    m = cv2.moments(contour)
+    centre = np.array([m["m10"], m["m01"]]) / m["m00"]
+    spread = np.array([[m["mu20"], m["mu11"]], [m["mu11"], m["mu02"]]]) / m["m00"]
+    values, vectors = np.linalg.eigh(spread)
+    # The semi-axes of an ellipse are twice the roots of its second moments.
+    axes = 2 * vectors * np.sqrt(np.maximum(values, 0.0))
+    around = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(16) * np.pi / 8]) @ axes.T
+    places = np.concatenate([centre[None], centre + _DOT_RADIUS * around, centre + _GROUND_RADIUS * around])
+    x, y = places.astype(np.float32).T
+    values = cv2.remap(grey, x[None], y[None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(np.float64)
+    middle, dot, ground = values[0], float(np.median(values[1:17])), float(np.median(values[17:]))
+    return bool(middle - dot > _HOLE_CONTRAST * max(ground - dot, 1.0))
+
+
 def match_marked_grid(grey: NDArray[np.uint8], board: DotGrid) -> tuple[NDArray[np.int64], Array, str]:
     """Return indices and centres of the dots of a grid with three hollow dots, or the reason why there are none."""
     assert board.markers is not None
@@ -121,10 +141,11 @@ def match_marked_grid(grey: NDArray[np.uint8], board: DotGrid) -> tuple[NDArray[
             continue
         best: dict[tuple[int, int], int] = {}
         for chosen in permutations(markers, 3):
-            grid = _grow(blobs, board.markers, chosen)
+            grid = _grow(blobs, tuple(_to_lattice(place, board) for place in board.markers), chosen)
             if len(grid) > len(best):
                 best = grid
-        kept = {place: blob for place, blob in best.items() if _is_on(place, board.dots)}
+        named = {_from_lattice(place, board): blob for place, blob in best.items()}
+        kept = {place: blob for place, blob in named.items() if _is_on(place, board.dots)}
         if len(kept) >= _FEWEST:
             places = np.array(sorted(kept, key=lambda place: (place[1], place[0])))
             found = np.array([kept[tuple(place)] for place in places.tolist()])
@@ -133,15 +154,32 @@ def match_marked_grid(grey: NDArray[np.uint8], board: DotGrid) -> tuple[NDArray[
     return np.empty(0, dtype=np.int64), np.empty((0, 2)), reason
 
 
+def _to_lattice(place: tuple[int, int], board: DotGrid) -> tuple[int, int]:
+    """Return the place of a dot on a square lattice; that of an asymmetric grid runs along its diagonals."""
+    column, row = place
+    if board.kind == "dots":
+        return place
+    across = 2 * column + row % 2
+    return (across + row) // 2, (row - across) // 2
+
+
+def _from_lattice(place: tuple[int, int], board: DotGrid) -> tuple[int, int]:
+    """Return column and row of a place on the lattice."""
+    if board.kind == "dots":
+        return place
+    across, row = place[0] - place[1], place[0] + place[1]
+    return (across - row % 2) // 2, row
+
+
 def _is_on(place: tuple[int, int], dots: tuple[int, int]) -> bool:
     return 0 <= place[0] < dots[0] and 0 <= place[1] < dots[1]
 
 
 def _grow(blobs: Blobs, places: tuple[tuple[int, int], ...], chosen: tuple[int, ...]) -> dict[tuple[int, int], int]:
     """Return the dots of a grid by their column and row, from three of them; empty if the grid is mirrored."""
-    origin, right, below = (blobs.centres[index] for index in chosen)
-    u = (right - origin) / (places[1][0] - places[0][0])
-    v = (below - origin) / (places[2][1] - places[0][1])
+    origin, *others = (blobs.centres[index] for index in chosen)
+    steps = np.array(places[1:], dtype=np.float64) - places[0]
+    u, v = np.linalg.solve(steps, np.array(others) - origin)
     if u[0] * v[1] - u[1] * v[0] <= 0:
         return {}
     grid = dict(zip(places, chosen, strict=True))

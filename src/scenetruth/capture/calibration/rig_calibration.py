@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import ValidationError
 
 from scenetruth.camera import Camera
 from scenetruth.capture.calibration.boards import Board, DotGrid
@@ -25,7 +24,16 @@ from scenetruth.capture.calibration.diagnostics import (
     identify_combinations,
     step_problems,
 )
+from scenetruth.capture.calibration.lens_continuation import (
+    RADIAL,
+    continue_lens,
+    folding,
+    is_extrapolated,
+    is_undetermined,
+    shortened,
+)
 from scenetruth.capture.calibration.rig_model import (
+    INTRINSICS,
     CalibrationError,
     CalibrationTarget,
     Observations,
@@ -39,6 +47,7 @@ from scenetruth.capture.calibration.rig_model import (
 )
 from scenetruth.capture.calibration.start_values import complete_guess, fit_homography, start_state, with_other_tilts
 from scenetruth.capture.calibration.variance_components import (
+    carry_start,
     carry_state,
     estimate_components,
     fit_places,
@@ -69,6 +78,8 @@ _BETTER = 100.0
 where all points of an image have common errors.
 """
 _MOST_CHOICES = 4
+_TIGHTER = (1, 2, 4, 8)
+"""Divisors of the prior of the lens beyond the points, the first for which it does not fold the image."""
 _SHOWN = 3.5
 """Ratio to its standard deviation below which an additional coefficient is fixed again."""
 _BEYOND_DOUBT = 1e-6
@@ -393,11 +404,12 @@ def _fit_model(
     """Return the fit, the priors with the coefficients of the lens that the images ask for, and notes."""
     if "free_distortion" in priors.model_fields_set:
         fit, words = _fit_board(_fit(given, state, dots), priors)
+        _reject_folded(fit)
         return fit, priors, words
     first, tried = _fit(given, state, dots), set(priors.free_distortion)
     if first[0].variance_factor > SCALED_ABOVE:
         richer = _with(priors, *_NEXT)
-        second = _fit(given, carry_state(first[0].state, RigLayout.from_observations(given, richer)), dots)
+        second = _fit_again(given, first[0], richer, dots)
         if _cost_of(first) - _cost_of(second) > _BETTER:
             first, priors = second, richer
     fit, words = _fit_board(first, priors)
@@ -408,11 +420,44 @@ def _fit_model(
             break
         tried |= set(priors.free_distortion) | set(chosen.free_distortion)
         priors = chosen
-        first = _fit(given, carry_state(fit.state, RigLayout.from_observations(given, priors)), dots)
-        fit, words = _fit_board(first, priors)
+        fit, words = _fit_board(_fit_again(given, fit, priors, dots), priors)
     added = [name for name in priors.free_distortion if name not in RigPriors().free_distortion]
     if added:
         words.append(f"the residuals ask for {', '.join(added)}: estimated as well")
+    if is_extrapolated(fit) or folding(fit.state, given.width, given.height):
+        fit, priors, words = _continued(given, fit, priors, words, dots)
+    return fit, priors, words
+
+
+def _continued(
+    given: Observations, fit: RigFit, priors: RigPriors, words: list[str], dots: DotGrid | None
+) -> tuple[RigFit, RigPriors, list[str]]:
+    """Return the fit with the longest lens that the images determine, and one term more that continues it outside."""
+    listed = [name for name in RADIAL if name in priors.free_distortion]
+    if any(name in priors.intrinsics for name in RADIAL):
+        _reject_folded(fit)
+        return fit, priors, words
+    kept = ["the residuals ask for aspect: estimated as well"] if "aspect" in priors.free_distortion else []
+    for count in range(len(listed), -1, -1):
+        shorter = shortened(priors, count)
+        if set(shorter.free_distortion) == set(priors.free_distortion):
+            part = fit
+        else:
+            part, _ = _fit_board(_fit_again(given, fit, shorter, dots), shorter)
+        if count and is_undetermined(part, RADIAL[count - 1]):
+            continue
+        term = continue_lens(part, count)
+        if term is None:
+            continue
+        for divisor in _TIGHTER:
+            narrow = replace(term, std=term.std / divisor)
+            longer = narrow.priors(shorter)
+            found, notes = _fit_board(_fit_again(given, part, longer, dots, {term.name: term.mean}), longer)
+            if not folding(found.state, given.width, given.height):
+                std = np.sqrt(np.diag(found.stated_covariance))[INTRINSICS.index(term.name)]
+                text = narrow.words(found.state, float(std))
+                return found, longer, [*notes, *kept, *([text] if text else [])]
+    _reject_folded(fit)
     return fit, priors, words
 
 
@@ -487,10 +532,27 @@ def _with_components(plain: RigFit, corrected: Observations, priors: RigPriors) 
     return replace(fit, views=(*fit.views, *lost)), parts.words(usable.views)
 
 
-def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[RigFit, Observations]:
-    """Return the fit, and the observations without the perspective bias of dots."""
+def _fit_again(
+    given: Observations, fit: RigFit, priors: RigPriors, dots: DotGrid | None, means: Mapping[str, float] | None = None
+) -> tuple[RigFit, Observations]:
+    """Return a fit with other tolerances, from the values of a fit; ``means``: prior means of intrinsic parameters."""
+    layout = RigLayout.from_observations(given, priors)
+    state = carry_state(fit.state, layout)
+    start = carry_start(fit, layout)
+    for number, name in enumerate(INTRINSICS):
+        if name in (means or {}):
+            state.values[number] = start[number] = (means or {})[name]
+        elif layout.std[number] == 0:
+            state.values[number] = start[number]
+    return _fit(given, state, dots, start)
+
+
+def _fit(
+    given: Observations, state: RigState, dots: DotGrid | None, start: Array | None = None
+) -> tuple[RigFit, Observations]:
+    """Return the fit, and the observations without the perspective bias of dots; ``start``: prior means."""
     # A pose with the wrong of two tilts can also prevent that the iterations end.
-    fit = adjust(given, state, must_converge=False)
+    fit = adjust(given, state, start, must_converge=False)
     if not fit.converged or not all(view.consistent for view in fit.views):
         turned = with_other_tilts(given, fit.state, fit.start)
         if not fit.converged:
@@ -514,7 +576,10 @@ def _fit(given: Observations, state: RigState, dots: DotGrid | None) -> tuple[Ri
 
 def _without_bias(given: Observations, state: RigState, dots: DotGrid) -> Observations:
     """Return observations whose centroids are replaced by images of the centres."""
-    camera, views = state.camera(given.width, given.height), []
+    # The bias does not depend on the principal point, and no fold in the corners concerns the dots.
+    values, views = state.values.copy(), []
+    values[1:3] = 0.0
+    camera = RigState(state.layout, values, state.turns).camera(1, 1)
     numbers = {pose: number for number, pose in enumerate(state.layout.poses)}
     offsets = state.layout.offsets(given.views)
     for view, (position, visit, _, pose) in zip(given.views, offsets, strict=True):
@@ -560,9 +625,11 @@ def _reject(fit: RigFit) -> None:
             f"determine the focal length to {100 * weak:.0f} % only ({poses} poses): add poses with a tilt of 35 to 40°"
         )
         raise CalibrationError([Problem("images", message)])
-    try:
-        fit.state.camera(fit.given.width, fit.given.height)
-    except ValidationError as error:
-        message = error.errors()[0]["msg"].removeprefix("Value error, ")
+
+
+def _reject_folded(fit: RigFit) -> None:
+    """Raise if the distortion folds the image."""
+    message = folding(fit.state, fit.given.width, fit.given.height)
+    if message:
         message = f"determine no usable lens: {message}; show boards in the corners of the image, or fix coefficients"
-        raise CalibrationError([Problem("images", message)]) from error
+        raise CalibrationError([Problem("images", message)])

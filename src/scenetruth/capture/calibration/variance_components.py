@@ -31,7 +31,8 @@ from scenetruth.capture.calibration.rig_model import (
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = [
-    "VarianceComponents", "carry_state", "estimate_components", "fit_places", "places_of_points", "scatter_of_poses",
+    "VarianceComponents", "carry_start", "carry_state", "estimate_components", "fit_places", "places_of_points",
+    "scatter_of_poses",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -166,7 +167,7 @@ def estimate_components(
     for _ in range(_ROUNDS):
         changed = parts.applied(given)
         layout = RigLayout.from_observations(changed, priors)
-        fit = adjust(changed, carry_state(state, layout), _start(fit, layout))
+        fit = adjust(changed, carry_state(state, layout), carry_start(fit, layout))
         state, before = fit.state, parts
         parts = _updated(parts, changed, fit, mm_per_px)
         one, other = _values(before), _values(parts)
@@ -221,7 +222,7 @@ def fit_places(given: Observations, fit: RigFit, priors: RigPriors, point_mm: fl
     """Return the fit with deviations of the points in the plane of the board."""
     changed = VarianceComponents(point_mm=point_mm).applied(given)
     layout = RigLayout.from_observations(changed, priors)
-    return adjust(changed, carry_state(fit.state, layout), _start(fit, layout))
+    return adjust(changed, carry_state(fit.state, layout), carry_start(fit, layout))
 
 
 @with_one_blas_thread
@@ -384,7 +385,7 @@ def _values(parts: VarianceComponents) -> Array:
     return np.array([parts.usual_noise_px, parts.bend_mm, parts.point_mm, parts.height_mm])
 
 
-def _start(fit: RigFit, layout: RigLayout) -> Array:
+def carry_start(fit: RigFit, layout: RigLayout) -> Array:
     """Return the prior means in another layout: those of the intrinsic parameters, else 0."""
     means = np.zeros(layout.size)
     means[: layout.first_position] = fit.start[: layout.first_position]

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.capture.calibration import (
-    Observations,
     RigCalibration,
     RigFit,
-    RigLayout,
     RigPriors,
-    RigState,
-    TargetView,
-    project,
     refit,
     rotation_matrix,
 )
-from scenetruth.capture.calibration.bundle_adjustment import build_equations
+from scenetruth.capture.calibration.added_poses import (
+    advised_tilts,
+    covariance_with_pose,
+    describe_pose,
+    place_pose,
+    tilt_of,
+)
 from scenetruth.capture.report.error_budget import CORNERS, POSES, VISITS, DepthBudget, depth_grid, depth_slopes
 from scenetruth.threads import with_one_blas_thread
 
@@ -28,11 +29,7 @@ __all__ = ["BoardCoverage", "PoseEffect", "Suggestion", "assess_poses", "cover",
 
 Array = NDArray[np.float64]
 
-_TILT_DEG = 37.0
 _DEPTH_SHARE = 0.05
-_DIRECTIONS = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
-"""Edges and corners of the board, clockwise from the right."""
-_EDGE_PX = 4.0
 _FEWEST_POINTS = 6
 _CELLS = (4, 3)  # columns and rows of parts of the image
 _NOTABLE = 0.02
@@ -131,17 +128,9 @@ def place_targets(fit: RigFit) -> list[Array]:
     """Return the points of every view in the frame of the stage in mm, each of shape (n, 3)."""
     found = []
     for view in fit.given.views:
-        rotation, centre = _placed(fit.state, view.pose)
+        rotation, centre = place_pose(fit.state, view.pose)
         found.append(view.points_mm @ rotation.T + centre)
     return found
-
-
-def _placed(state: RigState, pose: int) -> tuple[Array, Array]:
-    """Return rotation and centre of a pose of a target in the frame of the stage."""
-    number = state.layout.poses.index(pose)
-    start = state.layout.names.index(f"pose[{pose}].pitch")
-    turn = rotation_matrix(state.values[start : start + 3]) @ state.turns[number]
-    return turn, state.values[start + 3 : start + 6]
 
 
 @with_one_blas_thread
@@ -157,12 +146,12 @@ def assess_poses(
             continue
         others = [view for view in fit.given.views if view.pose != pose]
         rest = refit(fit.given.selected(others), fit, priors) if others else None
-        rotation, centre = _placed(fit.state, pose)
+        rotation, centre = place_pose(fit.state, pose)
         names = {view.name for view in views}
         used = [view for view in fit.views if view.name in names]
         points = sum(view.points for view in used)
         squares = sum(view.points * view.rms_px**2 for view in used)
-        tilt, farther = _tilt(rotation)
+        tilt, farther = tilt_of(rotation)
         found.append(
             PoseEffect(
                 pose, tilt, farther, float(centre[2]), len(views), points, float(np.sqrt(squares / max(points, 1))),
@@ -170,18 +159,6 @@ def assess_poses(
             )
         )  # fmt: skip
     return tuple(found)
-
-
-def _tilt(rotation: Array) -> tuple[float, str]:
-    """Return the tilt of a board in degrees, and which edge of it is farther away."""
-    normal = rotation[:, 2] * np.sign(rotation[2, 2])
-    tilt = float(np.rad2deg(np.arccos(np.clip(normal[2], -1, 1))))
-    # On the plane, z grows against the components of the normal.
-    return tilt, "" if tilt < 3 else _direction(-normal[:2])
-
-
-def _direction(vector: Array) -> str:
-    return _DIRECTIONS[round(float(np.arctan2(vector[1], vector[0])) / (np.pi / 4)) % 8]
 
 
 def _mean_std(calibration: RigCalibration, budget: DepthBudget) -> Callable[[Sequence[str], Array], float]:
@@ -232,77 +209,19 @@ def _halve(title: str) -> str:
 def _best_pose(fit: RigFit, priors: RigPriors, calibration: RigCalibration, budget: DepthBudget) -> list[Suggestion]:
     """Return the pose of the board whose images would reduce the error most."""
     boards = [view for view in fit.given.views if view.target == 0]
-    centres = np.array([_placed(fit.state, pose)[1] for pose in dict.fromkeys(view.pose for view in boards)])
+    centres = np.array([place_pose(fit.state, pose)[1] for pose in dict.fromkeys(view.pose for view in boards)])
     middle = np.median(centres, axis=0)
     mean_std = _mean_std(calibration, budget)
-    tilts = [(np.deg2rad(_TILT_DEG) * np.array([np.cos(a), np.sin(a), 0.0])) for a in np.arange(8) * np.pi / 4]
+    tilts = advised_tilts(8)
     found: list[tuple[float, Array, Array]] = [
-        (mean_std(*_covariance_with(fit, priors, rotation_matrix(tilt), middle)), tilt, middle) for tilt in tilts
+        (mean_std(*covariance_with_pose(fit, priors, rotation_matrix(tilt), middle)), tilt, middle) for tilt in tilts
     ]
     _, tilt, _ = min(found, key=lambda each: each[0])
     for share in (-_DEPTH_SHARE, _DEPTH_SHARE):
         centre = middle * (1 + share)
-        found.append((mean_std(*_covariance_with(fit, priors, rotation_matrix(tilt), centre)), tilt, centre))
+        found.append((mean_std(*covariance_with_pose(fit, priors, rotation_matrix(tilt), centre)), tilt, centre))
     after, tilt, centre = min(found, key=lambda each: each[0])
     if not after < (1 - _NOTABLE / 2) * budget.total.mean_std:
         return []
-    _, farther = _tilt(rotation_matrix(tilt))
-    text = (
-        f"Add a pose at {centre[2]:.0f} mm, tilted by {_TILT_DEG:.0f}° with the {farther} "
-        f"{'corner' if ' ' in farther else 'edge'} of the board farther away"
-    )
-    return [Suggestion(text, after)]
-
-
-def _covariance_with(fit: RigFit, priors: RigPriors, rotation: Array, centre: Array) -> tuple[Sequence[str], Array]:
-    """Return names and covariance of the parameters with images of one more pose at all positions."""
-    given, state = fit.given, fit.state
-    boards = [view for view in given.views if view.target == 0]
-    points = np.unique(np.round(np.concatenate([view.points_mm for view in boards]), 9), axis=0)
-    noise = float(np.median(np.concatenate([view.covariance_px2[:, (0, 1), (0, 1)] for view in boards])))
-    pose, visit = max(view.pose for view in given.views) + 1, max(view.visit for view in given.views) + 1
-    covariance = np.tile(noise * np.eye(2), (len(points), 1, 1))
-    views = [
-        TargetView(f"new {s}", s, visit + s, pose, points, np.zeros((len(points), 2)), covariance)
-        for s in range(len(given.positions_mm))
-    ]
-    wider = given.selected([*given.views, *views])
-    layout = RigLayout.from_observations(wider, priors)
-    places = {name: index for index, name in enumerate(state.layout.names)}
-    values = np.array([state.values[places[name]] if name in places else 0.0 for name in layout.names])
-    start = layout.names.index(f"pose[{pose}].pitch")
-    values[start + 3 : start + 6] = centre
-    turns = np.array([
-        state.turns[state.layout.poses.index(one)] if one in state.layout.poses else rotation for one in layout.poses
-    ])  # fmt: skip
-    moved = RigState(layout, values, turns)
-    pixels = project(wider, moved, derivatives=False)[0]
-    seen = []
-    for number, view in enumerate(wider.views):
-        if view.pose != pose:
-            seen.append(view)
-            continue
-        shown = pixels[wider.first[number] : wider.first[number + 1]]
-        inside = (shown > _EDGE_PX) & (shown < np.array([given.width, given.height]) - 1 - _EDGE_PX)
-        kept = replace(view, pixels=shown).without(np.asarray(~inside.all(axis=1)))
-        if len(kept.pixels) >= _FEWEST_POINTS:
-            seen.append(kept)
-    if len(seen) == len(given.views):
-        return state.layout.names, fit.stated_covariance
-    return layout.names, fit.scale * fit.widened(_posterior(fit, replace(wider, views=tuple(seen)), moved))
-
-
-def _posterior(fit: RigFit, given: Observations, state: RigState) -> Array:
-    """Return the covariance of all parameters at a state."""
-    free = state.layout.std > 0
-    start = np.zeros(state.layout.size)
-    count = fit.state.layout.first_position
-    start[:count] = fit.start[:count]
-    equations = build_equations(given, state, start, free)
-    total = equations.information + np.diag(1 / state.layout.std[free] ** 2)
-    scale = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
-    # More images than those of a fit that is determined.
-    inverse = np.linalg.inv(total * scale[:, None] * scale)
-    covariance = np.zeros((state.layout.size,) * 2)
-    covariance[np.ix_(free, free)] = inverse * scale[:, None] * scale
-    return covariance
+    _, farther = tilt_of(rotation_matrix(tilt))
+    return [Suggestion(f"Add a pose {describe_pose(float(centre[2]), farther)}", after)]

@@ -39,7 +39,8 @@ class BoardPattern(PatternModel):
 
     def draw(self, size_mm: tuple[float, float], generator: np.random.Generator) -> PatternDrawing:
         """Draw the board; see `PatternModel`."""
-        return _BoardInk(draw_board(self.board), self.board.diameter_mm)
+        plain = self.board.dark and self.board.markers is None
+        return _BoardInk(draw_board(self.board), self.board.diameter_mm if plain else None)
 
     def description(self, mm_per_px: float) -> str:
         """Return a one-line description; see `PatternModel`."""
