@@ -19,11 +19,10 @@ def blank(products: Array) -> window_solver.Fit:
     theta[0] = 3.0
     variance = np.full((9, *size), np.nan)
     # Of the types that the method has, so that the kernels are those that it calls.
-    described, of_element, images = (
-        np.full((*n, *size), np.nan, dtype=np.float32)
-        for n in ((window_solver.VALUES,), (window_solver.FUNCTIONALS,), ())
-    )
-    return window_solver.Fit(theta, variance, described, of_element, images, np.full((2, *size), np.nan))
+    described = np.full((window_solver.VALUES, *size), np.nan, dtype=np.float32)
+    of_element = np.full((window_solver.FUNCTIONALS, *size), np.nan, dtype=np.float32)
+    images, residual = np.full(size, np.nan, dtype=np.float32), np.full((2, *size), np.nan)
+    return window_solver.Fit(theta, variance, described, of_element, images, residual)
 
 
 def model_of(products: Array) -> window_solver.Model:
