@@ -13,6 +13,10 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from tests.helpers.undrawn_figures import undrawn_figures
+
+__all__ = ["undrawn_figures"]
+
 # Tests make every texture anew, once for all of their processes, and leave nothing outside their folders.
 if "SCENETRUTH_TESTS" not in os.environ:
     os.environ["SCENETRUTH_TESTS"] = os.environ["SCENETRUTH_CACHE"] = tempfile.mkdtemp(prefix="scenetruth-tests-")

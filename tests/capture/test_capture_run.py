@@ -23,6 +23,8 @@ PRODUCTS = {
 }  # fmt: skip
 METHOD = constant_depth
 """Takes no time."""
+# Figures are drawn once, for the run that all tests share.
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
 
 class StoppedError(Exception):

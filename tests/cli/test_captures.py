@@ -17,6 +17,8 @@ from tests.helpers.captured_folders import CapturedFolder, write_capture
 from tests.helpers.command_line import scenetruth
 from tests.helpers.scenes import cube
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 SMALL = {
     "camera": {"width": 96, "height": 72, "focal_length_px": 750},
     "stage": {"positions": 3, "baseline_mm": 3},

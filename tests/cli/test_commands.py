@@ -16,6 +16,8 @@ import scenetruth as st
 from tests.helpers.command_line import names, scenetruth
 from tests.helpers.scenes import cube
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 # All that there are for a method which finds nothing but flow, without error bars.
 PICTURES = {"image.png", "flow.png", "error_histograms.png", "coherence.png"}
 SMALL = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "frames": {"count": 5}}

@@ -56,7 +56,7 @@ def test_what_comes_after_is_compiled_already() -> None:
 
 
 def test_the_command_says_when_all_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline, "precompile", lambda progress, beside: [])
+    monkeypatch.setattr(pipeline, "precompile", lambda progress, helper: [])
     done = scenetruth("precompile")
     assert done.returncode == 0
     assert "compilation finished" in done.stdout

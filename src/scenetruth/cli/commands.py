@@ -439,7 +439,7 @@ def precompile() -> None:
     from scenetruth.cli.console import reporting
 
     with reporting() as report, pipeline.open_figure_worker(options.helpers()) as helper:
-        pipeline.precompile(report, None if helper is None else helper.compile_method)
+        pipeline.precompile(report, helper)
     if verbosity() is not Verbosity.quiet:
         typer.echo("compilation finished")
 

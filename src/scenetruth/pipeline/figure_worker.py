@@ -60,6 +60,15 @@ class FigureWorker:
         """Compile the kernels of the truth that a run needs last (`precompilation.compile_late_truth_kernels`)."""
         self._compile({})
 
+    def wait(self) -> None:
+        """Wait until the second process has compiled what it was asked to."""
+        if self._asked or self._process is None or self._process.stdin is None or self._process.stdout is None:
+            return
+        with suppress(OSError, ValueError):
+            self._process.stdin.write(json.dumps({"wait": True}) + "\n")
+            self._process.stdin.flush()
+            self._process.stdout.readline()
+
     def _compile(self, what: dict[str, Any]) -> None:
         if self._asked or self._process is None or self._process.stdin is None:
             return
@@ -116,6 +125,10 @@ def _serve(requests: IO[str], answers: IO[str]) -> None:
 
     for line in requests:
         request = json.loads(line)
+        if "wait" in request:
+            answers.write("\n")
+            answers.flush()
+            continue
         if "compile" in request:
             from scenetruth.pipeline.precompilation import compile_late_truth_kernels, compile_method
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -25,6 +25,7 @@ _SMALL: dict[str, Any] = {
     "render": {"backend": "raycast"},
     "seed": 1,
 }
+_LARGEST_METHOD = "refined"  # its kernels take as long as all others
 _NOISE: dict[str, Any] = {"kind": "noise", "wavelength_mm": [3, 15], "rms_contrast": 0.2}
 _SHEET: dict[str, Any] = {
     "name": "sheet",
@@ -68,10 +69,19 @@ _SCENES: dict[str, dict[str, Any]] = {
 }
 
 
-def precompile(
-    progress: Progress | None = None, beside: Callable[[MethodChoice, str], None] | None = None
-) -> list[str]:
-    """Compile the kernels of scenes, truth, methods and scores with numba (1 to 2 min), or load them from the cache."""
+class SecondProcess(Protocol):
+    """Part of `FigureWorker` that compiles."""
+
+    def compile_method(self, choice: MethodChoice, dtype: str) -> None: ...
+
+    def wait(self) -> None: ...
+
+
+def precompile(progress: Progress | None = None, helper: SecondProcess | None = None) -> list[str]:
+    """Compile the kernels of scenes, truth, methods and scores with numba (1 to 2 min), or load them from the cache.
+
+    ``helper``: Second process, which compiles the method with most kernels meanwhile.
+    """
     from scenetruth.errors import EstimateError
     from scenetruth.estimators import choose, estimate, list_methods
     from scenetruth.scene import Scene
@@ -89,13 +99,17 @@ def precompile(
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        if beside is not None:
-            for method in methods:
-                beside(choose({"method": method}), "uint8")
+        if helper is not None:
+            helper.compile_method(choose({"method": _LARGEST_METHOD}), "uint8")
+        simulated = {}
         for name, plain in _SCENES.items():
             tell(f"{name}: images and truth")
-            recording, truth = simulate(Scene.from_dict(plain))
-            for method in methods:
+            simulated[name] = simulate(Scene.from_dict(plain))
+        # The method of the second process comes last, so that no kernel is compiled by both.
+        for method in sorted(methods, key=lambda method: method == _LARGEST_METHOD):
+            if method == _LARGEST_METHOD and helper is not None:
+                helper.wait()
+            for name, (recording, truth) in simulated.items():
                 tell(f"{name}: {method}")
                 # Packages of extras may be missing.
                 with suppress(EstimateError):

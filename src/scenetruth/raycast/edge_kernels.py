@@ -117,7 +117,14 @@ def cut_segments(
     used = 0
     for n in chosen:
         count = _cuts(first[n], last[n], enter[n], leave[n], piece, scratch)
-        at = np.sort(scratch[:count])
+        at = scratch[:count]
+        # By insertion, for they are few; numba's sort takes longer to compile than all the rest.
+        for k in range(1, count):
+            value, place = at[k], k
+            while place > 0 and at[place - 1] > value:
+                at[place] = at[place - 1]
+                place -= 1
+            at[place] = value
         for k in range(count - 1):
             middle = (at[k] + at[k + 1]) / 2
             inverses[used] = inverse_first[n] + middle * (inverse_last[n] - inverse_first[n])

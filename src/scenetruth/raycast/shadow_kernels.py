@@ -222,7 +222,6 @@ def _touches(numbers: NDArray[np.float64], face: int, u: float, v: float, edge: 
     return True
 
 
-@numba.njit(cache=True, nogil=True)
 def sort_faces(
     numbers: NDArray[np.float64],
     boxes: NDArray[np.float64],
@@ -232,12 +231,25 @@ def sort_faces(
     rows: int,
     tolerance: float,
 ) -> Any:
-    """Sort faces into cells."""
+    """Sort faces into cells, each beginning with the face nearest to the lamp."""
+    order = np.argsort(numbers[:, _LOWEST], kind="stable")
+    return _sort_into_cells(order, numbers, boxes, low, per_cell, columns, rows, tolerance)
+
+
+@numba.njit(cache=True, nogil=True)
+def _sort_into_cells(
+    order: NDArray[np.int64],
+    numbers: NDArray[np.float64],
+    boxes: NDArray[np.float64],
+    low: NDArray[np.float64],
+    per_cell: float,
+    columns: int,
+    rows: int,
+    tolerance: float,
+) -> Any:
     starts = np.zeros(rows * columns + 1, dtype=np.int64)
     large = np.empty(boxes.shape[0], dtype=np.int32)
     listed, place = np.empty(0, dtype=np.int32), starts
-    # The lists start with the face nearest to the lamp.
-    order = np.argsort(numbers[:, _LOWEST])
     used, edge = 0, (1.0 + _CELL_MARGIN) / per_cell
     # The first pass counts, the second fills.
     for fill in (False, True):

@@ -138,9 +138,12 @@ FIELD = (0,) * 6 + (1,) * 3 + (2,) * 3 + (3,) * 3 + (4, 5, 6)
 
 
 def blank(theta: Array) -> window_solver.Fit:
-    size, sizes = (HEIGHT, WIDTH), (9, window_solver.VALUES, window_solver.FUNCTIONALS)
-    variance, described, of_element = (np.full((n, *size), np.nan) for n in sizes)
-    return window_solver.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
+    size = (HEIGHT, WIDTH)
+    variance, residual = np.full((9, *size), np.nan), np.full((2, *size), np.nan)
+    # Of the types that the method has, so that the kernels are those that it calls.
+    described = np.full((window_solver.VALUES, *size), np.nan, dtype=np.float32)
+    of_element = np.full((window_solver.FUNCTIONALS, *size), np.nan, dtype=np.float32)
+    return window_solver.Fit(theta, variance, described, of_element, np.full(size, np.nan, dtype=np.float32), residual)
 
 
 def plain_fit(products: Array, x: int, y: int, sigma: float, columns: list[int]) -> tuple[Array, Array]:

@@ -16,7 +16,8 @@ _HUBER = 3.0
 _CONVERGED = 1e-4  # squared length of a step in standard deviations: 0.01 of the uncertainty
 _LEAST_BLUR, _LARGEST_BLUR = 0.2, 6.0
 # Below this blur two points per axis integrate the edge too coarsely: each pixel is divided into parts.
-_SHARP_BLUR, _SHARPEST_BLUR, _SHARP_PARTS = 0.25, 0.01, 4
+_SHARP_BLUR, _SHARPEST_BLUR = 0.25, 0.01
+_PARTS = np.array([1, 4])
 _FAR = 4.0  # erfc(4) = 1.5e-8
 _FEWEST = 20  # pixels
 # A pixel integrates over its area. Two points per axis and a Gaussian of this variance have the second and fourth
@@ -112,7 +113,7 @@ def position_covariance(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _accumulate(
-    values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64], count: int,
+    values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64],
     p: NDArray[np.float64], parts: int, normal: NDArray[np.float64], gradient: NDArray[np.float64],
 ) -> tuple[float, float]:  # fmt: skip
     """Write the normal equations of the edge model; return the robust cost and the weighted sum of squares.
@@ -127,7 +128,7 @@ def _accumulate(
     far = _FAR * unit + 0.75
     slope = np.empty(_PARAMETERS)
     cost = squares = 0.0
-    for n in range(count):
+    for n in range(values.size):
         # The light is linear about the centre of the window.
         light = 1.0 + p[7] * places[n, 0] + p[8] * places[n, 1]
         slope[:5] = 0.0
@@ -166,7 +167,7 @@ def _accumulate(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _minimise(
-    values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64], count: int,
+    values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64],
     p: NDArray[np.float64], parts: int, normal: NDArray[np.float64], gradient: NDArray[np.float64],
     work: NDArray[np.float64], right: NDArray[np.float64],
 ) -> tuple[bool, float]:  # fmt: skip
@@ -174,7 +175,7 @@ def _minimise(
     trial = np.empty(_PARAMETERS)
     least = _LEAST_BLUR if parts == 1 else _SHARPEST_BLUR
     damping = 1e-3
-    cost, squares = _accumulate(values, variances, places, count, p, parts, normal, gradient)
+    cost, squares = _accumulate(values, variances, places, p, parts, normal, gradient)
     for _ in range(_ROUNDS):
         if p[4] <= least and gradient[4] <= 0.0:
             # At its limit the blur is fixed.
@@ -188,16 +189,17 @@ def _minimise(
         step = 0.0
         for i in range(_PARAMETERS):
             step += (trial[i] - p[i]) * gradient[i]
-        small = step < _CONVERGED * max(1.0, squares / count)
-        later, later_squares = _accumulate(values, variances, places, count, trial, parts, normal, gradient)
+        small = step < _CONVERGED * max(1.0, squares / values.size)
+        later, later_squares = _accumulate(values, variances, places, trial, parts, normal, gradient)
         if later <= cost * (1.0 + 1e-9):
-            p[:] = trial
+            for i in range(_PARAMETERS):
+                p[i] = trial[i]
             cost, squares, damping = later, later_squares, 0.1 * damping
             if small:
                 return True, squares
         else:
             damping = max(10.0 * damping, 1e-6)
-            _accumulate(values, variances, places, count, p, parts, normal, gradient)
+            _accumulate(values, variances, places, p, parts, normal, gradient)
             # At the minimum, rounding decides about a small step.
             if small or damping > 1e6:
                 return small, squares
@@ -271,11 +273,13 @@ def fit_corners(
             count += 1
         if count < _FEWEST:
             continue
-        converged, squares = _minimise(values, variances, places, count, p, 1, normal, gradient, work, right)
-        if p[4] < _SHARP_BLUR:
-            converged, squares = _minimise(
-                values, variances, places, count, p, _SHARP_PARTS, normal, gradient, work, right
-            )  # fmt: skip
+        converged, squares = False, 0.0
+        # Parts are a variable, and pixels are cut to their number here, so that the fit is compiled once.
+        for parts in _PARTS:
+            if parts == 1 or p[4] < _SHARP_BLUR:
+                converged, squares = _minimise(
+                    values[:count], variances[:count], places[:count], p, parts, normal, gradient, work, right
+                )  # fmt: skip
         if not converged or math.hypot(p[0], p[1]) > 0.5 * half or p[4] >= _LARGEST_BLUR:
             continue
         across, down, both = position_covariance(normal, work, unit)

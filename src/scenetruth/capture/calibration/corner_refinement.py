@@ -84,7 +84,7 @@ def refine_points(image: Array, variance: Array | float, board: Board, detection
     ``variance``: Variance of the noise of every pixel.
     """
     grey = np.ascontiguousarray(image, dtype=np.float64)
-    noise = np.ascontiguousarray(np.broadcast_to(np.maximum(variance, 1e-12), grey.shape), dtype=np.float64)
+    noise = np.array(np.broadcast_to(np.maximum(variance, 1e-12), grey.shape), dtype=np.float64)
     points = board.points_mm[detection.ids, :2]
     homography = fit_homography(points, detection.pixels)
     if isinstance(board, DotGrid):
@@ -150,7 +150,7 @@ def refine_dots(
     ``neighbour_radii``: Distance to the nearest dot in radii.
     """
     grey = np.ascontiguousarray(image, dtype=np.float64)
-    noise = np.ascontiguousarray(np.broadcast_to(np.maximum(variance, 1e-12), grey.shape), dtype=np.float64)
+    noise = np.array(np.broadcast_to(np.maximum(variance, 1e-12), grey.shape), dtype=np.float64)
     pixel = 1 / max(float(np.median(np.sqrt(np.abs(np.linalg.det(axes))))), 1e-3)
     # The blurred edges of neighbours stay outside.
     ring = max(min(_RING, _RING_MOST_PX * pixel), _RING_PX * pixel)

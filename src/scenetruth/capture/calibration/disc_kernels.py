@@ -170,7 +170,8 @@ def fit_discs(
             small = step < _CONVERGED * max(1.0, squares / count)
             later, later_squares = _accumulate(values, variances, places, count, inverse, trial, normal, gradient)
             if later <= cost * (1.0 + 1e-9):
-                p[:] = trial
+                for i in range(_PARAMETERS):
+                    p[i] = trial[i]
                 cost, squares, damping = later, later_squares, 0.1 * damping
                 if small:
                     converged = True

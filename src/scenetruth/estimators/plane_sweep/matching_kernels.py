@@ -70,7 +70,8 @@ def census(image: Any, out: Any) -> None:
         for i in range(2 * _REACH + 1):
             row = image[min(max(y + i - _REACH, 0), height - 1)]
             rows[i, :_REACH] = row[0]
-            rows[i, _REACH : width + _REACH] = row
+            for x in range(width):
+                rows[i, x + _REACH] = row[x]
             rows[i, width + _REACH :] = row[width - 1]
         halves[:] = np.uint32(0)
         centre = image[y]

@@ -421,7 +421,7 @@ class _Pixels:
     @classmethod
     def of(cls, where: Mask, margin: int) -> _Pixels:
         """Return the pixels of a mask."""
-        at = np.argwhere(where)
+        at = np.ascontiguousarray(np.argwhere(where))
         box = []
         for axis, size in enumerate(where.shape):
             first, last = (int(at[:, axis].min()), int(at[:, axis].max())) if len(at) else (0, 0)
@@ -430,7 +430,7 @@ class _Pixels:
 
     def taken(self, maps: NDArray[Any]) -> NDArray[Any]:
         """Return the values of maps (n, y, x) or (y, x) at the pixels."""
-        return np.asarray(maps[..., self.where][..., None, :])
+        return np.ascontiguousarray(maps[..., self.where][..., None, :])
 
     def spread(self, fit: Fit, box: tuple[slice, slice] | None = None) -> Fit:
         """Return a fit as maps of the image, or of its rows and columns in a box, NaN at all other pixels."""

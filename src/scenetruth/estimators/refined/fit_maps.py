@@ -248,7 +248,7 @@ Mask = NDArray[np.bool_]
 
 def find_discontinuities(images: ImageStack, theta: Map) -> Mask:
     """Return where the surface of an adjacent pixel is another, or invalid."""
-    found = np.zeros(images.shape, dtype=np.bool_)
+    found, theta = np.zeros(images.shape, dtype=np.bool_), np.ascontiguousarray(theta)
     for offset in ((1, 0), (0, 1)):
         fixed = theta, images.arms(_count_fields(theta)), offset, DISCONTINUITY_PX, found
         in_threads(partial(find_jumps, *fixed), bands(len(found)))
@@ -265,9 +265,9 @@ def find_mixed_pixels(
 
     ``gradient``: Mean square texture gradient of the neighbourhood of every pixel.
     """
-    found = np.zeros(images.shape, dtype=np.bool_)
+    found, theta = np.zeros(images.shape, dtype=np.bool_), np.ascontiguousarray(theta)
     steps = [step * sign for step in range(1, distance + 1) for sign in (1, -1)]
-    texture = np.zeros((0, 0)) if gradient is None else gradient
+    texture = np.zeros((0, 0), dtype=np.float32) if gradient is None else gradient
     for offset in [*((step, 0) for step in steps), *((0, step) for step in steps)]:
         limits = DISCONTINUITY_PX, texture, _DOMINANT
         fixed = theta, images.arms(_count_fields(theta)), offset, *limits, found

@@ -167,7 +167,8 @@ class HypothesisSelection:
         noise: float,
         steady: NDArray[np.bool_] | None = None,
     ) -> None:
-        self._images, self._pixels, self._square = images, np.argwhere(where), noise**2
+        self._images, self._square = images, noise**2
+        self._pixels = np.ascontiguousarray(np.argwhere(where))
         self._stacks = [images.stack(channel) for channel in range(images.channels)]
         self._bad = images.bad_stack()
         self._view, self._fields = images.view(), np.ascontiguousarray(extract_fields(theta))

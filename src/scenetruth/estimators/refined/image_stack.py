@@ -311,7 +311,8 @@ class ImageStack:
 
     def view(self) -> ImageView:
         """Return positions, times and corrections of all images, in the order of `stack`."""
-        s, s_y = np.tile(self.positions.T, len(self.times))
+        # Contiguous also for a single frame, so that kernels are compiled once.
+        s, s_y = np.ascontiguousarray(np.tile(self.positions.T, len(self.times)))
         t = np.repeat(self.times, len(self.positions))
         t = t if self.delays is None else t + self.delays.ravel()
         lens = NO_LENS if self.lens is None else self.lens.kernel

@@ -230,7 +230,7 @@ def encode_motion_models(which: NDArray[np.int8], richer: list[MotionModelCandid
 
 def _find_ramps(images: ImageStack, theta: Map, distance: int) -> Mask:
     """Return where a surface leads to another one without a step, because windows show both."""
-    found = np.zeros(images.shape, dtype=np.bool_)
+    found, theta = np.zeros(images.shape, dtype=np.bool_), np.ascontiguousarray(theta)
     for offset in ((distance, 0), (0, distance)):
         fixed = theta, images.arms(len(extract_fields(theta))), offset, _RAMP_PX, found
         in_threads(partial(find_jumps, *fixed), bands(len(found)))

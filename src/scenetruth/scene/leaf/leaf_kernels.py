@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -15,24 +13,35 @@ __all__ = ["draw_dots", "draw_veins", "inside", "net"]
 _LEAST_ROWS = 2  # minimum number of rows of a network per thread
 
 
-@numba.njit(cache=True, nogil=True)
-def inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> Any:
+def inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which points lie inside a closed polygon (even-odd rule), shape (n,), bool."""
-    corners = polygon.shape[0]
     # Sorted by y, an edge overlaps a contiguous range of points.
     order = np.argsort(points[:, 1])
-    x, y = points[order, 0], points[order, 1]
+    x, y = points[order].T.copy()
+    ends = np.stack([polygon, np.roll(polygon, -1, axis=0)])
+    first, last = (np.searchsorted(y, value) for value in (ends[..., 1].min(axis=0), ends[..., 1].max(axis=0)))
     odd = np.zeros(len(order), dtype=np.bool_)
-    for k in range(corners):
-        following = k + 1 if k + 1 < corners else 0
-        x0, y0 = polygon[k, 0], polygon[k, 1]
-        x1, y1 = polygon[following, 0], polygon[following, 1]
-        for n in range(np.searchsorted(y, min(y0, y1)), np.searchsorted(y, max(y0, y1))):
-            if x[n] < x0 + (y[n] - y0) / (y1 - y0) * (x1 - x0):
-                odd[n] = not odd[n]
+    _cross_edges(x, y, ends, first, last, odd)
     out = np.empty_like(odd)
     out[order] = odd
     return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _cross_edges(
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    odd: NDArray[np.bool_],
+) -> None:
+    """Mark the points to the left of an odd number of edges, each from its first to its last point."""
+    for k in range(first.size):
+        x0, y0, x1, y1 = ends[0, k, 0], ends[0, k, 1], ends[1, k, 0], ends[1, k, 1]
+        for n in range(first[k], last[k]):
+            if x[n] < x0 + (y[n] - y0) / (y1 - y0) * (x1 - x0):
+                odd[n] = not odd[n]
 
 
 @numba.njit(cache=True, nogil=True)

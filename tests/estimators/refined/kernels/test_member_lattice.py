@@ -44,7 +44,7 @@ def fitted(theta: Array) -> window_solver.Fit:
 
 
 def interpolated(begun: Array, theta: Array) -> tuple[window_solver.Fit, Array, NDArray[np.bool_]]:
-    fit, pixels = fitted(theta), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
+    fit, pixels = fitted(theta), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool)).copy(order="C")
     index = np.arange(HEIGHT * WIDTH, dtype=np.int32).reshape(HEIGHT, WIDTH)
     nodes = member_lattice.is_node(pixels)
     left, shares = ~nodes, np.stack([fit.images[0], 2.0 * fit.images[0]], axis=-1)

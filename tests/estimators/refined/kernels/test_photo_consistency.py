@@ -152,7 +152,7 @@ def test_models_of_other_pixels_are_those_of_their_shifted_maps() -> None:
         (30.0, 20.0),
         np.zeros((15, 4)),
     )
-    pixels = np.argwhere(generator.random((HEIGHT, WIDTH)) < 0.5)
+    pixels = np.argwhere(generator.random((HEIGHT, WIDTH)) < 0.5).copy(order="C")
     arms = np.array([2.0, 1.5, 1.5, 0.15, 1.125, 1.125, 0.1125])
     for right, down in ((0, 0), (3, -2), (-1, 4)):
         fields, moved = np.full((7, HEIGHT, WIDTH), np.nan), np.empty(len(pixels))
@@ -175,7 +175,8 @@ def test_costs_are_means_of_the_variances_of_the_best_side() -> None:
     sides = generator.uniform(0.5, 2.0, (HEIGHT, WIDTH, photo_consistency.LANES)).astype(np.float32)
     sides[generator.random(sides.shape) < 0.5] = np.nan
     sides[:10, :10] = np.nan
-    pixels, out = np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool)), np.empty(HEIGHT * WIDTH, dtype=np.float32)
+    pixels = np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool)).copy(order="C")
+    out = np.empty(HEIGHT * WIDTH, dtype=np.float32)
     photo_consistency.compute_costs(sides, pixels, 0.3, 1.1, out, (0, len(pixels)))
     best = np.full((HEIGHT, WIDTH), np.inf)
     for side in range(photo_consistency.SIDES):
@@ -196,7 +197,7 @@ def test_costs_are_means_of_the_variances_of_the_best_side() -> None:
 
 def _judged(coefficients: NDArray[np.float32], fields: Array, brightness: GainOffset) -> NDArray[np.float32]:
     """Return the variances of the images of all sides, shape (7, y, x)."""
-    pixels = np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
+    pixels = np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool)).copy(order="C")
     out = np.empty((len(pixels), photo_consistency.SIDES), dtype=np.float32)
     # Parts that end within rows.
     for part in ((0, 100), (100, len(pixels))):

@@ -81,7 +81,7 @@ def test_bad_pixels_are_not_fetched(images: Any, fields: Any, warped: Any) -> No
 @pytest.mark.parametrize(("s", "t"), [(0.0, 1.0), (1.0, 0.0), (-1.0, -2.0)])
 def test_fields_of_another_image_are_brought_back(s: float, t: float) -> None:
     """What the kernel fetches for the reference's pixels, the inverse brings back, to half a pixel's change of d."""
-    start = PLANE.start()
+    start = np.ascontiguousarray(PLANE.start())
     height, width = PLANE.size
     y, x = np.mgrid[:height, :width].astype(np.float64)
     centre = ((width - 1) / 2, (height - 1) / 2)

@@ -10,6 +10,7 @@ from scenetruth.estimators.refined.kernels import window_solver, window_sums
 from scenetruth.estimators.refined.noise_estimation import EVEN
 from scenetruth.estimators.refined.row_bands import window_weights
 from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, Warped, warped_by
+from tests.helpers.nightly import by_night
 
 
 def blank(products: Array) -> window_solver.Fit:
@@ -17,8 +18,11 @@ def blank(products: Array) -> window_solver.Fit:
     theta = np.zeros((15 if len(products) == equations.PRODUCTS else 18, *size))
     theta[0] = 3.0
     variance = np.full((9, *size), np.nan)
-    described, of_element = (np.full((n, *size), np.nan) for n in (window_solver.VALUES, window_solver.FUNCTIONALS))
-    return window_solver.Fit(theta, variance, described, of_element, np.full(size, np.nan), np.full((2, *size), np.nan))
+    # Of the types that the method has, so that the kernels are those that it calls.
+    described = np.full((window_solver.VALUES, *size), np.nan, dtype=np.float32)
+    of_element = np.full((window_solver.FUNCTIONALS, *size), np.nan, dtype=np.float32)
+    images, residual = np.full(size, np.nan, dtype=np.float32), np.full((2, *size), np.nan)
+    return window_solver.Fit(theta, variance, described, of_element, images, residual)
 
 
 def model_of(products: Array) -> window_solver.Model:
@@ -26,7 +30,7 @@ def model_of(products: Array) -> window_solver.Model:
 
 
 def fitted_to_members(products: Array, fields: Array, limit: float, reach: float) -> tuple[window_solver.Fit, Array]:
-    fit, pixels = blank(products), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool))
+    fit, pixels = blank(products), np.argwhere(np.ones((HEIGHT, WIDTH), dtype=bool)).copy(order="C")
     shares = np.empty((len(pixels), 2))
     limits, bounds = np.full((HEIGHT, WIDTH), limit), np.array([1.0, 1.0, 0.1, reach])
     # In whole vectors.
@@ -58,7 +62,7 @@ def products_of(fields: Array, warped: Warped) -> Array:
     return found
 
 
-@pytest.mark.parametrize("count", [4, 7])
+@pytest.mark.parametrize("count", [4, *by_night(7)])
 def test_windows_of_members_are_whole_windows_if_all_belong(images: Array, accelerated: Array, count: int) -> None:
     fields = np.ascontiguousarray(accelerated[:count])
     products = products_of(fields, warped_by(images, fields))

@@ -14,7 +14,8 @@ __all__ = ["describe_rows", "propagate_rows"]
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 _SURFACE, _GRADIENT = 6, 3  # every parameter of surface and motion
-_CURVED, _FREE = 3, 3  # models of `describe_element`: with curvatures, and any velocity gradient
+# Models of `describe_element`: with curvatures, and any velocity gradient. Literals would compile it once more.
+_CURVED, _FREE = np.int64(3), np.int64(3)
 
 
 @_jit

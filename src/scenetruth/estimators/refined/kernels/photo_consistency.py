@@ -193,7 +193,7 @@ def judge_pixels(
     ``part``: First and last + 1 of the pixels that are evaluated.
     """
     kernel, first = _JUDGES[len(fields), view.spline], 0
-    within = pixels[part[0] : part[1]]
+    within = np.ascontiguousarray(pixels[part[0] : part[1]])
     origin = np.full(len(within), np.nan, dtype=np.float32)
     sums = np.zeros((len(within), 3, LANES), dtype=np.float32)
     for images, flags in image_parts(coefficients, bad):
@@ -321,7 +321,8 @@ def _largest_around(values: Any, scratch: Any) -> None:
                 out[x] = max(out[x], line[x - shift])
     for y in range(height):
         out = values[y]
-        out[:] = scratch[y]
+        for x in range(width):
+            out[x] = scratch[y, x]
         for v in range(max(y - _MARGIN, 0), min(y + _MARGIN + 1, height)):
             line = scratch[v]
             for x in range(width):

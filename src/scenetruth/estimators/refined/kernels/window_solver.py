@@ -516,7 +516,7 @@ def work_space() -> Any:
         np.empty((3, 3)),
         np.empty((2, 3)),
         np.empty((3, ALL, ALL)),
-        np.empty((4, ALL)),
+        np.empty((5, ALL)),
         np.empty(VALUES),
         np.zeros((FUNCTIONALS, ALL)),
         np.empty(7),
@@ -552,11 +552,15 @@ def fit_window(
     right, scale, solution, column = work.vectors[0], work.vectors[1], work.vectors[2], work.vectors[3]
     element = work.element
     fit.residual[:, row_of, column_of] = np.nan
-    theta = fit.theta[:, row_of, column_of]
-    count = len(theta)
+    count = fit.theta.shape[0]
     if not enough:
-        theta[:] = np.nan
+        for k in range(count):
+            fit.theta[k, row_of, column_of] = np.nan
         return
+    # Contiguous, as everywhere else, so that the kernels below are compiled once.
+    theta = work.vectors[4, :count]
+    for k in range(count):
+        theta[k] = fit.theta[k, row_of, column_of]
     from_x, from_y = x - view.centre_x, y - view.centre_y
     n = _columns(model, theta, from_x, from_y, view.focal, places, values, sizes)
     _full_matrix(moments, place, model.surface, count, full, work.ones)
@@ -582,7 +586,8 @@ def fit_window(
         for j in range(n):
             small[i, j] *= scale[i] * scale[j]
     if not good or not _factorise(small, n):
-        theta[:] = np.nan
+        for k in range(count):
+            fit.theta[k, row_of, column_of] = np.nan
         return
     _solve(small, n, solution)
     # Without depth, d is a unit and remains unchanged.
@@ -590,6 +595,8 @@ def fit_window(
     for i in range(n):
         for k in range(sizes[i]):
             theta[places[i, k]] += values[i, k] * solution[i] * scale[i]
+    for k in range(count):
+        fit.theta[k, row_of, column_of] = theta[k]
     fit.residual[0, row_of, column_of] = moments[_SQUARES, place] / max(moments[_FREEDOM, place], 1e-300)
     fit.residual[1, row_of, column_of] = moments[GRADIENTS, place] / moments[KNOWN, place]
     if told == 0:
@@ -619,7 +626,8 @@ def fit_window(
     several = len(TOLD)
     if told > several:
         describe_element(model.surface, model.gradient, theta, from_x, from_y, view.focal, element, work.gradients)
-        fit.element[:, row_of, column_of] = element
+        for k in range(VALUES):
+            fit.element[k, row_of, column_of] = element[k]
     columns, variances = work.columns, work.variances[0]
     for i in range(n):
         for k in range(several):

@@ -312,7 +312,8 @@ def _by_column(window: Any, powers: int) -> Any:
     """Return the weights of a window by column, in groups of powers of the distance: (group, column, power)."""
     out = np.zeros((-(-POWERS // powers), window.shape[1], powers), window.dtype)
     for k in range(POWERS):
-        out[k // powers, :, k % powers] = window[k]
+        for n in range(window.shape[1]):
+            out[k // powers, n, k % powers] = window[k, n]
     return out
 
 
@@ -368,6 +369,8 @@ def _compiled(several: int) -> Any:
         told = EVERY_VARIANCE if fit.variance.shape[2] == len(pixels) else 0
         fewer = fewer if told > 0 else 0
         whole = weights[0, 0].sum() ** 2
+        # A variable, so that `fit_window` is compiled once for both kernels.
+        single = fit.theta.shape[1] - 1
         for place in range(numbers.size):
             number = numbers[place]
             y, x = pixels[number]
@@ -437,7 +440,7 @@ def _compiled(several: int) -> Any:
                 shares[number, 1] = np.hypot(moments[GRADIENTS + POWERS, 0], moments[GRADIENTS + 1, 0]) / gradient
             else:
                 shares[number, 1] = np.inf
-            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, (x, y), (number, 0), told, work)
+            fit_window(moments, seconds, 0, model, view, known > 0.0, fit, (x, y), (number, single), told, work)
 
     return compiled
 

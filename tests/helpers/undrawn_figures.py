@@ -1,0 +1,31 @@
+"""Figures without their drawing, for tests of what is written, resumed or replaced around them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+__all__ = ["undrawn_figures"]
+
+
+@pytest.fixture
+def undrawn_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are composed with all their parts, but a blank picture stands for them: drawing takes most of a run."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    def save(figure: Figure, path: str | Path, metadata: dict[str, str] | None = None, **options: Any) -> None:
+        if Path(path).suffix == ".pdf":
+            Path(path).write_bytes(b"%PDF-1.4\n")
+            return
+        texts = PngInfo()
+        for name, text in (metadata or {}).items():
+            texts.add_text(name, text)
+        Image.new("L", (8, 8)).save(path, "png", pnginfo=texts)
+
+    monkeypatch.setattr(Figure, "savefig", save)
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda engine, figure: None)
