@@ -122,6 +122,7 @@ _ACROSS = 15  # samples along each side of a window; for wider windows, pixels a
 # Least fraction of a window on the surface: a strip along an edge does not determine slope or motion.
 _LEAST_SHARE = 0.1
 _LITTLE_PATTERN = 0.05  # fixed-pattern noise below this fraction of the temporal noise is neglected
+_POINTS_AT_ONCE = 16  # their phases stay in the cache
 _HIGHEST_POWER = 2  # slopes are linear in the distance, and their products quadratic
 
 
@@ -218,11 +219,23 @@ def _pattern_products(
     window, exp(-Δ² / 4σ²), is that of waves with a scatter of 1 / (√2 σ).
     """
     place = look.points.place(*(each[:, None] for each in (views.s, views.s_y, views.t)))
-    turn = 2 * np.pi * seen.frequency
     # A fixed seed: predictions are deterministic.
-    turn = turn + np.random.default_rng(0).normal(0.0, 1.0 / (np.sqrt(2.0) * sigma_px), turn.shape)
-    phase = np.einsum("nw,vn->nwv", turn[..., 0], place.x) + np.einsum("nw,vn->nwv", turn[..., 1], place.y)
-    total = np.exp(1j * phase) @ np.moveaxis(change, -1, 0).reshape(len(look), -1, change.shape[2]).swapaxes(1, 2)
-    total = total.reshape(*turn.shape[:2], *change.shape[:2])
-    waves = np.einsum("nws,nwsf->nwf", np.sqrt(seen.variance)[..., None] * seen.response, total)
-    return np.asarray(np.einsum("nwk,nwm->kmn", waves, waves.conj()).real)
+    scatter = np.random.default_rng(0).normal(0.0, 1.0 / (np.sqrt(8.0) * np.pi * sigma_px), seen.frequency.shape)
+    turns = seen.frequency + scatter
+    at = np.stack([place.x.T, place.y.T], axis=-1)
+    # A phase that all images have in common does not change the products.
+    at -= at.mean(axis=1, keepdims=True)
+    sides, fields, images, count = change.shape
+    factors = change.transpose(3, 0, 1, 2).reshape(count, sides * fields, images).astype(np.float32)
+    amplitude = np.sqrt(seen.variance)[..., None] * seen.response
+    found = np.zeros((fields, fields, count))
+    for first in range(0, count, _POINTS_AT_ONCE):
+        own = slice(first, first + _POINTS_AT_ONCE)
+        phase = at[own] @ turns[own].swapaxes(1, 2)
+        # Reduced to ± half a turn, a phase has 1e-7 rad in single precision.
+        angle = (2 * np.pi * (phase - np.rint(phase))).astype(np.float32)
+        for part in (np.cos(angle), np.sin(angle)):
+            total = (factors[own] @ part).astype(np.float64).reshape(len(part), sides, fields, -1)
+            waves = np.einsum("nws,nsfw->nfw", amplitude[own], total)
+            found[..., own] += np.moveaxis(waves @ waves.swapaxes(1, 2), 0, -1)
+    return found
