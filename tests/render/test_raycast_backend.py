@@ -65,9 +65,7 @@ def both_ways(
             return original(self, *arguments, **named)
 
         with patch.multiple(RaycastRenderer, **patches), patch.object(RayCaster, "cast", cast):
-            renderer = RaycastRenderer(
-                world, scene.camera, scene.background, scene.render.supersampling, scene.lighting
-            )
+            renderer = RaycastRenderer(world, scene.camera, scene.background, scene.render.samples, scene.lighting)
             images.append(renderer.render(t, Viewpoint.on_axis(3.0)))
         rays.append(sum(counts))
     return images[0], images[1], rays[0], rays[1]

@@ -33,14 +33,14 @@ Opener = Callable[[BuiltScene, Scene], Renderer]
 
 
 def open_raycast(world: BuiltScene, scene: Scene) -> Renderer:
-    return RaycastRenderer(world, scene.camera, scene.background, scene.render.supersampling)
+    return RaycastRenderer(world, scene.camera, scene.background, scene.render.samples)
 
 
 def open_pyrender(world: BuiltScene, scene: Scene) -> Renderer:
     from scenetruth.render.pyrender_backend import PyrenderRenderer
 
     try:
-        return PyrenderRenderer(world, scene.camera, scene.background, scene.render.supersampling)
+        return PyrenderRenderer(world, scene.camera, scene.background, scene.render.samples)
     except BackendUnavailableError as error:
         pytest.skip(str(error))
 

@@ -28,7 +28,7 @@ DISTANCE = 660.0
 
 
 def render_raycast(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> Image:
-    settings = scene.render.supersampling
+    settings = scene.render.samples
     with RaycastRenderer(build_scene(scene), scene.camera, scene.background, settings, scene.lighting) as renderer:
         return renderer.render(t, Viewpoint.on_axis(x_mm))
 
@@ -36,7 +36,7 @@ def render_raycast(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> Image:
 def render_pyrender(scene: Scene, t: float = 0.0, x_mm: float = 0.0) -> Image:
     from scenetruth.render.pyrender_backend import PyrenderRenderer
 
-    settings = scene.render.supersampling
+    settings = scene.render.samples
     try:
         renderer: Renderer = PyrenderRenderer(
             build_scene(scene), scene.camera, scene.background, settings, "auto", scene.lighting
@@ -235,7 +235,7 @@ def test_ambient_light_alone_is_the_unlit_image() -> None:
 @backends
 def test_an_unlit_scene_is_untouched(render: Callable[..., Image]) -> None:
     scene = cube(background=0.3)
-    with RaycastRenderer(build_scene(scene), scene.camera, scene.background, scene.render.supersampling) as renderer:
+    with RaycastRenderer(build_scene(scene), scene.camera, scene.background, scene.render.samples) as renderer:
         bare = renderer.render(1.0, Viewpoint.on_axis(5.0))
     if render is render_raycast:
         assert (render(scene, 1.0, 5.0) == bare).all()
