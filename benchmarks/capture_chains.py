@@ -165,7 +165,8 @@ def summarise(results: list[dict[str, Any]]) -> None:
             shares = [100 * np.mean([each[key] for each in own]) for key in ("within_apart", "within")]
             print(f"{quantity:12} {name:6} {len(own):3d} chains: rms z of the mean {np.sqrt(np.mean(z**2)):.2f}"
                   f" ({np.sum(np.abs(z) < _BARS)} within), of halves {np.sqrt(np.mean(z2**2)):.2f}"
-                  f" ({np.sum(np.abs(z2) < _BARS)} within), pixels within, common part apart {shares[0]:.1f} %,"
+                  f" ({np.sum(np.abs(z2) < _BARS)} within), pixels within, common part apart {shares[0]:.1f} %"
+                  f" (rms z {np.sqrt(np.mean([each['rms_z_apart']**2 for each in own])):.2f}),"
                   f" all {shares[1]:.1f} %, stated {np.mean([each['std'] for each in own]):.3g},"
                   f" rms error of the mean {np.sqrt(np.mean([each['error']**2 for each in own])):.3g}")  # fmt: skip
 
