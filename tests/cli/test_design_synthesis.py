@@ -104,7 +104,8 @@ def test_a_calibration_board_is_written(tmp_path: Path) -> None:
     assert "dots of 72 x 54 mm: 7 x 5 dots of 4 mm (16.7 px), 9 mm apart in a row" in done.stdout
     assert names(tmp_path / "board") == {"board.pdf", "board.png", "board.svg", "board.yaml"}
     section = yaml.safe_load((tmp_path / "board" / "board.yaml").read_text())["board"]
-    assert section == {"kind": "dots", "dots": [7, 5], "spacing_mm": 9.0, "diameter_mm": 4.0, "scale_std": 1e-3}
+    lengths_mm = {"spacing_mm": 9.0, "diameter_mm": 4.0}
+    assert section == {"kind": "dots", "dots": [7, 5], **lengths_mm, "dark": True, "scale_std": 1e-3}
     done = scenetruth("design", "pattern", *rig, "--type", "dots", "--dot-px", "5", *lengths, "-o", tmp_path / "other")
     assert done.returncode == 2
     assert "--dot-px: does not apply to calibration boards (--type dots)" in done.stderr

@@ -184,7 +184,7 @@ class Scene(FrozenModel):
     >>> scene
     Scene(40 x 30 px; 3 positions x 2 frames; objects: wall)
     >>> scene.camera.principal_point, scene.stage.s.tolist(), scene.render.backend
-    ((19.5, 14.5), [-1, 0, 1], 'auto')
+    ((19.5, 14.5), [-1, 0, 1], 'raycast')
     >>> st.Scene.from_dict(scene.to_dict()) == scene
     True
     """

@@ -256,7 +256,7 @@ class DesignResult(Result):
     >>> spec |= {"search": {"predictions": 16, "morris_trajectories": 0, "sobol": 0}, "confirmation": {"rigs": 0}}
     >>> design = optimise(spec)
     >>> print(design.summary().splitlines()[1])
-    Depth: scaled median absolute error, predicted 0.162 mm
+    Depth: scaled median absolute error, predicted 0.163 mm
     >>> for rig in design.rigs:
     ...     print(f"baseline {rig.parameters['stage.baseline_mm']} mm: depth to {rig.predicted['Depth']:.2f} mm")
     baseline 8 mm: depth to 0.16 mm

@@ -444,7 +444,7 @@ def _span_errors(
         change, noise = latest.values - before.values, _noise_of_change(before, latest)
         square, ratio, of_mean = mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
         bent = group.suited(part).accelerated
-        square = _with_hidden_changes(square, ratio, of_mean, bent)
+        square = _with_hidden_changes(square, ratio, of_mean)
         share = extrapolation_share(times[n - 1], times[n], accelerated=bent)[OF_VELOCITY][:, None, None]
         errors[-1] = share**2 * square
         errors.append(np.maximum(share - 1.0, 0.0) ** 2 * square)
@@ -462,13 +462,13 @@ def _span_errors(
     return _SpanErrors(errors, [each.variances for each in quantities], thetas, of_fit, worth & among)
 
 
-def _with_hidden_changes(square: Map, ratio: Map, of_mean: Map, accelerated: bool) -> Map:
+def _with_hidden_changes(square: Map, ratio: Map, of_mean: Map) -> Map:
     """Return squares of systematic changes, at least those that noise may hide where the velocity is unsteady.
 
     The direction of an unsteady motion is unknown: components whose change is below the noise of the shorter span may
     have errors that are large in comparison with the noise of the longer one.
     """
-    unsteady = accelerated | (ratio[_VELOCITY:_STEADY].max(axis=0) > _SIGNIFICANT)
+    unsteady = ratio[_VELOCITY:_STEADY].max(axis=0) > _SIGNIFICANT
     hidden = unsteady & (OF_VELOCITY == 1)[:, None, None] & np.isfinite(of_mean)
     return np.where(hidden, np.maximum(square, of_mean), square)
 
