@@ -261,7 +261,7 @@ class DesignResult(Result):
     ...     print(f"baseline {rig.parameters['stage.baseline_mm']} mm: depth to {rig.predicted['Depth']:.2f} mm")
     baseline 8 mm: depth to 0.16 mm
     baseline 6 mm: depth to 0.22 mm
-    baseline 4 mm: depth to 0.32 mm
+    baseline 4 mm: depth to 0.33 mm
 
     The table of evaluations includes rigs that violate constraints:
 
