@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,9 +21,11 @@ from scenetruth.capture.calibration import (
     check_scale,
     compare_halves,
     diagnose,
+    explains_scatter,
     identify_combinations,
     inconsistent_images,
     project,
+    scatter_of_poses,
     start_state,
     step_problems,
 )
@@ -40,14 +43,14 @@ def fit(rig: DrawnRig) -> RigFit:
     return fit_draw(rig)
 
 
-def changed(rig: DrawnRig, values: np.ndarray, from_pose: int) -> Observations:
-    """Observations whose later poses are seen by a rig with other parameters."""
+def changed(rig: DrawnRig, values: np.ndarray, poses: Callable[[int], bool]) -> Observations:
+    """Observations of which some poses are seen by a rig with other parameters."""
     layout, turns = rig.truth.layout, rig.truth.turns
     before = project(rig.observations, rig.truth, derivatives=False)[0]
     after = project(rig.observations, RigState(layout, values, turns), derivatives=False)[0]
     moves = np.split(after - before, rig.observations.first[1:-1])
     views = [
-        replace(view, pixels=view.pixels + move) if view.pose >= from_pose else view
+        replace(view, pixels=view.pixels + move) if poses(view.pose) else view
         for view, move in zip(rig.observations.views, moves, strict=True)
     ]
     return rig.observations.selected(views)
@@ -83,7 +86,7 @@ def test_refocus_half_way_is_seen() -> None:
     rig = draw_rig(52, poses=8)
     values = rig.truth.values.copy()
     values[0] *= 1.002
-    given = changed(rig, values, 4)
+    given = changed(rig, values, lambda pose: pose >= 4)
     fit = fitted(given, rig)
     assert fit.variance_factor < 1.1
     test = next(test for test in check_models(fit) if test.name == "refocus")
@@ -94,11 +97,26 @@ def test_refocus_half_way_is_seen() -> None:
     assert any("refocus" in text for text in diagnose(given, fit, rig.priors))
 
 
+def test_refocus_half_way_is_seen_although_single_poses_scatter() -> None:
+    """The scatter due to the refocus widens the uncertainty in which it is tested; other scatter is no refocus."""
+    rig = draw_rig(52, poses=8)
+    values = rig.truth.values.copy()
+    values[0] *= 1.004
+    for turn, named in ((lambda pose: pose >= 4, True), (lambda pose: pose % 2 > 0, False)):
+        given = changed(rig, values, turn)
+        fit = fitted(given, rig)
+        fit = replace(fit, scatter=scatter_of_poses(fit))
+        assert fit.scatter is not None
+        assert explains_scatter(given, fit, rig.priors) == named
+        assert any("fixed focus" in text for text in diagnose(given, fit, rig.priors)) == named
+        assert not explains_scatter(given, replace(fit, scatter=None), rig.priors)
+
+
 def test_lacking_radial_term_is_seen() -> None:
     rig = draw_rig(53, poses=8)
     values = rig.truth.values.copy()
     values[7] = 3e4
-    fit = fitted(changed(rig, values, 0), rig)
+    fit = fitted(changed(rig, values, lambda _: True), rig)
     test = next(test for test in check_models(fit) if test.name == "k3")
     assert test.probability < 1e-6
     assert abs(test.estimate - 3e4) < 4 * abs(test.estimate) / np.sqrt(test.chi2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from scenetruth.capture.calibration.rig_model import (
     project,
 )
 from scenetruth.capture.calibration.start_values import start_state
+from scenetruth.capture.calibration.variance_components import scatter_of_poses
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "compare_halves",
     "diagnose",
     "displaced_images",
+    "explains_scatter",
     "field_of_residuals",
     "identify_combinations",
     "inconsistent_images",
@@ -46,6 +48,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _SIGNIFICANT = 1e-3
+_EXPLAINED = 0.25  # remaining share of the scatter of single poses that a change of the camera explains
 """Probability of an exact calibration below which a test is reported: with some ten tests per calibration, one of a
 hundred exact calibrations has a report.
 """
@@ -176,25 +179,57 @@ def compare_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str)
     ``by``: ``first against last`` halves of the recording, which shows a refocus or a drift, or ``even against odd``
       poses.
     """
-    poses = list(dict.fromkeys(view.pose for view in fit.given.views))
-    middle = len(poses) // 2
-    first = set(poses[:middle]) if by == "first against last" else set(poses[::2])
-    halves = [[view for view in fit.given.views if (view.pose in first) == inside] for inside in (True, False)]
-    if min(len({view.pose for view in half}) for half in halves) < 2:
+    halves = _fit_halves(given, fit, priors, by)
+    if halves is None:
         return None
     chosen = [index for index in range(len(INTRINSICS)) if fit.free[index]]
-    values, covariances = [], []
-    for half in halves:
-        part = refit(given.selected(half), fit, priors)
-        if part is None:
-            return None
-        values.append(part.state.values[chosen])
-        covariances.append(fit.widened(part.covariance)[np.ix_(chosen, chosen)])
+    values = [part.state.values[chosen] for part in halves]
+    covariances = [fit.widened(part.covariance)[np.ix_(chosen, chosen)] for part in halves]
     difference = values[0] - values[1]
     total = covariances[0] + covariances[1]
     scale = np.sqrt(np.diag(total))
     chi2 = float((difference / scale) @ np.linalg.solve(total / scale[:, None] / scale, difference / scale))
     return HalvesTest(by, chi2, len(chosen), _survival(chi2, len(chosen)))
+
+
+def _fit_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str) -> tuple[RigFit, RigFit] | None:
+    poses = list(dict.fromkeys(view.pose for view in fit.given.views))
+    first = set(poses[: len(poses) // 2]) if by == "first against last" else set(poses[::2])
+    found = []
+    for inside in (True, False):
+        half = [view for view in fit.given.views if (view.pose in first) == inside]
+        part = refit(given.selected(half), fit, priors) if len({view.pose for view in half}) > 1 else None
+        if part is None:
+            return None
+        found.append(part)
+    return found[0], found[1]
+
+
+def explains_scatter(given: Observations, fit: RigFit, priors: RigPriors) -> bool:
+    """Return whether results of single poses scatter because the camera changes half-way.
+
+    The change also widens the uncertainty in which it is tested. Without it, the poses scatter much less.
+    """
+    halves = None if fit.scatter is None else _fit_halves(given, fit, priors, "first against last")
+    if fit.scatter is None or halves is None:
+        return False
+    count = len(INTRINSICS)
+    change = np.where(fit.free[:count], halves[1].state.values[:count] - halves[0].state.values[:count], 0.0)
+    _, slopes = project(fit.given, fit.state, derivatives=True)
+    moves = (slopes[:, :, :count] @ change) * _later_half(fit)[:, None]
+    views = [
+        replace(view, pixels=view.pixels - move)
+        for view, move in zip(fit.given.views, np.split(moves, fit.given.first[1:-1]), strict=True)
+    ]
+    left = scatter_of_poses(adjust(fit.given.selected(views), fit.state, fit.start, must_converge=False))
+    return left is None or left.mean < _EXPLAINED * fit.scatter.mean
+
+
+def _later_half(fit: RigFit) -> Array:
+    """Return 0.5 for the points of the later half of the poses, -0.5 for the others, shape (n,)."""
+    poses = list(dict.fromkeys(view.pose for view in fit.given.views))
+    later, counts = set(poses[len(poses) // 2 :]), np.diff(fit.given.first)
+    return np.repeat([0.5 if view.pose in later else -0.5 for view in fit.given.views], counts)
 
 
 def refit(given: Observations, fit: RigFit, priors: RigPriors) -> RigFit | None:
@@ -256,15 +291,7 @@ def check_models(fit: RigFit) -> list[ModelTest]:
     whitened = root[:, :, None] * (fit.given.whitening @ slopes)
     z = root * fit.z
     tests = []
-    rows = fit.given.first
-    poses = list(dict.fromkeys(view.pose for view in fit.given.views))
-    later = set(poses[len(poses) // 2 :])
-    half = np.concatenate(
-        [
-            np.full(int(rows[number + 1] - rows[number]), 0.5 if view.pose in later else -0.5)
-            for number, view in enumerate(fit.given.views)
-        ]
-    )
+    poses, half = {view.pose for view in fit.given.views}, _later_half(fit)
     candidates: list[tuple[str, list[Callable[[], Array]]]] = []
     if not fit.free[7]:
         candidates.append(("k3", [lambda: whitened[:, :, 7]]))
@@ -447,6 +474,11 @@ def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
         for test in check_models(fit)
         if test.probability < _SIGNIFICANT
     ]
+    if explains_scatter(given, fit, priors):
+        words.append(
+            "the poses scatter because the camera changed between the halves: calibrate again with a fixed focus, "
+            "and a lens that does not move"
+        )
     for by in ("first against last", "even against odd"):
         halves = compare_halves(given, fit, priors, by)
         if halves is not None and halves.probability < _SIGNIFICANT:
