@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,7 +64,8 @@ def fill_estimate(
         if entries is not None:
             entries(0)
         try:
-            with retained_memory():
+            # Tiles bound the memory.
+            with retained_memory() if tiles == 1 else nullcontext():
                 found = task.estimate(frames, entries)
         except EstimateError as error:
             noted.report_invalid_frame(frames.output, error.problems[0].message)
