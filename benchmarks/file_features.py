@@ -54,7 +54,7 @@ def tables() -> tuple[str, int]:
     for form, found in rows.items():
         lines += [
             "",
-            f"### {form}",
+            f"## {form}",
             "",
             "| feature | result | value or reason | occurs in |",
             "|---|---|---|---|",
