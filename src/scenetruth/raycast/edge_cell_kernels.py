@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.raycast.edge_kernels import sort_first
 from scenetruth.threads import in_bands
 
 __all__ = ["MOST_EDGES", "cut_pixels"]
@@ -16,7 +17,7 @@ MOST_EDGES = 12
 """Maximum number of edges in a pixel that is cut."""
 
 _LEAST = 256  # minimum number of pixels per thread
-_THIN = 1e-9  # width in px below which a cell is left out
+_THIN = 1e-9  # width in px below which a cell is ignored
 # At most this many lines bound slabs: the border, both ends of each edge, and the crossings of two edges.
 _MOST_BOUNDS = 2 + 2 * MOST_EDGES + MOST_EDGES * (MOST_EDGES - 1) // 2
 
@@ -72,17 +73,6 @@ def _clip(ends: NDArray[np.float64], edge: int, line: NDArray[np.float64]) -> An
     return True
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def _sort(values: NDArray[np.float64], count: int) -> None:
-    """Sort the first few values in place by insertion."""
-    for n in range(1, count):
-        value, at = values[n], n
-        while at > 0 and values[at - 1] > value:
-            values[at] = values[at - 1]
-            at -= 1
-        values[at] = value
-
-
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _bounds(lines: NDArray[np.float64], used: int, bounds: NDArray[np.float64]) -> Any:
     """Write the heights between which no edge begins, ends or crosses another, in ascending order."""
@@ -98,7 +88,7 @@ def _bounds(lines: NDArray[np.float64], used: int, bounds: NDArray[np.float64]) 
             if at > max(lines[n, 1], lines[m, 1]) and at < min(lines[n, 3], lines[m, 3]):
                 bounds[count] = at
                 count += 1
-    _sort(bounds, count)
+    sort_first(bounds, count)
     return count
 
 
@@ -130,7 +120,7 @@ def _cut_pixels(
                         share = (y - lines[n, 1]) / (lines[n, 3] - lines[n, 1])
                         cuts[parts] = min(max(lines[n, 0] + share * (lines[n, 2] - lines[n, 0]), -0.5), 0.5)
                         parts += 1
-                _sort(cuts, parts)
+                sort_first(cuts, parts)
                 for part in range(parts - 1):
                     width = cuts[part + 1] - cuts[part]
                     if width <= _THIN:

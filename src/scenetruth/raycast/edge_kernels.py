@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.threads import in_bands
 
-__all__ = ["contour_edges", "cut_segments", "face_sides"]
+__all__ = ["contour_edges", "cut_segments", "face_sides", "sort_first"]
 
 _LEAST = 4096  # minimum number of faces or edges per thread
 
@@ -85,6 +85,17 @@ def _contour_edges(
         chosen[edge] = turned or cosine < crease_cosine[edge]
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def sort_first(values: NDArray[np.float64], count: int) -> None:
+    """Sort the first few values in place by insertion; numba's sort takes longer to compile than the other kernels."""
+    for n in range(1, count):
+        value, at = values[n], n
+        while at > 0 and values[at - 1] > value:
+            values[at] = values[at - 1]
+            at -= 1
+        values[at] = value
+
+
 @numba.njit(cache=True, nogil=True)
 def cut_segments(
     first: NDArray[np.float64],
@@ -118,13 +129,7 @@ def cut_segments(
     for n in chosen:
         count = _cuts(first[n], last[n], enter[n], leave[n], piece, scratch)
         at = scratch[:count]
-        # By insertion, for they are few; numba's sort takes longer to compile than all the rest.
-        for k in range(1, count):
-            value, place = at[k], k
-            while place > 0 and at[place - 1] > value:
-                at[place] = at[place - 1]
-                place -= 1
-            at[place] = value
+        sort_first(at, count)
         for k in range(count - 1):
             middle = (at[k] + at[k + 1]) / 2
             inverses[used] = inverse_first[n] + middle * (inverse_last[n] - inverse_first[n])

@@ -196,6 +196,20 @@ def raster_hits(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _weigh_hits(
+    first: int, last: int, forms: NDArray[np.float64], directions: NDArray[np.float64], face: NDArray[np.int32],
+    depth: NDArray[np.float64], weights: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write the weights of the corners where rays hit a face; rays without a hit have the depth NaN."""
+    for n in range(first, last):
+        if face[n] < 0:
+            depth[n], weights[n, 0], weights[n, 1] = np.nan, 0.0, 0.0
+            continue
+        dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
+        weights[n, 0], weights[n, 1] = weigh(forms[face[n]], dx, dy, dz)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _raster_hits(
     low: int, high: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], frame: NDArray[np.float64],
     bounds: NDArray[np.float64], directions: NDArray[np.float64], width: int, face_out: NDArray[np.int32],
@@ -235,12 +249,7 @@ def _raster_hits(
                         depth = depth_on(form, dx, dy, dz)
                         if depth > 0.0 and depth < depth_out[n]:
                             face_out[n], depth_out[n] = face, depth
-        for n in range(top * width, bottom * width):
-            if face_out[n] < 0:
-                depth_out[n], weights[n, 0], weights[n, 1] = np.nan, 0.0, 0.0
-                continue
-            dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
-            weights[n, 0], weights[n, 1] = weigh(forms[face_out[n]], dx, dy, dz)
+        _weigh_hits(top * width, bottom * width, forms, directions, face_out, depth_out, weights)
 
 
 def grid_steps(
@@ -382,9 +391,4 @@ def _grid_hits(
                 depth = depth_on(form, dx, dy, dz)
                 if depth > 0.0 and depth < depth_out[n]:
                     face_out[n], depth_out[n] = face, depth
-    for n in range(low * width, high * width):
-        if face_out[n] < 0:
-            depth_out[n], weights[n, 0], weights[n, 1] = np.nan, 0.0, 0.0
-            continue
-        dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
-        weights[n, 0], weights[n, 1] = weigh(forms[face_out[n]], dx, dy, dz)
+    _weigh_hits(low * width, high * width, forms, directions, face_out, depth_out, weights)

@@ -45,10 +45,10 @@ def test_the_noise_of_correlated_errors_is_removed_and_a_crease_is_kept() -> Non
     drawn = gaussian_filter(np.random.default_rng(4).standard_normal(roof.shape), 5.0)
     measured = roof + std * drawn / drawn.std()
     error = smooth_map(measured, std) - roof
-    aside, band = np.abs(x - 80) > 20, border < 10
+    outside, band = np.abs(x - 80) > 20, border < 10
     # An independent measure of noise that becomes structure: bends over 6 px. 10 x 120 px have 18 independent errors.
     bends = [np.abs(np.diff(each, 2, axis=1))[:, 6:-6] for each in (error[:, ::6], (measured - roof)[:, ::6])]
-    assert np.sqrt(np.mean(error[aside & band] ** 2)) < 0.5 * np.sqrt(np.mean(std[aside & band] ** 2))
+    assert np.sqrt(np.mean(error[outside & band] ** 2)) < 0.5 * np.sqrt(np.mean(std[outside & band] ** 2))
     assert np.mean(bends[0][:, 0]) < 0.5 * np.mean(bends[1][:, 0])
     # A plane over the crease would be off by 0.5 x 24 / sqrt(2 pi) = 4.8 mm, twice as much as its error in the middle.
     assert np.abs(error[20:-20, 78:83]).max() < 1.5

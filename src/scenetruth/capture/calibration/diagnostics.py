@@ -474,11 +474,6 @@ def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
         for test in check_models(fit)
         if test.probability < _SIGNIFICANT
     ]
-    if explains_scatter(given, fit, priors):
-        words.append(
-            "the poses scatter because the camera changed between the halves: calibrate again with a fixed focus, "
-            "and a lens that does not move"
-        )
     for by in ("first against last", "even against odd"):
         halves = compare_halves(given, fit, priors, by)
         if halves is not None and halves.probability < _SIGNIFICANT:
@@ -486,6 +481,12 @@ def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
                 f"the halves differ ({by}: chi-squared {halves.chi2:.0f} for {halves.dof}): "
                 "the camera changed, or the noise of the corners is understated"
             )
+    named = any("the halves" in text for text in words)
+    if not named and explains_scatter(given, fit, priors):
+        words.append(
+            "the poses scatter because the camera changed between the halves: calibrate again with a fixed focus, "
+            "and a lens that does not move"
+        )
     advice = advise_pose(fit, priors)
     if advice:
         words.append(advice)
