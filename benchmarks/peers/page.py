@@ -24,7 +24,7 @@ from benchmarks.peers.catalogue import PEERS, command_of, python_of
 from benchmarks.peers.setup import FOLDER
 
 import scenetruth as st
-from scenetruth.estimators import Needs
+from scenetruth.estimators import MethodSpec, Needs
 from scenetruth.estimators.external import CommandMethod
 
 METHODS: tuple[Any, ...] = (
@@ -32,8 +32,9 @@ METHODS: tuple[Any, ...] = (
     "refined",
     few_images.structure_tensor_of_four,
     few_images.refined_of_four,
-    "farneback=opencv_scene_flow",
-    "dis=opencv_scene_flow[stereo: bm, flow: dis]",
+    few_images.refined_of_four_wide,
+    MethodSpec("opencv_scene_flow", label="farneback"),
+    MethodSpec("opencv_scene_flow", {"stereo": "bm", "flow": "dis"}, label="dis"),
 )
 TIMEOUT_S = 300.0
 CASES = ("noise", "slope", "brightness", "edge_of_depth", "waves_of_depth", "waves_of_motion")
