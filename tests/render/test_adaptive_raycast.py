@@ -173,6 +173,14 @@ def test_lit_facets_and_shadows_agree_with_many_samples(lit: str) -> None:
     assert rms(image - exact) < rms(fixed - exact)
 
 
+def test_ambient_light_without_lamps_is_the_same_everywhere() -> None:
+    behind = {"kind": "directional", "direction": [0, 0, -1], "irradiance": 5.0}
+    white = plane("white", 1.0, (1000, 1000), position_mm=[0, 0, 600])
+    for lamps in ([], [behind]):
+        image = image_of(scene_with(white, lighting={"ambient": 0.625, "lights": lamps}))
+        np.testing.assert_array_equal(image, np.float32(0.625))
+
+
 @pytest.mark.parametrize("tiled", [True, False])
 @pytest.mark.parametrize("shape", [(16, 24), (13, 30)])
 def test_ranges_of_blocks_contain_the_texture(shape: tuple[int, int], tiled: bool) -> None:

@@ -25,7 +25,7 @@ PERIODS_S, ALL_PERIODS_S = (2.1, 0.73), (2.1, 1.3, 0.73)
 """Periods visible in depth, and all periods; the period of 1.3 s is lateral sway."""
 DRIFT = -0.1
 """mm per minute along Z: the leaf rises towards the camera."""
-SHOT_MM, BURST_MM, BURST_MM_PER_S = 0.17, 0.08, 2.7
+SHOT_MM, BURST_MM, BURST_MM_PER_S = 0.175, 0.078, 2.8
 """Standard deviations at a pixel, predicted by ``scenetruth check``: of depth from one shot (``frames.count=1``)
 and from a burst of five frames, and of U_Z from a burst (0.055 mm per frame)."""
 SOIL_MM = 625.0

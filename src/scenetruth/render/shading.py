@@ -151,7 +151,7 @@ class Shader:
         side = np.where(np.einsum("mk,mk->m", normals, origin_mm - corners) > 0, 1.0, -1.0)
         facing = [-(normals @ lamp.axis) * side for lamp in lamps]
         light = [lamp.irradiance * np.maximum(cosine, 0.0) for lamp, cosine in zip(lamps, facing, strict=True)]
-        return np.ascontiguousarray(np.array(light).reshape(len(lamps), -1).T)
+        return np.ascontiguousarray(np.array(light).reshape(len(lamps), len(normals)).T)
 
     def on_pixels(
         self,
