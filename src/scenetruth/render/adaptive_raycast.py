@@ -184,6 +184,8 @@ class AdaptiveRenderer(RaycastRenderer):
         if light is not None:
             usable &= ~(light.uneven | self._kinks(view).reshape(shape))
             samples = albedo * light.shade.ravel().astype(np.float32)
+            if light.gloss is not None:
+                samples += light.gloss.ravel().astype(np.float32)
             face_light = None if self._shader is None else self._shader.face_light(caster, t, origin)
         means, done = filter_samples(samples.reshape(shape), usable, body.reshape(shape), FILTER_TAPS)
         image = means.ravel()

@@ -221,10 +221,8 @@ class RaycastRenderer(Renderer):
             here = np.flatnonzero(arrived)
             hits = Hits(face[here].ravel(), depth[here].ravel(), barycentric[here].reshape(-1, 2))
             directions = view.directions(pixels[here], offsets)
-            factors = self._shader.factors(view.caster, view.t, view.rays.origin, directions, hits)[0].astype(
-                np.float32
-            )
-            radiance[here] *= factors.reshape(len(here), len(weights))
+            light = self._shader.arrived(view.caster, view.t, view.rays.origin, directions, hits)
+            radiance[here] = light.on(radiance[here].ravel()).reshape(len(here), len(weights))
         return arrived, np.einsum("ps,s->p", radiance, weights)
 
     def _trace(
@@ -246,8 +244,7 @@ class RaycastRenderer(Renderer):
             if chosen.any():
                 radiance[chosen] = item.texture.radiance(uv[chosen])
         if self._shader is not None:
-            factors = self._shader.factors(view.caster, view.t, view.rays.origin, directions, hits)[0]
-            radiance *= factors.astype(np.float32)
+            radiance = self._shader.arrived(view.caster, view.t, view.rays.origin, directions, hits).on(radiance)
         return radiance
 
     def _caster_at(self, t: float) -> RayCaster:

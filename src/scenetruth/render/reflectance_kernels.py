@@ -14,7 +14,7 @@ __all__ = ["AZIMUTHS", "COSINES", "albedo_tables", "fresnel", "reflect_ambient",
 
 COSINES, AZIMUTHS = 64, 17
 """Nodes of the tables of directional albedo: in the root of the cosine from 0 to 1; in azimuth from 0 to 90°."""
-_ROUND, _ACROSS = 48, 48  # nodes of the integrals over the visible normals: around the direction, across
+_ROUND, _ACROSS = 48, 96  # nodes of the integrals over the visible normals: around the direction, across
 _LEAST_COSINE = 1e-4  # of directions along the surface, where the model has a limit
 _LEAST_POINTS = 4096
 
@@ -39,10 +39,13 @@ def _slope(x: float, y: float, z: float, along: float, wide: float) -> Any:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _facets(view: tuple[Any, ...], light: tuple[Any, ...], half: tuple[Any, ...], along: float, wide: float) -> Any:
-    """Return π D G / (4 cos θ_v), the reflectance of perfect mirrors times π cos θ_l."""
+    """Return π D G / (4 cos θ_v), the reflectance of perfect mirrors times π cos θ_l.
+
+    G is the product of the masking of both directions, as in most renderers; masking and shadowing are then independent.
+    """
     x, y, z = half[0] / along, half[1] / wide, half[2]
     spread = x * x + y * y + z * z
-    shadowing = 1.0 + _slope(*view, along, wide) + _slope(*light, along, wide)
+    shadowing = (1.0 + _slope(*view, along, wide)) * (1.0 + _slope(*light, along, wide))
     return 1.0 / (along * wide * spread * spread * shadowing * 4.0 * view[2])
 
 
@@ -54,7 +57,6 @@ def _visible_albedo(view: tuple[Any, ...], index: float, along: float, wide: flo
     """
     length = np.sqrt((along * view[0]) ** 2 + (wide * view[1]) ** 2 + view[2] ** 2)
     vx, vy, vz = along * view[0] / length, wide * view[1] / length, view[2] / length
-    own = 1.0 + _slope(*view, along, wide)
     total = 0.0
     for j in range(_ACROSS):
         z = (1.0 - (j + 0.5) / _ACROSS) * (1.0 + vz) - vz
@@ -68,7 +70,7 @@ def _visible_albedo(view: tuple[Any, ...], index: float, along: float, wide: flo
             lx, ly, lz = 2.0 * cosine * hx - view[0], 2.0 * cosine * hy - view[1], 2.0 * cosine * hz - view[2]
             if lz <= 0.0 or cosine <= 0.0:
                 continue
-            part = own / (own + _slope(lx, ly, lz, along, wide))
+            part = 1.0 / (1.0 + _slope(lx, ly, lz, along, wide))
             if index > 0.0:
                 part *= fresnel(cosine, index)
             elif index < 0.0:
@@ -97,9 +99,10 @@ def albedo_tables(index: float, along: float, wide: float) -> Any:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _interpolate(table: NDArray[np.float64], x: float, y: float, z: float) -> Any:
-    """Return the value of a table of directional albedo for a direction in the frame of the surface."""
-    place = np.sqrt(min(max(z, 0.0), 1.0)) * (COSINES - 1)
+def _interpolate(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
+    """Return the value of a table of directional albedo for a direction in the frame of the surface, on either side."""
+    x, y, z = direction
+    place = np.sqrt(min(abs(z), 1.0)) * (COSINES - 1)
     i = min(int(place), COSINES - 2)
     level = place - i
     if AZIMUTHS == 1 or table[i, 0] == table[i, AZIMUTHS - 1]:
@@ -113,104 +116,125 @@ def _interpolate(table: NDArray[np.float64], x: float, y: float, z: float) -> An
 
 
 def reflect_light(
-    lit: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
-    frames: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    material: NDArray[np.int32],
-    optics: tuple[NDArray[np.float64], NDArray[np.float64]],
-    diffuse: NDArray[np.float64],
+    irradiance: NDArray[np.float64],
+    to_light: NDArray[np.float64],
+    view: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]],
+    surface: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]],
+    factors: NDArray[np.float64],
     gloss: NDArray[np.float64],
 ) -> None:
     """Add the light of one lamp that points reflect or transmit towards the camera, in place.
 
-    The radiance of a point is texture x ``diffuse`` + ``gloss``, shape (n,) each.
+    The radiance of a point is texture x ``factors`` + ``gloss``, shape (n,) each.
 
-    ``lit``: Irradiance at normal incidence, shape (n,); unit vectors towards the light, shape (n, 3); and whether a
-      point is in shadow, shape (n,).
-    ``frames``: Unit normals on the visible side, unit tangents, and unit vectors towards the camera, shape (n, 3) each.
-    ``material``: Row of each point in ``optics``, the parameters and tables of `scene.material.pack_materials`.
+    ``irradiance``: At normal incidence, shape (n,). ``to_light``: Unit vectors towards the light, shape (n, 3).
+    ``view``: Position of the camera, shape (3,); points and unit normals on the visible side, shape (n, 3); and face of
+      each point, shape (n,).
+    ``surface``: Directions of x on the faces, of any length, shape (m, 3); material of each face, shape (m,); and
+      parameters and tables of the materials, `scene.material.Optics`.
     """
-    in_bands(_reflect_light, len(material), *lit, *frames, material, *optics, diffuse, gloss, least=_LEAST_POINTS)
+    in_bands(
+        _reflect_light, len(factors), irradiance, to_light, view, surface, factors, gloss, least=_LEAST_POINTS
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _reflect_light(
-    low: int, high: int, irradiance: NDArray[np.float64], to_light: NDArray[np.float64], dark: NDArray[np.bool_],
-    normals: NDArray[np.float64], tangents: NDArray[np.float64], to_camera: NDArray[np.float64],
-    material: NDArray[np.int32], values: NDArray[np.float64], tables: NDArray[np.float64],
-    diffuse: NDArray[np.float64], gloss: NDArray[np.float64],
+    low: int, high: int, irradiance: NDArray[np.float64], to_light: NDArray[np.float64],
+    view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...], factors: NDArray[np.float64],
+    gloss: NDArray[np.float64],
 ) -> None:  # fmt: skip
+    origin, points, normals, faces = view
+    tangents, materials, values, tables = surface
     for n in range(low, high):
-        if dark[n] or irradiance[n] == 0.0:
+        if irradiance[n] == 0.0:
             continue
-        m = material[n]
+        m = materials[faces[n]]
         index, along, wide, metal, through = values[m, 0], values[m, 1], values[m, 2], values[m, 3], values[m, 4]
-        light = _in_frame(to_light[n], normals[n], tangents[n])
+        frame = _frame(normals[n], tangents[faces[n]])
+        light = _in_frame(frame, to_light[n, 0], to_light[n, 1], to_light[n, 2])
         incident = irradiance[n] * abs(light[2])
         if light[2] <= 0.0 and through == 0.0:
             continue
         if index <= 1.0 and metal == 0.0:
-            diffuse[n] += incident * (1.0 if light[2] > 0.0 else through)
+            factors[n] += incident * (1.0 if light[2] > 0.0 else through)
             continue
-        view = _in_frame(to_camera[n], normals[n], tangents[n])
-        view = (view[0], view[1], max(view[2], _LEAST_COSINE))
+        seen = _towards(frame, origin, points[n])
         coat, mirror = tables[m, 0], tables[m, 1]
-        base = (1.0 - _interpolate(coat, *view)) * (1.0 - _interpolate(coat, light[0], light[1], abs(light[2])))
+        base = (1.0 - _interpolate(coat, seen)) * (1.0 - _interpolate(coat, light))
         base *= (1.0 - metal) / (1.0 - values[m, 5])
         if light[2] <= 0.0:
-            diffuse[n] += through * incident * base
+            factors[n] += through * incident * base
             continue
-        hx, hy, hz = view[0] + light[0], view[1] + light[1], view[2] + light[2]
+        hx, hy, hz = seen[0] + light[0], seen[1] + light[1], seen[2] + light[2]
         size = np.sqrt(hx * hx + hy * hy + hz * hz)
         half = (hx / size, hy / size, hz / size)
-        cosine = min(half[0] * view[0] + half[1] * view[1] + half[2] * view[2], 1.0)
-        single = irradiance[n] * _facets(view, light, half, along, wide)
+        cosine = min(half[0] * seen[0] + half[1] * seen[1] + half[2] * seen[2], 1.0)
+        single = irradiance[n] * _facets(seen, light, half, along, wide)
         # Light that is reflected more than once (Kulla and Conty 2017).
-        lost = (1.0 - _interpolate(mirror, *view)) * (1.0 - _interpolate(mirror, *light))
+        lost = (1.0 - _interpolate(mirror, seen)) * (1.0 - _interpolate(mirror, light))
         again = incident * lost / max(1.0 - values[m, 6], 1e-12)
         grazing = (1.0 - cosine) ** 5
-        diffuse[n] += incident * base + metal * (single * (1.0 - grazing) + again * (1.0 - values[m, 8]))
+        factors[n] += incident * base + metal * (single * (1.0 - grazing) + again * (1.0 - values[m, 8]))
         gloss[n] += (1.0 - metal) * (single * fresnel(cosine, index) + again * values[m, 7])
         gloss[n] += metal * (single * grazing + again * values[m, 8])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _in_frame(vector: NDArray[np.float64], normal: NDArray[np.float64], tangent: NDArray[np.float64]) -> Any:
-    """Return the components of a vector along tangent, bitangent and normal."""
-    x = tangent[0] * vector[0] + tangent[1] * vector[1] + tangent[2] * vector[2]
-    z = normal[0] * vector[0] + normal[1] * vector[1] + normal[2] * vector[2]
-    bx, by = normal[1] * tangent[2] - normal[2] * tangent[1], normal[2] * tangent[0] - normal[0] * tangent[2]
-    bz = normal[0] * tangent[1] - normal[1] * tangent[0]
-    return x, bx * vector[0] + by * vector[1] + bz * vector[2], z
+def _frame(normal: NDArray[np.float64], along: NDArray[np.float64]) -> Any:
+    """Return tangent, bitangent and normal of a surface, with the tangent in the plane of a direction along it."""
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    off = nx * along[0] + ny * along[1] + nz * along[2]
+    x, y, z = along[0] - off * nx, along[1] - off * ny, along[2] - off * nz
+    size = max(np.sqrt(x * x + y * y + z * z), 1e-300)
+    x, y, z = x / size, y / size, z / size
+    return (x, y, z), (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x), (nx, ny, nz)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _in_frame(frame: tuple[Any, ...], x: float, y: float, z: float) -> Any:
+    """Return the components of a vector in a frame."""
+    a, b, c = frame
+    return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _towards(frame: tuple[Any, ...], origin: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
+    """Return the unit vector from a point to the camera in a frame; along the surface at least."""
+    dx, dy, dz = origin[0] - point[0], origin[1] - point[1], origin[2] - point[2]
+    size = np.sqrt(dx * dx + dy * dy + dz * dz)
+    x, y, z = _in_frame(frame, dx / size, dy / size, dz / size)
+    return x, y, max(z, _LEAST_COSINE)
 
 
 def reflect_ambient(
     ambient: float,
-    frames: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    material: NDArray[np.int32],
-    optics: tuple[NDArray[np.float64], NDArray[np.float64]],
-    diffuse: NDArray[np.float64],
+    view: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]],
+    surface: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]],
+    factors: NDArray[np.float64],
     gloss: NDArray[np.float64],
 ) -> None:
     """Add the light of equal radiance from all directions, in place; arguments as for `reflect_light`."""
-    in_bands(_reflect_ambient, len(material), ambient, *frames, material, *optics, diffuse, gloss, least=_LEAST_POINTS)
+    if ambient > 0.0:
+        in_bands(_reflect_ambient, len(factors), ambient, view, surface, factors, gloss, least=_LEAST_POINTS)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _reflect_ambient(
-    low: int, high: int, ambient: float, normals: NDArray[np.float64], tangents: NDArray[np.float64],
-    to_camera: NDArray[np.float64], material: NDArray[np.int32], values: NDArray[np.float64],
-    tables: NDArray[np.float64], diffuse: NDArray[np.float64], gloss: NDArray[np.float64],
+    low: int, high: int, ambient: float, view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...],
+    factors: NDArray[np.float64], gloss: NDArray[np.float64],
 ) -> None:  # fmt: skip
+    origin, points, normals, faces = view
+    tangents, materials, values, tables = surface
     for n in range(low, high):
-        m = material[n]
+        m = materials[faces[n]]
         metal, both = values[m, 3], 1.0 + values[m, 4]
         if values[m, 0] <= 1.0 and metal == 0.0:
-            diffuse[n] += ambient * both
+            factors[n] += ambient * both
             continue
-        view = _in_frame(to_camera[n], normals[n], tangents[n])
-        coat, mirror = _interpolate(tables[m, 0], *view), _interpolate(tables[m, 1], *view)
-        grazing = _interpolate(tables[m, 2], *view)
-        lost = 1.0 - mirror
-        diffuse[n] += ambient * (1.0 - metal) * both * (1.0 - coat)
-        diffuse[n] += ambient * metal * (mirror - grazing + lost * (1.0 - values[m, 8]))
+        seen = _towards(_frame(normals[n], tangents[faces[n]]), origin, points[n])
+        coat, mirror = _interpolate(tables[m, 0], seen), _interpolate(tables[m, 1], seen)
+        grazing, lost = _interpolate(tables[m, 2], seen), 1.0 - mirror
+        factors[n] += ambient * (1.0 - metal) * both * (1.0 - coat)
+        factors[n] += ambient * metal * (mirror - grazing + lost * (1.0 - values[m, 8]))
         gloss[n] += ambient * ((1.0 - metal) * coat + metal * (grazing + lost * values[m, 8]))

@@ -16,6 +16,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import collect_input_files, describe_missing
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.deformation import DeformationModel, DeformationStep, Surroundings
+from scenetruth.scene.material import Material
 from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.motion import MovedPoints, PointMap, Points, apply, pose_map, to_moved_points
 from scenetruth.scene.motion.motion_presets import FRAME_INTERVAL_S
@@ -134,6 +135,7 @@ class SceneBody:
     texture: SurfaceTexture
     maps: Sequence[PointMap]
     uv_back: NDArray[np.float64] | None = None
+    material: Material = Material()
 
     @property
     def faces(self) -> NDArray[np.int32]:
@@ -347,7 +349,7 @@ def _build(
         return
     maps = make_point_maps(item, mesh, scene.frames.frame_interval_s)
     problems += find_motion_problems(scene, path, item, start, maps, mesh.faces, compute_image_times(scene))
-    bodies.append(SceneBody(item.name, mesh, start, uv, texture, maps, uv_back))
+    bodies.append(SceneBody(item.name, mesh, start, uv, texture, maps, uv_back, item.material))
 
 
 def make_point_maps(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> list[PointMap]:
