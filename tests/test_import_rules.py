@@ -121,8 +121,9 @@ SCENE_MAY_IMPORT = {
     "texture": {"mesh", "picture_file"},
     "leaf": {"mesh", "texture"},
     "lighting": {"motion"},
-    "scene_object": {"motion", "deformation", "mesh", "vertex_animation", "texture"},
-    "plant": {"motion", "deformation", "leaf", "scene_object"},
+    "material": set(),
+    "scene_object": {"motion", "deformation", "mesh", "vertex_animation", "texture", "material"},
+    "plant": {"motion", "deformation", "leaf", "material", "scene_object"},
     "scene_models": {"texture", "lighting", "scene_object", "plant"},
     "field_paths": set(),
     "suggestions": {"scene_models"},
@@ -130,7 +131,7 @@ SCENE_MAY_IMPORT = {
     "scene_loader": {"yaml_reader", "scene_models", "suggestions"},
     "built_scene": {
         *("taylor", "motion", "deformation", "mesh", "surface_tensor_kernels", "reference_configuration"),
-        *("vertex_animation", "texture", "scene_object", "scene_models"),
+        *("vertex_animation", "texture", "material", "scene_object", "scene_models"),
     },
     "scene_report": {"texture", "lighting", "scene_models", "built_scene"},
 }

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scenetruth.render.reflectance_kernels import albedo_tables, fresnel, reflect_ambient, reflect_light
-from scenetruth.scene.material import Material, pack_materials
+from scenetruth.render.reflection import pack_materials
+from scenetruth.scene.material import Material
 
 Floats = NDArray[np.float64]
 

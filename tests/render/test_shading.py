@@ -15,9 +15,10 @@ from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import Renderer
 from scenetruth.render import shading as shading_module
 from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.render.reflection import pack_materials
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.material import Material, pack_materials
+from scenetruth.scene.material import Material
 from tests.helpers.scenes import SCENES, cube
 
 Image = NDArray[np.float32]

@@ -7,7 +7,7 @@ import pytest
 import scenetruth as st
 from scenetruth.errors import SceneError
 from scenetruth.provenance import scene_hash
-from scenetruth.scene.material import MATERIALS, Material, pack_materials
+from scenetruth.scene.material import MATERIALS, Material
 
 
 @pytest.mark.parametrize("name", sorted(MATERIALS))
@@ -36,9 +36,3 @@ def test_values_out_of_range_are_named_together() -> None:
         st.load_scene("cube", overrides=[f"objects.0.material.{change}" for change in changes])
     paths = {problem.path for problem in caught.value.problems}
     assert paths == {f"objects.0.material.{change.split('=')[0]}" for change in changes}
-
-
-def test_matt_materials_have_no_tables() -> None:
-    optics = pack_materials([Material(), Material(refractive_index=1.5)])
-    assert not optics.tables[0].any()
-    assert optics.tables[1, 0].min() > 0

@@ -18,6 +18,7 @@ _ROUND, _ACROSS = 48, 96  # nodes of the integrals over the visible normals: aro
 _LEAST_COSINE = 1e-4  # of directions along the surface, where the model has a limit
 _LEAST_POINTS = 4096
 
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def fresnel(cosine: float, index: float) -> Any:
     """Return the reflectance of a dielectric of a refractive index for unpolarised light, from outside.
@@ -41,7 +42,7 @@ def _slope(x: float, y: float, z: float, along: float, wide: float) -> Any:
 def _facets(view: tuple[Any, ...], light: tuple[Any, ...], half: tuple[Any, ...], along: float, wide: float) -> Any:
     """Return π D G / (4 cos θ_v), the reflectance of perfect mirrors times π cos θ_l.
 
-    G is the product of the masking of both directions, as in most renderers; masking and shadowing are then independent.
+    G is the product of the masking of both directions, which are taken as independent.
     """
     x, y, z = half[0] / along, half[1] / wide, half[2]
     spread = x * x + y * y + z * z
@@ -131,11 +132,9 @@ def reflect_light(
     ``view``: Position of the camera, shape (3,); points and unit normals on the visible side, shape (n, 3); and face of
       each point, shape (n,).
     ``surface``: Directions of x on the faces, of any length, shape (m, 3); material of each face, shape (m,); and
-      parameters and tables of the materials, `scene.material.Optics`.
+      parameters and tables of the materials, `reflection.ReflectionTables`.
     """
-    in_bands(
-        _reflect_light, len(factors), irradiance, to_light, view, surface, factors, gloss, least=_LEAST_POINTS
-    )
+    in_bands(_reflect_light, len(factors), irradiance, to_light, view, surface, factors, gloss, least=_LEAST_POINTS)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast import Hits, RayCaster, ShadowCaster, Topology
+from scenetruth.raycast import Hits, RayCaster, ShadowCaster
+from scenetruth.render.reflection import Reflection, SeenPoints
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
-from scenetruth.scene.material import Optics, pack_materials
 
 __all__ = ["Arrived", "PixelLight", "Shader"]
 
-_MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
 
 # Pixel difference, as a fraction of the brightest pixel, above which every sample is shaded separately.
 _STEEPEST = 0.05
@@ -84,42 +82,6 @@ class Arrived(NamedTuple):
         return lit if self.gloss is None else lit + self.gloss.astype(np.float32)
 
 
-@dataclass(frozen=True, eq=False)
-class _Sheet:
-    """Surfaces that cast shadows of one transmittance.
-
-    ``numbers``: Index of each face of the scene among these faces, -1 for others, shape (m,).
-    """
-
-    caster: ShadowCaster
-    numbers: NDArray[np.int32]
-    transmittance: float
-
-    @classmethod
-    def of(cls, caster: RayCaster, faces: NDArray[np.int64], topology: Topology, transmittance: float) -> _Sheet:
-        numbers = np.full(len(caster.topology.faces), -1, dtype=np.int32)
-        numbers[faces] = np.arange(len(faces), dtype=np.int32)
-        return cls(ShadowCaster(caster.vertices_mm, topology), numbers, transmittance)
-
-    def hides(
-        self,
-        lamp: Lamp,
-        starts_mm: NDArray[np.float64],
-        faces: NDArray[np.int32],
-        wanted: NDArray[np.bool_],
-        to_light: NDArray[np.float64],
-        distance_mm: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
-        """Return which wanted points lie in the shadow of these surfaces, shape (n,)."""
-        own = self.numbers[faces]
-        if lamp.position_mm is None:
-            return self.caster.blocked_parallel(starts_mm, own, wanted, -lamp.axis)
-        hidden = np.zeros(len(faces), dtype=np.bool_)
-        reached = np.flatnonzero(wanted)
-        hidden[reached] = self.caster.blocked(starts_mm[reached], own[reached], to_light[reached], distance_mm[reached])
-        return hidden
-
-
 class Shader:
     """Shading of two-sided surfaces.
 
@@ -132,10 +94,8 @@ class Shader:
         self._world = world
         self._corner_normals: tuple[float, NDArray[np.float64]] | None = None
         self._shadows: ShadowCaster | None = None
-        self._tangent: tuple[RayCaster, NDArray[np.float64]] | None = None
-        self._kinds: list[tuple[NDArray[np.int64], Topology, float]] | None = None
-        self._sheets: tuple[RayCaster, list[_Sheet]] | None = None
         self.matt = all(body.material.matt for body in world.bodies)
+        self._reflection = Reflection(lighting, world)
 
     def arrived(
         self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
@@ -166,114 +126,9 @@ class Shader:
         else:
             gloss = np.zeros(len(directions))
             origin = np.asarray(origin_mm, dtype=np.float64)
-            factors[seen], gloss[seen], state[seen], blocked[seen] = self._reflected(
-                caster, lamps, origin, points, normals, hits.face[seen], starts
-            )
+            place = SeenPoints(origin, points, normals, hits.face[seen], starts)
+            factors[seen], gloss[seen], state[seen], blocked[seen] = self._reflection.light(caster, lamps, place)
         return Arrived(factors, gloss, state, blocked)
-
-    def _reflected(
-        self,
-        caster: RayCaster,
-        lamps: list[Lamp],
-        origin_mm: NDArray[np.float64],
-        points_mm: NDArray[np.float64],
-        normals: NDArray[np.float64],
-        faces: NDArray[np.int32],
-        starts_mm: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
-        """Compute factors, gloss, state numbers and blocked lamps of points on surfaces of any material.
-
-        Arguments as for `irradiance`; ``origin_mm``: position of the camera.
-        """
-        from scenetruth.render.reflectance_kernels import reflect_ambient, reflect_light
-        from scenetruth.render.shading_kernels import direct_light
-
-        material = self._world.face_body[faces]
-        view = (origin_mm, points_mm, normals, faces)
-        surface = (self._tangents(caster), self._world.face_body, *self._optics)
-        factors, gloss = np.zeros((2, len(points_mm)))
-        state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
-        reflect_ambient(self._lighting.ambient or 0.0, view, surface, factors, gloss)
-        through = self._optics.values[material, 4] > 0
-        for number, lamp in enumerate(lamps):
-            if lamp.position_mm is None:
-                to_light = np.broadcast_to(-lamp.axis, points_mm.shape)
-            else:
-                to_light = lamp.position_mm - points_mm
-                to_light /= np.linalg.norm(to_light, axis=1)[:, None]
-            # At normal incidence.
-            light, zone, to_light, distance = direct_light(
-                points_mm,
-                np.ascontiguousarray(to_light),
-                np.zeros(3) if lamp.position_mm is None else lamp.position_mm,
-                lamp.axis,
-                lamp.position_mm is None,
-                lamp.irradiance,
-                lamp.reference_distance_mm,
-                lamp.cos_inner,
-                lamp.cos_outer,
-            )
-            facing = np.einsum("nk,nk->n", normals, to_light)
-            front, back = facing > 0, (facing < 0) & through
-            light[~(front | back)], zone[~(front | back)] = 0.0, 0
-            # Light on the other side of a sheet has zones of its own.
-            zone[back & (zone > 0)] += 2
-            dark = np.zeros(len(points_mm), dtype=np.bool_)
-            if self._lighting.shadows:
-                from_where = np.where(front[:, None], starts_mm, points_mm)
-                for sheet in self._sheets_at(caster):
-                    hidden = sheet.hides(lamp, from_where, faces, light > 0, to_light, distance)
-                    light[hidden] *= sheet.transmittance
-                    dark |= hidden
-                    # Points behind different sheets are in different shadows.
-                    zone[hidden] = zone[hidden] * 3 + 1
-                blocked |= dark.astype(np.uint64) << np.uint64(min(number, 63))
-            reflect_light(light, to_light, view, surface, factors, gloss)
-            state = state * _MIX + zone
-        return factors, gloss, state, blocked
-
-    @cached_property
-    def _optics(self) -> Optics:
-        return pack_materials([body.material for body in self._world.bodies])
-
-    def _tangents(self, caster: RayCaster) -> NDArray[np.float64]:
-        """Return the directions of x on the faces, of any length, shape (m, 3)."""
-        if self._tangent is None or self._tangent[0] is not caster:
-            corners = caster.vertices_mm[caster.topology.faces]
-            sides = corners[:, 1:] - corners[:, :1]
-            chart = self._world.chart_mm
-            across = chart[:, 1:] - chart[:, :1]
-            # x increases along the combination of the two sides along which y of the chart does not change.
-            weights = np.stack([across[:, 1, 1], -across[:, 0, 1]], axis=-1)
-            weights *= np.sign(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0])[:, None]
-            found = np.einsum("mk,mkj->mj", weights, sides)
-            flat = ~(np.linalg.norm(found, axis=1) > 0)
-            found[flat] = sides[flat, 0]
-            self._tangent = (caster, np.ascontiguousarray(found))
-        return self._tangent[1]
-
-    def _sheets_at(self, caster: RayCaster) -> list[_Sheet]:
-        """Return what casts shadows: all opaque surfaces together, and each surface that transmits light."""
-        if self._sheets is None or self._sheets[0] is not caster:
-            self._sheets = (caster, [_Sheet.of(caster, *part) for part in self._parts(caster)])
-        return self._sheets[1]
-
-    def _parts(self, caster: RayCaster) -> list[tuple[NDArray[np.int64], Topology, float]]:
-        """Return faces, topology and transmittance of what casts shadows."""
-        if self._kinds is None:
-            world, values = self._world, self._optics.values[:, 4]
-            through = values[world.face_body] > 0
-            groups = [(np.flatnonzero(~through), 0.0)]
-            for index in np.flatnonzero(values > 0):
-                texture = world.bodies[index].texture
-                mean = float(np.mean(texture.raster()))
-                groups.append((np.flatnonzero(world.face_body == index), mean * float(values[index])))
-            self._kinds = [
-                (chosen, Topology.of(caster.vertices_mm, world.faces[chosen], world.crease_deg[chosen]), share)
-                for chosen, share in groups
-                if len(chosen)
-            ]
-        return self._kinds
 
     def irradiance(
         self,

@@ -16,7 +16,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import collect_input_files, describe_missing
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.deformation import DeformationModel, DeformationStep, Surroundings
-from scenetruth.scene.material import Material
+from scenetruth.scene.material import MATT, Material
 from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.motion import MovedPoints, PointMap, Points, apply, pose_map, to_moved_points
 from scenetruth.scene.motion.motion_presets import FRAME_INTERVAL_S
@@ -135,7 +135,7 @@ class SceneBody:
     texture: SurfaceTexture
     maps: Sequence[PointMap]
     uv_back: NDArray[np.float64] | None = None
-    material: Material = Material()
+    material: Material = MATT
 
     @property
     def faces(self) -> NDArray[np.int32]:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scenetruth.validated_model import FrozenModel, NonNegative, Preset, preset
 
-__all__ = ["MATERIALS", "Material", "MaterialName", "Optics", "pack_materials"]
+__all__ = ["MATERIALS", "MATT", "Material", "MaterialName"]
 
 Roughness = Annotated[float, Field(gt=0, le=1)]
 
@@ -23,9 +20,11 @@ _COMAR = (
 )
 _SLOPES = f"roughness of Cook and Torrance, used as that of GGX: {_COMAR}"
 _TYPICAL = "typical value, no source available"
-_VISIBLE = "no light passes in the blue and red; about a third in the near infrared"
 
-MaterialName = Literal["sorghum_leaf", "wheat_leaf", "leaf", "matt_paint", "paper", "printed_foil", "anodised_aluminium", "soil"]  # noqa: E501
+MaterialName = Literal[
+    "sorghum_leaf", "wheat_leaf", "leaf", "matt_paint", "paper", "printed_foil", "anodised_aluminium", "soil"
+]
+"""Names of the presets."""
 MATERIALS: Mapping[str, Preset] = MappingProxyType(
     {
         "sorghum_leaf": preset(
@@ -60,7 +59,7 @@ MATERIALS: Mapping[str, Preset] = MappingProxyType(
 
 
 class Material(FrozenModel):
-    """Reflection and transmission of a surface, beside its texture.
+    """Reflection and transmission of a textured surface.
 
     Light that enters the surface through its smooth or rough boundary is scattered with the reflectance of the texture
     (Lambert). The boundary reflects by microfacets of the GGX distribution with the Fresnel reflectance of the
@@ -96,69 +95,5 @@ class Material(FrozenModel):
         return self.refractive_index == 1.0 and self.metallic == 0.0 and self.transmittance == 0.0
 
 
-class Optics(NamedTuple):
-    """Materials as arrays for `render.reflectance_kernels`."""
-
-    values: NDArray[np.float64]
-    """For each material: refractive index, roughness along and across, metallic fraction, transmittance, mean albedo of
-    the boundary, mean albedo of mirrors, and the share of light reflected by further microfacets: of the boundary, and
-    of black metal. Shape (k, 9).
-    """
-    tables: NDArray[np.float64]
-    """Directional albedo of the boundary, of mirrors, and the part of mirrors that is weighted by (1 - cos)^5, at the
-    nodes of `albedo_tables`; shape (k, 3, COSINES, AZIMUTHS).
-    """
-
-
-def pack_materials(materials: Sequence[Material]) -> Optics:
-    """Return the parameters and tables of materials, with one row each."""
-    rows = [_pack(item.refractive_index, *_roughness(item), item.metallic, item.transmittance) for item in materials]
-    return Optics(np.array([row for row, _ in rows]), np.array([table for _, table in rows]))
-
-
-def _roughness(material: Material) -> tuple[float, float]:
-    """Return the roughness along and across."""
-    across = material.roughness
-    return (across if material.roughness_along is None else material.roughness_along), across
-
-
-@lru_cache(maxsize=64)
-def _pack(
-    index: float, along: float, across: float, metallic: float, transmittance: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the row and the tables of one material."""
-    from scenetruth.render.reflectance_kernels import AZIMUTHS, COSINES, albedo_tables
-
-    values = np.array([index, along, across, metallic, transmittance, 0.0, 0.0, 0.0, 0.0])
-    tables = np.zeros((3, COSINES, AZIMUTHS))
-    if index == 1.0 and metallic == 0.0:
-        return values, tables
-    single, mirror, grazing = (albedo_tables(kind, along, across) for kind in (index, 0.0, -1.0))
-    mirror_mean = _mean(mirror)
-    # Mean Fresnel reflectance of the facets, for light reflected again and again.
-    cosines = (np.arange(2000) + 0.5) / 2000
-    means = [2 * float(np.mean(reflectance * cosines)) for reflectance in (_fresnel(cosines, index), (1 - cosines) ** 5)]
-    further = [mean**2 * mirror_mean / (1 - mean * (1 - mirror_mean)) for mean in means]
-    boundary = single + (1 - mirror) * further[0]
-    values[5:] = _mean(boundary), mirror_mean, *further
-    return values, np.stack([boundary, mirror, grazing])
-
-
-def _fresnel(cosines: NDArray[np.float64], index: float) -> NDArray[np.float64]:
-    from scenetruth.render.reflectance_kernels import fresnel
-
-    return np.array([fresnel(float(cosine), index) for cosine in cosines])
-
-
-def _mean(table: NDArray[np.float64]) -> float:
-    """Return the mean of a directional albedo over all directions, by cosine, as the kernels interpolate it."""
-    # Between nodes of s, the root of the cosine: the integral of 4 s³ E(s); azimuths by the trapezoidal rule.
-    edges = np.linspace(0, 1, len(table))
-    low, high = edges[:-1], edges[1:]
-    whole, first = high**4 - low**4, 4 * (high**5 - low**5) / 5
-    weights = np.zeros(len(table))
-    weights[:-1] += (high * whole - first) / (high - low)
-    weights[1:] += (first - low * whole) / (high - low)
-    azimuths = np.ones(table.shape[1])
-    azimuths[[0, -1]] = 0.5
-    return float(weights @ table @ azimuths / azimuths.sum())
+MATT = Material()
+"""Surface without gloss and transmission."""

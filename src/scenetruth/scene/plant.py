@@ -14,7 +14,7 @@ from scenetruth.scene.deformation import Deformation, DeformationModel, Growth, 
 from scenetruth.scene.leaf.leaf_mesh import LeafMesh
 from scenetruth.scene.leaf.leaf_model import Petiole
 from scenetruth.scene.leaf.texture_synthesis import LeafTexture
-from scenetruth.scene.material import Material
+from scenetruth.scene.material import MATT, Material
 from scenetruth.scene.motion import MotionModel
 from scenetruth.scene.motion.rigid_motions import Motion
 from scenetruth.scene.motion.time_curve import HarmonicCurve
@@ -53,7 +53,7 @@ class PlantModel(FrozenModel):
     """Rotations of the whole plant about its position, applied in order."""
     texture: LeafTexture = LeafTexture(kind="leaf")
     """Texture of the leaves, with individual veins, mottling and hairs for each leaf."""
-    material: Material = Material()
+    material: Material = MATT
     """Gloss and transmission of the leaves; matt by default. The x direction of leaves is along the midrib."""
     growth: Growth | None = None
     """Growth of the oldest leaf; null for none."""
@@ -78,7 +78,7 @@ class PlantModel(FrozenModel):
     def _without_matt(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave matt materials out: scenes without gloss keep their hash."""
         plain: dict[str, Any] = write(self)
-        if self.material == Material():
+        if self.material == MATT:
             plain.pop("material", None)
         return plain
 

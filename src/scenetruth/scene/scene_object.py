@@ -8,7 +8,7 @@ from pydantic import SerializerFunctionWrapHandler, ValidationInfo, field_valida
 
 from scenetruth.discovery import discriminated_union
 from scenetruth.scene.deformation import OwnFrameModel
-from scenetruth.scene.material import Material
+from scenetruth.scene.material import MATT, Material
 from scenetruth.scene.mesh import MeshModel
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.motion.rigid_motions import Motion
@@ -58,7 +58,7 @@ class SceneObject(FrozenModel):
     """Shape of the object."""
     texture: Texture
     """Texture of the surface."""
-    material: Material = Material()
+    material: Material = MATT
     """Gloss and transmission of the surface; matt by default."""
     pose: Pose = Pose()
     """Pose at t = 0."""
@@ -71,7 +71,7 @@ class SceneObject(FrozenModel):
     def _without_matt(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave matt materials out: scenes without gloss keep their hash."""
         plain: dict[str, Any] = write(self)
-        if self.material == Material():
+        if self.material == MATT:
             plain.pop("material", None)
         return plain
 

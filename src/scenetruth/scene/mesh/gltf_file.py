@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS
 from scenetruth.scene.mesh.gltf_document import GltfDocument
-from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
+from scenetruth.scene.mesh.polygon_mesh import FileMaterial, MeshFileError, PolygonMesh, TextureMap
 
 __all__ = ["read_gltf"]
 
@@ -52,7 +52,7 @@ def read_gltf(file: Path) -> PolygonMesh:
         If an accessor, a node or an extension cannot be read without doubt.
     """
     document = GltfDocument(file)
-    parts, materials = _Parts(), list[Material]()
+    parts, materials = _Parts(), list[FileMaterial]()
     numbers: dict[Any, int] = {}
     for name in document.unread_extensions:
         parts.ignored[f"extension {name}"] = None
@@ -83,7 +83,7 @@ def read_gltf(file: Path) -> PolygonMesh:
     return _assemble(document, parts, tuple(materials))
 
 
-def _assemble(document: GltfDocument, parts: _Parts, materials: tuple[Material, ...]) -> PolygonMesh:
+def _assemble(document: GltfDocument, parts: _Parts, materials: tuple[FileMaterial, ...]) -> PolygonMesh:
     """Return the mesh of all primitives."""
     if not parts.triangles:
         msg = "has no faces"
@@ -331,7 +331,7 @@ def _base_texture(material: Plain) -> tuple[Plain | None, int]:
 _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
 
-def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> Material:
+def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> FileMaterial:
     """Return a material; what cannot be shown is its problem."""
     entry = document.entry("materials", index)
     name = str(entry.get("name", index))
@@ -355,20 +355,24 @@ def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> M
         texture, _ = _base_texture(entry)
         picture = None if texture is None else _texture_map(document, texture, ignored)
     except ValueError as error:
-        return Material(name, problem=f"{where}: {error}")
+        return FileMaterial(name, problem=f"{where}: {error}")
     cutoff = None
     if mode not in _ALPHA_MODES:
         message = f"{where} has the alphaMode {mode!r}, which is none of {', '.join(_ALPHA_MODES)}"
-        return Material(name, picture=picture, problem=message, outline_problem=None if picture is None else message)
+        return FileMaterial(
+            name, picture=picture, problem=message, outline_problem=None if picture is None else message
+        )
     if mode == "BLEND":
         remedy = "use alphaMode MASK, which cuts the surface out, or OPAQUE"
         message = f"{where} is translucent (alphaMode BLEND), which is not shown: {remedy}"
         # A transparent picture also hides parts of the surface, whose outline is not defined.
-        return Material(name, picture=picture, problem=message, outline_problem=None if picture is None else message)
+        return FileMaterial(
+            name, picture=picture, problem=message, outline_problem=None if picture is None else message
+        )
     if mode == "MASK":
         cutoff = float(entry.get("alphaCutoff", _OPAQUE_ALPHA))
         cutoff = cutoff / colour[3] if colour[3] > 0 else math.inf
-    return Material(name, (colour[0], colour[1], colour[2]), picture, cutoff)
+    return FileMaterial(name, (colour[0], colour[1], colour[2]), picture, cutoff)
 
 
 def _texture_map(document: GltfDocument, texture: Plain, ignored: dict[str, None]) -> TextureMap:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Material", "MeshFileError", "PolygonMesh", "TextureMap", "Triangulation", "triangulate"]
+__all__ = ["FileMaterial", "MeshFileError", "PolygonMesh", "TextureMap", "Triangulation", "triangulate"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -40,7 +40,7 @@ class TextureMap:
 
 
 @dataclass(frozen=True)
-class Material:
+class FileMaterial:
     """Diffuse reflectance of the faces of a material."""
 
     name: str
@@ -65,7 +65,7 @@ class PolygonMesh:
     ``uv``: Texture coordinates of the corners with v upwards, shape (k, 2), NaN where missing; None without.
     ``normals``: Normals of the corners, of any length, shape (k, 3), NaN where missing; None without.
     ``colours``: Linear colours of the corners in [0, 1], shape (k, 3); None without.
-    ``material_of``: Material of every polygon, -1 for none, shape (m,).
+    ``material_of``: FileMaterial of every polygon, -1 for none, shape (m,).
     ``ignored``: Content of the file that is not used, for people.
     """
 
@@ -75,7 +75,7 @@ class PolygonMesh:
     uv: Floats | None = None
     normals: Floats | None = None
     colours: Floats | None = None
-    materials: tuple[Material, ...] = ()
+    materials: tuple[FileMaterial, ...] = ()
     material_of: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     ignored: tuple[str, ...] = ()
 
