@@ -156,7 +156,7 @@ def _reflect_light(
         if light[2] <= 0.0 and through == 0.0:
             continue
         if index <= 1.0 and metal == 0.0:
-            factors[n] += incident * (1.0 if light[2] > 0.0 else through)
+            factors[n] += incident * (values[m, 9] if light[2] > 0.0 else through)
             continue
         seen = _towards(frame, origin, points[n])
         coat, mirror = tables[m, 0], tables[m, 1]
@@ -174,7 +174,7 @@ def _reflect_light(
         lost = (1.0 - _interpolate(mirror, seen)) * (1.0 - _interpolate(mirror, light))
         again = incident * lost / max(1.0 - values[m, 6], 1e-12)
         grazing = (1.0 - cosine) ** 5
-        factors[n] += incident * base + metal * (single * (1.0 - grazing) + again * (1.0 - values[m, 8]))
+        factors[n] += values[m, 9] * incident * base + metal * (single * (1.0 - grazing) + again * (1.0 - values[m, 8]))
         gloss[n] += (1.0 - metal) * (single * fresnel(cosine, index) + again * values[m, 7])
         gloss[n] += metal * (single * grazing + again * values[m, 8])
 
@@ -227,7 +227,7 @@ def _reflect_ambient(
     tangents, materials, values, tables = surface
     for n in range(low, high):
         m = materials[faces[n]]
-        metal, both = values[m, 3], 1.0 + values[m, 4]
+        metal, both = values[m, 3], values[m, 9] + values[m, 4]
         if values[m, 0] <= 1.0 and metal == 0.0:
             factors[n] += ambient * both
             continue

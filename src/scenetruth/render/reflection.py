@@ -15,7 +15,7 @@ from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 from scenetruth.scene.material import Material
 
-__all__ = ["ReflectionTables", "Reflection", "SeenPoints", "pack_materials"]
+__all__ = ["Reflection", "ReflectionTables", "SeenPoints", "pack_materials"]
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
 
@@ -25,8 +25,8 @@ class ReflectionTables(NamedTuple):
 
     values: NDArray[np.float64]
     """For each material: refractive index, roughness along and across, metallic fraction, transmittance, mean albedo of
-    the boundary, mean albedo of mirrors, and the share of light reflected by further microfacets: of the boundary, and
-    of black metal. Shape (k, 9).
+    the boundary, mean albedo of mirrors, and the share of light reflected by further microfacets: of the boundary,
+    of black metal; and diffuse reflectance. Shape (k, 10).
     """
     tables: NDArray[np.float64]
     """Directional albedo of the boundary, of mirrors, and the part of mirrors that is weighted by (1 - cos)^5, at the
@@ -36,7 +36,10 @@ class ReflectionTables(NamedTuple):
 
 def pack_materials(materials: Sequence[Material]) -> ReflectionTables:
     """Return the parameters and tables of materials, with one row each."""
-    rows = [_pack(item.refractive_index, *_roughness(item), item.metallic, item.transmittance) for item in materials]
+    rows = [
+        _pack(item.refractive_index, *_roughness(item), item.metallic, item.transmittance, item.reflectance)
+        for item in materials
+    ]
     return ReflectionTables(np.array([row for row, _ in rows]), np.array([table for _, table in rows]))
 
 
@@ -48,12 +51,12 @@ def _roughness(material: Material) -> tuple[float, float]:
 
 @lru_cache(maxsize=64)
 def _pack(
-    index: float, along: float, across: float, metallic: float, transmittance: float
+    index: float, along: float, across: float, metallic: float, transmittance: float, reflectance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the row and the tables of one material."""
     from scenetruth.render.reflectance_kernels import AZIMUTHS, COSINES, albedo_tables
 
-    values = np.array([index, along, across, metallic, transmittance, 0.0, 0.0, 0.0, 0.0])
+    values = np.array([index, along, across, metallic, transmittance, 0.0, 0.0, 0.0, 0.0, reflectance])
     tables = np.zeros((3, COSINES, AZIMUTHS))
     if index == 1.0 and metallic == 0.0:
         return values, tables
@@ -65,7 +68,7 @@ def _pack(
     means = [2 * float(np.mean(reflectance * cosines)) for reflectance in facets]
     further = [mean**2 * mirror_mean / (1 - mean * (1 - mirror_mean)) for mean in means]
     boundary = single + (1 - mirror) * further[0]
-    values[5:] = _mean(boundary), mirror_mean, *further
+    values[5:9] = _mean(boundary), mirror_mean, *further
     return values, np.stack([boundary, mirror, grazing])
 
 
@@ -160,11 +163,11 @@ class Reflection:
 
         _, points_mm, normals, faces, _ = place
         view = place[:4]
-        surface = (self._tangents(caster), self._world.face_body, *self._optics)
+        surface = (self._tangents(caster), self._world.face_material, *self._optics)
         factors, gloss = np.zeros((2, len(points_mm)))
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
         reflect_ambient(self._lighting.ambient or 0.0, view, surface, factors, gloss)
-        through = self._optics.values[self._world.face_body[faces], 4] > 0
+        through = self._optics.values[self._world.face_material[faces], 4] > 0
         for number, lamp in enumerate(lamps):
             if lamp.position_mm is None:
                 to_light = np.broadcast_to(-lamp.axis, points_mm.shape)
@@ -204,7 +207,7 @@ class Reflection:
 
     @cached_property
     def _optics(self) -> ReflectionTables:
-        return pack_materials([body.material for body in self._world.bodies])
+        return pack_materials([material for material, _ in self._world.materials])
 
     def _tangents(self, caster: RayCaster) -> NDArray[np.float64]:
         """Return the directions of x on the faces, of any length, shape (m, 3)."""
@@ -232,12 +235,12 @@ class Reflection:
         """Return faces, topology and transmittance of what casts shadows."""
         if self._kinds is None:
             world, values = self._world, self._optics.values[:, 4]
-            through = values[world.face_body] > 0
+            through = values[world.face_material] > 0
             groups = [(np.flatnonzero(~through), 0.0)]
             for index in np.flatnonzero(values > 0):
-                texture = world.bodies[index].texture
+                texture = world.bodies[world.materials[index][1]].texture
                 mean = float(np.mean(texture.raster()))
-                groups.append((np.flatnonzero(world.face_body == index), mean * float(values[index])))
+                groups.append((np.flatnonzero(world.face_material == index), mean * float(values[index])))
             self._kinds = [
                 (chosen, Topology.of(caster.vertices_mm, world.faces[chosen], world.crease_deg[chosen]), share)
                 for chosen, share in groups

@@ -94,7 +94,7 @@ class Shader:
         self._world = world
         self._corner_normals: tuple[float, NDArray[np.float64]] | None = None
         self._shadows: ShadowCaster | None = None
-        self.matt = all(body.material.matt for body in world.bodies)
+        self.matt = all(material.matt for material, _ in world.materials)
         self._reflection = Reflection(lighting, world)
 
     def arrived(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -68,6 +68,10 @@ class Material(FrozenModel):
     surface is matt: it has the radiance of the texture times its irradiance.
     """
 
+    from_file: bool = False
+    """Whether the material is that of the mesh file (glTF), which may differ between its faces; without other fields.
+    ``texture: {kind: embedded}`` shows the colours of the file.
+    """
     preset: MaterialName | None = None
     """Material whose values are used for all fields that are not given."""
     refractive_index: Annotated[float, Field(ge=1, le=4)] = 1.0
@@ -78,6 +82,8 @@ class Material(FrozenModel):
     """Roughness along the x direction of the mesh, such as that of veins; null: equal in all directions."""
     metallic: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the surface that is metal."""
+    reflectance: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """Diffuse reflectance, relative to the texture."""
     transmittance: NonNegative = 0.0
     """Light transmitted by a sheet, relative to the texture: a back light of irradiance 1 gives this value times that
     of the texture. Sheets scatter transmitted light in all directions.
@@ -89,10 +95,19 @@ class Material(FrozenModel):
         name = given.get("preset") if isinstance(given, dict) else None
         return {**MATERIALS[name].values, **given} if isinstance(name, str) and name in MATERIALS else given
 
+    @model_validator(mode="after")
+    def _from_file_alone(self) -> Self:
+        given = sorted(self.model_fields_set - {"from_file"})
+        if self.from_file and given and self.model_copy(update={"from_file": False}) != type(self)():
+            msg = f"from_file takes the material of the mesh file; remove {', '.join(given)}"
+            raise ValueError(msg)
+        return self
+
     @property
     def matt(self) -> bool:
         """Whether the surface has no gloss and transmits no light."""
-        return self.refractive_index == 1.0 and self.metallic == 0.0 and self.transmittance == 0.0
+        plain = self.refractive_index == 1.0 and self.metallic == 0.0 and self.transmittance == 0.0
+        return plain and self.reflectance == 1.0 and not self.from_file
 
 
 MATT = Material()

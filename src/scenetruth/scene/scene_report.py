@@ -64,8 +64,8 @@ def _material_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
     for (path, item), body in zip(scene.parts, world.bodies, strict=False):
         # The leaves of a plant have one material.
         where = path if path.startswith("objects") else ".".join(path.split(".")[:2])
-        share = item.material.transmittance
-        if share == 0 or where in problems:
+        share = max(material.transmittance + material.reflectance - 1 for material in body.materials)
+        if share <= 0 or where in problems:
             continue
         rows, columns = body.texture.shape
         u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
@@ -73,7 +73,7 @@ def _material_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
         if brightest * (1 + share) > 1 + _BRIGHTER:
             message = f"the texture reaches {brightest:.3g}: reflection and transmission add up to "
             message += f"{brightest * (1 + share):.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
-            problems[where] = Problem(f"{where}.material.transmittance", message, share)
+            problems[where] = Problem(f"{where}.material.transmittance", message, item.material.transmittance)
     return list(problems.values())
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene.mesh.cutouts import CutTriangles, OpacityMap, cut_out
 from scenetruth.scene.mesh.file_preflight import MAX_TEXELS, read_checked_bytes
-from scenetruth.scene.mesh.polygon_mesh import FileMaterial, MeshFileError, TextureMap
+from scenetruth.scene.mesh.polygon_mesh import FileGloss, FileMaterial, MeshFileError, TextureMap
 from scenetruth.scene.picture_file import (
     DecodedPicture,
     PictureFileError,
@@ -129,6 +129,21 @@ class MeshAppearance:
             name = material.picture.file.name if material.picture.file is not None else f"picture of {material.name}"
             lines.append(f"{name}: {decode(material).describe()}")
         return lines
+
+    def gloss(self) -> tuple[list[FileGloss], Indices]:
+        """Return the gloss of the materials that are used, and that of every face, shape (m,).
+
+        Raises MeshFileError if a face has none.
+        """
+        for n in self.used:
+            if self.materials[n].gloss_problem is not None:
+                raise MeshFileError(self.materials[n].gloss_problem)
+        found = {n: gloss for n in self.used if (gloss := self.materials[n].gloss) is not None}
+        without = ~np.isin(self.material_of, list(found))
+        if without.any():
+            msg = f"has {int(without.sum()):,} triangles whose material has no gloss"
+            raise MeshFileError(msg)
+        return list(found.values()), np.searchsorted(sorted(found), self.material_of)
 
     def check(self) -> None:
         """Raise MeshFileError if the colours cannot be shown."""

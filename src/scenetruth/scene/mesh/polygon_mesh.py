@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FileMaterial", "MeshFileError", "PolygonMesh", "TextureMap", "Triangulation", "triangulate"]
+__all__ = ["FileGloss", "FileMaterial", "MeshFileError", "PolygonMesh", "TextureMap", "Triangulation", "triangulate"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -39,6 +39,16 @@ class TextureMap:
     """Whether texels are sampled without interpolation."""
 
 
+class FileGloss(NamedTuple):
+    """Reflection of a material beyond its diffuse colour; the terms are those of `scene.material.Material`."""
+
+    refractive_index: float
+    roughness: float
+    metallic: float
+    reflectance: float
+    transmittance: float
+
+
 @dataclass(frozen=True)
 class FileMaterial:
     """Diffuse reflectance of the faces of a material."""
@@ -53,6 +63,10 @@ class FileMaterial:
     """Why the material cannot be shown; matters only if the scene asks for the colours of the file."""
     outline_problem: str | None = None
     """Why the outline of the surface is undefined, if the picture has a transparent texel or there is no picture."""
+    gloss: FileGloss | None = None
+    """Gloss and transmission, for scenes that ask for them; None if the file gives none."""
+    gloss_problem: str | None = None
+    """Why gloss and transmission cannot be shown; matters only if the scene asks for them."""
 
 
 @dataclass(frozen=True, eq=False)
