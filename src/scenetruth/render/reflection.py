@@ -125,6 +125,13 @@ class _Sheet:
         numbers[faces] = np.arange(len(faces), dtype=np.int32)
         return cls(ShadowCaster(caster.vertices_mm, topology), numbers, transmittance)
 
+    @cached_property
+    def sphere(self) -> tuple[NDArray[np.float64], float]:
+        """Centre and radius of a sphere around the surfaces, mm."""
+        vertices = self.caster.vertices_mm[np.unique(self.caster.topology.faces)]
+        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        return centre, 1.001 * float(np.linalg.norm(vertices - centre, axis=1).max())
+
     def hides(
         self,
         lamp: Lamp,
@@ -136,12 +143,28 @@ class _Sheet:
     ) -> NDArray[np.bool_]:
         """Return which wanted points lie in the shadow of these surfaces, shape (n,)."""
         own = self.numbers[faces]
-        if lamp.position_mm is None:
-            return self.caster.blocked_parallel(starts_mm, own, wanted, -lamp.axis)
         hidden = np.zeros(len(faces), dtype=np.bool_)
         reached = np.flatnonzero(wanted)
-        hidden[reached] = self.caster.blocked(starts_mm[reached], own[reached], to_light[reached], distance_mm[reached])
+        reached = reached[self._may_hide(lamp, starts_mm[reached])]
+        some = starts_mm[reached], own[reached]
+        if lamp.position_mm is None:
+            hidden[reached] = self.caster.blocked_parallel(*some, np.ones(len(reached), dtype=np.bool_), -lamp.axis)
+        else:
+            hidden[reached] = self.caster.blocked(*some, to_light[reached], distance_mm[reached])
         return hidden
+
+    def _may_hide(self, lamp: Lamp, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points lie behind the sphere around these surfaces, as seen from the lamp."""
+        centre, radius = self.sphere
+        apart = points_mm - centre
+        if lamp.position_mm is None:
+            along = apart @ lamp.axis
+            beside = np.einsum("nk,nk->n", apart, apart) - along**2
+            return np.asarray((beside <= radius**2) & (along >= -radius))
+        # The distance of the centre from the ray between lamp and point.
+        ray = points_mm - lamp.position_mm
+        share = np.clip(-np.einsum("nk,nk->n", apart, ray) / np.einsum("nk,nk->n", ray, ray), 0.0, 1.0)
+        return np.asarray(np.linalg.norm(apart + share[:, None] * ray, axis=1) <= radius)
 
 
 class Reflection:
