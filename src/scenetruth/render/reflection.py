@@ -162,9 +162,10 @@ class _Sheet:
             beside = np.einsum("nk,nk->n", apart, apart) - along**2
             return np.asarray((beside <= radius**2) & (along >= -radius))
         # The distance of the centre from the ray between lamp and point.
-        ray = points_mm - lamp.position_mm
-        share = np.clip(-np.einsum("nk,nk->n", apart, ray) / np.einsum("nk,nk->n", ray, ray), 0.0, 1.0)
-        return np.asarray(np.linalg.norm(apart + share[:, None] * ray, axis=1) <= radius)
+        to_lamp = lamp.position_mm - points_mm
+        share = -np.einsum("nk,nk->n", apart, to_lamp) / np.einsum("nk,nk->n", to_lamp, to_lamp)
+        nearest = apart + np.clip(share, 0.0, 1.0)[:, None] * to_lamp
+        return np.asarray(np.linalg.norm(nearest, axis=1) <= radius)
 
 
 class Reflection:
