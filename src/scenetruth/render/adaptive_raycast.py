@@ -95,14 +95,17 @@ class _Canvas:
     ``image``: Radiance. ``albedo``: Mean radiance without light, or that of the pixel centre.
     ``lit``: Averaged pixels whose radiance is in ``image`` already; of the others, ``albedo`` is the mean.
     ``light``: Illumination at the pixel centres, None without light.
-    ``face_light``: Irradiance of each face by each lamp if it depends on nothing else, see `Shader.face_light`.
+    ``by_lamp``: Irradiance of each face by each lamp, see `FaceLight`; None if it depends on more.
+    ``shade``, ``blocked``: Irradiance and blocked lamps at the pixel centres, if ``by_lamp`` is given.
     """
 
     image: NDArray[np.float32]
     albedo: NDArray[np.float32]
     lit: NDArray[np.bool_]
     light: PixelLight | None
-    face_light: NDArray[np.float64] | None
+    by_lamp: NDArray[np.float64] | None
+    shade: NDArray[np.float64]
+    blocked: NDArray[np.uint64]
     samples: list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]
     """Samples to be traced together: pixels; number of samples of each; offsets; and weights of all samples."""
     large: list[tuple[NDArray[np.int64], Rule]]
@@ -127,8 +130,12 @@ class AdaptiveRenderer(RaycastRenderer):
     Pixels crossed by edges are cut along them. For bilinear textures, which may have steps, the rule follows from the
     range of the texture in each pixel, and pixels with steps get a lattice of samples.
 
+    Flat faces in parallel light are in the light or in shadow as a whole, or are cut along the borders of shadows.
+
     ``image_error``: RMS error of the radiance by which the rules are chosen.
     """
+
+    _confirmed = False
 
     def __init__(
         self,
@@ -158,14 +165,26 @@ class AdaptiveRenderer(RaycastRenderer):
         )
         hits = caster.cast(origin, directions, grid_width=camera.width)
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
-        edges = find_mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
-        light = None
+        faces = None if self._shader is None else self._shader.face_light(caster, t, origin)
+        decided = faces is not None and faces.decided
+        lines = faces.borders if faces is not None and decided else None
+        changes = None if self._shader is None else self._shader.changes(caster, t)
+        edges = find_mixed_pixels(caster, viewpoint, camera, body.reshape(shape), lines, changes)
+        light, shade, blocked = None, np.empty(0), np.empty(0, dtype=np.uint64)
         if self._shader is not None:
-            light = self._shader.on_pixels(caster, t, origin, directions, hits, edges.mixed)
+            if faces is not None and decided:
+                shade, blocked, steps = self._shader.pixels_on_faces(
+                    caster, t, origin, directions, hits, body, edges.mixed, faces
+                )
+                # Faces between which a shadow begins.
+                edges.mixed[steps], edges.bare[steps] = True, True
+            else:
+                light = self._shader.on_pixels(caster, t, origin, directions, hits, edges.mixed)
+                shade, blocked = light.shade, light.blocked
         uv = visible_uv(world, caster.vertices_mm, origin)
         mesh = TexturedMesh(caster.vertices_mm, world.faces, caster.topology.face_neighbours, world.face_body, uv)
         rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
-        view = RayView(caster, t, mesh, rays, body)
+        view = RayView(caster, t, mesh, rays, body, faces if decided else None)
 
         place = hits.interpolate_corners(uv)
         albedo = np.full(len(body), self._background, dtype=np.float32)
@@ -180,15 +199,19 @@ class AdaptiveRenderer(RaycastRenderer):
         self._choose_for_bends(rules.ravel(), steps.ravel(), place, body)
         # Large images: arrays of float64 are freed as soon as possible.
         del place, steps, hits
-        usable, samples, face_light = rules == 0, albedo, None
-        if light is not None:
-            usable &= ~(light.uneven | self._kinks(view).reshape(shape))
-            samples = albedo * light.shade.ravel().astype(np.float32)
-            face_light = None if self._shader is None else self._shader.face_light(caster, t, origin)
+        usable, samples = rules == 0, albedo
+        if self._shader is not None:
+            usable &= ~self._kinks(view).reshape(shape)
+            if light is not None:
+                usable &= ~light.uneven
+            samples = albedo * shade.ravel().astype(np.float32)
         means, done = filter_samples(samples.reshape(shape), usable, body.reshape(shape), FILTER_TAPS)
         image = means.ravel()
         left = np.flatnonzero((body >= 0) & ~(done | edges.mixed).ravel())
-        canvas = _Canvas(image, albedo, np.zeros(len(body), dtype=np.bool_), light, face_light, [], [])
+        by_lamp = None if faces is None else faces.by_lamp
+        canvas = _Canvas(
+            image, albedo, np.zeros(len(body), dtype=np.bool_), light, by_lamp, shade.ravel(), blocked.ravel(), [], []
+        )
         self._average(view, canvas, left, rules, edges.mixed)
         self._cut(view, canvas, edges, rules)
         self._trace_samples(view, canvas)
@@ -287,17 +310,17 @@ class AdaptiveRenderer(RaycastRenderer):
         canvas.lit[pixels] = False
         for index, item in enumerate(self._world.bodies):
             own = pixels[body == index]
-            faceted = canvas.light is not None and not item.mesh.smooth
+            faceted = self._shader is not None and not item.mesh.smooth
             for first in range(0, len(own), at_once):
                 piece = own[first : first + at_once]
                 forms, whole = footprint_forms(view.mesh, view.rays, piece, reach)
                 inside = piece[whole]
                 canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], offsets, weights)
-                if faceted and canvas.face_light is not None and canvas.light is not None:
-                    canvas.image[inside] = canvas.albedo[inside] * canvas.light.shade.ravel()[inside]
+                if faceted and canvas.by_lamp is not None:
+                    canvas.image[inside] = canvas.albedo[inside] * canvas.shade[inside]
                     canvas.lit[inside] = True
                 piece = piece[~whole]
-                if faceted and canvas.face_light is None:
+                if faceted and canvas.by_lamp is None:
                     arrived, canvas.image[piece] = self._walk(view, piece, *rule)
                     canvas.lit[piece] = True
                     canvas.trace_later(piece[~arrived], rule)
@@ -309,9 +332,9 @@ class AdaptiveRenderer(RaycastRenderer):
                     canvas.trace_later(piece[~arrived], rule)
                     piece, face, uv = piece[arrived], face[arrived], uv[arrived]
                 radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(face.shape)
-                if faceted and canvas.face_light is not None and canvas.light is not None:
-                    blocked, ambient = canvas.light.blocked.ravel()[piece], self._lighting.ambient or 0.0
-                    canvas.image[piece] = lit_means(radiance, face, canvas.face_light, blocked, ambient, weights)
+                if faceted and canvas.by_lamp is not None:
+                    blocked, ambient = canvas.blocked[piece], self._lighting.ambient or 0.0
+                    canvas.image[piece] = lit_means(radiance, face, canvas.by_lamp, blocked, ambient, weights)
                     canvas.lit[piece] = True
                 else:
                     canvas.albedo[piece] = np.einsum("ps,s->p", radiance, weights)
