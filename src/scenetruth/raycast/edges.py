@@ -98,10 +98,7 @@ def find_mixed_pixels(
     ``lines``: Other lines, which make the pixels mixed that they cross where something changes.
     """
     mixed, bare, pieces = _marked(caster, viewpoint, camera, bodies, lines, changes)
-    columns, rows = (
-        np.clip(np.rint(pieces.positions[:, axis]).astype(np.int64), 0, size - 1)
-        for axis, size in enumerate((camera.width, camera.height))
-    )
+    columns, rows = _pixels_of(pieces.positions, mixed.shape)
     pixels = rows * camera.width + columns
     inside = np.flatnonzero(mixed.ravel()[pixels])
     edges = len(pieces.ends_mm)
@@ -141,19 +138,47 @@ def _marked(
     inverse_depth, positions, directions, which = _cut_at_pixels(ends[:, 0], ends[:, 1], camera)
     seen = np.zeros(len(positions), dtype=np.bool_)
     if len(positions):
-        hits = caster.cast(viewpoint.position_mm, viewpoint.directions_to_world(directions))
+        columns, rows = _pixels_of(positions, mixed.shape)
+        pixels = rows * camera.width + columns
+        order = np.argsort(pixels, kind="stable")
+        rays = viewpoint.directions_to_world(directions[order])
+        hits = caster.cast_in_pixels(viewpoint.position_mm, rays, pixels[order])
         depth = 1 / inverse_depth
-        at_edge = (hits.face[:, None] == faces[which]).any(axis=1)
-        seen = at_edge | ~(hits.depth < depth * (1 - _HIDDEN))
+        at_edge = (hits.face[:, None] == faces[which[order]]).any(axis=1)
+        seen[order] = at_edge | ~(hits.depth < depth[order] * (1 - _HIDDEN))
         if lines is not None and changes is not None:
             here = np.flatnonzero(seen & (which >= len(edges)))
             points = viewpoint.position_mm + viewpoint.directions_to_world(directions[here]) * depth[here, None]
-            seen[here] = changes(points, which[here] - len(edges), lines)
+            changed = changes(points, which[here] - len(edges), lines)
+            # Where a line begins to be visible, its middle in the pixel may still be hidden.
+            _mark(mixed, positions[here[changed]])
+            near = _grown(mixed)
+            columns, rows = _pixels_of(positions[here], mixed.shape)
+            seen[here] = changed | near[rows, columns]
         _mark(mixed, positions[seen])
     bare = mixed.copy()
     _mark_unmarked_borders(mixed, bodies)
     np.not_equal(bare, mixed, out=bare)
     return mixed, bare, _Pieces(positions, which, seen, ends)
+
+
+def _pixels_of(
+    positions: NDArray[np.float64], shape: tuple[int, ...]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the column and the row of the pixels at image positions."""
+    columns, rows = np.rint(positions).astype(np.int64).T
+    return np.clip(columns, 0, shape[1] - 1), np.clip(rows, 0, shape[0] - 1)
+
+
+def _grown(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the marked pixels with all their neighbours."""
+    grown = pixels.copy()
+    grown[1:] |= pixels[:-1]
+    grown[:-1] |= pixels[1:]
+    wide = grown.copy()
+    wide[:, 1:] |= grown[:, :-1]
+    wide[:, :-1] |= grown[:, 1:]
+    return wide
 
 
 def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:

@@ -87,6 +87,16 @@ class _Prepared(NamedTuple):
     boxes: NDArray[np.float64]
 
 
+class _Grid(NamedTuple):
+    """Regular grid of rays, see `grid_steps`, with its number of columns and rows."""
+
+    origin: NDArray[np.float64]
+    frame: NDArray[np.float64]
+    steps: NDArray[np.float64]
+    width: int
+    height: int
+
+
 class RayCaster:
     """Ray caster for a mesh at one time, with world positions in mm."""
 
@@ -96,6 +106,7 @@ class RayCaster:
         self._centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
         self._extent = float(np.abs(self.vertices_mm - self._centre).max())
         self._prepared: _Prepared | None = None
+        self._grid: _Grid | None = None
 
     @cached_property
     def face_normals(self) -> NDArray[np.float64]:
@@ -121,6 +132,22 @@ class RayCaster:
                 return hits
         return self._trace(origin, directions, grid_width)
 
+    def cast_in_pixels(
+        self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], pixels: NDArray[np.int64]
+    ) -> Hits:
+        """Compute the first hit of rays from one point anywhere in pixels of the last grid cast from there.
+
+        ``pixels``: Pixel of each ray in row-major order, ascending, shape (n,). Rays of other grids are cast as by
+          `cast`.
+        """
+        grid, origin = self._grid, np.asarray(origin_mm, dtype=np.float64)
+        if grid is None or not (grid.origin == origin).all() or not len(directions):
+            return self.cast(origin, directions)
+        from scenetruth.raycast.raster_kernels import pixel_hits
+
+        forms, boxes = self._prepared_for(origin, grid.frame)
+        return Hits(*pixel_hits(forms, boxes, grid.steps, grid.width, grid.height, directions, pixels))
+
     def _raster(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
         """Compute hits of a ray grid tile by tile; None if the rays do not all point into one half space."""
         from scenetruth.raycast.raster_kernels import raster_hits, tile_bounds
@@ -136,6 +163,7 @@ class RayCaster:
         """Compute hits of a regular ray grid face by face; None for other grids, or if faces cover too many rays."""
         from scenetruth.raycast.raster_kernels import grid_hits, grid_steps
 
+        self._grid = None
         across, down = directions[width - 1] - directions[0], directions[-width] - directions[0]
         size = float(np.linalg.norm(across) * np.linalg.norm(down))
         if not abs(across @ down) < _RECTANGULAR * size:
@@ -156,6 +184,7 @@ class RayCaster:
         columns[boxes[:, 0] > boxes[:, 1]] = 0.0
         if columns @ rows > _MOST_LAYERS * len(directions):
             return None
+        self._grid = _Grid(origin.copy(), frame, grid, width, height)
         return Hits(*grid_hits(forms, boxes, grid, directions, width))
 
     def _scatter(self, origin: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits | None:

@@ -370,7 +370,12 @@ class AdaptiveRenderer(RaycastRenderer):
                 piece = pixels[first : first + at_once]
                 canvas.image[piece] = self._trace(view, piece, offsets, weights)
         pixels, counts, offsets, weights = (np.concatenate(part) for part in zip(*canvas.samples, strict=True))
+        # In the order of the pixels.
+        order, starts = np.argsort(pixels, kind="stable"), np.cumsum(counts) - counts
+        pixels, counts = pixels[order], counts[order]
         ends = np.cumsum(counts)
+        number = np.repeat(starts[order] - (ends - counts), counts) + np.arange(len(weights))
+        offsets, weights = offsets[number], weights[number]
         first = 0
         while first < len(pixels):
             start = ends[first] - counts[first]
@@ -430,4 +435,4 @@ class AdaptiveRenderer(RaycastRenderer):
         """Return the radiance of samples, with the pixel and the offset of each, by tracing."""
         across, down = (item[pixels] if len(item) > 1 else item for item in (view.rays.across, view.rays.down))
         directions = view.rays.directions[pixels] + (offsets[:, :1] * across + offsets[:, 1:] * down)
-        return self._traced(view, directions)
+        return self._traced(view, directions, pixels)
