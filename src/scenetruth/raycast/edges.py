@@ -44,13 +44,14 @@ class SurfaceLines(NamedTuple):
     """Straight lines on faces, treated as edges where something changes across them.
 
     ``starts_mm``, ``ends_mm``: Ends in mm, shape (k, 3) each.
-    ``face``: Face of each line, shape (k,).
+    ``face``, ``body``: Face of each line and its body, shape (k,).
     ``label``: Number of each line for `Changes`, shape (k,).
     """
 
     starts_mm: NDArray[np.float64]
     ends_mm: NDArray[np.float64]
     face: NDArray[np.int32]
+    body: NDArray[np.int32]
     label: NDArray[np.int64]
 
 
@@ -139,8 +140,13 @@ def _marked(
     seen = np.zeros(len(positions), dtype=np.bool_)
     if len(positions):
         columns, rows = _pixels_of(positions, mixed.shape)
-        pixels = rows * camera.width + columns
-        order = np.argsort(pixels, kind="stable")
+        pixels, tested = rows * camera.width + columns, np.ones(len(positions), dtype=np.bool_)
+        if lines is not None:
+            # Where no pixel around shows the body, lines on it are hidden, or it is narrow: its edges cross the pixel.
+            on_line = np.flatnonzero(which >= len(edges))
+            own = lines.body[which[on_line] - len(edges)]
+            tested[on_line] = _shows_near(bodies, columns[on_line], rows[on_line], own)
+        order = np.argsort(np.where(tested, pixels, -1), kind="stable")[np.count_nonzero(~tested) :]
         rays = viewpoint.directions_to_world(directions[order])
         hits = caster.cast_in_pixels(viewpoint.position_mm, rays, pixels[order])
         depth = 1 / inverse_depth
@@ -160,6 +166,18 @@ def _marked(
     _mark_unmarked_borders(mixed, bodies)
     np.not_equal(bare, mixed, out=bare)
     return mixed, bare, _Pieces(positions, which, seen, ends)
+
+
+def _shows_near(
+    bodies: NDArray[np.int32], columns: NDArray[np.int64], rows: NDArray[np.int64], body: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Return whether a pixel or one of its neighbours shows a body at its centre."""
+    padded, found = np.pad(bodies, 1, constant_values=-1).ravel(), np.zeros(len(body), dtype=np.bool_)
+    width = bodies.shape[1] + 2
+    centre = (rows + 1) * width + columns + 1
+    for step in (-width - 1, -width, -width + 1, -1, 0, 1, width - 1, width, width + 1):
+        found |= padded[centre + step] == body
+    return found
 
 
 def _pixels_of(

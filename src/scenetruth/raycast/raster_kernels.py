@@ -34,7 +34,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["grid_hits", "grid_steps", "pixel_hits", "prepare_faces", "raster_hits", "tile_bounds"]
+__all__ = ["grid_hits", "grid_steps", "prepare_faces", "raster_hits", "tile_bounds"]
 
 TILE = 16
 """Side length of the square tiles in rays."""
@@ -392,67 +392,3 @@ def _grid_hits(
                 if depth > 0.0 and depth < depth_out[n]:
                     face_out[n], depth_out[n] = face, depth
     _weigh_hits(low * width, high * width, forms, directions, face_out, depth_out, weights)
-
-
-def pixel_hits(
-    forms: NDArray[np.float64],
-    boxes: NDArray[np.float64],
-    grid: NDArray[np.float64],
-    width: int,
-    height: int,
-    directions: NDArray[np.float64],
-    pixels: NDArray[np.int64],
-) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the first hit of rays anywhere in the pixels of a regular grid, face by face, as `grid_hits`.
-
-    ``directions``: Directions of the rays, shape (n, 3).
-    ``pixels``: Pixel of each ray in row-major order, ascending, shape (n,).
-    """
-    count = directions.shape[0]
-    # Number of rays in the pixels before each.
-    before = np.zeros(width * height + 1, dtype=np.int64)
-    np.cumsum(np.bincount(pixels, minlength=width * height), out=before[1:])
-    face, depth = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.float64)
-    weights = np.empty((count, 2), dtype=np.float64)
-    arguments = (forms, boxes, grid, width, before, directions, face, depth, weights)
-    in_bands(_pixel_hits, height, *arguments, least=max(height * _LEAST_CAST // max(count, 1), 1))
-    return face, depth, weights
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _touched(one: float, other: float, low: float, step: float, first: int, last: int) -> Any:
-    """Return the first and last + 1 of the pixels, half a step around grid lines, between two places, in a range."""
-    start, end = (one - low) / step, (other - low) / step
-    start, end = min(start, end) - 0.5 - 2.0 * _GRID_MARGIN, max(start, end) + 0.5 + 2.0 * _GRID_MARGIN
-    return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _pixel_hits(
-    low: int, high: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], grid: NDArray[np.float64],
-    width: int, before: NDArray[np.int64], directions: NDArray[np.float64], face_out: NDArray[np.int32],
-    depth_out: NDArray[np.float64], weights: NDArray[np.float64],
-) -> None:  # fmt: skip
-    start, end = before[low * width], before[high * width]
-    for n in range(start, end):
-        face_out[n], depth_out[n] = -1, np.inf
-    for face in range(forms.shape[0]):
-        if not boxes[face, LOW_V] <= boxes[face, HIGH_V]:
-            continue
-        top, bottom = _touched(boxes[face, LOW_V], boxes[face, HIGH_V], grid[2], grid[3], low, high)
-        if top >= bottom:
-            continue
-        left, right = _touched(boxes[face, LOW_U], boxes[face, HIGH_U], grid[0], grid[1], 0, width)
-        if left >= right:
-            continue
-        form = forms[face]
-        for y in range(top, bottom):
-            for n in range(before[y * width + left], before[y * width + right]):
-                dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
-                w0, w1, w2 = edge_functions(form, dx, dy, dz)
-                if not inside(w0, w1, w2, rounding(form, dx, dy, dz)):
-                    continue
-                depth = depth_on(form, dx, dy, dz)
-                if depth > 0.0 and depth < depth_out[n]:
-                    face_out[n], depth_out[n] = face, depth
-    _weigh_hits(start, end, forms, directions, face_out, depth_out, weights)

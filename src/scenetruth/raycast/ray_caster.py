@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast.mesh_topology import Topology
+
+if TYPE_CHECKING:
+    from scenetruth.raycast.pixel_ray_kernels import PixelGrid
 
 __all__ = ["EmbreeMesh", "Hits", "RayCaster"]
 
@@ -87,16 +90,6 @@ class _Prepared(NamedTuple):
     boxes: NDArray[np.float64]
 
 
-class _Grid(NamedTuple):
-    """Regular grid of rays, see `grid_steps`, with its number of columns and rows."""
-
-    origin: NDArray[np.float64]
-    frame: NDArray[np.float64]
-    steps: NDArray[np.float64]
-    width: int
-    height: int
-
-
 class RayCaster:
     """Ray caster for a mesh at one time, with world positions in mm."""
 
@@ -106,7 +99,7 @@ class RayCaster:
         self._centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
         self._extent = float(np.abs(self.vertices_mm - self._centre).max())
         self._prepared: _Prepared | None = None
-        self._grid: _Grid | None = None
+        self._grid: PixelGrid | None = None
 
     @cached_property
     def face_normals(self) -> NDArray[np.float64]:
@@ -143,10 +136,9 @@ class RayCaster:
         grid, origin = self._grid, np.asarray(origin_mm, dtype=np.float64)
         if grid is None or not (grid.origin == origin).all() or not len(directions):
             return self.cast(origin, directions)
-        from scenetruth.raycast.raster_kernels import pixel_hits
+        from scenetruth.raycast.pixel_ray_kernels import pixel_hits
 
-        forms, boxes = self._prepared_for(origin, grid.frame)
-        return Hits(*pixel_hits(forms, boxes, grid.steps, grid.width, grid.height, directions, pixels))
+        return Hits(*pixel_hits(grid, *self._prepared_for(origin, grid.frame), directions, pixels))
 
     def _raster(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
         """Compute hits of a ray grid tile by tile; None if the rays do not all point into one half space."""
@@ -161,6 +153,7 @@ class RayCaster:
 
     def _cover(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
         """Compute hits of a regular ray grid face by face; None for other grids, or if faces cover too many rays."""
+        from scenetruth.raycast.pixel_ray_kernels import PixelGrid
         from scenetruth.raycast.raster_kernels import grid_hits, grid_steps
 
         self._grid = None
@@ -184,7 +177,7 @@ class RayCaster:
         columns[boxes[:, 0] > boxes[:, 1]] = 0.0
         if columns @ rows > _MOST_LAYERS * len(directions):
             return None
-        self._grid = _Grid(origin.copy(), frame, grid, width, height)
+        self._grid = PixelGrid(self.vertices_mm, self.topology.faces, origin.copy(), frame, grid, width, height)
         return Hits(*grid_hits(forms, boxes, grid, directions, width))
 
     def _scatter(self, origin: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits | None:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast.edges import SurfaceLines
 from scenetruth.raycast.mesh_topology import Topology
 from scenetruth.raycast.ray_caster import EmbreeMesh
 
@@ -30,11 +29,16 @@ class FaceShadows:
 
     ``state``: State of each face, shape (m,), uint8: `LIT` or `BLOCKED` everywhere, or `UNSURE` if the border of a
       shadow may cross it. The light is taken to shine on the face.
-    ``borders``: Lines on the faces that contain all these borders.
+    ``starts_mm``, ``ends_mm``: Ends of straight lines on the faces that contain all these borders, shape (k, 3) each.
+    ``face``: Face of each line, shape (k,).
+    ``meeting``: Faces that intersect others, shape (m,).
     """
 
     state: NDArray[np.uint8]
-    borders: SurfaceLines
+    starts_mm: NDArray[np.float64]
+    ends_mm: NDArray[np.float64]
+    face: NDArray[np.int32]
+    meeting: NDArray[np.bool_]
 
 
 class ShadowCaster:
@@ -129,12 +133,14 @@ class ShadowCaster:
         meeting, common = meeting[first], common[first]
         lines = np.concatenate([lines, common, common]) @ light.frame
         face = np.concatenate([under[:, 1], meeting[:, 0], meeting[:, 1]]).astype(np.int32)
+        joined = np.zeros(len(corners), dtype=np.bool_)
+        joined[meeting] = True
         unsure = ~np.isfinite(light.numbers[:, STEEP])
         unsure[face] = True
         centres, every = self.vertices_mm[topology.faces].mean(axis=1), np.arange(len(corners), dtype=np.int32)
         state = self.blocked_parallel(centres, every, ~unsure, to_light, confirmed=False).astype(np.uint8)
         state[unsure] = UNSURE
-        return FaceShadows(state, SurfaceLines(lines[:, 0], lines[:, 1], face, np.zeros(len(face), dtype=np.int64)))
+        return FaceShadows(state, lines[:, 0], lines[:, 1], face, joined)
 
     def changes_across(
         self,

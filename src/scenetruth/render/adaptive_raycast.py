@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,9 +23,12 @@ from scenetruth.render.sampling_rules import (
     square_rule,
 )
 from scenetruth.render.shading import PixelLight
-from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.built_scene import BuiltScene, SceneBody
 from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture import Picture, SurfaceTexture
+
+if TYPE_CHECKING:
+    from scenetruth.render.footprint_kernels import Raster
 
 __all__ = ["AdaptiveRenderer"]
 
@@ -32,6 +36,7 @@ _ORDER = 4  # order of the rules across the borders of shadows
 _LATTICES = (67, 257, 1021)  # samples of the lattices for textures with steps
 _CROWDED = 521  # samples of the lattice for mixed pixels that are not cut along their edges
 _FINE = 1 + len(GAUSS_ORDERS)  # index of the first lattice among the rules; the first rule is the filter
+_PIXELS_PER_LARGE_FACE = 100  # pixels per face of a body from which most of them lie inside a face
 _PIXELS_PER_PIECE, _SAMPLES_PER_PIECE = 1 << 16, 1 << 19
 _SAME_DIRECTION = 1 - 1e-12  # cosine above which flat faces are lit equally
 # A bilinear texture is bent at its texels. Its slope per pixel is at most its range in the pixel times its step in
@@ -44,6 +49,27 @@ _BLOCK = 8  # texels along a side of the blocks whose range is kept
 def _rules() -> list[Rule]:
     """Return the rules from the first Gauss rule on."""
     return [square_rule(*gauss_rule(order)) for order in GAUSS_ORDERS] + [lattice_rule(size) for size in _LATTICES]
+
+
+@lru_cache(maxsize=1)
+def _rule_table() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return first sample and number of samples of every rule, from an empty one, and all offsets and weights."""
+    count = np.array([0, *(len(weights) for _, weights in _rules())])
+    offsets, weights = (np.concatenate(part) for part in zip(*_rules(), strict=True))
+    return np.cumsum(count) - count, count, offsets, weights
+
+
+def _raster_of(texture: SurfaceTexture) -> Raster | None:
+    """Return the raster of a texture whose radiance is its interpolation, else None."""
+    from scenetruth.render.footprint_kernels import Raster
+
+    if isinstance(texture, Picture):
+        return Raster(texture.values, False, texture.tiled, 1.0, 0.0)
+    coefficients = getattr(texture, "coefficients", None)
+    if coefficients is None:
+        return None
+    gain, mean = getattr(texture, "std", 1.0), getattr(texture, "mean", 0.0)
+    return Raster(coefficients, True, True, float(gain), float(mean))
 
 
 _ranges: WeakKeyDictionary[SurfaceTexture, tuple[NDArray[np.float32], NDArray[np.float32]]] = WeakKeyDictionary()
@@ -113,6 +139,8 @@ class _Canvas:
 
     def trace_later(self, pixels: NDArray[np.int64], rule: Rule) -> None:
         """Add the samples of a rule in pixels."""
+        if not len(pixels):
+            return
         offsets, weights = rule
         self.lit[pixels] = True
         if len(pixels) * len(weights) > _SAMPLES_PER_PIECE:
@@ -285,12 +313,22 @@ class AdaptiveRenderer(RaycastRenderer):
                     arrived, image[piece] = self._walk(view, piece, *rule)
                     canvas.trace_later(piece[~arrived], rule)
             pixels = pixels[~uneven]
-        chosen = rules.ravel()[pixels]
-        for number, rule in enumerate(_rules(), start=1):
-            # The rule at pixel centres is for pixels that can be filtered; the first Gauss rule replaces it.
-            some = pixels[np.maximum(chosen, 1) == number]
-            if len(some):
-                self._average_by(rule, view, canvas, some)
+        # The rule at pixel centres is for pixels that can be filtered; the first Gauss rule replaces it.
+        chosen, body = np.maximum(rules.ravel()[pixels], 1), view.body[pixels]
+        canvas.lit[pixels] = False
+        for index, item in enumerate(self._world.bodies):
+            own = body == index
+            if not own.any():
+                continue
+            raster = _raster_of(item.texture)
+            faceted = self._shader is not None and not item.mesh.smooth
+            if raster is not None and not (faceted and canvas.by_lamp is None):
+                self._average_body(raster, item, view, canvas, pixels[own], chosen[own], faceted=faceted)
+                continue
+            for number, rule in enumerate(_rules(), start=1):
+                some = pixels[own & (chosen == number)]
+                if len(some):
+                    self._average_by(rule, view, canvas, some, index)
         some = pixels[~canvas.lit[pixels]]
         if light is None:
             image[some] = canvas.albedo[some]
@@ -298,46 +336,77 @@ class AdaptiveRenderer(RaycastRenderer):
             # All Gauss rules have the variance of the pixel.
             image[some] = light.on(canvas.albedo.reshape(shape), mixed, 1 / 12).ravel()[some]
 
-    def _average_by(self, rule: Rule, view: RayView, canvas: _Canvas, pixels: NDArray[np.int64]) -> None:
-        """Average pixels by a rule: the albedo, or the image where it is marked as lit."""
-        from scenetruth.raycast.hit_kernels import footprint_forms, walk_footprints
+    def _average_body(
+        self,
+        raster: Raster,
+        item: SceneBody,
+        view: RayView,
+        canvas: _Canvas,
+        pixels: NDArray[np.int64],
+        chosen: NDArray[np.uint8],
+        *,
+        faceted: bool,
+    ) -> None:
+        """Average pixels of one body by the rule of each: the image on lit facets, elsewhere the albedo."""
+        from scenetruth.raycast.hit_kernels import footprint_forms
+        from scenetruth.render.footprint_kernels import Footprints, LampLight, average_footprints
+
+        if len(pixels) > _PIXELS_PER_LARGE_FACE * len(item.mesh.faces):
+            # Most pixels are inside large faces: without walks.
+            for number, (offsets, weights) in enumerate(_rules(), start=1):
+                own = np.flatnonzero(chosen == number)
+                at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(weights)))
+                for start in range(0, len(own), at_once):
+                    piece = own[start : start + at_once]
+                    forms, whole = footprint_forms(view.mesh, view.rays, pixels[piece], float(np.abs(offsets).max()))
+                    inside = pixels[piece[whole]]
+                    canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], offsets, weights)
+                    if faceted:
+                        canvas.image[inside], canvas.lit[inside] = canvas.albedo[inside] * canvas.shade[inside], True
+                    chosen[piece[whole]] = 0
+            pixels, chosen = pixels[chosen > 0], chosen[chosen > 0]
+        first, count, offsets, weights = _rule_table()
+        light = LampLight(np.empty((0, 0)), np.empty(0, dtype=np.uint64), 0.0)
+        if faceted and canvas.by_lamp is not None:
+            light = LampLight(canvas.by_lamp, canvas.blocked[pixels], float(self._lighting.ambient or 0.0))
+        meeting = np.empty(0, dtype=np.bool_) if view.face_light is None else view.face_light.meeting
+        footprints = Footprints(pixels, first[chosen], count[chosen], offsets, weights, meeting)
+        arrived, means = average_footprints(view.mesh, view.rays, footprints, raster, light)
+        (canvas.image if faceted else canvas.albedo)[pixels] = means
+        canvas.lit[pixels] = faceted
+        for number, rule in enumerate(_rules(), start=1):
+            lost = pixels[~arrived & (chosen == number)]
+            if len(lost):
+                canvas.trace_later(lost, rule)
+
+    def _average_by(
+        self, rule: Rule, view: RayView, canvas: _Canvas, pixels: NDArray[np.int64], index: int
+    ) -> None:
+        """Average pixels of one body by a rule, as `_average_body`, with any texture and light."""
+        from scenetruth.raycast.hit_kernels import walk_footprints
         from scenetruth.render.shading_kernels import lit_means
 
         offsets, weights = rule
-        reach = float(np.abs(offsets).max())
         at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(weights)))
-        body = view.body[pixels]
-        canvas.lit[pixels] = False
-        for index, item in enumerate(self._world.bodies):
-            own = pixels[body == index]
-            faceted = self._shader is not None and not item.mesh.smooth
-            for first in range(0, len(own), at_once):
-                piece = own[first : first + at_once]
-                forms, whole = footprint_forms(view.mesh, view.rays, piece, reach)
-                inside = piece[whole]
-                canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], offsets, weights)
-                if faceted and canvas.by_lamp is not None:
-                    canvas.image[inside] = canvas.albedo[inside] * canvas.shade[inside]
-                    canvas.lit[inside] = True
-                piece = piece[~whole]
-                if faceted and canvas.by_lamp is None:
-                    arrived, canvas.image[piece] = self._walk(view, piece, *rule)
-                    canvas.lit[piece] = True
-                    canvas.trace_later(piece[~arrived], rule)
-                    continue
-                arrived, face, _depth, _weights, uv = walk_footprints(
-                    view.mesh, view.rays, piece, offsets, places=False
-                )
-                if not arrived.all():
-                    canvas.trace_later(piece[~arrived], rule)
-                    piece, face, uv = piece[arrived], face[arrived], uv[arrived]
-                radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(face.shape)
-                if faceted and canvas.by_lamp is not None:
-                    blocked, ambient = canvas.blocked[piece], self._lighting.ambient or 0.0
-                    canvas.image[piece] = lit_means(radiance, face, canvas.by_lamp, blocked, ambient, weights)
-                    canvas.lit[piece] = True
-                else:
-                    canvas.albedo[piece] = np.einsum("ps,s->p", radiance, weights)
+        item = self._world.bodies[index]
+        faceted = self._shader is not None and not item.mesh.smooth
+        for start in range(0, len(pixels), at_once):
+            piece = pixels[start : start + at_once]
+            if faceted and canvas.by_lamp is None:
+                arrived, canvas.image[piece] = self._walk(view, piece, *rule)
+                canvas.lit[piece] = True
+                canvas.trace_later(piece[~arrived], rule)
+                continue
+            arrived, face, _depth, _weights, uv = walk_footprints(view.mesh, view.rays, piece, offsets, places=False)
+            canvas.trace_later(piece[~arrived], rule)
+            piece, face, uv = piece[arrived], face[arrived], uv[arrived]
+            radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(face.shape)
+            if faceted and canvas.by_lamp is not None:
+                blocked, ambient = canvas.blocked[piece], self._lighting.ambient or 0.0
+                canvas.image[piece] = lit_means(radiance, face, canvas.by_lamp, blocked, ambient, weights)
+                canvas.lit[piece] = True
+            else:
+                canvas.albedo[piece] = np.einsum("ps,s->p", radiance, weights)
 
     def _cut(self, view: RayView, canvas: _Canvas, edges: MixedPixels, rules: NDArray[np.uint8]) -> None:
         """Place samples in mixed pixels, cut along their edges."""

@@ -59,6 +59,7 @@ class FaceLight:
       uint64, shape (3, m). Lamps behind the face have no bit.
     ``decided``: Whether shadows are decided, for all faces but those.
     ``borders``: Lines that contain the borders, None without shadows.
+    ``meeting``: Faces that intersect others, shape (m,); empty if this is not known.
     """
 
     by_lamp: NDArray[np.float64]
@@ -67,6 +68,7 @@ class FaceLight:
     bits: NDArray[np.uint64]
     decided: bool
     borders: SurfaceLines | None
+    meeting: NDArray[np.bool_]
 
     def without(self, faces: NDArray[np.int32], blocked: NDArray[np.uint64]) -> NDArray[np.float64]:
         """Return the irradiance of points on faces without the blocked lamps where they are not decided."""
@@ -290,14 +292,17 @@ class Shader:
         side = np.where(np.einsum("mk,mk->m", normals, origin_mm - corners) > 0, 1.0, -1.0)
         by_lamp, bits, lines = np.zeros((len(normals), len(lamps))), np.zeros((3, len(normals)), dtype=np.uint64), []
         total = np.full(len(normals), self._lighting.ambient or 0.0)
+        meeting = np.empty(0, dtype=np.bool_)
         for number, lamp in enumerate(lamps):
             light = lamp.irradiance * np.maximum(-(normals @ lamp.axis) * side, 0.0)
             state = np.full(len(normals), LIT if flat else UNSURE)
             if self._lighting.shadows and flat:
                 shadows = self._shadow_caster(caster).on_faces(-lamp.axis)
-                state = shadows.state
-                kept = SurfaceLines(*(part[light[shadows.borders.face] > 0] for part in shadows.borders))
-                lines.append(kept._replace(label=kept.label + number))
+                state, meeting = shadows.state, shadows.meeting
+                kept = light[shadows.face] > 0
+                face, label = shadows.face[kept], np.full(np.count_nonzero(kept), number)
+                body = self._world.face_body[face]
+                lines.append(SurfaceLines(shadows.starts_mm[kept], shadows.ends_mm[kept], face, body, label))
             for row, kind in enumerate((LIT, BLOCKED, UNSURE)):
                 bits[row, (state == kind) & (light > 0)] |= np.uint64(1) << np.uint64(number)
             light[state == BLOCKED] = 0.0
@@ -306,7 +311,7 @@ class Shader:
             by_lamp[:, number] = light
         unsure = bits[2] > 0
         borders = SurfaceLines(*(np.concatenate(part) for part in zip(*lines, strict=True))) if lines else None
-        return FaceLight(by_lamp, total, unsure, bits, flat, borders)
+        return FaceLight(by_lamp, total, unsure, bits, flat, borders, meeting)
 
     def on_pixels(
         self,
