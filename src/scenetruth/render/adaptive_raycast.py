@@ -55,7 +55,13 @@ def _rules() -> list[Rule]:
 def _rule_table() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Return first sample and number of samples of every rule, from an empty one, and all offsets and weights."""
     count = np.array([0, *(len(weights) for _, weights in _rules())])
-    offsets, weights = (np.concatenate(part) for part in zip(*_rules(), strict=True))
+    ordered = []
+    for offsets, weights in _rules():
+        # Rows of samples in turn to the right and to the left, so that walks seldom change faces.
+        row = np.floor((offsets[:, 1] + 0.5) * np.sqrt(len(weights))).astype(np.int64)
+        order = np.lexsort((np.where(row % 2, -offsets[:, 0], offsets[:, 0]), row))
+        ordered.append((offsets[order], weights[order]))
+    offsets, weights = (np.concatenate(part) for part in zip(*ordered, strict=True))
     return np.cumsum(count) - count, count, offsets, weights
 
 
@@ -216,15 +222,12 @@ class AdaptiveRenderer(RaycastRenderer):
 
         place = hits.interpolate_corners(uv)
         albedo = np.full(len(body), self._background, dtype=np.float32)
-        for index, item in enumerate(world.bodies):
-            chosen = np.flatnonzero(body == index)
-            for first in range(0, len(chosen), _PIXELS_PER_PIECE):
-                piece = chosen[first : first + _PIXELS_PER_PIECE]
-                albedo[piece] = item.texture.radiance(place[piece])
         rules, steps = choose_rules(
             place.reshape(*shape, 2), body.reshape(shape), edges.mixed, self._texels, self._longest
         )
         self._choose_for_bends(rules.ravel(), steps.ravel(), place, body)
+        # Only these pixels are filtered.
+        self._look_up(body, np.flatnonzero(rules == 0), place, albedo)
         # Large images: arrays of float64 are freed as soon as possible.
         del place, steps, hits
         usable, samples = rules == 0, albedo
@@ -244,6 +247,25 @@ class AdaptiveRenderer(RaycastRenderer):
         self._cut(view, canvas, edges, rules)
         self._trace_samples(view, canvas)
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
+
+    def _look_up(
+        self, body: NDArray[np.int32], where: NDArray[np.int64], uv: NDArray[np.float64], out: NDArray[np.float32]
+    ) -> None:
+        """Write the radiance without light at texture coordinates, for the indices ``where`` on the bodies there."""
+        from scenetruth.render.footprint_kernels import sample_raster
+
+        own_body = body[where]
+        order = np.argsort(own_body.astype(np.uint8) if len(self._world.bodies) < 256 else own_body, kind="stable")
+        bounds = np.searchsorted(own_body[order], np.arange(len(self._world.bodies) + 1))
+        for index, item in enumerate(self._world.bodies):
+            own = where[order[bounds[index] : bounds[index + 1]]]
+            if not len(own):
+                continue
+            raster = _raster_of(item.texture)
+            if raster is not None:
+                sample_raster(raster, uv, own, out)
+            else:
+                out[own] = item.texture.radiance(uv[own])
 
     def _choose_for_bends(
         self, rules: NDArray[np.uint8], steps: NDArray[np.float32], place: NDArray[np.float64], body: NDArray[np.int32]
@@ -504,4 +526,10 @@ class AdaptiveRenderer(RaycastRenderer):
         """Return the radiance of samples, with the pixel and the offset of each, by tracing."""
         across, down = (item[pixels] if len(item) > 1 else item for item in (view.rays.across, view.rays.down))
         directions = view.rays.directions[pixels] + (offsets[:, :1] * across + offsets[:, 1:] * down)
-        return self._traced(view, directions, pixels)
+        hits = view.caster.cast_in_pixels(view.rays.origin, directions, pixels)
+        uv, body = hits.interpolate_corners(view.mesh.uv), self._world.face_body[hits.face]
+        radiance = np.full(len(directions), self._background, dtype=np.float32)
+        self._look_up(body, np.flatnonzero(hits.face >= 0), uv, radiance)
+        if self._shader is not None:
+            radiance *= self._shader.on_hits(view.caster, view.t, view.rays.origin, directions, hits, view.face_light)
+        return radiance

@@ -242,14 +242,9 @@ class RaycastRenderer(Renderer):
         means: NDArray[np.float64] = np.einsum("ps,s->p", radiance.reshape(-1, len(weights)), weights)
         return means
 
-    def _traced(
-        self, view: RayView, directions: NDArray[np.float64], pixels: NDArray[np.int64] | None = None
-    ) -> NDArray[np.float32]:
-        """Return the radiance along directions by tracing; ``pixels``: Pixel of each, ascending, if known."""
-        if pixels is None:
-            hits = view.caster.cast(view.rays.origin, directions)
-        else:
-            hits = view.caster.cast_in_pixels(view.rays.origin, directions, pixels)
+    def _traced(self, view: RayView, directions: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return the radiance along directions by tracing."""
+        hits = view.caster.cast(view.rays.origin, directions)
         body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
         uv = hits.interpolate_corners(view.mesh.uv)
         radiance = np.full(len(directions), self._background, dtype=np.float32)

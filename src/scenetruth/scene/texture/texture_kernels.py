@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scenetruth.threads import in_bands
 
 __all__ = [
+    "cubic_weights",
     "linear_at",
     "linear_lookup",
     "linear_means",
     "plaid_means",
-    "spline_at",
     "spline_lookup",
     "spline_means",
 ]
@@ -25,7 +25,7 @@ _LEAST_POINTS, _LEAST_FOOTPRINTS = 8192, 256  # minimum number of points, and of
 
 
 @numba.njit(cache=True, nogil=True)
-def _cubic_weights(share: np.float32) -> Any:
+def cubic_weights(share: np.float32) -> Any:
     """Return six times the four weights of a cubic B-spline between its second and third coefficient."""
     rest = np.float32(1.0) - share
     first, last = rest * rest * rest, share * share * share
@@ -55,41 +55,6 @@ def linear_at(values: NDArray[np.float32], u: float, v: float, tiled: bool) -> A
     return (1.0 - b) * upper + b * lower
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
-def spline_at(coefficients: NDArray[np.float32], u: float, v: float) -> Any:
-    """Return the value of `spline_lookup` at a point."""
-    rows, columns = coefficients.shape
-    x, y = u * columns - 0.5, v * rows - 0.5
-    fx, fy = np.floor(x), np.floor(y)
-    x0, y0 = int(fx) - 1, int(fy) - 1
-    wx0, wx1, wx2, wx3 = _cubic_weights(np.float32(x - fx))
-    wy = _cubic_weights(np.float32(y - fy))
-    total = np.float32(0.0)
-    if x0 >= 0 and y0 >= 0 and x0 + 3 < columns and y0 + 3 < rows:
-        # Divisions for the period take most of the time elsewhere.
-        left, top = np.uint64(x0), np.uint64(y0)
-        for k in range(4):
-            down = top + np.uint64(k)
-            total += wy[k] * (
-                wx0 * coefficients[down, left]
-                + wx1 * coefficients[down, left + np.uint64(1)]
-                + wx2 * coefficients[down, left + np.uint64(2)]
-                + wx3 * coefficients[down, left + np.uint64(3)]
-            )
-    else:
-        c0, c1, c2, c3 = x0 % columns, (x0 + 1) % columns, (x0 + 2) % columns, (x0 + 3) % columns
-        for k in range(4):
-            # A row view would be reference-counted.
-            r = (y0 + k) % rows
-            total += wy[k] * (
-                wx0 * coefficients[r, c0]
-                + wx1 * coefficients[r, c1]
-                + wx2 * coefficients[r, c2]
-                + wx3 * coefficients[r, c3]
-            )
-    return total / np.float32(36.0)
-
-
 def spline_lookup(coefficients: NDArray[np.float32], uv: NDArray[np.float64]) -> NDArray[np.float32]:
     """Evaluate a periodic cubic B-spline; texel (i, j) is at ((j + 1/2) / w, (i + 1/2) / h)."""
     out = np.empty(uv.shape[0], dtype=np.float32)
@@ -101,8 +66,37 @@ def spline_lookup(coefficients: NDArray[np.float32], uv: NDArray[np.float64]) ->
 def _spline_lookup(
     low: int, high: int, coefficients: NDArray[np.float32], uv: NDArray[np.float64], out: NDArray[np.float32]
 ) -> None:
+    rows, columns = coefficients.shape
     for n in range(np.uint64(low), np.uint64(high)):
-        out[n] = spline_at(coefficients, uv[n, 0], uv[n, 1])
+        x, y = uv[n, 0] * columns - 0.5, uv[n, 1] * rows - 0.5
+        fx, fy = np.floor(x), np.floor(y)
+        x0, y0 = int(fx) - 1, int(fy) - 1
+        wx0, wx1, wx2, wx3 = cubic_weights(np.float32(x - fx))
+        wy = cubic_weights(np.float32(y - fy))
+        total = np.float32(0.0)
+        if x0 >= 0 and y0 >= 0 and x0 + 3 < columns and y0 + 3 < rows:
+            # Divisions for the period take most of the time elsewhere.
+            left, top = np.uint64(x0), np.uint64(y0)
+            for k in range(4):
+                down = top + np.uint64(k)
+                total += wy[k] * (
+                    wx0 * coefficients[down, left]
+                    + wx1 * coefficients[down, left + np.uint64(1)]
+                    + wx2 * coefficients[down, left + np.uint64(2)]
+                    + wx3 * coefficients[down, left + np.uint64(3)]
+                )
+        else:
+            c0, c1, c2, c3 = x0 % columns, (x0 + 1) % columns, (x0 + 2) % columns, (x0 + 3) % columns
+            for k in range(4):
+                # A row view would be reference-counted.
+                r = (y0 + k) % rows
+                total += wy[k] * (
+                    wx0 * coefficients[r, c0]
+                    + wx1 * coefficients[r, c1]
+                    + wx2 * coefficients[r, c2]
+                    + wx3 * coefficients[r, c3]
+                )
+        out[n] = total / np.float32(36.0)
 
 
 def spline_means(
@@ -145,8 +139,8 @@ def _spline_means(
         for m in range(samples):
             fx, fy = np.floor(xs[m]), np.floor(ys[m])
             left[m], top[m] = int(fx) - 1, int(fy) - 1
-            wx[0, m], wx[1, m], wx[2, m], wx[3, m] = _cubic_weights(np.float32(xs[m] - fx))
-            wy[0, m], wy[1, m], wy[2, m], wy[3, m] = _cubic_weights(np.float32(ys[m] - fy))
+            wx[0, m], wx[1, m], wx[2, m], wx[3, m] = cubic_weights(np.float32(xs[m] - fx))
+            wy[0, m], wy[1, m], wy[2, m], wy[3, m] = cubic_weights(np.float32(ys[m] - fy))
         mean = 0.0
         for m in range(samples):
             i, j = left[m], top[m]
