@@ -180,9 +180,7 @@ def _shows_near(
     return found
 
 
-def _pixels_of(
-    positions: NDArray[np.float64], shape: tuple[int, ...]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pixels_of(positions: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the column and the row of the pixels at image positions."""
     columns, rows = np.rint(positions).astype(np.int64).T
     return np.clip(columns, 0, shape[1] - 1), np.clip(rows, 0, shape[0] - 1)

@@ -401,9 +401,7 @@ class AdaptiveRenderer(RaycastRenderer):
             if len(lost):
                 canvas.trace_later(lost, rule)
 
-    def _average_by(
-        self, rule: Rule, view: RayView, canvas: _Canvas, pixels: NDArray[np.int64], index: int
-    ) -> None:
+    def _average_by(self, rule: Rule, view: RayView, canvas: _Canvas, pixels: NDArray[np.int64], index: int) -> None:
         """Average pixels of one body by a rule, as `_average_body`, with any texture and light."""
         from scenetruth.raycast.hit_kernels import walk_footprints
         from scenetruth.render.shading_kernels import lit_means

@@ -157,9 +157,7 @@ class Shader:
     def changes(self, caster: RayCaster, t: float) -> Changes:
         """Return the function that finds where the borders in `FaceLight` are borders of shadows."""
 
-        def changed(
-            points_mm: NDArray[np.float64], line: NDArray[np.int64], lines: SurfaceLines
-        ) -> NDArray[np.bool_]:
+        def changed(points_mm: NDArray[np.float64], line: NDArray[np.int64], lines: SurfaceLines) -> NDArray[np.bool_]:
             along, found = lines.ends_mm - lines.starts_mm, np.zeros(len(line), dtype=np.bool_)
             for number, lamp in enumerate(self._lighting.lamps_at(t)):
                 own = np.flatnonzero(lines.label[line] == number)

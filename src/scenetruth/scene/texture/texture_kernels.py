@@ -202,7 +202,9 @@ def _linear_means(
         for m in range(samples):
             x, y = offsets[m, 0], offsets[m, 1]
             scale = 1.0 / (w0 + x * wx + y * wy)
-            mean += weights[m] * linear_at(values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled)
+            mean += weights[m] * linear_at(
+                values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled
+            )
         out[n] = mean
 
 
