@@ -1,6 +1,7 @@
 """Work that is shared among threads is all done once, whatever their number, and also where it shares work again."""
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
@@ -140,16 +141,18 @@ def test_arrays_of_shared_work_are_freed_while_all_threads_are_busy(monkeypatch:
 
     monkeypatch.setattr(compilation, "thread_count", lambda: 2)
 
-    def inner() -> bool:
+    def fill() -> weakref.ref[NDArray[np.float64]]:
         values: NDArray[np.float64] = np.zeros(8)
-        gone = weakref.ref(values)
-        threads.in_threads(lambda n: values.__setitem__(n, 1.0), range(8))
+        threads.in_threads(partial(np.put, values, v=1.0), range(8))
         assert values.all()
-        del values
+        return weakref.ref(values)
+
+    def is_freed(_: int) -> bool:
+        gone = fill()
         gc.collect()
         return gone() is None
 
     # Every thread is busy with a task of its own, so that no helper of `in_threads` starts.
     with ThreadPoolExecutor(4) as callers:
-        assert all(callers.map(lambda _: inner(), range(20), timeout=60))
-    assert all(threads.in_order(lambda _: inner(), range(20), 2))
+        assert all(callers.map(is_freed, range(20), timeout=60))
+    assert all(threads.in_order(is_freed, range(20), 2))
