@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import ImageAcquisition, LinearImage, build_sensor_chain
 from scenetruth.errors import SceneWarning
-from scenetruth.memory import retained_memory
+from scenetruth.memory import release_memory
 from scenetruth.progress import Progress
 from scenetruth.provenance import blank_recording, build_schedule, provenance_attributes, recording_hash
 from scenetruth.random_streams import generator_for
@@ -38,6 +38,7 @@ from scenetruth.truth import (
     TruthViews,
     blank_truth,
     count_tasks_at_once,
+    memory_for,
     refuse_arguments,
 )
 
@@ -233,22 +234,28 @@ class _Work:
         """Render all images, apply the sensor model, and compute the truth, in several threads; requires `opened`."""
         scene, progress = self.scene, self.progress
         truth = TruthTasks(scene, self.world, choice)
-        at_once = count_tasks_at_once(scene.camera.width * scene.camera.height, len(self.world.faces))
+        size = (scene.camera.width * scene.camera.height, len(self.world.faces))
+        at_once = count_tasks_at_once(*size)
         runs = self._list_images(at_once)
-        total, tasks = sum(map(len, runs)), truth.tasks
-        work: list[Callable[[], list[Any]]] = [*tasks]
+        total = sum(map(len, runs))
+        work: list[Callable[[], list[Any]]] = []
         if self._another is not None:
             renderers = [self._renderer, *(self._another() for _ in range(at_once - 1))]
-            work = [*(partial(self._render, run, renderers) for run in runs), *tasks]
-        with retained_memory(), closing(in_order(lambda task: task(), work, at_once)) as results:
-            images = self._render_in_turn(runs) if self._another is None else chain.from_iterable(results)
+            work += [partial(self._render, run, renderers) for run in runs]
+        if at_once > 1:
+            work += truth.tasks
+        with memory_for(*size), closing(in_order(lambda task: task(), work, at_once)) as results:
+            images = chain.from_iterable(results) if self._another is not None else self._render_in_turn(runs)
             for done, image in enumerate(islice(images, total)):
                 if progress is not None:
                     progress("render", done, total)
                 self._expose(image, put_image)
             if progress is not None:
                 progress("render", total, total)
-            truth.put(results, put_map, progress)
+            # Maps of large images are stored before the next are computed, to limit memory.
+            if at_once == 1:
+                release_memory()
+            truth.put(results if at_once > 1 else (task() for task in truth.tasks), put_map, progress)
         self.warnings += [*_saturation_warnings(scene, self._brightest), *truth.warnings]
 
     def _list_images(self, at_once: int) -> list[list[_Image]]:

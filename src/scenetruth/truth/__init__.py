@@ -19,6 +19,7 @@ from scenetruth.truth.truth_dataset import (
     fill_truth,
     interior_warnings,
     make_truth,
+    memory_for,
     refuse_arguments,
     truth_from_world,
 )
@@ -26,6 +27,6 @@ from scenetruth.truth.truth_dataset import (
 __all__ = [
     "Geometries", "GeometryPass", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps", "TruthOptions",
     "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility", "count_tasks_at_once", "fill_truth",
-    "find_visible_points", "interior_warnings", "make_truth", "refuse_arguments", "track_points", "truth_by_rows",
-    "truth_from_world", "truth_maps",
+    "find_visible_points", "interior_warnings", "make_truth", "memory_for", "refuse_arguments", "track_points",
+    "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from os import PathLike
@@ -44,6 +44,7 @@ __all__ = [
     "fill_truth",
     "interior_warnings",
     "make_truth",
+    "memory_for",
     "refuse_arguments",
     "truth_from_world",
 ]
@@ -360,9 +361,14 @@ def fill_truth(
 ) -> list[str]:
     """Compute the maps of a ground truth, image by image."""
     work = TruthTasks(scene, world, choice)
-    at_once = count_tasks_at_once(scene.camera.width * scene.camera.height, len(world.faces))
-    with retained_memory(), closing(in_order(lambda task: task(), work.tasks, at_once)) as results:
-        work.put(results, put, progress)
+    size = (scene.camera.width * scene.camera.height, len(world.faces))
+    at_once = count_tasks_at_once(*size)
+    # Maps of large images are stored before the next are computed, to limit memory.
+    with (
+        retained_memory(),
+        closing(in_order(lambda task: task(), work.tasks if at_once > 1 else [], at_once)) as results,
+    ):
+        work.put(results if at_once > 1 else (task() for task in work.tasks), put, progress)
     return work.warnings
 
 
@@ -372,6 +378,11 @@ _MOST_AT_ONCE = 1 << 20  # pixels and faces of tasks at a time, which limits the
 def count_tasks_at_once(pixels: int, faces: int) -> int:
     """Return how many images with a number of pixels and faces are computed at the same time."""
     return int(np.clip(_MOST_AT_ONCE // (pixels + faces), 1, thread_count()))
+
+
+def memory_for(pixels: int, faces: int) -> AbstractContextManager[None]:
+    """Retain freed memory while images are computed, unless they are large, whose memory has gaps."""
+    return retained_memory() if pixels + faces <= _MOST_AT_ONCE else nullcontext()
 
 
 def _at(stage: Stage, index: int, frame: int) -> dict[str, int]:
