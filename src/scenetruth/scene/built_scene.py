@@ -117,7 +117,7 @@ def _clock_problems(scene: Scene, where: str, item: SceneObject) -> list[Problem
     ]
 
 
-_SNAPSHOT_COUNT = 2  # number of cached snapshots
+_SNAPSHOT_COUNT = 4  # number of cached snapshots
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,8 +290,9 @@ class BuiltScene:
                 np.concatenate([item.velocities for item in moved]),
                 np.concatenate([item.accelerations for item in moved]),
             )
-            while len(self._recent) >= _SNAPSHOT_COUNT:
-                self._recent.pop(next(iter(self._recent)), None)
+            # Several threads may do the same.
+            for oldest in list(self._recent)[: 1 - _SNAPSHOT_COUNT]:
+                self._recent.pop(oldest, None)
             self._recent[t] = found
         return found
 
