@@ -55,11 +55,14 @@ STAGED = {
 }
 
 
+LAG = {"after": "full_well", "effect": {"kind": "readout_lag", "lag": 0.05}}
 REPEATED: dict[str, dict[str, Any]] = {
     "ideal": {},
     "sensor": {"sensor": {"bit_depth": 8, "noise_std": 0.01}},
     "preset": {"sensor": {"kind": "emva1288", "preset": "ccd_2002"}},
     "stage": {"stage": STAGED},
+    # Frames enough for several threads to render one each, whose images depend on the previous one.
+    "lag": {"sensor": {"kind": "emva1288", "preset": "industrial_cmos", "insert": [LAG]}, "frames": {"count": 5}},
 }
 
 

@@ -1,6 +1,7 @@
 """Work that is shared among threads is all done once, whatever their number, and also where it shares work again."""
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
@@ -94,3 +95,64 @@ def test_linear_algebra_in_one_thread() -> None:
         before = counts()
         assert set(threads.with_one_blas_thread(counts)()) == {1}
         assert counts() == before
+
+
+@given(count=st.integers(0, 12), number=st.integers(1, 4), at_once=st.integers(1, 4))
+def test_results_come_in_order_and_few_tasks_run_ahead(count: int, number: int, at_once: int) -> None:
+    begun: list[int] = []
+
+    def work(job: int) -> int:
+        begun.append(job)
+        threads.in_threads(lambda _: None, range(3))
+        return job * job
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compilation, "thread_count", lambda: number)
+        for place, result in enumerate(threads.in_order(work, iter(range(count)), at_once)):
+            assert result == place * place
+            assert len(begun) <= place + 1 + at_once
+    assert sorted(begun) == list(range(count))
+
+
+def test_no_task_begins_after_an_error_or_without_a_reader(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compilation, "thread_count", lambda: 2)
+    begun = []
+
+    def work(job: int) -> int:
+        begun.append(job)
+        if job == 3:
+            raise ValueError(job)
+        return job
+
+    results = threads.in_order(work, range(100), 2)
+    with pytest.raises(ValueError, match="3"):
+        list(results)
+    assert len(begun) <= 6
+    begun.clear()
+    results = threads.in_order(work, range(100), 2)
+    next(results)
+    results.close()
+    assert len(begun) <= 3
+
+
+def test_arrays_of_shared_work_are_freed_while_all_threads_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    import gc
+    import weakref
+
+    monkeypatch.setattr(compilation, "thread_count", lambda: 2)
+
+    def fill() -> weakref.ref[NDArray[np.float64]]:
+        values: NDArray[np.float64] = np.zeros(8)
+        threads.in_threads(partial(np.put, values, v=1.0), range(8))
+        assert values.all()
+        return weakref.ref(values)
+
+    def is_freed(_: int) -> bool:
+        gone = fill()
+        gc.collect()
+        return gone() is None
+
+    # Every thread is busy with a task of its own, so that no helper of `in_threads` starts.
+    with ThreadPoolExecutor(4) as callers:
+        assert all(callers.map(is_freed, range(20), timeout=60))
+    assert all(threads.in_order(is_freed, range(20), 2))

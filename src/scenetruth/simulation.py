@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from functools import partial
+from itertools import chain, groupby, islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from scenetruth.camera import LinearImage, build_sensor_chain
+from scenetruth.camera import ImageAcquisition, LinearImage, build_sensor_chain
 from scenetruth.errors import SceneWarning
+from scenetruth.memory import release_memory
 from scenetruth.progress import Progress
 from scenetruth.provenance import blank_recording, build_schedule, provenance_attributes, recording_hash
 from scenetruth.random_streams import generator_for
-from scenetruth.render import choose_renderer
+from scenetruth.render import Renderer, choose_renderer
 from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, SceneLike, load_scene
 from scenetruth.scene.built_scene import build_scene
@@ -25,7 +29,18 @@ from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import IncrementalDataset, Put
 from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, store_name
-from scenetruth.truth import TruthMaps, TruthOptions, TruthPoses, TruthViews, blank_truth, fill_truth, refuse_arguments
+from scenetruth.threads import in_order
+from scenetruth.truth import (
+    TruthMaps,
+    TruthOptions,
+    TruthPoses,
+    TruthTasks,
+    TruthViews,
+    blank_truth,
+    count_tasks_at_once,
+    memory_for,
+    refuse_arguments,
+)
 
 __all__ = ["Simulation", "simulate", "simulate_into"]
 
@@ -143,10 +158,8 @@ def simulate(
     choice = TruthOptions(truth_views, truth_poses, truth_content)
     work = _Work(scene, save_radiance=save_radiance, progress=progress)
     with work.opened() as blank:
-        images = IncrementalDataset(blank)
-        work.record(images.put)
-    maps = IncrementalDataset(work.blank_truth(choice))
-    work.measure(choice, maps.put)
+        images, maps = IncrementalDataset(blank), IncrementalDataset(work.blank_truth(choice))
+        work.perform(choice, images.put, maps.put)
     work.warn(stacklevel=3)
     return Simulation(images.dataset(), maps.dataset())
 
@@ -162,11 +175,9 @@ def simulate_into(
     work = _Work(scene, save_radiance=save_radiance, progress=progress)
     (recorded, measured), zipped = _stores(folder, scene), scene.storage.form == "zip"
     with work.opened() as blank, StoreWriter(recorded, blank, zipped=zipped) as images:
-        work.record(images.put)
-    with StoreWriter(
-        measured, work.blank_truth(choice), zipped=zipped, narrow=scene.storage.truth == "float32"
-    ) as maps:
-        work.measure(choice, maps.put)
+        like, narrow = work.blank_truth(choice), scene.storage.truth == "float32"
+        with StoreWriter(measured, like, zipped=zipped, narrow=narrow) as maps:
+            work.perform(choice, images.put, maps.put)
     work.warn(stacklevel=3)
     return blank.attrs["render_backend"], blank.attrs["render_fallback_reason"]
 
@@ -175,6 +186,17 @@ def _stores(folder: Path, scene: Scene) -> tuple[Path, Path]:
     """Return the paths of recording and truth."""
     zipped = scene.storage.form == "zip"
     return folder / store_name(RECORDING, zipped=zipped), folder / store_name(TRUTH, zipped=zipped)
+
+
+class _Image(NamedTuple):
+    """Image of the scan: index in the recording; moment; row, camera and frame; and what is known of it."""
+
+    at: dict[str, int]
+    moment: ImageAcquisition
+    place: tuple[int, int, int]
+    radiance: NDArray[np.float32] | None = None
+    read: NDArray[Any] | None = None
+    brightest: float = 0.0
 
 
 class _Work:
@@ -186,59 +208,108 @@ class _Work:
         check_scene(scene, self.world)
         self.provenance = provenance_attributes(scene)
         self.warnings: list[str] = []
+        sensor, shape = build_sensor_chain(scene.sensor), (scene.camera.height, scene.camera.width)
+        self._sensor = sensor.open(shape, partial(generator_for, scene.seed, "sensor"))
+        self._previous: LinearImage | None = None
+        self._brightest = 0.0
 
     @contextmanager
     def opened(self) -> Iterator[xr.Dataset]:
         """Open the renderer, and yield the recording with blank images."""
         scene = self.scene
         choice = choose_renderer(scene, self.world)
-        with choice.renderer as self.renderer:
+        self._another = choice.another
+        with choice.renderer as self._renderer:
             # Links the truth to these images.
-            self.provenance["recording_hash"] = recording_hash(self.provenance["scene_hash"], self.renderer.name)
-            attrs = {
-                **self.provenance,
-                "render_backend": self.renderer.name,
-                "render_fallback_reason": choice.fallback_reason,
-            }
+            name = self._renderer.name
+            self.provenance["recording_hash"] = recording_hash(self.provenance["scene_hash"], name)
+            attrs = {**self.provenance, "render_backend": name, "render_fallback_reason": choice.fallback_reason}
             yield blank_recording(scene, attrs, save_radiance=self.save_radiance)
-
-    def record(self, put: Put) -> None:
-        """Render all images, and apply the sensor model."""
-        scene = self.scene
-        stage, frames, camera = scene.stage, scene.frames, scene.camera
-        sensor = build_sensor_chain(scene.sensor)
-        opened = sensor.open((camera.height, camera.width), partial(generator_for, scene.seed, "sensor"))
-        schedule = build_schedule(scene)
-        places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
-        # In the order of the scan, because some sensors depend on the previous image.
-        order = [(n, t, *place) for n, t in enumerate(frames.t.tolist()) for place in places]
-        order.sort(key=lambda at: (at[0], stage.number_in_scan(at[5], at[1], at[4])))
-        moments = (schedule.moment(s, t, s_y) for _, t, _, _, s_y, s in order)
-        images = self.renderer.render_all((moment.t, moment.viewpoint) for moment in moments)
-        previous: LinearImage | None = None
-        brightest = 0.0
-        for done, (n, t, k, m, s_y, s) in enumerate(order):
-            if self.progress is not None:
-                self.progress("render", done, len(order))
-            radiance = next(images)
-            brightest = max(brightest, float(radiance.max()))
-            at = {**({"s_y": k} if stage.rows > 1 else {}), "s": m, "t": n}
-            if self.save_radiance:
-                put("radiance", at, radiance)
-            image = LinearImage(radiance, s_y, s, t)
-            put("image", at, opened.read(image, previous))
-            previous = image if sensor.remembers else None
-        if self.progress is not None:
-            self.progress("render", len(order), len(order))
-        self.warnings += _saturation_warnings(scene, brightest)
 
     def blank_truth(self, choice: TruthOptions) -> xr.Dataset:
         """Return the truth with blank maps; requires `opened`, to whose recording it belongs."""
         return blank_truth(self.scene, choice, self.provenance)
 
-    def measure(self, choice: TruthOptions, put: Put) -> None:
-        """Compute the maps of the truth."""
-        self.warnings += fill_truth(self.scene, self.world, choice, put, self.progress)
+    def perform(self, choice: TruthOptions, put_image: Put, put_map: Put) -> None:
+        """Render all images, apply the sensor model, and compute the truth, in several threads; requires `opened`."""
+        scene, progress = self.scene, self.progress
+        truth = TruthTasks(scene, self.world, choice)
+        size = (scene.camera.width * scene.camera.height, len(self.world.faces))
+        at_once = count_tasks_at_once(*size)
+        runs = self._list_images(at_once)
+        total = sum(map(len, runs))
+        work: list[Callable[[], list[Any]]] = []
+        if self._another is not None:
+            renderers = [self._renderer, *(self._another() for _ in range(at_once - 1))]
+            work += [partial(self._render, run, renderers) for run in runs]
+        if at_once > 1:
+            work += truth.tasks
+        with memory_for(*size), closing(in_order(lambda task: task(), work, at_once)) as results:
+            images = chain.from_iterable(results) if self._another is not None else self._render_in_turn(runs)
+            for done, image in enumerate(islice(images, total)):
+                if progress is not None:
+                    progress("render", done, total)
+                self._expose(image, put_image)
+            if progress is not None:
+                progress("render", total, total)
+            # Maps of large images are stored before the next are computed, to limit memory.
+            if at_once == 1:
+                release_memory()
+            truth.put(results if at_once > 1 else (task() for task in truth.tasks), put_map, progress)
+        self.warnings += [*_saturation_warnings(scene, self._brightest), *truth.warnings]
+
+    def _list_images(self, at_once: int) -> list[list[_Image]]:
+        """Return the images in the order of the scan, because some sensors depend on the previous image, in runs.
+
+        A run is rendered by one renderer, which retains the geometry of a time: all images of a time if there are
+        enough times for all threads, else each image.
+        """
+        stage, frames = self.scene.stage, self.scene.frames
+        places = [(k, m, s_y, s) for k, s_y in enumerate(stage.s_y.tolist()) for m, s in enumerate(stage.s.tolist())]
+        order = [(n, t, *place) for n, t in enumerate(frames.t.tolist()) for place in places]
+        order.sort(key=lambda at: (at[0], stage.number_in_scan(at[5], at[1], at[4])))
+        schedule = build_schedule(self.scene)
+        images = [
+            _Image({**({"s_y": k} if stage.rows > 1 else {}), "s": m, "t": n}, schedule.moment(s, t, s_y), (s_y, s, t))
+            for n, t, k, m, s_y, s in order
+        ]
+        runs = [list(run) for _, run in groupby(images, key=lambda image: image.moment.t)]
+        return runs if 1 < at_once <= len(runs) / 2 else [[image] for image in images]
+
+    def _render(self, run: list[_Image], renderers: list[Renderer]) -> list[_Image]:
+        """Render images by one of the renderers that are not in use."""
+        renderer = renderers.pop()
+        try:
+            return [self._read(image, renderer.render(image.moment.t, image.moment.viewpoint)) for image in run]
+        finally:
+            renderers.append(renderer)
+
+    def _render_in_turn(self, runs: list[list[_Image]]) -> Iterator[_Image]:
+        """Render all images by a renderer that is bound to its thread."""
+        images = [image for run in runs for image in run]
+        rendered = self._renderer.render_all((image.moment.t, image.moment.viewpoint) for image in images)
+        yield from map(self._read, images, rendered)
+
+    def _read(self, image: _Image, radiance: NDArray[np.float32]) -> _Image:
+        """Return an image with its radiance and, if it does not depend on others, its digital numbers."""
+        brightest = float(radiance.max())
+        if self._sensor.chain.remembers:
+            return image._replace(radiance=radiance, brightest=brightest)
+        read = self._sensor.read(LinearImage(radiance, *image.place))
+        return image._replace(radiance=radiance if self.save_radiance else None, read=read, brightest=brightest)
+
+    def _expose(self, image: _Image, put: Put) -> None:
+        """Store an image, the next of the scan."""
+        self._brightest = max(self._brightest, image.brightest)
+        read = image.read
+        if image.radiance is not None:
+            if self.save_radiance:
+                put("radiance", image.at, image.radiance)
+            if read is None:
+                linear = LinearImage(image.radiance, *image.place)
+                read, self._previous = self._sensor.read(linear, self._previous), linear
+        assert read is not None
+        put("image", image.at, read)
 
     def warn(self, stacklevel: int) -> None:
         """Issue the collected warnings."""

@@ -181,6 +181,66 @@ def test_ambient_light_without_lamps_is_the_same_everywhere() -> None:
         np.testing.assert_array_equal(image, np.float32(0.625))
 
 
+def area_beyond(normal: NDArray[np.float64], distance: float) -> float:
+    """Return the area of the unit square around 0 where normal . p > distance, by clipping it."""
+    square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    height, kept = square @ normal - distance, []
+    for k in range(4):
+        one, two = height[k - 1], height[k]
+        if (one > 0) != (two > 0):
+            kept.append(square[k - 1] + one / (one - two) * (square[k] - square[k - 1]))
+        if two > 0:
+            kept.append(square[k])
+    x, y = np.array(kept).reshape(-1, 2).T
+    return float(abs(np.sum(np.roll(x, 1) * y - np.roll(y, 1) * x)) / 2)
+
+
+def shaded_floor(angle_deg: float, distance: float, *, beyond_mm: float = 0.0) -> st.Scene:
+    """Return a floor of 1 mm per px, with the border of a shadow at a distance from the middle of the image.
+
+    The sheet that casts it lies outside the image; ``beyond_mm`` moves it behind the floor.
+    """
+    towards, gap, normal = np.array([0.9, 0.1, 0.3]), 30.0, edge_normal(angle_deg)
+    middle = (distance - 20) * normal - towards[:2] / towards[2] * (gap - beyond_mm)
+    rotations = [{"axis": [0, 0, 1], "angle_deg": angle_deg}]
+    position = [*middle.tolist(), 100.0 - gap + beyond_mm]
+    return scene_with(
+        plane("floor", 1.0, (400.0, 400.0), position_mm=[0, 0, 100.0]),
+        plane("sheet", 1.0, (40.0, 60.0), position_mm=position, rotations=rotations),
+        camera={"width": 24, "height": 20, "focal_length_px": 100},
+        lighting={
+            "ambient": 0.2,
+            "lights": [{"kind": "directional", "direction": towards.tolist(), "irradiance": 0.8}],
+        },
+    )
+
+
+@given(angle_deg=some.one_of(some.floats(0, 360), some.sampled_from([0, 45, 90])), distance=some.floats(-6, 6))
+@settings(max_examples=8, deadline=None)
+def test_the_area_in_the_light_is_exact(angle_deg: float, distance: float) -> None:
+    scene = shaded_floor(angle_deg, distance)
+    image, normal = image_of(scene), edge_normal(angle_deg)
+    contrast = 0.8 * 0.3 / float(np.linalg.norm([0.9, 0.1, 0.3]))
+    x, y = np.meshgrid(np.arange(24) - 11.5, np.arange(20) - 9.5)
+    lit = np.array(
+        [area_beyond(normal, distance - float(normal @ place)) for place in zip(x.flat, y.flat, strict=True)]
+    )
+    expected = (0.2 + contrast * lit).reshape(image.shape)
+    # Values are float32, and shadows begin within 1e-9 of the diagonal of the scene.
+    np.testing.assert_allclose(image, expected, atol=1e-5 * contrast)
+
+
+def test_a_sheet_behind_the_floor_casts_no_shadow_on_it() -> None:
+    hidden = image_of(shaded_floor(20.0, 1.3, beyond_mm=50.0))
+    alone = scene_with(
+        plane("floor", 1.0, (400.0, 400.0), position_mm=[0, 0, 100.0]),
+        camera={"width": 24, "height": 20, "focal_length_px": 100},
+        lighting=shaded_floor(0.0, 0.0).to_dict()["lighting"],
+    )
+    np.testing.assert_array_equal(hidden, image_of(alone))
+    assert np.ptp(hidden) < 1e-6 < np.ptp(image_of(shaded_floor(20.0, 1.3)))
+
+
 @pytest.mark.parametrize("tiled", [True, False])
 @pytest.mark.parametrize("shape", [(16, 24), (13, 30)])
 def test_ranges_of_blocks_contain_the_texture(shape: tuple[int, int], tiled: bool) -> None:

@@ -15,8 +15,10 @@ from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import Renderer
 from scenetruth.render import shading as shading_module
 from scenetruth.render.raycast_backend import RaycastRenderer
+from scenetruth.render.reflection import pack_materials
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.material import Material
 from tests.helpers.scenes import SCENES, cube
 
 Image = NDArray[np.float32]
@@ -330,3 +332,106 @@ def test_uneven_pixels_against_a_plain_reading() -> None:
     assert (found[1] == borders).all()
     assert borders.sum() < expected.sum()
     assert 0.1 < expected.mean() < 0.9
+
+
+def render_auto(scene: Scene, t: float = 0.0) -> Image:
+    from scenetruth.render import choose_renderer
+
+    world = build_scene(scene)
+    with choose_renderer(scene, world).renderer as renderer:
+        return renderer.render(t, Viewpoint.on_axis(0.0))
+
+
+def with_material(scene: Scene, material: dict[str, Any], index: int = 0, **render: Any) -> Scene:
+    plain = scene.to_dict()
+    plain["objects"][index]["material"] = material
+    plain["render"] |= render
+    return Scene.from_dict(plain)
+
+
+def highlight(scene: Scene, lamp: dict[str, Any], n: float, roughness: float) -> NDArray[np.float64]:
+    """Return the gloss of the black plane under a point light, GGX with Fresnel reflection, without shadows."""
+    x, y = np.moveaxis(samples_mm(scene, 8), -1, 0)
+    at = np.stack([x, y, np.full_like(x, DISTANCE)], axis=-1)
+    to_light = np.array(lamp["position_mm"]) - at
+    far = np.linalg.norm(to_light, axis=-1)
+    light, view = to_light / far[..., None], -at / np.linalg.norm(at, axis=-1)[..., None]
+    half = light + view
+    half /= np.linalg.norm(half, axis=-1)[..., None]
+    facing, seen, upright = -light[..., 2], -view[..., 2], -half[..., 2]
+    spread = 1 + (roughness**2 - 1) * upright**2
+    distribution = roughness**2 / (np.pi * spread**2)
+    masking = [2 / (1 + np.sqrt(1 + roughness**2 * (1 / c**2 - 1))) for c in (facing, seen)]
+    c = np.einsum("...k,...k->...", half, view)
+    g = np.sqrt(n**2 - 1 + c**2)
+    fresnel = 0.5 * ((g - c) / (g + c)) ** 2 * (1 + ((c * (g + c) - 1) / (c * (g - c) + 1)) ** 2)
+    irradiance = lamp["irradiance"] * (lamp["reference_distance_mm"] / far) ** 2
+    radiance = irradiance * np.pi * distribution * fresnel * masking[0] * masking[1] / (4 * seen)
+    # Reflections by several facets share what a single one loses.
+    optics = pack_materials([Material(refractive_index=n, roughness=roughness)])
+    mirror = optics.tables[0, 1, :, 0]
+    lost = [1 - np.interp(np.sqrt(c), np.linspace(0, 1, len(mirror)), mirror) for c in (facing, seen)]
+    radiance += irradiance * facing * lost[0] * lost[1] / (1 - optics.values[0, 6]) * optics.values[0, 7]
+    return np.asarray(radiance.mean(axis=2))
+
+
+@pytest.mark.parametrize("supersampling", [4, "auto"])
+def test_the_highlight_of_a_black_plane_has_its_closed_form(supersampling: Any) -> None:
+    lamp = point(20, -10, 560)
+    scene = plane({"lights": [lamp]}, texture={"kind": "uniform", "radiance": 0.0})
+    glossy = with_material(scene, {"refractive_index": 1.5, "roughness": 0.3}, supersampling=supersampling)
+    expected = highlight(scene, lamp, 1.5, 0.3)
+    assert expected.max() > 0.3
+    np.testing.assert_allclose(render_auto(glossy), expected, atol=2e-5)
+
+
+def test_texture_loses_what_the_boundary_reflects() -> None:
+    # In uniform light, a white surface has radiance 1 with any boundary, and a black one the albedo of the boundary.
+    coat = {"refractive_index": 1.6, "roughness": 0.4}
+    white = render_auto(with_material(plane({"ambient": 1.0}), coat))
+    np.testing.assert_allclose(white, 1.0, atol=2 * ROUNDING)
+    black = plane({"ambient": 1.0}, texture={"kind": "uniform", "radiance": 0.0})
+    grey = plane({"ambient": 1.0}, texture={"kind": "uniform", "radiance": 0.5})
+    parts = [render_auto(with_material(scene, coat)) for scene in (black, grey)]
+    np.testing.assert_allclose(parts[1], 0.5 * (parts[0] + white), atol=2 * ROUNDING)
+    assert 0.02 < parts[0].min() < parts[0].max() < 0.2
+
+
+def test_light_behind_a_sheet_shines_through() -> None:
+    behind = {"kind": "directional", "direction": [0.6, 0, -0.8], "irradiance": 0.5}
+    sheet = with_material(plane({"lights": [behind]}), {"transmittance": 0.3})
+    np.testing.assert_allclose(render_auto(sheet), 0.5 * 0.8 * 0.3, atol=ROUNDING)
+    assert not render_auto(plane({"lights": [behind]})).any()
+
+
+@pytest.mark.parametrize("kind", ["directional", "point"])
+def test_a_sheet_shades_with_its_transmittance(kind: str) -> None:
+    lamp = {"kind": "directional", "direction": [0, 0, 1], "irradiance": 0.8}
+    if kind == "point":
+        lamp = point(0, 0, -1e6, irradiance=0.8, reference_distance_mm=1e6 + DISTANCE)
+    # The sheet hides the upper left quarter of the lamp's light, but stands outside the view.
+    sheet = {
+        "name": "sheet",
+        "mesh": {"kind": "plane", "size_mm": [40, 40]},
+        "pose": {"position_mm": [-20, -20, -50]},
+        "texture": {"kind": "uniform", "radiance": 0.5},
+        "material": {"transmittance": 0.6},
+    }
+    image = render_auto(plane({"lights": [lamp]}, others=(sheet,)))
+    clear = 0.8 * 1.0
+    np.testing.assert_allclose(image[70:, 90:], clear, rtol=1e-5)
+    np.testing.assert_allclose(image[30:50, 50:70], clear * 0.5 * 0.6, rtol=1e-5)
+    opaque = render_auto(plane({"lights": [lamp]}, others=({**sheet, "material": {}},)))
+    assert not opaque[30:50, 50:70].any()
+
+
+def test_gloss_of_the_adaptive_renderer_agrees_with_many_samples() -> None:
+    lamp = point(20, -10, 560)
+    texture = {"kind": "noise", "wavelength_mm": [3.2, 12.0]}
+    material = {"refractive_index": 1.5, "roughness": 0.2, "roughness_along": 0.5}
+    turned: Rotations = [{"axis": [0, 1, 0], "angle_deg": 30.0}]
+    scene = plane({"ambient": 0.1, "lights": [lamp]}, texture=texture, rotations=turned)
+    adaptive = render_auto(with_material(scene, material, supersampling="auto"))
+    reference = render_auto(with_material(scene, material, supersampling=16))
+    assert np.sqrt(np.mean((adaptive - reference) ** 2)) < 1e-4
+    assert np.abs(reference - render_auto(scene)).max() > 0.05

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import scenetruth as st
+from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.scene_report import check_scene
 from tests.helpers.mesh_files import gltf
 from tests.helpers.scenes import LIBRARY, SCENES, cube
 
@@ -86,3 +88,20 @@ def test_extensions_of_mesh_files_that_are_not_read_are_warned_of(tmp_path: Path
         st.SceneWarning, match="mesh file of 'card' uses extensions of glTF that are not read: VENDOR_fur;"
     ):
         st.simulate(st.Scene.from_dict(plain))
+
+
+def test_surfaces_that_send_out_more_light_than_they_receive_are_refused() -> None:
+    lit = ["lighting.ambient=1", "plants.0.material.transmittance=1.5"]
+    with pytest.raises(st.SceneError, match=r"plants\.0\.material\.transmittance: the texture reaches") as caught:
+        st.simulate("rosette", overrides=[*lit, "frames.count=1"])
+    # One problem for all leaves of the plant, with the value that is possible.
+    assert len(caught.value.problems) == 1
+    possible = caught.value.problems[0].message.rsplit(" ", 1)[1]
+    scene = st.load_scene("rosette", overrides=[*lit, f"plants.0.material.transmittance={possible}"])
+    check_scene(scene, build_scene(scene))
+
+
+def test_materials_without_light_are_warned_of() -> None:
+    scene = st.load_scene("cube", overrides=["objects.0.material.preset=printed_foil"])
+    with pytest.warns(st.SceneWarning, match=r"material: no effect on 'cube', because the scene is unlit"):
+        check_scene(scene, build_scene(scene))

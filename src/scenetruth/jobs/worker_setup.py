@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import platform
 import signal
@@ -13,11 +12,11 @@ from importlib.metadata import version
 from typing import Any
 
 from scenetruth.errors import MachineError, Problem
+from scenetruth.memory import keep_freed_memory
 from scenetruth.provenance import own_release
 
 __all__ = [
     "collect_versions",
-    "keep_freed_memory",
     "limit_threads",
     "refuse_other_versions",
     "run_with_threads",
@@ -52,25 +51,6 @@ def limit_threads(threads: int) -> None:
         from threadpoolctl import threadpool_limits
 
         threadpool_limits(threads)
-
-
-def keep_freed_memory() -> None:
-    """Restore the default of the C library to retain freed memory, which Dask disables.
-
-    Dask starts its workers with ``MALLOC_TRIM_THRESHOLD_=65536``, so that the pages of every large array are allocated
-    and cleared anew: 356,000 pages for a noise cube of 320 x 240 px instead of 2,500, and 0.9 s more.
-    """
-    if "MALLOC_TRIM_THRESHOLD_" not in os.environ:
-        return
-    # Specific to glibc.
-    adjust = getattr(ctypes.CDLL(None), "mallopt", None)
-    if adjust is not None:
-        # Dynamic default of glibc: arrays up to 32 MB are retained for reuse.
-        adjust(_MMAP_THRESHOLD, 32 * 2**20)
-        adjust(_TRIM_THRESHOLD, 64 * 2**20)
-
-
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # constants of malloc.h
 
 
 def run_with_threads(threads: int, work: Callable[..., Any], *arguments: Any) -> Any:

@@ -1,16 +1,18 @@
 """Ray casting against triangle meshes with exact hits in float64."""
 
-from scenetruth.raycast.edges import MixedPixels, find_mixed_pixels, mixed_pixels
+from scenetruth.raycast.edges import Changes, MixedPixels, SurfaceLines, find_mixed_pixels, mixed_pixels
 from scenetruth.raycast.mesh_topology import ImageRays, TexturedMesh, Topology
 from scenetruth.raycast.ray_caster import Hits, RayCaster
 from scenetruth.raycast.shadows import ShadowCaster
 
 __all__ = [
+    "Changes",
     "Hits",
     "ImageRays",
     "MixedPixels",
     "RayCaster",
     "ShadowCaster",
+    "SurfaceLines",
     "TexturedMesh",
     "Topology",
     "find_mixed_pixels",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast.ray_caster import RayCaster
 
-__all__ = ["MixedPixels", "find_mixed_pixels", "mixed_pixels"]
+__all__ = ["Changes", "MixedPixels", "SurfaceLines", "find_mixed_pixels", "mixed_pixels"]
 
 _NEAR = 1e-6  # near clipping depth of edges in mm
 _TOUCH_PX = 1e-6  # distance from a pixel border in px below which a line belongs to both pixels
@@ -39,12 +40,35 @@ class MixedPixels:
     seen: NDArray[np.bool_]
 
 
+class SurfaceLines(NamedTuple):
+    """Straight lines on faces, treated as edges where something changes across them.
+
+    ``starts_mm``, ``ends_mm``: Ends in mm, shape (k, 3) each.
+    ``face``, ``body``: Face of each line and its body, shape (k,).
+    ``label``: Number of each line for `Changes`, shape (k,).
+    """
+
+    starts_mm: NDArray[np.float64]
+    ends_mm: NDArray[np.float64]
+    face: NDArray[np.int32]
+    body: NDArray[np.int32]
+    label: NDArray[np.int64]
+
+
+Changes = Callable[[NDArray[np.float64], NDArray[np.int64], "SurfaceLines"], NDArray[np.bool_]]
+"""Function that returns where something changes across lines: at points, shape (n, 3), on lines with an index (n,)."""
+
+
 class _Pieces(NamedTuple):
-    """Pieces of projected edges: positions in px, shape (k, 2); edge, shape (k,); and whether each is visible."""
+    """Pieces of projected edges: positions in px, shape (k, 2); edge, shape (k,); and whether each is visible.
+
+    ``ends_mm``: Ends of the edges in camera coordinates, shape (n, 2, 3).
+    """
 
     positions: NDArray[np.float64]
     edge: NDArray[np.int64]
     seen: NDArray[np.bool_]
+    ends_mm: NDArray[np.float64]
 
 
 def mixed_pixels(
@@ -63,17 +87,22 @@ def mixed_pixels(
 
 
 def find_mixed_pixels(
-    caster: RayCaster, viewpoint: Viewpoint, camera: Camera, bodies: NDArray[np.int32]
+    caster: RayCaster,
+    viewpoint: Viewpoint,
+    camera: Camera,
+    bodies: NDArray[np.int32],
+    lines: SurfaceLines | None = None,
+    changes: Changes | None = None,
 ) -> MixedPixels:
-    """Find the mixed pixels, see `mixed_pixels`, and the edges in them."""
-    mixed, bare, pieces = _marked(caster, viewpoint, camera, bodies)
-    columns, rows = (
-        np.clip(np.rint(pieces.positions[:, axis]).astype(np.int64), 0, size - 1)
-        for axis, size in enumerate((camera.width, camera.height))
-    )
+    """Find the mixed pixels, see `mixed_pixels`, and the edges in them.
+
+    ``lines``: Other lines, which make the pixels mixed that they cross where something changes.
+    """
+    mixed, bare, pieces = _marked(caster, viewpoint, camera, bodies, lines, changes)
+    columns, rows = _pixels_of(pieces.positions, mixed.shape)
     pixels = rows * camera.width + columns
     inside = np.flatnonzero(mixed.ravel()[pixels])
-    edges = len(caster.topology.edges)
+    edges = len(pieces.ends_mm)
     # Distortion divides the part of an edge in a pixel into several pieces.
     parts, of_part = np.unique(pixels[inside] * edges + pieces.edge[inside], return_inverse=True)
     seen = np.zeros(len(parts), dtype=np.bool_)
@@ -83,7 +112,7 @@ def find_mixed_pixels(
     across, down = (item[pixels] if len(item) > 1 else np.broadcast_to(item, (len(pixels), 3)) for item in rays.steps)
     # A point is on the ray at x, y of a pixel if it is a multiple of the direction + x across + y down.
     basis = np.linalg.inv(np.stack([rays.directions[pixels], across, down], axis=-1))
-    corners = viewpoint.to_camera(caster.vertices_mm)[caster.topology.edges[edge]]
+    corners = pieces.ends_mm[edge]
     _cut_in_front(corners)
     places = np.einsum("kij,kcj->kci", basis, corners)
     ends = (places[..., 1:] / places[..., :1]).reshape(-1, 4)
@@ -91,25 +120,81 @@ def find_mixed_pixels(
 
 
 def _marked(
-    caster: RayCaster, viewpoint: Viewpoint, camera: Camera, bodies: NDArray[np.int32]
+    caster: RayCaster,
+    viewpoint: Viewpoint,
+    camera: Camera,
+    bodies: NDArray[np.int32],
+    lines: SurfaceLines | None = None,
+    changes: Changes | None = None,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], _Pieces]:
     """Return the mixed pixels, those of them without an edge, and the pieces of all edges."""
     mixed = np.zeros((camera.height, camera.width), dtype=np.bool_)
     edges = _contour_edges(caster, viewpoint.position_mm)
-    relative = viewpoint.to_camera(caster.vertices_mm)
-    start, end = relative[caster.topology.edges[edges, 0]], relative[caster.topology.edges[edges, 1]]
-    inverse_depth, positions, directions, which = _cut_at_pixels(start, end, camera)
+    ends = viewpoint.to_camera(caster.vertices_mm)[caster.topology.edges[edges]]
+    faces = caster.topology.edge_faces[edges]
+    if lines is not None:
+        points = np.stack([lines.starts_mm, lines.ends_mm], axis=1)
+        ends = np.concatenate([ends, viewpoint.to_camera(points.reshape(-1, 3)).reshape(-1, 2, 3)])
+        faces = np.concatenate([faces, np.stack([lines.face, lines.face], axis=1)])
+    inverse_depth, positions, directions, which = _cut_at_pixels(ends[:, 0], ends[:, 1], camera)
     seen = np.zeros(len(positions), dtype=np.bool_)
     if len(positions):
-        hits = caster.cast(viewpoint.position_mm, viewpoint.directions_to_world(directions))
+        columns, rows = _pixels_of(positions, mixed.shape)
+        pixels, tested = rows * camera.width + columns, np.ones(len(positions), dtype=np.bool_)
+        if lines is not None:
+            # Where no pixel around shows the body, lines on it are hidden, or it is narrow: its edges cross the pixel.
+            on_line = np.flatnonzero(which >= len(edges))
+            own = lines.body[which[on_line] - len(edges)]
+            tested[on_line] = _shows_near(bodies, columns[on_line], rows[on_line], own)
+        order = np.argsort(np.where(tested, pixels, -1), kind="stable")[np.count_nonzero(~tested) :]
+        rays = viewpoint.directions_to_world(directions[order])
+        hits = caster.cast_in_pixels(viewpoint.position_mm, rays, pixels[order])
         depth = 1 / inverse_depth
-        at_edge = (hits.face[:, None] == caster.topology.edge_faces[edges[which]]).any(axis=1)
-        seen = at_edge | ~(hits.depth < depth * (1 - _HIDDEN))
+        at_edge = (hits.face[:, None] == faces[which[order]]).any(axis=1)
+        seen[order] = at_edge | ~(hits.depth < depth[order] * (1 - _HIDDEN))
+        if lines is not None and changes is not None:
+            here = np.flatnonzero(seen & (which >= len(edges)))
+            points = viewpoint.position_mm + viewpoint.directions_to_world(directions[here]) * depth[here, None]
+            changed = changes(points, which[here] - len(edges), lines)
+            # Where a line begins to be visible, its middle in the pixel may still be hidden.
+            _mark(mixed, positions[here[changed]])
+            near = _grown(mixed)
+            columns, rows = _pixels_of(positions[here], mixed.shape)
+            seen[here] = changed | near[rows, columns]
         _mark(mixed, positions[seen])
     bare = mixed.copy()
     _mark_unmarked_borders(mixed, bodies)
     np.not_equal(bare, mixed, out=bare)
-    return mixed, bare, _Pieces(positions, edges[which], seen)
+    return mixed, bare, _Pieces(positions, which, seen, ends)
+
+
+def _shows_near(
+    bodies: NDArray[np.int32], columns: NDArray[np.int64], rows: NDArray[np.int64], body: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Return whether a pixel or one of its neighbours shows a body at its centre."""
+    padded, found = np.pad(bodies, 1, constant_values=-1).ravel(), np.zeros(len(body), dtype=np.bool_)
+    width = bodies.shape[1] + 2
+    centre = (rows + 1) * width + columns + 1
+    for step in (-width - 1, -width, -width + 1, -1, 0, 1, width - 1, width, width + 1):
+        found |= padded[centre + step] == body
+    return found
+
+
+def _pixels_of(positions: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the column and the row of the pixels at image positions."""
+    columns, rows = np.rint(positions).astype(np.int64).T
+    return np.clip(columns, 0, shape[1] - 1), np.clip(rows, 0, shape[0] - 1)
+
+
+def _grown(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the marked pixels with all their neighbours."""
+    grown = pixels.copy()
+    grown[1:] |= pixels[:-1]
+    grown[:-1] |= pixels[1:]
+    wide = grown.copy()
+    wide[:, 1:] |= grown[:, :-1]
+    wide[:, :-1] |= grown[:, 1:]
+    return wide
 
 
 def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:

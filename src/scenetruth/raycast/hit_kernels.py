@@ -21,7 +21,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["footprint_forms", "mix_vertices", "refine_hits", "walk_footprints"]
+__all__ = ["MOST_STEPS", "footprint_forms", "mix_vertices", "refine_hits", "walk_footprints", "ways_out"]
 
 
 _MOST_CANDIDATES = 40  # maximum number of faces tested per ray
@@ -265,12 +265,13 @@ def _mix_vertices(
                 out[n, k] = _mixed(values[first, k], values[second, k], values[third, k], b1, b2)
 
 
-_MOST_STEPS = 512  # maximum number of steps to one sample
+MOST_STEPS = 512
+"""Maximum number of steps to one sample."""
 _LEAST_WALKED = 128  # minimum number of pixels per thread
 
 
 @numba.njit(cache=True, nogil=True)
-def _ways_out(w0: float, w1: float, w2: float) -> Any:
+def ways_out(w0: float, w1: float, w2: float) -> Any:
     """Return the number of edges that a ray is outside of, one of these edges, and their common corner if two.
 
     Edge k runs from corner k to corner k + 1; -1 stands for no edge or corner.
@@ -350,9 +351,9 @@ def _walk_footprints(
             dy = directions[pixel, 1] + (right * step_x[1] + below * step_y[1])
             dz = directions[pixel, 2] + (right * step_x[2] + below * step_y[2])
             found = False
-            for _step in range(_MOST_STEPS):
+            for _step in range(MOST_STEPS):
                 w0, w1, w2 = edge_functions(form, dx, dy, dz)
-                ways, edge, corner = _ways_out(side * w0, side * w1, side * w2)
+                ways, edge, corner = ways_out(side * w0, side * w1, side * w2)
                 if ways == 0:
                     found = True
                     break

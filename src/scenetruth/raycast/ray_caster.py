@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast.mesh_topology import Topology
+
+if TYPE_CHECKING:
+    from scenetruth.raycast.pixel_ray_kernels import PixelGrid
 
 __all__ = ["EmbreeMesh", "Hits", "RayCaster"]
 
@@ -96,6 +99,7 @@ class RayCaster:
         self._centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
         self._extent = float(np.abs(self.vertices_mm - self._centre).max())
         self._prepared: _Prepared | None = None
+        self._grid: PixelGrid | None = None
 
     @cached_property
     def face_normals(self) -> NDArray[np.float64]:
@@ -121,6 +125,21 @@ class RayCaster:
                 return hits
         return self._trace(origin, directions, grid_width)
 
+    def cast_in_pixels(
+        self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], pixels: NDArray[np.int64]
+    ) -> Hits:
+        """Compute the first hit of rays from one point anywhere in pixels of the last grid cast from there.
+
+        ``pixels``: Pixel of each ray in row-major order, ascending, shape (n,). Rays of other grids are cast as by
+          `cast`.
+        """
+        grid, origin = self._grid, np.asarray(origin_mm, dtype=np.float64)
+        if grid is None or not (grid.origin == origin).all() or not len(directions):
+            return self.cast(origin, directions)
+        from scenetruth.raycast.pixel_ray_kernels import pixel_hits
+
+        return Hits(*pixel_hits(grid, *self._prepared_for(origin, grid.frame), directions, pixels))
+
     def _raster(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
         """Compute hits of a ray grid tile by tile; None if the rays do not all point into one half space."""
         from scenetruth.raycast.raster_kernels import raster_hits, tile_bounds
@@ -134,8 +153,10 @@ class RayCaster:
 
     def _cover(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
         """Compute hits of a regular ray grid face by face; None for other grids, or if faces cover too many rays."""
+        from scenetruth.raycast.pixel_ray_kernels import PixelGrid
         from scenetruth.raycast.raster_kernels import grid_hits, grid_steps
 
+        self._grid = None
         across, down = directions[width - 1] - directions[0], directions[-width] - directions[0]
         size = float(np.linalg.norm(across) * np.linalg.norm(down))
         if not abs(across @ down) < _RECTANGULAR * size:
@@ -156,6 +177,7 @@ class RayCaster:
         columns[boxes[:, 0] > boxes[:, 1]] = 0.0
         if columns @ rows > _MOST_LAYERS * len(directions):
             return None
+        self._grid = PixelGrid(self.vertices_mm, self.topology.faces, origin.copy(), frame, grid, width, height)
         return Hits(*grid_hits(forms, boxes, grid, directions, width))
 
     def _scatter(self, origin: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits | None:

@@ -10,7 +10,21 @@ from numpy.typing import NDArray
 
 from scenetruth.threads import in_bands
 
-__all__ = ["BLOCKED", "UNSURE", "FacesInLight", "confirm_blocked", "flatten_faces", "parallel_shadows", "sort_faces"]
+__all__ = [
+    "BLOCKED",
+    "EDGES",
+    "LIT",
+    "LOWEST",
+    "PLANE",
+    "STEEP",
+    "UNSURE",
+    "FacesInLight",
+    "cell_of",
+    "confirm_blocked",
+    "flatten_faces",
+    "parallel_shadows",
+    "sort_faces",
+]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -91,7 +105,7 @@ LIT, BLOCKED, UNSURE = range(3)
 
 # Indices into the numbers of a face in light coordinates: lowest corner; coefficients of u, v and 1 for the distance
 # inside each of three edges and for the plane height h; and the gradient of h.
-_LOWEST, _EDGES, _PLANE, _STEEP = 0, 1, 10, 13
+LOWEST, EDGES, PLANE, STEEP = 0, 1, 10, 13
 NUMBERS = 16
 _STEEPEST = 1e3  # for faces steeper than this, only the heights of their corners are used
 _MOST = 24  # maximum number of faces distinguished on one ray
@@ -168,14 +182,14 @@ def _flatten_faces(
         ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
         vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        out[_LOWEST] = min(a[2], b[2], c[2])
+        out[LOWEST] = min(a[2], b[2], c[2])
         steep = np.sqrt(nx * nx + ny * ny)
         if abs(nz) * _STEEPEST <= steep or nz == 0.0:
             # Edge-on faces never block with certainty, and float32 may place them in front of all other faces.
-            out[_LOWEST] = -np.inf
-            out[_EDGES:_PLANE] = 0.0
-            out[_PLANE : _PLANE + 3] = 0.0
-            out[_STEEP] = np.inf
+            out[LOWEST] = -np.inf
+            out[EDGES:PLANE] = 0.0
+            out[PLANE : PLANE + 3] = 0.0
+            out[STEEP] = np.inf
             boxes[face, ::2], boxes[face, 1::2] = -np.inf, np.inf
             if longest > 0.0:
                 # Any ray through the strip along the longest edge may count as a hit due to rounding.
@@ -183,8 +197,8 @@ def _flatten_faces(
                 across, down = (p[1] - q[1]) / longest, (q[0] - p[0]) / longest
                 width = across * (r[0] - p[0]) + down * (r[1] - p[1])
                 there = across * p[0] + down * p[1]
-                out[_EDGES], out[_EDGES + 1], out[_EDGES + 2] = across, down, -there - min(width, 0.0)
-                for at in (_EDGES + 3, _EDGES + 6):
+                out[EDGES], out[EDGES + 1], out[EDGES + 2] = across, down, -there - min(width, 0.0)
+                for at in (EDGES + 3, EDGES + 6):
                     out[at], out[at + 1], out[at + 2] = -across, -down, there + max(width, 0.0)
             continue
         # All edges moved outwards by the tolerance give a triangle that is larger, as seen from the incentre, by that
@@ -197,16 +211,16 @@ def _flatten_faces(
             p, q = place[k], place[(k + 1) % 3]
             ex, ey = q[0] - p[0], q[1] - p[1]
             length = side * np.sqrt(ex * ex + ey * ey)
-            at = _EDGES + 3 * k
+            at = EDGES + 3 * k
             out[at], out[at + 1] = -ey / length, ex / length
             out[at + 2] = -(out[at] * p[0] + out[at + 1] * p[1])
-        out[_PLANE], out[_PLANE + 1] = -nx / nz, -ny / nz
-        out[_PLANE + 2] = a[2] - out[_PLANE] * a[0] - out[_PLANE + 1] * a[1]
-        out[_STEEP] = steep / abs(nz)
+        out[PLANE], out[PLANE + 1] = -nx / nz, -ny / nz
+        out[PLANE + 2] = a[2] - out[PLANE] * a[0] - out[PLANE + 1] * a[1]
+        out[STEEP] = steep / abs(nz)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def _cell(value: float, low: float, per_cell: float, last: int) -> Any:
+def cell_of(value: float, low: float, per_cell: float, last: int) -> Any:
     """Return the cell of a coordinate, from 0 to ``last``, monotonic in the coordinate."""
     return int(min(max((value - low) * per_cell, 0.0), last + 0.0))
 
@@ -214,7 +228,7 @@ def _cell(value: float, low: float, per_cell: float, last: int) -> Any:
 @numba.njit(cache=True, nogil=True)
 def _touches(numbers: NDArray[np.float64], face: int, u: float, v: float, edge: float, tolerance: float) -> Any:
     """Return whether a face may touch the cell with lowest corner (u, v)."""
-    for first in range(_EDGES, _PLANE, 3):
+    for first in range(EDGES, PLANE, 3):
         across, down = numbers[face, first], numbers[face, first + 1]
         highest = across * u + down * v + numbers[face, first + 2] + edge * (max(across, 0.0) + max(down, 0.0))
         if highest < -tolerance:
@@ -232,7 +246,7 @@ def sort_faces(
     tolerance: float,
 ) -> Any:
     """Sort faces into cells, each beginning with the face nearest to the lamp."""
-    order = np.argsort(numbers[:, _LOWEST], kind="stable")
+    order = np.argsort(numbers[:, LOWEST], kind="stable")
     return _sort_into_cells(order, numbers, boxes, low, per_cell, columns, rows, tolerance)
 
 
@@ -254,10 +268,10 @@ def _sort_into_cells(
     # The first pass counts, the second fills.
     for fill in (False, True):
         for face in order:
-            left = _cell(boxes[face, 0], low[0], per_cell, columns - 1)
-            right = _cell(boxes[face, 1], low[0], per_cell, columns - 1)
-            top = _cell(boxes[face, 2], low[1], per_cell, rows - 1)
-            bottom = _cell(boxes[face, 3], low[1], per_cell, rows - 1)
+            left = cell_of(boxes[face, 0], low[0], per_cell, columns - 1)
+            right = cell_of(boxes[face, 1], low[0], per_cell, columns - 1)
+            top = cell_of(boxes[face, 2], low[1], per_cell, rows - 1)
+            bottom = cell_of(boxes[face, 3], low[1], per_cell, rows - 1)
             number = (right - left + 1) * (bottom - top + 1)
             if number > LARGE:
                 if not fill:
@@ -288,19 +302,19 @@ def _sort_into_cells(
 def _inside(numbers: NDArray[np.float64], face: int, u: float, v: float) -> Any:
     """Return the distance of a ray inside the edges of a face, negative outside; for edge-on faces, in their strip."""
     return min(
-        numbers[face, _EDGES] * u + numbers[face, _EDGES + 1] * v + numbers[face, _EDGES + 2],
-        numbers[face, _EDGES + 3] * u + numbers[face, _EDGES + 4] * v + numbers[face, _EDGES + 5],
-        numbers[face, _EDGES + 6] * u + numbers[face, _EDGES + 7] * v + numbers[face, _EDGES + 8],
+        numbers[face, EDGES] * u + numbers[face, EDGES + 1] * v + numbers[face, EDGES + 2],
+        numbers[face, EDGES + 3] * u + numbers[face, EDGES + 4] * v + numbers[face, EDGES + 5],
+        numbers[face, EDGES + 6] * u + numbers[face, EDGES + 7] * v + numbers[face, EDGES + 8],
     )
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _lowest(numbers: NDArray[np.float64], face: int, u: float, v: float, tolerance: float) -> Any:
     """Return the lowest possible height of a face at a ray within the tolerances of both."""
-    lowest = numbers[face, _LOWEST] - tolerance
-    if numbers[face, _STEEP] < np.inf:
-        height = numbers[face, _PLANE] * u + numbers[face, _PLANE + 1] * v + numbers[face, _PLANE + 2]
-        lowest = max(lowest, height - tolerance * (1.0 + numbers[face, _STEEP]))
+    lowest = numbers[face, LOWEST] - tolerance
+    if numbers[face, STEEP] < np.inf:
+        height = numbers[face, PLANE] * u + numbers[face, PLANE + 1] * v + numbers[face, PLANE + 2]
+        lowest = max(lowest, height - tolerance * (1.0 + numbers[face, STEEP]))
     return lowest
 
 
@@ -314,8 +328,8 @@ def _decide(
     for k in range(used):
         face = touched[k]
         if met[k] and _inside(numbers, face, u, v) >= tolerance:
-            height = numbers[face, _PLANE] * u + numbers[face, _PLANE + 1] * v + numbers[face, _PLANE + 2]
-            certain = min(certain, height + tolerance * (1.0 + numbers[face, _STEEP]))
+            height = numbers[face, PLANE] * u + numbers[face, PLANE + 1] * v + numbers[face, PLANE + 2]
+            certain = min(certain, height + tolerance * (1.0 + numbers[face, STEEP]))
     # Faces behind the point were not evaluated.
     if not certain < height_of_point:
         return UNSURE
@@ -353,6 +367,7 @@ def parallel_shadows(
 
     ``points``: The points in mm, shape (n, 3).
     ``own``: Face of each point, shape (n,).
+    ``neighbours``: As in `confirm_blocked`; empty if hits need no confirmation: then no point is `UNSURE`.
     ``wanted``: Points to evaluate, shape (n,).
     ``to_light``: Unit vector towards the light, shape (3,).
     ``reach``: Length of the rays in mm.
@@ -376,13 +391,14 @@ def _parallel_shadows(
     columns, rows, starts, listed, large = light.columns, light.rows, light.starts, light.listed, light.large
     start = np.empty(3)
     touched, met = np.empty(_MOST, dtype=np.int32), np.empty(_MOST, dtype=np.bool_)
+    confirmed, apart = neighbours.shape[0] > 0, np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2) * (1.0 - farthest)
     for n in range(low, high):
         if not wanted[n]:
             continue
         u = points[n, 0] * frame[0, 0] + points[n, 1] * frame[0, 1] + points[n, 2] * frame[0, 2]
         v = points[n, 0] * frame[1, 0] + points[n, 1] * frame[1, 1] + points[n, 2] * frame[1, 2]
         h = points[n, 0] * frame[2, 0] + points[n, 1] * frame[2, 1] + points[n, 2] * frame[2, 2]
-        cell = _cell(v, low_v, per_cell, rows - 1) * columns + _cell(u, low_u, per_cell, columns - 1)
+        cell = cell_of(v, low_v, per_cell, rows - 1) * columns + cell_of(u, low_u, per_cell, columns - 1)
         first = starts[cell]
         entries = starts[cell + 1] - first
         # Same operations as for the rays passed to Embree.
@@ -393,9 +409,16 @@ def _parallel_shadows(
         while entry + 1 < entries + large.shape[0]:
             entry += 1
             face = listed[first + entry] if entry < entries else large[entry - entries]
-            if numbers[face, _LOWEST] - tolerance > h:
+            if numbers[face, LOWEST] - tolerance > h:
                 # All following faces are behind the point too.
                 entry = max(entry, entries - 1)
+                continue
+            if not confirmed:
+                height = numbers[face, PLANE] * u + numbers[face, PLANE + 1] * v + numbers[face, PLANE + 2]
+                nearer = height < h - apart and numbers[face, STEEP] < np.inf and face != own[n]
+                if nearer and _inside(numbers, face, u, v) >= 0.0:
+                    out[n] = BLOCKED
+                    break
                 continue
             if not _inside(numbers, face, u, v) >= -tolerance or _lowest(numbers, face, u, v, tolerance) > h:
                 continue

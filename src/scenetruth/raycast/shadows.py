@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,11 +13,32 @@ from numpy.typing import NDArray
 from scenetruth.raycast.mesh_topology import Topology
 from scenetruth.raycast.ray_caster import EmbreeMesh
 
-__all__ = ["ShadowCaster"]
+__all__ = ["FaceShadows", "ShadowCaster"]
 
 _TOUCH = 1e-9  # faces closer to the point than this fraction of the ray length cast no shadow (float64 rounding)
 _ROUNDINGS = 16  # error of Embree's float32 hits in units of the rounding of the coordinates
 _CELLS_PER_FACE, _MOST_CELLS = 2, 1 << 22  # number of cells for parallel light per face, and in total
+_APART = 1e-9  # distance, as a fraction of the mesh diagonal, below which faces touch
+
+_ASIDE = 1e-6  # distance from the border of a shadow at which it is tested, as a fraction of the mesh diagonal
+
+
+@dataclass(frozen=True, eq=False)
+class FaceShadows:
+    """Shadow of a mesh on its own faces under parallel light.
+
+    ``state``: State of each face, shape (m,), uint8: `LIT` or `BLOCKED` everywhere, or `UNSURE` if the border of a
+      shadow may cross it. The light is taken to shine on the face.
+    ``starts_mm``, ``ends_mm``: Ends of straight lines on the faces that contain all these borders, shape (k, 3) each.
+    ``face``: Face of each line, shape (k,).
+    ``meeting``: Faces that intersect others, shape (m,).
+    """
+
+    state: NDArray[np.uint8]
+    starts_mm: NDArray[np.float64]
+    ends_mm: NDArray[np.float64]
+    face: NDArray[np.int32]
+    meeting: NDArray[np.bool_]
 
 
 class ShadowCaster:
@@ -28,6 +51,7 @@ class ShadowCaster:
         # Rays are limited to the mesh diagonal, because longer rays are less precise.
         self._longest = 1.01 * float(np.linalg.norm(self.vertices_mm.max(axis=0) - self.vertices_mm.min(axis=0)))
         self._in_light: dict[bytes, Any] = {}
+        self._on_faces: dict[bytes, FaceShadows] = {}
 
     @cached_property
     def _embree(self) -> EmbreeMesh:
@@ -39,14 +63,19 @@ class ShadowCaster:
         faces: NDArray[np.int32],
         wanted: NDArray[np.bool_],
         to_light: NDArray[np.float64],
+        *,
+        confirmed: bool = True,
     ) -> NDArray[np.bool_]:
-        """Return which wanted points parallel light does not reach; bit-identical to `blocked`, but faster."""
-        from scenetruth.raycast.shadow_kernels import BLOCKED, UNSURE, parallel_shadows
+        """Return which wanted points parallel light does not reach; bit-identical to `blocked`, but faster.
+
+        ``confirmed``: Whether hits in float64 count only if the float32 candidates of Embree agree, as in `blocked`.
+        """
+        from scenetruth.raycast.shadow_kernels import BLOCKED, LIT, UNSURE, parallel_shadows
 
         state = parallel_shadows(
             self.vertices_mm,
             self.topology.faces,
-            self.topology.face_neighbours,
+            self.topology.face_neighbours[: None if confirmed else 0],
             self._faces_in_light(to_light),
             np.ascontiguousarray(points_mm),
             faces,
@@ -55,6 +84,8 @@ class ShadowCaster:
             self._longest,
             1 - _TOUCH,
         )
+        if not confirmed:
+            return np.asarray(state != LIT)
         shaded: NDArray[np.bool_] = state == BLOCKED
         # Cases that depend on float32 rounding are resolved by Embree for identical results.
         unsure = np.flatnonzero(state == UNSURE)
@@ -62,6 +93,85 @@ class ShadowCaster:
             many = np.broadcast_to(to_light, (len(unsure), 3))
             shaded[unsure] = self.blocked(points_mm[unsure], faces[unsure], many, np.full(len(unsure), np.inf))
         return shaded
+
+    def on_faces(self, to_light: NDArray[np.float64]) -> FaceShadows:
+        """Return the shadows of parallel light on all faces, cached for the lights of this time.
+
+        Within a face, a shadow begins or ends only under the contour of the mesh, seen from the lamp, and where another
+        face intersects it. Faces without such a line are entirely in the light or in shadow, as their centre is.
+        """
+        key = to_light.tobytes()
+        if key not in self._on_faces:
+            self._on_faces[key] = self._find_shadows(to_light)
+        return self._on_faces[key]
+
+    def _find_shadows(self, to_light: NDArray[np.float64]) -> FaceShadows:
+        from scenetruth.raycast.shadow_border_kernels import cast_edges, cross_faces
+        from scenetruth.raycast.shadow_kernels import PLANE, STEEP, UNSURE
+
+        light, topology, apart = self._faces_in_light(to_light), self.topology, _APART * self._longest
+        places = self.vertices_mm @ light.frame.T
+        corners = places[topology.faces]
+        lowest, highest = corners.min(axis=1), corners.max(axis=1)
+        contour = self._contour(corners)
+        ends, edge_faces = places[topology.edges[contour]], topology.edge_faces[contour]
+        under, spans = _found(
+            lambda pairs, spans: cast_edges(ends, edge_faces, light, apart, pairs, spans), 8 * len(ends) + 64, (2,)
+        )
+        # A long edge meets a face in several cells.
+        _, first = np.unique(under[:, 0] * len(corners) + under[:, 1], return_index=True)
+        under, spans = under[first], spans[first]
+        start, step = ends[under[:, 0], 0][:, None], (ends[under[:, 0], 1] - ends[under[:, 0], 0])[:, None]
+        lines = start + spans[:, :, None] * step
+        numbers = light.numbers[under[:, 1], None, PLANE : PLANE + 3]
+        lines[..., 2] = (numbers[..., :2] * lines[..., :2]).sum(axis=-1) + numbers[..., 2]
+        boxes = np.stack([lowest, highest], axis=-1).reshape(-1, 6)
+        meeting, common = _found(
+            lambda pairs, lines: cross_faces(places, topology.faces, boxes, light, apart, pairs, lines), 4096, (2, 3)
+        )
+        _, first = np.unique(meeting[:, 0] * len(corners) + meeting[:, 1], return_index=True)
+        meeting, common = meeting[first], common[first]
+        lines = np.concatenate([lines, common, common]) @ light.frame
+        face = np.concatenate([under[:, 1], meeting[:, 0], meeting[:, 1]]).astype(np.int32)
+        joined = np.zeros(len(corners), dtype=np.bool_)
+        joined[meeting] = True
+        unsure = ~np.isfinite(light.numbers[:, STEEP])
+        unsure[face] = True
+        centres, every = self.vertices_mm[topology.faces].mean(axis=1), np.arange(len(corners), dtype=np.int32)
+        state = self.blocked_parallel(centres, every, ~unsure, to_light, confirmed=False).astype(np.uint8)
+        state[unsure] = UNSURE
+        return FaceShadows(state, lines[:, 0], lines[:, 1], face, joined)
+
+    def changes_across(
+        self,
+        points_mm: NDArray[np.float64],
+        along: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        normals: NDArray[np.float64],
+        to_light: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:
+        """Return whether a shadow begins at points on lines.
+
+        ``along``: Directions of the lines, shape (n, 3).
+        ``faces``, ``normals``: Faces of the points with their unit normals.
+        """
+        across = np.cross(normals, along)
+        across *= _ASIDE * self._longest / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        every = np.ones(len(faces), dtype=np.bool_)
+        one, other = (
+            self.blocked_parallel(points_mm + sign * across, faces, every, to_light, confirmed=False)
+            for sign in (-1, 1)
+        )
+        return one != other
+
+    def _contour(self, corners: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the edges of the contour seen along the third axis, for corners of the faces, shape (m, 3, 3)."""
+        topology = self.topology
+        one, two = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
+        front = one[:, 0] * two[:, 1] > one[:, 1] * two[:, 0]
+        pair = topology.edge_faces
+        turned = (front[pair[:, 0]] != front[pair[:, 1]]) != topology.edge_flipped
+        return np.flatnonzero(turned | topology.edge_crowded | (pair[:, 1] < 0))
 
     def _faces_in_light(self, to_light: NDArray[np.float64]) -> Any:
         """Return the faces in light coordinates, cached for the lights of this time."""
@@ -121,3 +231,15 @@ class ShadowCaster:
             1 - _TOUCH,
         )
         return shaded
+
+
+def _found(
+    search: Callable[[NDArray[np.int64], NDArray[np.float64]], int], space: int, shape: tuple[int, ...]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the pairs and values that a kernel finds, with as much space as it needs."""
+    while True:
+        pairs, values = np.empty((space, 2), dtype=np.int64), np.empty((space, *shape))
+        used = search(pairs, values)
+        if used <= space:
+            return pairs[:used], values[:used]
+        space = used

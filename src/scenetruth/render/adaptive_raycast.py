@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,9 +23,12 @@ from scenetruth.render.sampling_rules import (
     square_rule,
 )
 from scenetruth.render.shading import PixelLight
-from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.built_scene import BuiltScene, SceneBody
 from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture import Picture, SurfaceTexture
+
+if TYPE_CHECKING:
+    from scenetruth.render.footprint_kernels import Raster
 
 __all__ = ["AdaptiveRenderer"]
 
@@ -32,6 +36,7 @@ _ORDER = 4  # order of the rules across the borders of shadows
 _LATTICES = (67, 257, 1021)  # samples of the lattices for textures with steps
 _CROWDED = 521  # samples of the lattice for mixed pixels that are not cut along their edges
 _FINE = 1 + len(GAUSS_ORDERS)  # index of the first lattice among the rules; the first rule is the filter
+_PIXELS_PER_LARGE_FACE = 100  # pixels per face of a body from which most of them lie inside a face
 _PIXELS_PER_PIECE, _SAMPLES_PER_PIECE = 1 << 16, 1 << 19
 _SAME_DIRECTION = 1 - 1e-12  # cosine above which flat faces are lit equally
 # A bilinear texture is bent at its texels. Its slope per pixel is at most its range in the pixel times its step in
@@ -44,6 +49,33 @@ _BLOCK = 8  # texels along a side of the blocks whose range is kept
 def _rules() -> list[Rule]:
     """Return the rules from the first Gauss rule on."""
     return [square_rule(*gauss_rule(order)) for order in GAUSS_ORDERS] + [lattice_rule(size) for size in _LATTICES]
+
+
+@lru_cache(maxsize=1)
+def _rule_table() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return first sample and number of samples of every rule, from an empty one, and all offsets and weights."""
+    count = np.array([0, *(len(weights) for _, weights in _rules())])
+    ordered = []
+    for offsets, weights in _rules():
+        # Rows of samples in turn to the right and to the left, so that walks seldom change faces.
+        row = np.floor((offsets[:, 1] + 0.5) * np.sqrt(len(weights))).astype(np.int64)
+        order = np.lexsort((np.where(row % 2, -offsets[:, 0], offsets[:, 0]), row))
+        ordered.append((offsets[order], weights[order]))
+    offsets, weights = (np.concatenate(part) for part in zip(*ordered, strict=True))
+    return np.cumsum(count) - count, count, offsets, weights
+
+
+def _raster_of(texture: SurfaceTexture) -> Raster | None:
+    """Return the raster of a texture whose radiance is its interpolation, else None."""
+    from scenetruth.render.footprint_kernels import Raster
+
+    if isinstance(texture, Picture):
+        return Raster(texture.values, False, texture.tiled, 1.0, 0.0)
+    coefficients = getattr(texture, "coefficients", None)
+    if coefficients is None:
+        return None
+    gain, mean = getattr(texture, "std", 1.0), getattr(texture, "mean", 0.0)
+    return Raster(coefficients, True, True, float(gain), float(mean))
 
 
 _ranges: WeakKeyDictionary[SurfaceTexture, tuple[NDArray[np.float32], NDArray[np.float32]]] = WeakKeyDictionary()
@@ -95,14 +127,17 @@ class _Canvas:
     ``image``: Radiance. ``albedo``: Mean radiance without light, or that of the pixel centre.
     ``lit``: Averaged pixels whose radiance is in ``image`` already; of the others, ``albedo`` is the mean.
     ``light``: Illumination at the pixel centres, None without light.
-    ``face_light``: Irradiance of each face by each lamp if it depends on nothing else, see `Shader.face_light`.
+    ``by_lamp``: Irradiance of each face by each lamp, see `FaceLight`; None if it depends on more.
+    ``shade``, ``blocked``: Irradiance and blocked lamps at the pixel centres, if ``by_lamp`` is given.
     """
 
     image: NDArray[np.float32]
     albedo: NDArray[np.float32]
     lit: NDArray[np.bool_]
     light: PixelLight | None
-    face_light: NDArray[np.float64] | None
+    by_lamp: NDArray[np.float64] | None
+    shade: NDArray[np.float64]
+    blocked: NDArray[np.uint64]
     samples: list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]
     """Samples to be traced together: pixels; number of samples of each; offsets; and weights of all samples."""
     large: list[tuple[NDArray[np.int64], Rule]]
@@ -110,6 +145,8 @@ class _Canvas:
 
     def trace_later(self, pixels: NDArray[np.int64], rule: Rule) -> None:
         """Add the samples of a rule in pixels."""
+        if not len(pixels):
+            return
         offsets, weights = rule
         self.lit[pixels] = True
         if len(pixels) * len(weights) > _SAMPLES_PER_PIECE:
@@ -127,8 +164,12 @@ class AdaptiveRenderer(RaycastRenderer):
     Pixels crossed by edges are cut along them. For bilinear textures, which may have steps, the rule follows from the
     range of the texture in each pixel, and pixels with steps get a lattice of samples.
 
+    Flat faces in parallel light are in the light or in shadow as a whole, or are cut along the borders of shadows.
+
     ``image_error``: RMS error of the radiance by which the rules are chosen.
     """
+
+    _confirmed = False
 
     def __init__(
         self,
@@ -158,41 +199,75 @@ class AdaptiveRenderer(RaycastRenderer):
         )
         hits = caster.cast(origin, directions, grid_width=camera.width)
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
-        edges = find_mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
-        light = None
+        faces = None if self._shader is None else self._shader.face_light(caster, t, origin)
+        decided = faces is not None and faces.decided
+        lines = faces.borders if faces is not None and decided else None
+        changes = None if self._shader is None else self._shader.changes(caster, t)
+        edges = find_mixed_pixels(caster, viewpoint, camera, body.reshape(shape), lines, changes)
+        light, shade, blocked = None, np.empty(0), np.empty(0, dtype=np.uint64)
         if self._shader is not None:
-            light = self._shader.on_pixels(caster, t, origin, directions, hits, edges.mixed)
+            if faces is not None and decided:
+                shade, blocked, steps = self._shader.pixels_on_faces(
+                    caster, t, origin, directions, hits, body, edges.mixed, faces
+                )
+                # Faces between which a shadow begins.
+                edges.mixed[steps], edges.bare[steps] = True, True
+            else:
+                light = self._shader.on_pixels(caster, t, origin, directions, hits, edges.mixed)
+                shade, blocked = light.shade, light.blocked
         uv = visible_uv(world, caster.vertices_mm, origin)
         mesh = TexturedMesh(caster.vertices_mm, world.faces, caster.topology.face_neighbours, world.face_body, uv)
         rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
-        view = RayView(caster, t, mesh, rays, body)
+        view = RayView(caster, t, mesh, rays, body, faces if decided else None)
 
         place = hits.interpolate_corners(uv)
         albedo = np.full(len(body), self._background, dtype=np.float32)
-        for index, item in enumerate(world.bodies):
-            chosen = np.flatnonzero(body == index)
-            for first in range(0, len(chosen), _PIXELS_PER_PIECE):
-                piece = chosen[first : first + _PIXELS_PER_PIECE]
-                albedo[piece] = item.texture.radiance(place[piece])
         rules, steps = choose_rules(
             place.reshape(*shape, 2), body.reshape(shape), edges.mixed, self._texels, self._longest
         )
         self._choose_for_bends(rules.ravel(), steps.ravel(), place, body)
+        # Only these pixels are filtered.
+        self._look_up(body, np.flatnonzero(rules == 0), place, albedo)
         # Large images: arrays of float64 are freed as soon as possible.
         del place, steps, hits
-        usable, samples, face_light = rules == 0, albedo, None
-        if light is not None:
-            usable &= ~(light.uneven | self._kinks(view).reshape(shape))
-            samples = albedo * light.shade.ravel().astype(np.float32)
-            face_light = None if self._shader is None else self._shader.face_light(caster, t, origin)
+        usable, samples = rules == 0, albedo
+        if self._shader is not None:
+            usable &= ~self._kinks(view).reshape(shape)
+            if light is not None:
+                usable &= ~light.uneven
+            samples = albedo * shade.ravel().astype(np.float32)
+            if light is not None and light.gloss is not None:
+                samples += light.gloss.ravel().astype(np.float32)
         means, done = filter_samples(samples.reshape(shape), usable, body.reshape(shape), FILTER_TAPS)
         image = means.ravel()
         left = np.flatnonzero((body >= 0) & ~(done | edges.mixed).ravel())
-        canvas = _Canvas(image, albedo, np.zeros(len(body), dtype=np.bool_), light, face_light, [], [])
+        by_lamp = None if faces is None else faces.by_lamp
+        canvas = _Canvas(
+            image, albedo, np.zeros(len(body), dtype=np.bool_), light, by_lamp, shade.ravel(), blocked.ravel(), [], []
+        )
         self._average(view, canvas, left, rules, edges.mixed)
         self._cut(view, canvas, edges, rules)
         self._trace_samples(view, canvas)
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
+
+    def _look_up(
+        self, body: NDArray[np.int32], where: NDArray[np.int64], uv: NDArray[np.float64], out: NDArray[np.float32]
+    ) -> None:
+        """Write the radiance without light at texture coordinates, for the indices ``where`` on the bodies there."""
+        from scenetruth.render.footprint_kernels import sample_raster
+
+        own_body = body[where]
+        order = np.argsort(own_body.astype(np.uint8) if len(self._world.bodies) < 256 else own_body, kind="stable")
+        bounds = np.searchsorted(own_body[order], np.arange(len(self._world.bodies) + 1))
+        for index, item in enumerate(self._world.bodies):
+            own = where[order[bounds[index] : bounds[index + 1]]]
+            if not len(own):
+                continue
+            raster = _raster_of(item.texture)
+            if raster is not None:
+                sample_raster(raster, uv, own, out)
+            else:
+                out[own] = item.texture.radiance(uv[own])
 
     def _choose_for_bends(
         self, rules: NDArray[np.uint8], steps: NDArray[np.float32], place: NDArray[np.float64], body: NDArray[np.int32]
@@ -262,12 +337,22 @@ class AdaptiveRenderer(RaycastRenderer):
                     arrived, image[piece] = self._walk(view, piece, *rule)
                     canvas.trace_later(piece[~arrived], rule)
             pixels = pixels[~uneven]
-        chosen = rules.ravel()[pixels]
-        for number, rule in enumerate(_rules(), start=1):
-            # The rule at pixel centres is for pixels that can be filtered; the first Gauss rule replaces it.
-            some = pixels[np.maximum(chosen, 1) == number]
-            if len(some):
-                self._average_by(rule, view, canvas, some)
+        # The rule at pixel centres is for pixels that can be filtered; the first Gauss rule replaces it.
+        chosen, body = np.maximum(rules.ravel()[pixels], 1), view.body[pixels]
+        canvas.lit[pixels] = False
+        for index, item in enumerate(self._world.bodies):
+            own = body == index
+            if not own.any():
+                continue
+            raster = _raster_of(item.texture)
+            faceted = self._shader is not None and not item.mesh.smooth
+            if raster is not None and not (faceted and canvas.by_lamp is None):
+                self._average_body(raster, item, view, canvas, pixels[own], chosen[own], faceted=faceted)
+                continue
+            for number, rule in enumerate(_rules(), start=1):
+                some = pixels[own & (chosen == number)]
+                if len(some):
+                    self._average_by(rule, view, canvas, some, index)
         some = pixels[~canvas.lit[pixels]]
         if light is None:
             image[some] = canvas.albedo[some]
@@ -275,46 +360,75 @@ class AdaptiveRenderer(RaycastRenderer):
             # All Gauss rules have the variance of the pixel.
             image[some] = light.on(canvas.albedo.reshape(shape), mixed, 1 / 12).ravel()[some]
 
-    def _average_by(self, rule: Rule, view: RayView, canvas: _Canvas, pixels: NDArray[np.int64]) -> None:
-        """Average pixels by a rule: the albedo, or the image where it is marked as lit."""
-        from scenetruth.raycast.hit_kernels import footprint_forms, walk_footprints
+    def _average_body(
+        self,
+        raster: Raster,
+        item: SceneBody,
+        view: RayView,
+        canvas: _Canvas,
+        pixels: NDArray[np.int64],
+        chosen: NDArray[np.uint8],
+        *,
+        faceted: bool,
+    ) -> None:
+        """Average pixels of one body by the rule of each: the image on lit facets, elsewhere the albedo."""
+        from scenetruth.raycast.hit_kernels import footprint_forms
+        from scenetruth.render.footprint_kernels import Footprints, LampLight, average_footprints
+
+        if len(pixels) > _PIXELS_PER_LARGE_FACE * len(item.mesh.faces):
+            # Most pixels are inside large faces: without walks.
+            for number, (offsets, weights) in enumerate(_rules(), start=1):
+                own = np.flatnonzero(chosen == number)
+                at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(weights)))
+                for start in range(0, len(own), at_once):
+                    piece = own[start : start + at_once]
+                    forms, whole = footprint_forms(view.mesh, view.rays, pixels[piece], float(np.abs(offsets).max()))
+                    inside = pixels[piece[whole]]
+                    canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], offsets, weights)
+                    if faceted:
+                        canvas.image[inside], canvas.lit[inside] = canvas.albedo[inside] * canvas.shade[inside], True
+                    chosen[piece[whole]] = 0
+            pixels, chosen = pixels[chosen > 0], chosen[chosen > 0]
+        first, count, offsets, weights = _rule_table()
+        light = LampLight(np.empty((0, 0)), np.empty(0, dtype=np.uint64), 0.0)
+        if faceted and canvas.by_lamp is not None:
+            light = LampLight(canvas.by_lamp, canvas.blocked[pixels], float(self._lighting.ambient or 0.0))
+        meeting = np.empty(0, dtype=np.bool_) if view.face_light is None else view.face_light.meeting
+        footprints = Footprints(pixels, first[chosen], count[chosen], offsets, weights, meeting)
+        arrived, means = average_footprints(view.mesh, view.rays, footprints, raster, light)
+        (canvas.image if faceted else canvas.albedo)[pixels] = means
+        canvas.lit[pixels] = faceted
+        for number, rule in enumerate(_rules(), start=1):
+            lost = pixels[~arrived & (chosen == number)]
+            if len(lost):
+                canvas.trace_later(lost, rule)
+
+    def _average_by(self, rule: Rule, view: RayView, canvas: _Canvas, pixels: NDArray[np.int64], index: int) -> None:
+        """Average pixels of one body by a rule, as `_average_body`, with any texture and light."""
+        from scenetruth.raycast.hit_kernels import walk_footprints
         from scenetruth.render.shading_kernels import lit_means
 
         offsets, weights = rule
-        reach = float(np.abs(offsets).max())
         at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(weights)))
-        body = view.body[pixels]
-        canvas.lit[pixels] = False
-        for index, item in enumerate(self._world.bodies):
-            own = pixels[body == index]
-            faceted = canvas.light is not None and not item.mesh.smooth
-            for first in range(0, len(own), at_once):
-                piece = own[first : first + at_once]
-                forms, whole = footprint_forms(view.mesh, view.rays, piece, reach)
-                inside = piece[whole]
-                canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], offsets, weights)
-                if faceted and canvas.face_light is not None and canvas.light is not None:
-                    canvas.image[inside] = canvas.albedo[inside] * canvas.light.shade.ravel()[inside]
-                    canvas.lit[inside] = True
-                piece = piece[~whole]
-                if faceted and canvas.face_light is None:
-                    arrived, canvas.image[piece] = self._walk(view, piece, *rule)
-                    canvas.lit[piece] = True
-                    canvas.trace_later(piece[~arrived], rule)
-                    continue
-                arrived, face, _depth, _weights, uv = walk_footprints(
-                    view.mesh, view.rays, piece, offsets, places=False
-                )
-                if not arrived.all():
-                    canvas.trace_later(piece[~arrived], rule)
-                    piece, face, uv = piece[arrived], face[arrived], uv[arrived]
-                radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(face.shape)
-                if faceted and canvas.face_light is not None and canvas.light is not None:
-                    blocked, ambient = canvas.light.blocked.ravel()[piece], self._lighting.ambient or 0.0
-                    canvas.image[piece] = lit_means(radiance, face, canvas.face_light, blocked, ambient, weights)
-                    canvas.lit[piece] = True
-                else:
-                    canvas.albedo[piece] = np.einsum("ps,s->p", radiance, weights)
+        item = self._world.bodies[index]
+        faceted = self._shader is not None and not item.mesh.smooth
+        for start in range(0, len(pixels), at_once):
+            piece = pixels[start : start + at_once]
+            if faceted and canvas.by_lamp is None:
+                arrived, canvas.image[piece] = self._walk(view, piece, *rule)
+                canvas.lit[piece] = True
+                canvas.trace_later(piece[~arrived], rule)
+                continue
+            arrived, face, _depth, _weights, uv = walk_footprints(view.mesh, view.rays, piece, offsets, places=False)
+            canvas.trace_later(piece[~arrived], rule)
+            piece, face, uv = piece[arrived], face[arrived], uv[arrived]
+            radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(face.shape)
+            if faceted and canvas.by_lamp is not None:
+                blocked, ambient = canvas.blocked[piece], self._lighting.ambient or 0.0
+                canvas.image[piece] = lit_means(radiance, face, canvas.by_lamp, blocked, ambient, weights)
+                canvas.lit[piece] = True
+            else:
+                canvas.albedo[piece] = np.einsum("ps,s->p", radiance, weights)
 
     def _cut(self, view: RayView, canvas: _Canvas, edges: MixedPixels, rules: NDArray[np.uint8]) -> None:
         """Place samples in mixed pixels, cut along their edges."""
@@ -347,7 +461,12 @@ class AdaptiveRenderer(RaycastRenderer):
                 piece = pixels[first : first + at_once]
                 canvas.image[piece] = self._trace(view, piece, offsets, weights)
         pixels, counts, offsets, weights = (np.concatenate(part) for part in zip(*canvas.samples, strict=True))
+        # In the order of the pixels.
+        order, starts = np.argsort(pixels, kind="stable"), np.cumsum(counts) - counts
+        pixels, counts = pixels[order], counts[order]
         ends = np.cumsum(counts)
+        number = np.repeat(starts[order] - (ends - counts), counts) + np.arange(len(weights))
+        offsets, weights = offsets[number], weights[number]
         first = 0
         while first < len(pixels):
             start = ends[first] - counts[first]
@@ -407,4 +526,11 @@ class AdaptiveRenderer(RaycastRenderer):
         """Return the radiance of samples, with the pixel and the offset of each, by tracing."""
         across, down = (item[pixels] if len(item) > 1 else item for item in (view.rays.across, view.rays.down))
         directions = view.rays.directions[pixels] + (offsets[:, :1] * across + offsets[:, 1:] * down)
-        return self._traced(view, directions)
+        hits = view.caster.cast_in_pixels(view.rays.origin, directions, pixels)
+        uv, body = hits.interpolate_corners(view.mesh.uv), self._world.face_body[hits.face]
+        radiance = np.full(len(directions), self._background, dtype=np.float32)
+        self._look_up(body, np.flatnonzero(hits.face >= 0), uv, radiance)
+        if self._shader is not None:
+            rays = (view.rays.origin, directions)
+            return self._shader.on_hits(radiance, view.caster, view.t, *rays, hits, view.face_light)
+        return radiance

@@ -17,10 +17,15 @@ __all__ = ["BackendChoice", "choose_renderer"]
 
 @dataclass(frozen=True)
 class BackendChoice:
-    """Renderer with the reason why it replaces the first choice (empty if it does not)."""
+    """Renderer with the reason why it replaces the first choice (empty if it does not).
+
+    ``another``: Function that opens a further renderer of the same images, for another thread; None if all images must
+      be rendered in one thread.
+    """
 
     renderer: Renderer
     fallback_reason: str = ""
+    another: Callable[[], Renderer] | None = None
 
 
 Wrap = Callable[[Renderer, Camera], Renderer]
@@ -39,16 +44,14 @@ def choose_renderer(scene: Scene, world: BuiltScene, wrap: Wrap | None = None) -
     if settings.backend != "raycast":
         curved = scene.needs_rays
         if curved and settings.backend == "auto":
-            return BackendChoice(
-                _raycast(scene, world, wrap), f"OpenGL cannot render {curved}; rendered by ray casting instead"
-            )
+            return _raycast(scene, world, wrap, f"OpenGL cannot render {curved}; rendered by ray casting instead")
         try:
             return _pyrender(scene, world, wrap)
         except BackendUnavailableError as error:
             if settings.backend == "pyrender":
                 raise
             reason = f"{error}; rendered by ray casting instead"
-    return BackendChoice(_raycast(scene, world, wrap), reason)
+    return _raycast(scene, world, wrap, reason)
 
 
 def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoice:
@@ -64,7 +67,7 @@ def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoi
     return BackendChoice(renderer, "OSMesa is not available; rendered on EGL instead" if on_egl else "")
 
 
-def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> Renderer:
+def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None, reason: str) -> BackendChoice:
     from scenetruth.raycast import Topology
     from scenetruth.render.adaptive_raycast import AdaptiveRenderer
     from scenetruth.render.raycast_backend import RaycastRenderer
@@ -83,7 +86,11 @@ def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> Renderer:
             world, camera, scene.background, supersampling, scene.lighting, topology, adaptive=adaptive
         )
 
-    return _behind_lens(scene, world, open_renderer, wrap)
+    def another() -> Renderer:
+        return _behind_lens(scene, world, open_renderer, wrap)
+
+    # What a wrapper does is not known.
+    return BackendChoice(another(), reason, another if wrap is None else None)
 
 
 def _behind_lens(

@@ -12,7 +12,7 @@ from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh, Topology, mixed_pixels
 from scenetruth.render.renderer import Renderer
 from scenetruth.render.sampling_rules import Rule, even_rule, gauss_rule, lattice_rule, square_rule
-from scenetruth.render.shading import Shader
+from scenetruth.render.shading import FaceLight, Shader
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
 
@@ -42,13 +42,17 @@ _RAYS_PER_PIECE = 1 << 19
 
 @dataclass(frozen=True, eq=False)
 class RayView:
-    """Rays through the pixel centres of one image in row-major order, with the faces and bodies hit."""
+    """Rays through the pixel centres of one image in row-major order, with the faces and bodies hit.
+
+    ``face_light``: Light on the faces, if it depends on nothing else.
+    """
 
     caster: RayCaster
     t: float
     mesh: TexturedMesh
     rays: ImageRays
     body: NDArray[np.int32]
+    face_light: FaceLight | None = None
 
     def directions(self, pixels: NDArray[np.int64], offsets_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the directions of the samples of pixels, shape (pixels x samples, 3)."""
@@ -64,6 +68,9 @@ class RaycastRenderer(Renderer):
     With ``adaptive``, silhouettes and pixels in which two rules differ, because a step of a texture crosses them, have
     at least (12 n)² samples (`lattice_rule`).
     """
+
+    _confirmed = True
+    """Whether shadows count only if Embree confirms them, see `ShadowCaster.blocked_parallel`."""
 
     def __init__(
         self,
@@ -103,7 +110,7 @@ class RaycastRenderer(Renderer):
             # Lattices reach the border of the pixel.
             self._reach_px = 0.5
         self._lighting = lighting or Lighting()
-        self._shader = Shader(self._lighting, world) if self._lighting.lit else None
+        self._shader = Shader(self._lighting, world, confirmed=self._confirmed) if self._lighting.lit else None
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image at time t from a viewpoint, see `Renderer.render`.
@@ -221,10 +228,8 @@ class RaycastRenderer(Renderer):
             here = np.flatnonzero(arrived)
             hits = Hits(face[here].ravel(), depth[here].ravel(), barycentric[here].reshape(-1, 2))
             directions = view.directions(pixels[here], offsets)
-            factors = self._shader.factors(view.caster, view.t, view.rays.origin, directions, hits)[0].astype(
-                np.float32
-            )
-            radiance[here] *= factors.reshape(len(here), len(weights))
+            light = self._shader.arrived(view.caster, view.t, view.rays.origin, directions, hits)
+            radiance[here] = light.on(radiance[here].ravel()).reshape(len(here), len(weights))
         return arrived, np.einsum("ps,s->p", radiance, weights)
 
     def _trace(
@@ -246,8 +251,8 @@ class RaycastRenderer(Renderer):
             if chosen.any():
                 radiance[chosen] = item.texture.radiance(uv[chosen])
         if self._shader is not None:
-            factors = self._shader.factors(view.caster, view.t, view.rays.origin, directions, hits)[0]
-            radiance *= factors.astype(np.float32)
+            rays = (view.rays.origin, directions)
+            return self._shader.on_hits(radiance, view.caster, view.t, *rays, hits, view.face_light)
         return radiance
 
     def _caster_at(self, t: float) -> RayCaster:

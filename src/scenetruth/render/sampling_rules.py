@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.threads import with_one_blas_thread
 
 __all__ = [
     "FILTER_TAPS",
@@ -150,6 +151,7 @@ def compute_longest_steps(texture: SurfaceTexture, error: float) -> Floats:
     return known[1]
 
 
+@with_one_blas_thread
 def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
     rows, columns = texture.shape
     size = np.array([columns, rows], dtype=np.float64)

@@ -1,17 +1,19 @@
-"""Lambertian shading for all backends: irradiance at surface points and pixels."""
+"""Shading for all backends: irradiance at surface points and pixels, gloss, and light through sheets."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.raycast import Hits, RayCaster, ShadowCaster
+from scenetruth.raycast import Changes, Hits, RayCaster, ShadowCaster, SurfaceLines
+from scenetruth.render.reflection import Reflection, SeenPoints
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 
-__all__ = ["PixelLight", "Shader"]
+__all__ = ["Arrived", "FaceLight", "PixelLight", "Shader"]
 
 # Pixel difference, as a fraction of the brightest pixel, above which every sample is shaded separately.
 _STEEPEST = 0.05
@@ -21,13 +23,14 @@ _STEEPEST = 0.05
 class PixelLight:
     """Illumination of the surface points at the pixel centres of one image.
 
-    ``shade``: Irradiance, shape (height, width); 1 without a surface.
+    ``shade``: Irradiance that the texture reflects, shape (height, width); 1 without a surface.
     ``face``: Face index, shape (height, width), -1 for none.
     ``mixed``: Pixels whose footprint crosses an edge, shape (height, width).
     ``uneven``: Pixels with non-smooth irradiance, shape (height, width): at its borders, or at steep gradients.
     ``borders``: Pixels at the borders of shadows and light cones, shape (height, width).
     ``blocked``: Lamps that do not reach the point because of a shadow, one bit each from the lowest, uint64, shape
       (height, width).
+    ``gloss``: Radiance that does not depend on the texture, shape (height, width); None if all surfaces are matt.
     """
 
     shade: NDArray[np.float64]
@@ -36,6 +39,7 @@ class PixelLight:
     uneven: NDArray[np.bool_]
     borders: NDArray[np.bool_]
     blocked: NDArray[np.uint64]
+    gloss: NDArray[np.float64] | None = None
 
     def on(self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], variance_px2: float) -> NDArray[np.float32]:
         """Shade an image of the mean albedo over the pixel footprints, shape (height, width)."""
@@ -44,36 +48,95 @@ class PixelLight:
         shaded: NDArray[np.float32] = shade_image(
             albedo, self.shade, self.face, self.mixed, unknown, self.uneven, variance_px2
         )
+        if self.gloss is not None:
+            shaded += self.mean_gloss(unknown, variance_px2)
         return shaded
+
+    def mean_gloss(self, unknown: NDArray[np.bool_], variance_px2: float) -> NDArray[np.float32]:
+        """Return the mean gloss over the pixel footprints; 0 for unknown pixels and without a surface."""
+        from scenetruth.render.shading_kernels import shade_image
+
+        if self.gloss is None:
+            return np.zeros(self.face.shape, dtype=np.float32)
+        seen = (self.face >= 0) & ~unknown
+        white = np.ascontiguousarray(seen, dtype=np.float32)
+        return shade_image(white, self.gloss, self.face, self.mixed, unknown, self.uneven, variance_px2)
+
+
+class Arrived(NamedTuple):
+    """Light that arrives at points and leaves them towards the camera.
+
+    The radiance is texture x ``factors`` + ``gloss``. ``gloss`` is None if all surfaces are matt. ``state``: Numbers
+    that differ between points lit by different lights or cone zones. ``blocked``: See `PixelLight`. Shape (n,) each.
+    """
+
+    factors: NDArray[np.float64]
+    gloss: NDArray[np.float64] | None
+    state: NDArray[np.uint64]
+    blocked: NDArray[np.uint64]
+
+    def on(self, albedo: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the radiance of the points, shape (n,)."""
+        lit: NDArray[np.float32] = albedo * self.factors.astype(np.float32)
+        return lit if self.gloss is None else lit + self.gloss.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class FaceLight:
+    """Light of parallel lamps on flat faces, on the side of one viewpoint.
+
+    ``by_lamp``: Irradiance by each lamp, shape (m, lamps): 0 in shadow, and negative where a border of a shadow may
+      cross the face.
+    ``total``: Irradiance by all lamps and the ambient light, as without such shadows, shape (m,).
+    ``unsure``: Faces that a border may cross, shape (m,).
+    ``bits``: Lamps, one bit each from the lowest, that light the face, that are blocked, and that are not decided,
+      uint64, shape (3, m). Lamps behind the face have no bit.
+    ``decided``: Whether shadows are decided, for all faces but those.
+    ``borders``: Lines that contain the borders, None without shadows.
+    ``meeting``: Faces that intersect others, shape (m,); empty if this is not known.
+    """
+
+    by_lamp: NDArray[np.float64]
+    total: NDArray[np.float64]
+    unsure: NDArray[np.bool_]
+    bits: NDArray[np.uint64]
+    decided: bool
+    borders: SurfaceLines | None
+    meeting: NDArray[np.bool_]
+
+    def without(self, faces: NDArray[np.int32], blocked: NDArray[np.uint64]) -> NDArray[np.float64]:
+        """Return the irradiance of points on faces without the blocked lamps where they are not decided."""
+        total = self.total[faces]
+        for number, light in enumerate(self.by_lamp.T):
+            out = (blocked >> np.uint64(number)) & np.uint64(1) > 0
+            total += np.where(out, np.minimum(light[faces], 0.0), 0.0)
+        return total
 
 
 class Shader:
-    """Lambertian shading of two-sided surfaces.
+    """Shading of two-sided surfaces.
 
     The normal is oriented towards the camera. It is that of the flat triangle, or, on smooth meshes, interpolated
     between the exact normals at the corners, with an error quadratic in the triangle size.
     """
 
-    def __init__(self, lighting: Lighting, world: BuiltScene) -> None:
+    def __init__(self, lighting: Lighting, world: BuiltScene, *, confirmed: bool = True) -> None:
         self._lighting = lighting
+        self._confirmed = confirmed  # see `ShadowCaster.blocked_parallel`
         self._world = world
         self._corner_normals: tuple[float, NDArray[np.float64]] | None = None
         self._shadows: ShadowCaster | None = None
+        self.matt = all(material.matt for material, _ in world.materials)
+        self._reflection = Reflection(lighting, world)
 
-    def factors(
+    def arrived(
         self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
-    ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-        """Compute the irradiance at ray hits.
+    ) -> Arrived:
+        """Compute the light at ray hits.
 
-        Returns: ambient + sum of E falloff max(0, n l) over the unblocked lights, shape (n,), 1 without a hit; and
-        state numbers, shape (n,), that differ between points lit by different lights or cone zones.
+        For matt surfaces, the factors are ambient + sum of E falloff max(0, n l) over the unblocked lights; 1 without a
+        hit, where gloss is 0.
         """
-        return self._factors(caster, t, origin_mm, directions, hits)[:2]
-
-    def _factors(
-        self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
-    ) -> tuple[NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
-        """Return the results of `factors` and the blocked lamps, see `PixelLight`."""
         from scenetruth.render.shading_kernels import facing_points
 
         seen = np.flatnonzero(hits.face >= 0)
@@ -87,10 +150,118 @@ class Shader:
         )
         starts = self._smooth(caster, t, points, normals, hits, seen) if self._world.face_smooth.any() else points
         lamps = self._lighting.lamps_at(t)
-        irradiance, zones, shadows = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
         factors, (state, blocked) = np.ones(len(directions)), np.zeros((2, len(directions)), dtype=np.uint64)
-        factors[seen], state[seen], blocked[seen] = irradiance, zones, shadows
-        return factors, state, blocked
+        gloss = None
+        if self.matt:
+            found = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
+            factors[seen], state[seen], blocked[seen] = found
+        else:
+            gloss = np.zeros(len(directions))
+            origin = np.asarray(origin_mm, dtype=np.float64)
+            place = SeenPoints(origin, points, normals, hits.face[seen], starts)
+            factors[seen], gloss[seen], state[seen], blocked[seen] = self._reflection.light(caster, lamps, place)
+        return Arrived(factors, gloss, state, blocked)
+
+    def on_hits(
+        self,
+        albedo: NDArray[np.float32],
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        face_light: FaceLight | None,
+    ) -> NDArray[np.float32]:
+        """Return the radiance at ray hits, shape (n,), from the light on the faces where it is decided."""
+        if face_light is None:
+            return self.arrived(caster, t, origin_mm, directions, hits).on(albedo)
+        return albedo * self.on_faces(caster, t, origin_mm, directions, hits, face_light).astype(np.float32)
+
+    def on_faces(
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        face_light: FaceLight,
+    ) -> NDArray[np.float64]:
+        """Return the irradiance at ray hits, 1 without a hit, where shadows are decided for all but a few faces."""
+        factors = face_light.total[hits.face]
+        factors[hits.face < 0] = 1.0
+        where = np.flatnonzero((hits.face >= 0) & face_light.unsure[hits.face])
+        points = origin_mm + directions[where] * hits.depth[where, None]
+        blocked = self._blocked(caster, t, points, hits.face[where], face_light)
+        factors[where] = face_light.without(hits.face[where], blocked)
+        return factors
+
+    def _blocked(
+        self,
+        caster: RayCaster,
+        t: float,
+        points_mm: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        face_light: FaceLight,
+    ) -> NDArray[np.uint64]:
+        """Return the blocked lamps at points on faces for which they are not decided, shape (n,)."""
+        blocked = np.zeros(len(faces), dtype=np.uint64)
+        for number, lamp in enumerate(self._lighting.lamps_at(t)):
+            wanted = face_light.by_lamp[faces, number] < 0
+            if wanted.any():
+                dark = self._shadow_caster(caster).blocked_parallel(
+                    points_mm, faces, wanted, -lamp.axis, confirmed=False
+                )
+                blocked |= dark.astype(np.uint64) << np.uint64(number)
+        return blocked
+
+    def changes(self, caster: RayCaster, t: float) -> Changes:
+        """Return the function that finds where the borders in `FaceLight` are borders of shadows."""
+
+        def changed(points_mm: NDArray[np.float64], line: NDArray[np.int64], lines: SurfaceLines) -> NDArray[np.bool_]:
+            along, found = lines.ends_mm - lines.starts_mm, np.zeros(len(line), dtype=np.bool_)
+            for number, lamp in enumerate(self._lighting.lamps_at(t)):
+                own = np.flatnonzero(lines.label[line] == number)
+                of, face = line[own], lines.face[line[own]]
+                shadows, normals = self._shadow_caster(caster), caster.face_normals[face]
+                found[own] = shadows.changes_across(points_mm[own], along[of], face, normals, -lamp.axis)
+            return found
+
+        return changed
+
+    def pixels_on_faces(
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        body: NDArray[np.int32],
+        mixed: NDArray[np.bool_],
+        face_light: FaceLight,
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint64], NDArray[np.bool_]]:
+        """Return irradiance, blocked lamps, and pixels next to a border that no line marks, shape (height, width).
+
+        Between mixed pixels, the shadow on a face is the same along a row.
+        """
+        from scenetruth.render.shading_kernels import shadow_steps
+
+        face = hits.face.reshape(mixed.shape)
+        begins = np.ones(mixed.shape, dtype=np.bool_)
+        begins[:, 1:] = (face[:, 1:] != face[:, :-1]) | mixed[:, 1:] | mixed[:, :-1]
+        unsure = face_light.unsure[hits.face] & (hits.face >= 0)
+        first = np.flatnonzero(begins.ravel() & unsure)
+        blocked = np.zeros(len(hits.face), dtype=np.uint64)
+        points = origin_mm + directions[first] * hits.depth[first, None]
+        found = self._blocked(caster, t, points, hits.face[first], face_light)
+        where = np.flatnonzero(unsure)
+        blocked[where] = found[np.searchsorted(first, where, side="right") - 1]
+        shade = face_light.total[hits.face]
+        shade[hits.face < 0] = 1.0
+        shade[where] = face_light.without(hits.face[where], blocked[where])
+        dark, steps = shadow_steps(
+            face, body.reshape(mixed.shape), mixed, face_light.bits, blocked.reshape(mixed.shape)
+        )
+        return shade.reshape(mixed.shape), dark, steps
 
     def irradiance(
         self,
@@ -101,7 +272,7 @@ class Shader:
         faces: NDArray[np.int32],
         starts_mm: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
-        """Compute irradiance, state numbers (`factors`) and blocked lamps (`PixelLight`) of points, shape (n,) each.
+        """Compute irradiance, state numbers (`Arrived`) and blocked lamps (`PixelLight`) of points, shape (n,) each.
 
         ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
         ``faces``: Face of each point, shape (n,), which casts no shadow on it.
@@ -127,7 +298,9 @@ class Shader:
             if self._lighting.shadows:
                 caster_of_shadows = self._shadow_caster(caster)
                 if lamp.position_mm is None:
-                    dark = caster_of_shadows.blocked_parallel(starts_mm, faces, light > 0, -lamp.axis)
+                    dark = caster_of_shadows.blocked_parallel(
+                        starts_mm, faces, light > 0, -lamp.axis, confirmed=self._confirmed
+                    )
                 else:
                     reached = np.flatnonzero(light > 0)
                     dark[reached] = caster_of_shadows.blocked(
@@ -138,20 +311,43 @@ class Shader:
             add_light(total, state, light, zone, dark)
         return total, state, blocked
 
-    def face_light(self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return the irradiance of flat faces on the side of a point by each lamp without shadows, shape (m, lamps).
+    def face_light(self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64]) -> FaceLight | None:
+        """Return the light on the faces; None with lamps at a finite distance, and with more than 64 lamps.
 
-        None if lamps at a finite distance, or more than 64, make it depend on more than the face.
+        Next to smooth surfaces, which change the light and its shadows, shadows are decided for no face.
         """
+        from scenetruth.raycast.shadow_kernels import BLOCKED, LIT, UNSURE
+
         lamps = self._lighting.lamps_at(t)
-        if len(lamps) > 64 or any(lamp.position_mm is not None for lamp in lamps):
+        near = any(lamp.position_mm is not None for lamp in lamps)
+        if not self.matt or len(lamps) > 64 or near:
             return None
+        flat = not self._world.face_smooth.any()
         normals = caster.face_normals
         corners = caster.vertices_mm[caster.topology.faces[:, 0]]
         side = np.where(np.einsum("mk,mk->m", normals, origin_mm - corners) > 0, 1.0, -1.0)
-        facing = [-(normals @ lamp.axis) * side for lamp in lamps]
-        light = [lamp.irradiance * np.maximum(cosine, 0.0) for lamp, cosine in zip(lamps, facing, strict=True)]
-        return np.ascontiguousarray(np.array(light).reshape(len(lamps), len(normals)).T)
+        by_lamp, bits, lines = np.zeros((len(normals), len(lamps))), np.zeros((3, len(normals)), dtype=np.uint64), []
+        total = np.full(len(normals), self._lighting.ambient or 0.0)
+        meeting = np.empty(0, dtype=np.bool_)
+        for number, lamp in enumerate(lamps):
+            light = lamp.irradiance * np.maximum(-(normals @ lamp.axis) * side, 0.0)
+            state = np.full(len(normals), LIT if flat else UNSURE)
+            if self._lighting.shadows and flat:
+                shadows = self._shadow_caster(caster).on_faces(-lamp.axis)
+                state, meeting = shadows.state, shadows.meeting
+                kept = light[shadows.face] > 0
+                face, label = shadows.face[kept], np.full(np.count_nonzero(kept), number)
+                body = self._world.face_body[face]
+                lines.append(SurfaceLines(shadows.starts_mm[kept], shadows.ends_mm[kept], face, body, label))
+            for row, kind in enumerate((LIT, BLOCKED, UNSURE)):
+                bits[row, (state == kind) & (light > 0)] |= np.uint64(1) << np.uint64(number)
+            light[state == BLOCKED] = 0.0
+            total += light
+            light[state == UNSURE] *= -1.0
+            by_lamp[:, number] = light
+        unsure = bits[2] > 0
+        borders = SurfaceLines(*(np.concatenate(part) for part in zip(*lines, strict=True))) if lines else None
+        return FaceLight(by_lamp, total, unsure, bits, flat, borders, meeting)
 
     def on_pixels(
         self,
@@ -165,12 +361,16 @@ class Shader:
         """Return the illumination of the pixels of one image with mixed pixels, shape (height, width)."""
         from scenetruth.render.shading_kernels import uneven_pixels
 
-        factors, state, blocked = self._factors(caster, t, origin_mm, directions, hits)
-        shade, face = factors.reshape(mixed.shape), hits.face.reshape(mixed.shape)
+        light = self.arrived(caster, t, origin_mm, directions, hits)
+        shade, face = light.factors.reshape(mixed.shape), hits.face.reshape(mixed.shape)
         brightest = float(shade[face >= 0].max(initial=0.0))
-        zones = state.reshape(mixed.shape)
+        zones = light.state.reshape(mixed.shape)
         uneven, borders = uneven_pixels(shade, zones, face, mixed, _STEEPEST * brightest)
-        return PixelLight(shade, face, mixed, uneven, borders, blocked.reshape(mixed.shape))
+        gloss = None
+        if light.gloss is not None:
+            gloss = light.gloss.reshape(mixed.shape)
+            uneven |= uneven_pixels(gloss, zones, face, mixed, _STEEPEST * max(brightest, float(gloss.max())))[0]
+        return PixelLight(shade, face, mixed, uneven, borders, light.blocked.reshape(mixed.shape), gloss)
 
     def _smooth(
         self,

@@ -16,6 +16,7 @@ __all__ = [
     "facing_points",
     "lit_means",
     "shade_image",
+    "shadow_steps",
     "smooth_points",
     "uneven_pixels",
 ]
@@ -376,6 +377,58 @@ def _shade_image(
             out[y, x] = np.float32(value)
 
 
+def shadow_steps(
+    face: NDArray[np.int32],
+    body: NDArray[np.int32],
+    mixed: NDArray[np.bool_],
+    bits: NDArray[np.uint64],
+    blocked: NDArray[np.uint64],
+) -> tuple[NDArray[np.uint64], NDArray[np.bool_]]:
+    """Find the lamps that are blocked at each pixel, and neighbours of which one is in the light, the other not.
+
+    Between them runs the border of a shadow, although no line crosses the pixels.
+
+    ``face``, ``body``: Face and body at each pixel, -1 for none, shape (height, width).
+    ``mixed``: Pixels whose footprint crosses an edge, shape (height, width).
+    ``bits``: Lamps of each face, see `FaceLight`, shape (3, m).
+    ``blocked``: Blocked lamps at pixels on faces that are not decided, shape (height, width).
+    Returns: Bits of the blocked lamps, for lamps behind the face those of the neighbours; and the pixels next to a
+    border, shape (height, width).
+    """
+    dark, steps = np.zeros(face.shape, dtype=np.uint64), np.zeros(face.shape, dtype=np.bool_)
+    in_bands(_shadow_steps, face.shape[0], face, body, mixed, bits, blocked, dark, steps, least=_LEAST_ROWS)
+    return dark, steps
+
+
+@numba.njit(cache=True, nogil=True)
+def _shadow_steps(
+    low: int, high: int, face: NDArray[np.int32], body: NDArray[np.int32], mixed: NDArray[np.bool_],
+    bits: NDArray[np.uint64], blocked: NDArray[np.uint64], dark: NDArray[np.uint64], steps: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    rows, columns = face.shape
+    for y in range(low, high):
+        for x in range(columns):
+            own = face[y, x]
+            if own < 0:
+                continue
+            lit = bits[0, own] | (bits[2, own] & ~blocked[y, x])
+            out = bits[1, own] | (bits[2, own] & blocked[y, x])
+            beside = np.uint64(0)
+            for k in range(4):
+                v, u = y + (k == 1) - (k == 0), x + (k == 3) - (k == 2)
+                if v < 0 or u < 0 or v >= rows or u >= columns or body[v, u] != body[y, x] or mixed[v, u]:
+                    continue
+                other = face[v, u]
+                if other == own and bits[2, own] == 0:
+                    continue
+                other_out = bits[1, other] | (bits[2, other] & blocked[v, u])
+                other_lit = bits[0, other] | (bits[2, other] & ~blocked[v, u])
+                beside |= other_out
+                if not mixed[y, x] and ((lit & other_out) | (out & other_lit)) != 0:
+                    steps[y, x] = True
+            dark[y, x] = out | (beside & ~lit)
+
+
 def lit_means(
     radiance: NDArray[np.float32],
     face: NDArray[np.int32],
@@ -387,8 +440,8 @@ def lit_means(
     """Average samples of flat faces, lit by the lamps that are not blocked.
 
     ``radiance``, ``face``: Radiance without light and face of each sample, shape (n, k).
-    ``face_light``: Irradiance of the faces by each lamp, shape (m, lamps).
-    ``blocked``: Bits of the blocked lamps of each pixel, see `PixelLight`, shape (n,).
+    ``face_light``: Irradiance of the faces by each lamp, see `FaceLight`, shape (m, lamps).
+    ``blocked``: Bits of the blocked lamps of each pixel, for faces where the light is negative, shape (n,).
     ``weights``: Weights of the samples, shape (k,).
     Returns: Mean radiance, shape (n,).
     """
@@ -409,7 +462,10 @@ def _lit_means(
         for k in range(samples):
             light = ambient
             for lamp in range(lamps):
-                if (dark >> np.uint64(lamp)) & np.uint64(1) == np.uint64(0):
-                    light += face_light[face[n, k], lamp]
+                value = face_light[face[n, k], lamp]
+                if value >= 0.0:
+                    light += value
+                elif (dark >> np.uint64(lamp)) & np.uint64(1) == np.uint64(0):
+                    light -= value
             mean += weights[k] * light * np.float64(radiance[n, k])
         out[n] = mean

@@ -16,7 +16,8 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import collect_input_files, describe_missing
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.deformation import DeformationModel, DeformationStep, Surroundings
-from scenetruth.scene.mesh import TriangleMesh
+from scenetruth.scene.material import MATT, Material
+from scenetruth.scene.mesh import MeshFileError, TriangleMesh
 from scenetruth.scene.motion import MovedPoints, PointMap, Points, apply, pose_map, to_moved_points
 from scenetruth.scene.motion.motion_presets import FRAME_INTERVAL_S
 from scenetruth.scene.reference_configuration import (
@@ -116,7 +117,7 @@ def _clock_problems(scene: Scene, where: str, item: SceneObject) -> list[Problem
     ]
 
 
-_SNAPSHOT_COUNT = 2  # number of cached snapshots
+_SNAPSHOT_COUNT = 4  # number of cached snapshots
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +126,7 @@ class SceneBody:
 
     ``uv``, ``uv_back``: Texture coordinates at the corners, shape (m, 3, 2); for the back of faces, None if the same.
     ``maps``: Deformation, pose and motion, in order of application.
+    ``materials``, ``material_of``: Materials, and that of every face, shape (m,); None if there is only one.
     """
 
     name: str
@@ -134,6 +136,8 @@ class SceneBody:
     texture: SurfaceTexture
     maps: Sequence[PointMap]
     uv_back: NDArray[np.float64] | None = None
+    materials: tuple[Material, ...] = (MATT,)
+    material_of: NDArray[np.int64] | None = None
 
     @property
     def faces(self) -> NDArray[np.int32]:
@@ -237,6 +241,21 @@ class BuiltScene:
         return np.repeat(np.arange(len(self.bodies), dtype=np.int32), np.diff(self.face_offsets))
 
     @cached_property
+    def materials(self) -> list[tuple[Material, int]]:
+        """All materials, each with the body that it belongs to."""
+        return [(material, index) for index, body in enumerate(self.bodies) for material in body.materials]
+
+    @cached_property
+    def face_material(self) -> NDArray[np.int32]:
+        """Index of the material of every face, shape (m,)."""
+        offsets = np.cumsum([0, *(len(body.materials) for body in self.bodies)])
+        parts = [
+            np.full(len(body.faces), offset) if body.material_of is None else body.material_of + offset
+            for body, offset in zip(self.bodies, offsets, strict=False)
+        ]
+        return np.concatenate(parts).astype(np.int32)
+
+    @cached_property
     def surface_corners(self) -> NDArray[np.int32]:
         """Index of the surface point (`surface_at`) at every face corner, shape (m, 3)."""
         counts = [int(body.start.corners.max()) + 1 for body in self.bodies]
@@ -271,8 +290,9 @@ class BuiltScene:
                 np.concatenate([item.velocities for item in moved]),
                 np.concatenate([item.accelerations for item in moved]),
             )
-            while len(self._recent) >= _SNAPSHOT_COUNT:
-                self._recent.pop(next(iter(self._recent)), None)
+            # Several threads may do the same.
+            for oldest in list(self._recent)[: 1 - _SNAPSHOT_COUNT]:
+                self._recent.pop(oldest, None)
             self._recent[t] = found
         return found
 
@@ -333,6 +353,8 @@ def _build(
         generator = generator_for(scene.seed, "texture", item.name)
         model = item.texture if painted else UniformTexture(kind="uniform")
         texture, uv, uv_back = model.paint(mesh, folder, generator)
+        part = "material"
+        materials, material_of = _materials(item, mesh)
         part = "deformation.0"
         given = item.deformation[0] if item.deformation else None
         start = (
@@ -347,7 +369,21 @@ def _build(
         return
     maps = make_point_maps(item, mesh, scene.frames.frame_interval_s)
     problems += find_motion_problems(scene, path, item, start, maps, mesh.faces, compute_image_times(scene))
-    bodies.append(SceneBody(item.name, mesh, start, uv, texture, maps, uv_back))
+    bodies.append(SceneBody(item.name, mesh, start, uv, texture, maps, uv_back, materials, material_of))
+
+
+def _materials(item: SceneObject, mesh: TriangleMesh) -> tuple[tuple[Material, ...], NDArray[np.int64] | None]:
+    """Return the materials of an object, and that of every face; None if there is only one."""
+    if not item.material.from_file:
+        return (item.material,), None
+    try:
+        if mesh.appearance is None:
+            msg = "the mesh has no materials; give `refractive_index` and other values, or a `preset`"
+            raise MeshFileError(msg)
+        found, of_face = mesh.appearance.gloss()
+    except MeshFileError as error:
+        raise SceneError([Problem("from_file", str(error), value=True)]) from error
+    return tuple(Material(**gloss._asdict()) for gloss in found), of_face
 
 
 def make_point_maps(item: SceneObject, mesh: TriangleMesh, frame_interval_s: float) -> list[PointMap]:

@@ -5,15 +5,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from scenetruth.scene.deformation import Deformation, DeformationModel, Growth, Hinge
 from scenetruth.scene.leaf.leaf_mesh import LeafMesh
 from scenetruth.scene.leaf.leaf_model import Petiole
 from scenetruth.scene.leaf.texture_synthesis import LeafTexture
+from scenetruth.scene.material import MATT, Material
 from scenetruth.scene.motion import MotionModel
 from scenetruth.scene.motion.rigid_motions import Motion
 from scenetruth.scene.motion.time_curve import HarmonicCurve
@@ -52,6 +53,8 @@ class PlantModel(FrozenModel):
     """Rotations of the whole plant about its position, applied in order."""
     texture: LeafTexture = LeafTexture(kind="leaf")
     """Texture of the leaves, with individual veins, mottling and hairs for each leaf."""
+    material: Material = MATT
+    """Gloss and transmission of the leaves; matt by default. The x direction of leaves is along the midrib."""
     growth: Growth | None = None
     """Growth of the oldest leaf; null for none."""
     along_share: Annotated[float, Field(ge=-1, le=2, allow_inf_nan=False)] | None = 0.6
@@ -70,6 +73,14 @@ class PlantModel(FrozenModel):
     """Further deformations of every leaf, in the leaf frame."""
     motion: tuple[Motion, ...] = ()
     """Motion of the whole plant in the world."""
+
+    @model_serializer(mode="wrap")
+    def _without_matt(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave matt materials out: scenes without gloss keep their hash."""
+        plain: dict[str, Any] = write(self)
+        if self.material == MATT:
+            plain.pop("material", None)
+        return plain
 
     @abstractmethod
     def places(self) -> Sequence[LeafPlace]:
@@ -117,6 +128,7 @@ def _leaf(plant: PlantModel, number: int, place: LeafPlace) -> SceneObject:
         name=f"{plant.name}/leaf-{number + 1}",
         mesh=place.mesh,
         texture=plant.texture,
+        material=plant.material,
         # A leaf may exceed the coordinate bounds of scene files by the size of the plant.
         pose=Pose(rotations=rotations).model_copy(update={"position_mm": (float(x), float(y), float(z))}),
         deformation=tuple(deformation),

@@ -83,6 +83,7 @@ def _describe_item(thing: SceneObject | PlantModel) -> str:
     parts = {
         "": shape,
         "texture ": thing.texture.kind,
+        "material ": "" if thing.material.matt else thing.material.preset or "own",
         "deformation ": ", ".join(item.kind for item in (*growth, *thing.deformation)),
         "motion ": ", ".join(item.kind for item in thing.motion),
     }

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import SerializerFunctionWrapHandler, ValidationInfo, field_validator, model_serializer
 
 from scenetruth.discovery import discriminated_union
 from scenetruth.scene.deformation import OwnFrameModel
+from scenetruth.scene.material import MATT, Material
 from scenetruth.scene.mesh import MeshModel
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.motion.rigid_motions import Motion
@@ -57,12 +58,22 @@ class SceneObject(FrozenModel):
     """Shape of the object."""
     texture: Texture
     """Texture of the surface."""
+    material: Material = MATT
+    """Gloss and transmission of the surface; matt by default."""
     pose: Pose = Pose()
     """Pose at t = 0."""
     deformation: tuple[AnyDeformation, ...] = ()
     """Deformations in the object frame, applied in order before the pose."""
     motion: tuple[Motion, ...] = ()
     """Motions in the world, applied in order."""
+
+    @model_serializer(mode="wrap")
+    def _without_matt(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave matt materials out: scenes without gloss keep their hash."""
+        plain: dict[str, Any] = write(self)
+        if self.material == MATT:
+            plain.pop("material", None)
+        return plain
 
     @field_validator("deformation")
     @classmethod

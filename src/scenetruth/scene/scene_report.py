@@ -22,6 +22,7 @@ __all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene", "find
 
 # Perturbation that gives a ray direction unlikely to be aligned with edges or faces.
 _UNSTEADY = 1e-3
+_BRIGHTER = 1e-3  # by which splines may exceed the values of a texture
 _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 
 
@@ -55,6 +56,35 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
                     where = tuple(round(float(value), 6) for value in lamp.position_mm)
                     problems.append(Problem(f"lighting.lights.{number}.position_mm", message, where))
     return problems
+
+
+def _material_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
+    """Return the problems of surfaces that reflect and transmit more light than they receive."""
+    problems: dict[str, Problem] = {}
+    for (path, item), body in zip(scene.parts, world.bodies, strict=False):
+        # The leaves of a plant have one material.
+        where = path if path.startswith("objects") else ".".join(path.split(".")[:2])
+        share = max(material.transmittance + material.reflectance - 1 for material in body.materials)
+        if share <= 0 or where in problems:
+            continue
+        rows, columns = body.texture.shape
+        u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+        brightest = float(body.texture.radiance(np.column_stack([u.ravel(), v.ravel()])).max())
+        if brightest * (1 + share) > 1 + _BRIGHTER:
+            message = f"the texture reaches {brightest:.3g}: reflection and transmission add up to "
+            message += f"{brightest * (1 + share):.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
+            problems[where] = Problem(f"{where}.material.transmittance", message, item.material.transmittance)
+    return list(problems.values())
+
+
+def _material_warnings(scene: Scene) -> list[str]:
+    """Return a warning if no light makes materials visible."""
+    if scene.lighting.lit:
+        return []
+    names = [f"'{item.name}'" for _, item in scene.parts if not item.material.matt]
+    if not names:
+        return []
+    return [f"material: no effect on {', '.join(names)}, because the scene is unlit; add lights or ambient light"]
 
 
 def _lost_lamps(scene: Scene, times: Sequence[float]) -> list[Problem]:
@@ -144,7 +174,7 @@ def check_scene(scene: Scene, world: BuiltScene) -> None:
     reports, problems = _inspect(scene, world, None)
     if problems:
         raise SceneError(problems)
-    for message in (*_texture_warnings(reports), *_extension_warnings(reports)):
+    for message in (*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)):
         warnings.warn(message, SceneWarning, stacklevel=2)
 
 
@@ -165,7 +195,7 @@ def describe_scene(
     images = scene.stage.rows * scene.stage.positions * scene.frames.count
     pixels = scene.camera.width * scene.camera.height
     sample = build_sensor_chain(scene.sensor).dtype.itemsize
-    messages = [*_texture_warnings(reports), *_extension_warnings(reports)]
+    messages = [*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)]
     ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
     span = (ends[0] - round(mean), ends[1] - round(mean))
     if max(map(abs, span)) > 2:
@@ -192,7 +222,8 @@ def _inspect(
     # Overflow is reported as a problem.
     with np.errstate(all="ignore"):
         reports, problems = _object_reports(scene, world, moments)
-        return reports, [*problems, *_camera_problems(scene), *find_lighting_problems(scene, world, times)]
+        problems += [*_camera_problems(scene), *find_lighting_problems(scene, world, times)]
+        return reports, [*problems, *_material_problems(scene, world)]
 
 
 def _camera_problems(scene: Scene) -> list[Problem]:

@@ -12,18 +12,21 @@ from scenetruth.truth.point_tracking import (
 from scenetruth.truth.truth_dataset import (
     TruthOptions,
     TruthPoses,
+    TruthTasks,
     TruthViews,
     blank_truth,
+    count_tasks_at_once,
     fill_truth,
     interior_warnings,
     make_truth,
+    memory_for,
     refuse_arguments,
     truth_from_world,
 )
 
 __all__ = [
     "Geometries", "GeometryPass", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps", "TruthOptions",
-    "TruthPoses", "TruthViews", "blank_truth", "compile_visibility", "fill_truth", "find_visible_points",
-    "interior_warnings", "make_truth", "refuse_arguments", "track_points", "truth_by_rows", "truth_from_world",
-    "truth_maps",
+    "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility", "count_tasks_at_once", "fill_truth",
+    "find_visible_points", "interior_warnings", "make_truth", "memory_for", "refuse_arguments", "track_points",
+    "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -34,20 +35,22 @@ class GeometryPass:
 
 
 class Geometries:
-    """Geometry of a scene at any time, with a cache of the most recent ``kept`` times."""
+    """Geometry of a scene at any time, with a cache of the most recent ``kept`` times, for several threads."""
 
     def __init__(self, world: BuiltScene, topology: Topology, kept: int) -> None:
         self.world, self.topology = world, topology
         self._kept = kept
         self._passes: dict[float, GeometryPass] = {}
+        self._lock = Lock()
 
     def at(self, t: float) -> GeometryPass:
         """Return the geometry at a time in frames."""
-        found = self._passes.pop(t, None) or GeometryPass(self.world, self.topology, t)
-        # Most recently used entry last.
-        self._passes[t] = found
-        while len(self._passes) > self._kept:
-            del self._passes[next(iter(self._passes))]
+        with self._lock:
+            found = self._passes.pop(t, None) or GeometryPass(self.world, self.topology, t)
+            # Most recently used entry last.
+            self._passes[t] = found
+            while len(self._passes) > self._kept:
+                del self._passes[next(iter(self._passes))]
         return found
 
 

@@ -68,18 +68,20 @@ def find_visible_points(
 
     faces = geometry.world.faces
     vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
+    pinhole = (camera.focal_px, *camera.principal_point)
+    size = (camera.width, camera.height) if camera.distortion is None else (np.inf, np.inf)
     place, pixels, seen = look_at_points(
-        vertices, faces, points.face, points.weights, points.towards, camera.focal_px, *camera.principal_point
+        vertices, faces, points.face, points.weights, points.towards, *pinhole, *map(float, size)
     )
+    without_distortion = pixels
     if camera.distortion is not None:
         ahead = place[:, 2] > 0
         pixels = camera.project(place)
         pixels[~ahead] = np.nan
-    x, y = pixels.T
-    seen &= (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
-    cells = sort_into_cells(place, seen, 1 / camera.focal_px)
-    hidden = hide_points(vertices, faces, points.face[cells.order], cells)
-    seen[cells.order] = ~hidden
+        x, y = pixels.T
+        seen &= (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
+    cells = sort_into_cells(place, without_distortion, seen, points.face, *pinhole)
+    seen[cells.order[hide_points(vertices, faces, cells)]] = False
     return seen, pixels
 
 

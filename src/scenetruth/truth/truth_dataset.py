@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from typing import Any, Literal
 
@@ -13,7 +16,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import ImageAcquisition, Schedule, Stage
+from scenetruth.compilation import thread_count
 from scenetruth.errors import ArgumentError, Problem
+from scenetruth.memory import retained_memory
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.provenance import build_schedule, intrinsics_from, provenance_attributes
@@ -25,17 +30,21 @@ from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import COMPONENTS, VARIABLES, IncrementalDataset, Put, blank_map, label
+from scenetruth.threads import in_order
 from scenetruth.truth.geometry_maps import Geometries, TruthMaps, truth_by_rows, truth_maps
 from scenetruth.truth.point_tracking import PixelPoints, PointTracker
 
 __all__ = [
     "TruthOptions",
     "TruthPoses",
+    "TruthTasks",
     "TruthViews",
     "blank_truth",
+    "count_tasks_at_once",
     "fill_truth",
     "interior_warnings",
     "make_truth",
+    "memory_for",
     "refuse_arguments",
     "truth_from_world",
 ]
@@ -118,6 +127,9 @@ def _listed(names: list[str]) -> str:
 
 TruthViews = Literal["reference", "all"]
 TruthPoses = Literal["actual", "nominal"]
+
+PlacedMap = tuple[str, dict[str, int], NDArray[Any]]
+"""Variable, index along the leading dimensions, and values, see `scenetruth.schema.Put`."""
 
 _CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8  # the current frame and its neighbours; for scans, times per camera
 
@@ -251,61 +263,126 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
     )
 
 
+class TruthTasks:
+    """Ground truth of a scene, in tasks that several threads may perform at the same time.
+
+    ``tasks``: Functions that compute the maps of one image, or the visibility of the points of the reference image in
+      all images of a frame. The first must begin no later than the others, which may wait for the reference image.
+    ``warnings``: Those about the reference image, once the first task is done.
+    """
+
+    def __init__(self, scene: Scene, world: BuiltScene, choice: TruthOptions) -> None:
+        self._scene, self._world, self._choice = scene, world, choice
+        stage, frames, schedule = scene.stage, scene.frames, build_schedule(scene)
+        moment_of = schedule.moment if choice.poses == "actual" else schedule.nominal
+        self._cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
+        self._moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in self._cameras]
+        places = [[(moment.t, moment.viewpoint) for moment in row] for row in self._moments]
+        self._topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+        together = len({time for time, _ in (row[0] for row in places)}) == 1
+        self._geometries = Geometries(world, self._topology, _CACHED_TIMES if together else _CACHED_SCAN_TIMES)
+        self._rolling = scene.shutter.readout_time_s > 0
+        # With a rolling shutter, the next row and therefore the next time of a point do not follow from its
+        # displacement.
+        content = "standard" if self._rolling else choice.content
+        self._follower = PointTracker(self._geometries, scene.camera, places, content)
+        self._reference: Future[PixelPoints] = Future()
+        self.warnings: list[str] = []
+        centre = self._cameras.index((0, 0))
+        others = (k for k in range(len(self._cameras)) if k != centre)
+        self._views = [centre] if choice.views == "reference" else [centre, *others]
+        # The reference image comes first, because the visibility of its points in all other images is evaluated.
+        first = frames.t.tolist().index(0)
+        self.tasks: list[Callable[[], list[PlacedMap]]] = []
+        for frame in [first, *(n for n in range(frames.count) if n != first)]:
+            self.tasks += [partial(self._image, index, frame) for index in self._views]
+            self.tasks.append(partial(self._visible, frame))
+
+    @property
+    def steps(self) -> int:
+        """Number of images and visibility maps."""
+        return (len(self._views) + len(self._cameras)) * self._scene.frames.count
+
+    def _image(self, index: int, frame: int) -> list[PlacedMap]:
+        """Return the maps of one image."""
+        try:
+            found = self._maps(index, frame)
+        except BaseException as error:
+            # Tasks that wait for the reference image end as well.
+            if not self._reference.done():
+                self._reference.set_exception(error)
+            raise
+        at = {"t": frame} if self._choice.views == "reference" else _at(self._scene.stage, index, frame)
+        return [(name, at, values) for name, values in found.items()]
+
+    def _maps(self, index: int, frame: int) -> dict[str, NDArray[Any]]:
+        scene, world, content = self._scene, self._world, self._choice.content
+        moment = self._moments[index][frame]
+        geometry = self._geometries.at(moment.t)
+        if self._rolling:
+            maps = _truth_by_rows(scene, world, self._topology, moment, content)
+        else:
+            maps = truth_maps(geometry, scene.camera, moment.viewpoint, scene.stage.baseline_mm, content)
+        own = PixelPoints(maps, geometry, moment.viewpoint)
+        if (self._views[0], scene.frames.t[frame]) == (index, 0):
+            found = (maps["object_id"], maps["boundary_distance"], scene.score.interior_margin_px)
+            self.warnings = interior_warnings(world, *found)
+            self._reference.set_result(own)
+        return maps | self._follower.maps(own, index, frame)
+
+    def _visible(self, frame: int) -> list[PlacedMap]:
+        """Return the visibility of the points of the reference image in all images of a frame."""
+        reference, stage = self._reference.result(), self._scene.stage
+        return [
+            ("visible", _at(stage, index, frame), self._follower.shown(reference, index, frame))
+            for index in range(len(self._cameras))
+        ]
+
+    def put(self, results: Iterable[list[PlacedMap]], put: Put, progress: Progress | None = None) -> None:
+        """Store the results of all tasks, in their order."""
+        done = 0
+        for maps in results:
+            # All maps of an image are one step, each visibility map is another.
+            alone = [name == "visible" for name, _, _ in maps]
+            for number, item in enumerate(maps):
+                if progress is not None and (number == 0 or alone[number]):
+                    progress("truth", done, self.steps)
+                    done += 1
+                put(*item)
+            # Maps are freed before the next are computed, to limit memory.
+            maps.clear()
+            del item
+        if progress is not None:
+            progress("truth", done, self.steps)
+
+
 def fill_truth(
     scene: Scene, world: BuiltScene, choice: TruthOptions, put: Put, progress: Progress | None = None
 ) -> list[str]:
     """Compute the maps of a ground truth, image by image."""
-    stage, frames, schedule = scene.stage, scene.frames, build_schedule(scene)
-    moment_of = schedule.moment if choice.poses == "actual" else schedule.nominal
-    cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
-    moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
-    places = [[(moment.t, moment.viewpoint) for moment in row] for row in moments]
-    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
-    together = len({time for time, _ in (row[0] for row in places)}) == 1
-    geometries = Geometries(world, topology, _CACHED_TIMES if together else _CACHED_SCAN_TIMES)
-    rolling = scene.shutter.readout_time_s > 0
-    # With a rolling shutter, the next row and therefore the next time of a point do not follow from its displacement.
-    follower = PointTracker(geometries, scene.camera, places, "standard" if rolling else choice.content)
-    centre = cameras.index((0, 0))
-    views = [centre] if choice.views == "reference" else [centre, *(k for k in range(len(cameras)) if k != centre)]
-    first = frames.t.tolist().index(0)
-    reference: PixelPoints | None = None
-    warnings: list[str] = []
-    total, done = (len(views) + len(cameras)) * frames.count, 0
+    work = TruthTasks(scene, world, choice)
+    size = (scene.camera.width * scene.camera.height, len(world.faces))
+    at_once = count_tasks_at_once(*size)
+    # Maps of large images are stored before the next are computed, to limit memory.
+    with (
+        retained_memory(),
+        closing(in_order(lambda task: task(), work.tasks if at_once > 1 else [], at_once)) as results,
+    ):
+        work.put(results if at_once > 1 else (task() for task in work.tasks), put, progress)
+    return work.warnings
 
-    def advance() -> None:
-        nonlocal done
-        if progress is not None:
-            progress("truth", done, total)
-        done += 1
 
-    # The reference image comes first, because the visibility of its points in all other images is evaluated.
-    for frame in [first, *(n for n in range(frames.count) if n != first)]:
-        for index in views:
-            advance()
-            moment = moments[index][frame]
-            geometry = geometries.at(moment.t)
-            if rolling:
-                maps = _truth_by_rows(scene, world, topology, moment, choice.content)
-            else:
-                maps = truth_maps(geometry, scene.camera, moment.viewpoint, stage.baseline_mm, choice.content)
-            own = PixelPoints(maps, geometry, moment.viewpoint)
-            if reference is None:
-                reference = own
-                found = (maps["object_id"], maps["boundary_distance"], scene.score.interior_margin_px)
-                warnings = interior_warnings(world, *found)
-            at = {"t": frame} if choice.views == "reference" else _at(stage, index, frame)
-            for name, values in (maps | follower.maps(own, index, frame)).items():
-                put(name, at, values)
-            # Free the maps of one image before the next, to limit memory.
-            del maps, own, values
-        for index in range(len(cameras)):
-            advance()
-            if reference is not None:
-                put("visible", _at(stage, index, frame), follower.shown(reference, index, frame))
-    if progress is not None:
-        progress("truth", total, total)
-    return warnings
+_MOST_AT_ONCE = 1 << 20  # pixels and faces of tasks at a time, which limits their memory
+
+
+def count_tasks_at_once(pixels: int, faces: int) -> int:
+    """Return how many images with a number of pixels and faces are computed at the same time."""
+    return int(np.clip(_MOST_AT_ONCE // (pixels + faces), 1, thread_count()))
+
+
+def memory_for(pixels: int, faces: int) -> AbstractContextManager[None]:
+    """Retain freed memory while images are computed, unless they are large, whose memory has gaps."""
+    return retained_memory() if pixels + faces <= _MOST_AT_ONCE else nullcontext()
 
 
 def _at(stage: Stage, index: int, frame: int) -> dict[str, int]:

@@ -72,11 +72,13 @@ def _place_points(
 class Cells(NamedTuple):
     """Points in front of a camera, sorted into square cells of X / Z and Y / Z."""
 
-    order: NDArray[np.int64]
+    order: NDArray[np.int32]
     """Point indices in row-major cell order, shape (k,)."""
     places: NDArray[np.float64]
     """X, Y and Z of the sorted points, shape (3, k)."""
-    starts: NDArray[np.int64]
+    own: NDArray[np.int32]
+    """Faces of the sorted points, shape (k,)."""
+    starts: NDArray[np.int32]
     """Start index of each cell, followed by k."""
     low_u: float
     """Lowest X / Z."""
@@ -99,88 +101,100 @@ def look_at_points(
     focal_px: float,
     centre_x: float,
     centre_y: float,
+    width: float,
+    height: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Project points on faces into a pinhole camera and select those with their side towards it.
+    """Project points on faces into a pinhole camera and select those in its image with their side towards it.
 
     ``vertices``: Positions in the camera frame in mm, shape (k, 3).
     ``sides``: Whether each point is on the front of its face, shape (n,).
     ``focal_px``, ``centre_x``, ``centre_y``: Focal length and principal point in px.
+    ``width``, ``height``: Size of the image in px, infinite to select points outside it as well.
     Returns: Points in mm, shape (n, 3); pixel coordinates, shape (n, 2), NaN behind the camera; and whether the points
-    are in front of the camera with their side towards it, shape (n,).
+    are in the image, in front of the camera, with their side towards it, shape (n,).
     """
     count = face.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
     pixels = np.empty((count, 2), dtype=np.float64)
     turned = np.empty(count, dtype=np.bool_)
     out = (points, pixels, turned)
-    camera = (focal_px, centre_x, centre_y)
-    in_bands(_look_at_points, count, vertices, faces, face, weights, sides, *camera, out, least=_LEAST_POINTS)
+    # The first pixel centre is at 0.
+    first = -0.5 if np.isfinite(width) else -np.inf
+    camera = (focal_px, centre_x, centre_y, first, width - 0.5, height - 0.5)
+    in_bands(_look_at_points, count, vertices, faces, face, weights, sides, camera, out, least=_LEAST_POINTS)
     return out
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _look_at_points(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
-    weights: NDArray[np.float64], sides: NDArray[np.bool_], focal_px: float, centre_x: float, centre_y: float,
-    out: tuple[NDArray[Any], ...],
+    weights: NDArray[np.float64], sides: NDArray[np.bool_], camera: tuple[float, ...], out: tuple[NDArray[Any], ...],
 ) -> None:  # fmt: skip
+    focal_px, centre_x, centre_y, first, last_x, last_y = camera
     points, pixels, turned = out
     for n in range(np.uint64(low), np.uint64(high)):
         x, y, z, towards = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
         points[n, 0], points[n, 1], points[n, 2] = x, y, z
-        turned[n] = z > 0.0 and towards == sides[n]
         if z > 0.0:
-            pixels[n, 0], pixels[n, 1] = focal_px * x / z + centre_x, focal_px * y / z + centre_y
+            px, py = focal_px * x / z + centre_x, focal_px * y / z + centre_y
+            pixels[n, 0], pixels[n, 1] = px, py
+            turned[n] = towards == sides[n] and first <= px <= last_x and first <= py <= last_y
         else:
             pixels[n, 0] = pixels[n, 1] = np.nan
+            turned[n] = False
 
 
 @numba.njit(cache=True, nogil=True)
-def sort_into_cells(points: NDArray[np.float64], chosen: NDArray[np.bool_], pixel: float) -> Any:
-    """Sort chosen points in front of the camera (camera frame, mm) into cells."""
+def sort_into_cells(
+    points: NDArray[np.float64], pixels: NDArray[np.float64], chosen: NDArray[np.bool_], face: NDArray[np.int32],
+    focal_px: float, centre_x: float, centre_y: float,
+) -> Any:  # fmt: skip
+    """Sort chosen points in front of a pinhole camera (camera frame, mm), with their faces, into cells of its image."""
     count = 0
-    low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
-    for n in range(points.shape[0]):
+    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
+    for n in range(np.uint64(points.shape[0])):
         if chosen[n]:
-            u, v = points[n, 0] / points[n, 2], points[n, 1] / points[n, 2]
-            low_u, high_u, low_v, high_v = min(low_u, u), max(high_u, u), min(low_v, v), max(high_v, v)
+            x, y = pixels[n, 0], pixels[n, 1]
+            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
             count += 1
     if count == 0:
-        low_u, high_u, low_v, high_v = 0.0, 0.0, 0.0, 0.0
-    wide, high = high_u - low_u, high_v - low_v
-    edge = max(pixel, np.sqrt(wide * high / max(count, 1) / 4.0), max(wide, high) / 1e5, 1e-12)
-    columns, rows = int(wide / edge) + 1, int(high / edge) + 1
-    starts = np.zeros(rows * columns + 1, dtype=np.int64)
-    cells = np.empty(count, dtype=np.int64)
-    used = 0
-    for n in range(points.shape[0]):
+        low_x, high_x, low_y, high_y = 0.0, 0.0, 0.0, 0.0
+    wide, high = high_x - low_x, high_y - low_y
+    edge = max(1.0, np.sqrt(wide * high / max(count, 1) / 4.0), max(wide, high) / 1e5)
+    inverse = 1.0 / edge
+    columns, rows = int(wide * inverse) + 1, int(high * inverse) + 1
+    starts = np.zeros(rows * columns + 1, dtype=np.int32)
+    cells = np.empty(count, dtype=np.int32)
+    used = np.uint64(0)
+    for n in range(np.uint64(points.shape[0])):
         if chosen[n]:
-            u, v = points[n, 0] / points[n, 2], points[n, 1] / points[n, 2]
-            column = min(max(int((u - low_u) / edge), 0), columns - 1)
-            row = min(max(int((v - low_v) / edge), 0), rows - 1)
-            cells[used] = row * columns + column
-            starts[cells[used] + 1] += 1
-            used += 1
+            column = min(int((pixels[n, 0] - low_x) * inverse), columns - 1)
+            row = min(int((pixels[n, 1] - low_y) * inverse), rows - 1)
+            cell = np.uint64(row * columns + column)
+            cells[used] = cell
+            starts[cell + np.uint64(1)] += 1
+            used += np.uint64(1)
     for k in range(rows * columns):
         starts[k + 1] += starts[k]
     place = starts[:-1].copy()
-    order = np.empty(count, dtype=np.int64)
+    order, own = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
     places = np.empty((3, count), dtype=np.float64)
-    used = 0
-    for n in range(points.shape[0]):
+    used = np.uint64(0)
+    for n in range(np.uint64(points.shape[0])):
         if chosen[n]:
-            at = place[cells[used]]
-            order[at] = n
+            cell = np.uint64(cells[used])
+            at = np.uint64(place[cell])
+            order[at], own[at] = n, face[n]
             places[0, at], places[1, at], places[2, at] = points[n, 0], points[n, 1], points[n, 2]
-            place[cells[used]] += 1
-            used += 1
-    return Cells(order, places, starts, low_u, low_v, edge, columns, rows)
+            place[cell] += 1
+            used += np.uint64(1)
+    low_u, low_v = (low_x - centre_x) / focal_px, (low_y - centre_y) / focal_px
+    return Cells(order, places, own, starts, low_u, low_v, edge / focal_px, columns, rows)
 
 
 def hide_points(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
-    own: NDArray[np.int32],
     cells: Cells,
 ) -> NDArray[np.bool_]:
     """Compute which points are occluded by a face.
@@ -190,24 +204,23 @@ def hide_points(
 
     ``vertices``: Positions in the camera frame in mm, shape (k, 3).
     ``faces``: Vertex indices of the faces, shape (m, 3).
-    ``own``: Face of each point, in cell order, shape (n,).
     Returns: bool, shape (n,), in cell order.
     """
-    hidden = np.zeros(own.shape[0], dtype=np.bool_)
+    hidden = np.zeros(len(cells.own), dtype=np.bool_)
     count = faces.shape[0]
     # A face costs about as much as eight points; few faces that may occlude many points are also parallelised.
-    least = _LEAST_FACES * 8 * count // (8 * count + own.shape[0] + 1)
-    in_bands(_hide_points, count, vertices, faces, own, cells, hidden, least=max(least, 1))
+    least = _LEAST_FACES * 8 * count // (8 * count + len(cells.own) + 1)
+    in_bands(_hide_points, count, vertices, faces, cells, hidden, least=max(least, 1))
     return hidden
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _hide_points(
-    begin_face: int, end_face: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], own: NDArray[np.int32],
-    cells: Cells, hidden: NDArray[np.bool_],
+    begin_face: int, end_face: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], cells: Cells,
+    hidden: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     low_u, low_v, edge, columns, rows = cells.low_u, cells.low_v, cells.edge, cells.columns, cells.rows
-    starts, xs, ys, zs = cells.starts, cells.places[0], cells.places[1], cells.places[2]
+    starts, own, xs, ys, zs = cells.starts, cells.own, cells.places[0], cells.places[1], cells.places[2]
     largest = 1.0 + abs(low_u) + columns * edge + abs(low_v) + rows * edge
     for face in range(begin_face, end_face):
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]

@@ -44,8 +44,9 @@ from scenetruth.estimators.refined.output_maps import (
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.estimators.refined.pose_consistency import PoseErrors, compare_with_stated, estimate_pose_errors
 from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
-from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles, release_memory
+from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles
 from scenetruth.estimators.refined.time_resolution import LARGEST_UNTESTED, check_time_resolution, join_frames
+from scenetruth.memory import release_memory
 from scenetruth.schema import REASONS, compute_pixel_grid, read_intrinsics
 from scenetruth.schema.validity import compute_validity, excluded_pixels
 

@@ -51,7 +51,7 @@ def fill_estimate(
     from scenetruth.estimators.refined.frame_task import FrameTask
     from scenetruth.estimators.refined.image_consistency import ExclusionReport
     from scenetruth.estimators.refined.pose_consistency import warn_of_pose_errors
-    from scenetruth.estimators.refined.tiles import retained_memory
+    from scenetruth.memory import retained_memory
 
     task = FrameTask(recording, settings)
     needed = _needed(task.reader.shape[2], settings)

@@ -6,11 +6,8 @@ the other images are where the initial estimate displaces the tile, so that memo
 
 from __future__ import annotations
 
-import ctypes
 import math
-import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any
@@ -30,8 +27,6 @@ __all__ = [
     "Tile",
     "choose_tiles",
     "margin_px",
-    "release_memory",
-    "retained_memory",
     "spread_regions",
 ]
 
@@ -126,37 +121,6 @@ def spread_regions(shape: tuple[int, int]) -> list[Region]:
         count = int(np.clip(round(whole / _SAMPLE_STEP_PX) + 1, _LEAST_SAMPLE, _MOST_SAMPLE))
         starts.append(np.unique(np.linspace(0, whole - size, count).round().astype(int)).tolist())
     return [Region(top, left, sizes[0], sizes[1], shape) for top, left in product(*starts)]
-
-
-def release_memory() -> None:
-    """Return freed memory to the system: the C library retains that of small arrays, as many as a tile has."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
-    # Specific to glibc.
-    if trim is not None:
-        trim(0)
-
-
-# Options of mallopt in glibc, and their values while memory is retained and, as large arrays set them, afterwards.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-_RETAINED = {_TRIM_THRESHOLD: 2**31 - 1, _MMAP_THRESHOLD: 2**30}
-_USUAL = {_TRIM_THRESHOLD: 2**26, _MMAP_THRESHOLD: 2**25}
-
-
-@contextmanager
-def retained_memory() -> Iterator[None]:
-    """Retain freed memory until `release_memory`, for the next arrays: the system clears the pages of new memory."""
-    option = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
-    if option is None:
-        yield
-        return
-    for each in _RETAINED.items():
-        option(*each)
-    try:
-        yield
-    finally:
-        for each in _USUAL.items():
-            option(*each)
-        release_memory()
 
 
 class RegionImages:

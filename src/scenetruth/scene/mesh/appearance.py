@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene.mesh.cutouts import CutTriangles, OpacityMap, cut_out
 from scenetruth.scene.mesh.file_preflight import MAX_TEXELS, read_checked_bytes
-from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, TextureMap
+from scenetruth.scene.mesh.polygon_mesh import FileGloss, FileMaterial, MeshFileError, TextureMap
 from scenetruth.scene.picture_file import (
     DecodedPicture,
     PictureFileError,
@@ -54,7 +54,7 @@ class MeshAppearance:
 
     colours: Floats | None
     uv: Floats | None
-    materials: tuple[Material, ...]
+    materials: tuple[FileMaterial, ...]
     material_of: Indices
     srgb_pictures: bool | None
 
@@ -130,6 +130,21 @@ class MeshAppearance:
             lines.append(f"{name}: {decode(material).describe()}")
         return lines
 
+    def gloss(self) -> tuple[list[FileGloss], Indices]:
+        """Return the gloss of the materials that are used, and that of every face, shape (m,).
+
+        Raises MeshFileError if a face has none.
+        """
+        for n in self.used:
+            if self.materials[n].gloss_problem is not None:
+                raise MeshFileError(self.materials[n].gloss_problem)
+        found = {n: gloss for n in self.used if (gloss := self.materials[n].gloss) is not None}
+        without = ~np.isin(self.material_of, list(found))
+        if without.any():
+            msg = f"has {int(without.sum()):,} triangles whose material has no gloss"
+            raise MeshFileError(msg)
+        return list(found.values()), np.searchsorted(sorted(found), self.material_of)
+
     def check(self) -> None:
         """Raise MeshFileError if the colours cannot be shown."""
         for n in self.used:
@@ -187,7 +202,7 @@ class MeshAppearance:
     def _one(self, number: int, encoding: str | None, *, alone: bool) -> LaidPicture:
         """Return the picture of the faces of a material."""
         faces = self.material_of == number
-        material = self.materials[number] if number >= 0 else Material("white")
+        material = self.materials[number] if number >= 0 else FileMaterial("white")
         if material.picture is None:
             value = luminance_of(np.array([[material.colour]], dtype=np.float64)).astype(np.float32)
             return LaidPicture(value, np.full((int(faces.sum()), 3, 2), 0.5), tiled=False)
@@ -219,7 +234,7 @@ class MeshAppearance:
         return ("srgb" if self.srgb_pictures else None) if encoding is None else encoding
 
 
-def decode(material: Material) -> DecodedPicture:
+def decode(material: FileMaterial) -> DecodedPicture:
     """Return the picture of a material."""
     picture = material.picture
     assert picture is not None
@@ -230,7 +245,7 @@ def decode(material: Material) -> DecodedPicture:
         raise _unreadable(material, error) from error
 
 
-def read_radiances(material: Material, encoding: str | None) -> NDArray[np.float32]:
+def read_radiances(material: FileMaterial, encoding: str | None) -> NDArray[np.float32]:
     """Return the radiances of the picture of a material times its colour, shape (height, width)."""
     try:
         return decode(material).radiances(encoding, material.colour)
@@ -238,7 +253,7 @@ def read_radiances(material: Material, encoding: str | None) -> NDArray[np.float
         raise _unreadable(material, error) from error
 
 
-def _unreadable(material: Material, error: PictureFileError) -> MeshFileError:
+def _unreadable(material: FileMaterial, error: PictureFileError) -> MeshFileError:
     picture = material.picture
     name = picture.file.name if picture is not None and picture.file is not None else "its embedded picture"
     return MeshFileError(f'material "{material.name}": {name} {error}')

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS
 from scenetruth.scene.mesh.gltf_document import GltfDocument
-from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
+from scenetruth.scene.mesh.polygon_mesh import FileGloss, FileMaterial, MeshFileError, PolygonMesh, TextureMap
 
 __all__ = ["read_gltf"]
 
@@ -26,6 +26,14 @@ _UNIT = (_FLOAT, _UNSIGNED_BYTE, _UNSIGNED_SHORT)
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
+_GLOSS = ("ior", "specular", "clearcoat", "diffuse_transmission")  # extensions of materials that change reflection
+_READ_MATERIALS = (
+    "KHR_materials_unlit",
+    "KHR_materials_pbrSpecularGlossiness",
+    *(f"KHR_materials_{name}" for name in _GLOSS),
+)
+_MOST_AMPLITUDE = 0.6  # of the reflected field, for the largest refractive index, 4
+_LEAST_ROUGHNESS = 0.01  # of surfaces without roughness, whose highlights are points
 _OPAQUE_ALPHA = 0.5  # cut-off if none is given
 _UNUSED_MAPS = ("normalTexture", "occlusionTexture", "emissiveTexture")
 
@@ -52,7 +60,7 @@ def read_gltf(file: Path) -> PolygonMesh:
         If an accessor, a node or an extension cannot be read without doubt.
     """
     document = GltfDocument(file)
-    parts, materials = _Parts(), list[Material]()
+    parts, materials = _Parts(), list[FileMaterial]()
     numbers: dict[Any, int] = {}
     for name in document.unread_extensions:
         parts.ignored[f"extension {name}"] = None
@@ -83,7 +91,7 @@ def read_gltf(file: Path) -> PolygonMesh:
     return _assemble(document, parts, tuple(materials))
 
 
-def _assemble(document: GltfDocument, parts: _Parts, materials: tuple[Material, ...]) -> PolygonMesh:
+def _assemble(document: GltfDocument, parts: _Parts, materials: tuple[FileMaterial, ...]) -> PolygonMesh:
     """Return the mesh of all primitives."""
     if not parts.triangles:
         msg = "has no faces"
@@ -331,7 +339,7 @@ def _base_texture(material: Plain) -> tuple[Plain | None, int]:
 _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
 
-def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> Material:
+def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> FileMaterial:
     """Return a material; what cannot be shown is its problem."""
     entry = document.entry("materials", index)
     name = str(entry.get("name", index))
@@ -340,10 +348,10 @@ def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> M
         if key in entry:
             ignored[key] = None
     ignored.update({f"material extension {key}": None for key in entry.get("extensions", {})
-                    if key not in ("KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness")})  # fmt: skip
+                    if key not in _READ_MATERIALS})  # fmt: skip
     metallic = entry.get("pbrMetallicRoughness", {})
     if metallic.get("metallicFactor", 0) != 0 or "metallicRoughnessTexture" in metallic:
-        ignored["metallic reflection: the base colour is diffuse"] = None
+        ignored["metallic reflection, unless the object has `material: {from_file: true}`"] = None
     mode = entry.get("alphaMode", "OPAQUE")
     try:
         glossy = entry.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
@@ -355,20 +363,71 @@ def _material(document: GltfDocument, index: Any, ignored: dict[str, None]) -> M
         texture, _ = _base_texture(entry)
         picture = None if texture is None else _texture_map(document, texture, ignored)
     except ValueError as error:
-        return Material(name, problem=f"{where}: {error}")
+        return FileMaterial(name, problem=f"{where}: {error}")
     cutoff = None
     if mode not in _ALPHA_MODES:
         message = f"{where} has the alphaMode {mode!r}, which is none of {', '.join(_ALPHA_MODES)}"
-        return Material(name, picture=picture, problem=message, outline_problem=None if picture is None else message)
+        return FileMaterial(
+            name, picture=picture, problem=message, outline_problem=None if picture is None else message
+        )
     if mode == "BLEND":
         remedy = "use alphaMode MASK, which cuts the surface out, or OPAQUE"
         message = f"{where} is translucent (alphaMode BLEND), which is not shown: {remedy}"
         # A transparent picture also hides parts of the surface, whose outline is not defined.
-        return Material(name, picture=picture, problem=message, outline_problem=None if picture is None else message)
+        return FileMaterial(
+            name, picture=picture, problem=message, outline_problem=None if picture is None else message
+        )
     if mode == "MASK":
         cutoff = float(entry.get("alphaCutoff", _OPAQUE_ALPHA))
         cutoff = cutoff / colour[3] if colour[3] > 0 else math.inf
-    return Material(name, (colour[0], colour[1], colour[2]), picture, cutoff)
+    gloss = gloss_problem = None
+    try:
+        gloss = _gloss(entry)
+    except (TypeError, ValueError) as error:
+        gloss_problem = f"{where}: {error}"
+    return FileMaterial(
+        name, (colour[0], colour[1], colour[2]), picture, cutoff, gloss=gloss, gloss_problem=gloss_problem
+    )
+
+
+def _gloss(entry: Plain) -> FileGloss | None:
+    """Return the gloss and transmission of a material; None if it is unlit.
+
+    Raises ValueError if they vary over the surface, or cannot be shown.
+    """
+    extensions = entry.get("extensions", {})
+    if "KHR_materials_unlit" in extensions or "KHR_materials_pbrSpecularGlossiness" in extensions:
+        return None
+    base = entry.get("pbrMetallicRoughness", {})
+    parts = {name: extensions.get(f"KHR_materials_{name}", {}) for name in _GLOSS}
+    maps = [name for part in (base, *parts.values()) for name in part if name.endswith("Texture")]
+    varying = sorted(set(maps) - {"baseColorTexture"})
+    if varying:
+        msg = f"gloss that varies over the surface is not read ({', '.join(varying)}); bake it into one value"
+        raise ValueError(msg)
+    metallic, rough = float(base.get("metallicFactor", 1)), float(base.get("roughnessFactor", 1))
+    index, specular = float(parts["ior"].get("ior", 1.5)), float(parts["specular"].get("specularFactor", 1))
+    specular *= float(np.mean(parts["specular"].get("specularColorFactor", (1, 1, 1))))
+    coat = float(parts["clearcoat"].get("clearcoatFactor", 0))
+    passed = float(parts["diffuse_transmission"].get("diffuseTransmissionFactor", 0))
+    shares = {"metallicFactor": metallic, "roughnessFactor": rough, "clearcoatFactor": coat,
+              "diffuseTransmissionFactor": passed}  # fmt: skip
+    for name, value in shares.items():
+        if not 0 <= value <= 1:
+            msg = f"{name} is {value:g}, not from 0 to 1"
+            raise ValueError(msg)
+    if not (index >= 1 and specular >= 0):
+        msg = f"ior is {index:g} and the factor of the specular reflection {specular:g}"
+        raise ValueError(msg)
+    if coat > 0:
+        if coat < 1 or metallic > 0:
+            msg = "a clear coat of a part of the surface, or on metal, is not simulated"
+            raise ValueError(msg)
+        # The coat has the index 1.5; between it and a base of that index, nothing is reflected.
+        index, specular, rough = 1.5, 1.0, float(parts["clearcoat"].get("clearcoatRoughnessFactor", 0))
+    amplitude = min(math.sqrt(specular) * (index - 1) / (index + 1), _MOST_AMPLITUDE)
+    roughness = max(rough**2, _LEAST_ROUGHNESS)
+    return FileGloss((1 + amplitude) / (1 - amplitude), roughness, metallic, 1 - passed, passed)
 
 
 def _texture_map(document: GltfDocument, texture: Plain, ignored: dict[str, None]) -> TextureMap:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS, read_checked_bytes
-from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
+from scenetruth.scene.mesh.polygon_mesh import FileMaterial, MeshFileError, PolygonMesh, TextureMap
 
 __all__ = ["list_obj_references", "read_obj"]
 
@@ -220,10 +220,10 @@ def read_obj(file: Path) -> PolygonMesh:
     names = list(dict.fromkeys(name for name in lines.material_of if name is not None))
     libraries = _read_libraries(file, lines.libraries) if names else {}
     materials = tuple(
-        # Names may contain a number sign, as "Material #25", or precede a comment.
+        # Names may contain a number sign, as "FileMaterial #25", or precede a comment.
         libraries.get(name)
         or libraries.get(name.partition("#")[0].strip())
-        or Material(name, problem=_missing(name, file, lines.libraries))
+        or FileMaterial(name, problem=_missing(name, file, lines.libraries))
         for name in names
     )
     numbers = {name: n for n, name in enumerate(names)}
@@ -314,9 +314,9 @@ def list_obj_references(file: Path) -> list[Path]:
     return [*libraries, *pictures]
 
 
-def _read_libraries(file: Path, libraries: list[str]) -> dict[str, Material]:
+def _read_libraries(file: Path, libraries: list[str]) -> dict[str, FileMaterial]:
     """Return the materials of all libraries by name."""
-    found: dict[str, Material] = {}
+    found: dict[str, FileMaterial] = {}
     for path in itertools.chain.from_iterable(_library_files(file, name) for name in libraries):
         try:
             entries = _entries(read_text(read_checked_bytes(path)))
@@ -349,7 +349,7 @@ def _entries(text: str) -> Iterator[tuple[str, dict[str, str]]]:
         yield name, statements
 
 
-def _material(library: Path, name: str, statements: dict[str, str]) -> Material:
+def _material(library: Path, name: str, statements: dict[str, str]) -> FileMaterial:
     """Return a material; what cannot be shown is its problem, which matters only if its colours are wanted."""
     where = f'material "{name}" of {library.name}'
     try:
@@ -360,18 +360,18 @@ def _material(library: Path, name: str, statements: dict[str, str]) -> Material:
             # MeshLab writes 1 for opaque surfaces; an entire surface that cannot be seen is not meant.
             opacity = 1.0 if opacity == 0.0 else opacity
         if opacity is not None and opacity < 1.0:
-            return Material(name, problem=f"{where} is translucent (opacity {opacity:g}), which is not shown")
+            return FileMaterial(name, problem=f"{where} is translucent (opacity {opacity:g}), which is not shown")
         if "map_d" in statements:
             message = f"{where} has a map of opacity (map_d), which is not read; put it into the alpha of map_Kd"
-            return Material(name, problem=message, outline_problem=message)
+            return FileMaterial(name, problem=message, outline_problem=message)
         if "map_kd" not in statements:
-            return Material(name, colour)
+            return FileMaterial(name, colour)
         if not any(colour):
             msg = "Kd 0 0 0 multiplies the picture by zero; set Kd 1 1 1"
             raise ValueError(msg)
-        return Material(name, colour, _texture_map(library, statements["map_kd"]))
+        return FileMaterial(name, colour, _texture_map(library, statements["map_kd"]))
     except ValueError as error:
-        return Material(name, problem=f"{where}: {error}")
+        return FileMaterial(name, problem=f"{where}: {error}")
 
 
 def _last_word(words: str) -> str:

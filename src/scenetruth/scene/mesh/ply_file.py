@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.scene.mesh.file_preflight import MAX_ELEMENTS, read_checked_bytes
 from scenetruth.scene.mesh.obj_file import describe_absent, find_beside
-from scenetruth.scene.mesh.polygon_mesh import Material, MeshFileError, PolygonMesh, TextureMap
+from scenetruth.scene.mesh.polygon_mesh import FileMaterial, MeshFileError, PolygonMesh, TextureMap
 
 __all__ = ["list_ply_references", "read_ply"]
 
@@ -329,7 +329,7 @@ def _assemble(file: Path, tables: dict[str, Table], comments: list[str], ignored
     elif (of_faces := _colours(face)) is not None:
         colours = np.repeat(of_faces, counts, axis=0)
     pictures = _picture_names(comments)
-    materials: tuple[Material, ...] = ()
+    materials: tuple[FileMaterial, ...] = ()
     material_of = np.full(len(counts), -1, dtype=np.int64)
     if pictures:
         materials = tuple(_material(file, name) for name in pictures)
@@ -378,8 +378,8 @@ def _colours(table: Table) -> Floats | None:
     return None
 
 
-def _material(file: Path, name: str) -> Material:
+def _material(file: Path, name: str) -> FileMaterial:
     found = find_beside(file, name)
     if found is None:
-        return Material(name, problem=describe_absent(file, name))
-    return Material(name, picture=TextureMap(found))
+        return FileMaterial(name, problem=describe_absent(file, name))
+    return FileMaterial(name, picture=TextureMap(found))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Material", "MeshFileError", "PolygonMesh", "TextureMap", "Triangulation", "triangulate"]
+__all__ = ["FileGloss", "FileMaterial", "MeshFileError", "PolygonMesh", "TextureMap", "Triangulation", "triangulate"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -39,8 +39,18 @@ class TextureMap:
     """Whether texels are sampled without interpolation."""
 
 
+class FileGloss(NamedTuple):
+    """Reflection of a material beyond its diffuse colour; the terms are those of `scene.material.Material`."""
+
+    refractive_index: float
+    roughness: float
+    metallic: float
+    reflectance: float
+    transmittance: float
+
+
 @dataclass(frozen=True)
-class Material:
+class FileMaterial:
     """Diffuse reflectance of the faces of a material."""
 
     name: str
@@ -53,6 +63,10 @@ class Material:
     """Why the material cannot be shown; matters only if the scene asks for the colours of the file."""
     outline_problem: str | None = None
     """Why the outline of the surface is undefined, if the picture has a transparent texel or there is no picture."""
+    gloss: FileGloss | None = None
+    """Gloss and transmission, for scenes that ask for them; None if the file gives none."""
+    gloss_problem: str | None = None
+    """Why gloss and transmission cannot be shown; matters only if the scene asks for them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +79,7 @@ class PolygonMesh:
     ``uv``: Texture coordinates of the corners with v upwards, shape (k, 2), NaN where missing; None without.
     ``normals``: Normals of the corners, of any length, shape (k, 3), NaN where missing; None without.
     ``colours``: Linear colours of the corners in [0, 1], shape (k, 3); None without.
-    ``material_of``: Material of every polygon, -1 for none, shape (m,).
+    ``material_of``: FileMaterial of every polygon, -1 for none, shape (m,).
     ``ignored``: Content of the file that is not used, for people.
     """
 
@@ -75,7 +89,7 @@ class PolygonMesh:
     uv: Floats | None = None
     normals: Floats | None = None
     colours: Floats | None = None
-    materials: tuple[Material, ...] = ()
+    materials: tuple[FileMaterial, ...] = ()
     material_of: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     ignored: tuple[str, ...] = ()
 

@@ -10,14 +10,22 @@ from numpy.typing import NDArray
 
 from scenetruth.threads import in_bands
 
-__all__ = ["linear_lookup", "linear_means", "plaid_means", "spline_lookup", "spline_means"]
+__all__ = [
+    "cubic_weights",
+    "linear_at",
+    "linear_lookup",
+    "linear_means",
+    "plaid_means",
+    "spline_lookup",
+    "spline_means",
+]
 
 _LEAST_POINTS, _LEAST_FOOTPRINTS = 8192, 256  # minimum number of points, and of multi-sample footprints, per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 @numba.njit(cache=True, nogil=True)
-def _cubic_weights(share: np.float32) -> Any:
+def cubic_weights(share: np.float32) -> Any:
     """Return six times the four weights of a cubic B-spline between its second and third coefficient."""
     rest = np.float32(1.0) - share
     first, last = rest * rest * rest, share * share * share
@@ -27,7 +35,8 @@ def _cubic_weights(share: np.float32) -> Any:
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
-def _linear(values: NDArray[np.float32], u: float, v: float, tiled: bool) -> Any:
+def linear_at(values: NDArray[np.float32], u: float, v: float, tiled: bool) -> Any:
+    """Return the value of `linear_lookup` at a point."""
     rows, columns = values.shape
     x = u * columns - 0.5
     y = v * rows - 0.5
@@ -62,8 +71,8 @@ def _spline_lookup(
         x, y = uv[n, 0] * columns - 0.5, uv[n, 1] * rows - 0.5
         fx, fy = np.floor(x), np.floor(y)
         x0, y0 = int(fx) - 1, int(fy) - 1
-        wx0, wx1, wx2, wx3 = _cubic_weights(np.float32(x - fx))
-        wy = _cubic_weights(np.float32(y - fy))
+        wx0, wx1, wx2, wx3 = cubic_weights(np.float32(x - fx))
+        wy = cubic_weights(np.float32(y - fy))
         total = np.float32(0.0)
         if x0 >= 0 and y0 >= 0 and x0 + 3 < columns and y0 + 3 < rows:
             # Divisions for the period take most of the time elsewhere.
@@ -130,8 +139,8 @@ def _spline_means(
         for m in range(samples):
             fx, fy = np.floor(xs[m]), np.floor(ys[m])
             left[m], top[m] = int(fx) - 1, int(fy) - 1
-            wx[0, m], wx[1, m], wx[2, m], wx[3, m] = _cubic_weights(np.float32(xs[m] - fx))
-            wy[0, m], wy[1, m], wy[2, m], wy[3, m] = _cubic_weights(np.float32(ys[m] - fy))
+            wx[0, m], wx[1, m], wx[2, m], wx[3, m] = cubic_weights(np.float32(xs[m] - fx))
+            wy[0, m], wy[1, m], wy[2, m], wy[3, m] = cubic_weights(np.float32(ys[m] - fy))
         mean = 0.0
         for m in range(samples):
             i, j = left[m], top[m]
@@ -163,7 +172,7 @@ def _linear_lookup(
     low: int, high: int, values: NDArray[np.float32], uv: NDArray[np.float64], tiled: bool, out: NDArray[np.float32]
 ) -> None:
     for n in range(np.uint64(low), np.uint64(high)):
-        out[n] = _linear(values, uv[n, 0], uv[n, 1], tiled)
+        out[n] = linear_at(values, uv[n, 0], uv[n, 1], tiled)
 
 
 def linear_means(
@@ -193,7 +202,9 @@ def _linear_means(
         for m in range(samples):
             x, y = offsets[m, 0], offsets[m, 1]
             scale = 1.0 / (w0 + x * wx + y * wy)
-            mean += weights[m] * _linear(values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled)
+            mean += weights[m] * linear_at(
+                values, (u0 + x * ux + y * uy) * scale, (v0 + x * vx + y * vy) * scale, tiled
+            )
         out[n] = mean
 
 

@@ -1,0 +1,230 @@
+"""Kernels for the first hits of rays anywhere in the pixels of a regular grid, pixel by pixel, in float64."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.raycast.ray_triangle_kernels import (
+    BLUR_X,
+    BLUR_Y,
+    BLUR_Z,
+    HIGH_U,
+    HIGH_V,
+    LOW_U,
+    LOW_V,
+    PLANE_MARGIN,
+    W0_X,
+    W1_X,
+    W2_X,
+    components,
+    depth_on,
+    edge_functions,
+    inside,
+    rounding,
+    weigh,
+)
+from scenetruth.threads import in_bands
+
+__all__ = ["PixelGrid", "pixel_hits"]
+
+_MARGIN = 1e-5  # deviation of rays from their pixel, in steps of the grid
+_NEARER = 1e-9  # relative margin of depths for rounding
+_MANY_RAYS = 4  # minimum number of rays in a pixel for which its faces are sorted by depth
+_SORTED = 48  # maximum number of faces in a pixel that are sorted by depth
+_LEAST_CAST = 2048  # minimum number of rays per thread
+_FACES_PER_PIXEL = 12  # space for the faces of a pixel, enlarged if necessary
+
+
+class PixelGrid(NamedTuple):
+    """Regular grid of pixels in the central projection of a mesh along an axis."""
+
+    vertices: NDArray[np.float64]
+    """World positions in mm, shape (n, 3)."""
+    faces: NDArray[np.int32]
+    """Vertex indices of the faces, shape (m, 3)."""
+    origin: NDArray[np.float64]
+    """Origin of the rays in mm, shape (3,)."""
+    frame: NDArray[np.float64]
+    """Two unit vectors across the axis and the axis, as rows of a rotation."""
+    steps: NDArray[np.float64]
+    """Lowest u, its step from column to column, lowest v, its step from row to row, see `grid_steps`."""
+    width: int
+    """Pixels per row."""
+    height: int
+    """Number of rows."""
+
+
+def pixel_hits(
+    grid: PixelGrid,
+    forms: NDArray[np.float64],
+    boxes: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    pixels: NDArray[np.int64],
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+    """Compute the first hit of rays anywhere in the pixels of a grid; bit-identical to `raster_hits`.
+
+    ``forms``, ``boxes``: Of all faces, see `prepare_faces`.
+    ``directions``: Directions of the rays, shape (n, 3).
+    ``pixels``: Pixel of each ray in row-major order, ascending, shape (n,).
+    """
+    count = directions.shape[0]
+    # Number of rays in the pixels before each.
+    before = np.zeros(grid.width * grid.height + 1, dtype=np.int32)
+    np.cumsum(np.bincount(pixels, minlength=grid.width * grid.height), out=before[1:])
+    face, depth = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.float64)
+    weights = np.empty((count, 2), dtype=np.float64)
+    least = max(grid.height * _LEAST_CAST // max(count, 1), 1)
+    in_bands(
+        _pixel_hits, grid.height, grid, forms, boxes, before, pixels, directions, face, depth, weights, least=least
+    )
+    return face, depth, weights
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _touched(one: float, other: float, low: float, step: float, first: int, last: int) -> Any:
+    """Return the first and last + 1 of the pixels, half a step around grid lines, between two places, in a range."""
+    start, end = (one - low) / step, (other - low) / step
+    start, end = min(start, end) - 0.5 - _MARGIN, max(start, end) + 0.5 + _MARGIN
+    return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _write_edges(
+    form: NDArray[np.float64], grid: PixelGrid, largest: float, edges: NDArray[np.float64]
+) -> None:  # fmt: skip
+    """Write the edge functions of a face, divided by the ray component along the axis, as functions of column and row.
+
+    Each of the three is followed by its largest change from the centre of a pixel to its corners, with margins.
+    """
+    blur = form[BLUR_X] + form[BLUR_Y] + form[BLUR_Z]
+    for k in range(3):
+        first = (W0_X, W1_X, W2_X)[k]
+        nx, ny, nz = form[first], form[first + 1], form[first + 2]
+        along_u, along_v, constant = components(nx, ny, nz, grid.frame)
+        right, below = along_u * grid.steps[1], along_v * grid.steps[3]
+        edges[k, 0] = along_u * grid.steps[0] + along_v * grid.steps[2] + constant
+        edges[k, 1], edges[k, 2] = right, below
+        margin = (PLANE_MARGIN * np.sqrt(nx * nx + ny * ny + nz * nz) + blur) * largest
+        edges[k, 3] = (0.5 + _MARGIN) * (abs(right) + abs(below)) + margin
+
+
+@numba.njit(cache=True, nogil=True)
+def _nearest(grid: PixelGrid, face: int) -> Any:
+    """Return the smallest distance of the corners of a face along the axis."""
+    nearest = np.inf
+    for corner in range(3):
+        vertex = grid.faces[face, corner]
+        x = grid.vertices[vertex, 0] - grid.origin[0]
+        y = grid.vertices[vertex, 1] - grid.origin[1]
+        z = grid.vertices[vertex, 2] - grid.origin[2]
+        nearest = min(nearest, x * grid.frame[2, 0] + y * grid.frame[2, 1] + z * grid.frame[2, 2])
+    return nearest
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _may_touch(edges: NDArray[np.float64], x: float, y: float) -> Any:
+    """Return whether any ray in a pixel may be inside the three edges of a face."""
+    one = edges[0, 0] + edges[0, 1] * x + edges[0, 2] * y
+    two = edges[1, 0] + edges[1, 1] * x + edges[1, 2] * y
+    three = edges[2, 0] + edges[2, 1] * x + edges[2, 2] * y
+    positive = (one >= -edges[0, 3]) & (two >= -edges[1, 3]) & (three >= -edges[2, 3])
+    negative = (one <= edges[0, 3]) & (two <= edges[1, 3]) & (three <= edges[2, 3])
+    return positive | negative
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _pixel_hits(
+    low: int, high: int, grid: PixelGrid, forms: NDArray[np.float64], boxes: NDArray[np.float64],
+    before: NDArray[np.int32], pixels: NDArray[np.int64], directions: NDArray[np.float64],
+    face_out: NDArray[np.int32], depth_out: NDArray[np.float64], weights: NDArray[np.float64],
+) -> None:  # fmt: skip
+    width, steps, frame, origin = grid.width, grid.steps, grid.frame, grid.origin
+    start, end = before[low * width], before[high * width]
+    largest = 1.0 + abs(steps[0]) + abs(steps[2]) + width * abs(steps[1]) + grid.height * abs(steps[3])
+    # Number of each pixel with rays, and its first ray.
+    numbers = np.full((high - low) * width, -1, dtype=np.int32)
+    firsts, count = np.empty(end - start + 1, dtype=np.int32), 0
+    for n in range(start, end):
+        if n == start or pixels[n] != pixels[n - 1]:
+            numbers[pixels[n] - low * width], firsts[count] = count, n
+            count += 1
+    firsts[count] = end
+    # Faces that may touch a pixel, and the number of the pixel.
+    space, used = 1024 + _FACES_PER_PIXEL * count, 0
+    listed, place = np.empty(space, dtype=np.int32), np.empty(space, dtype=np.int32)
+    ends = np.zeros(count + 1, dtype=np.int32)
+    edges, near = np.empty((3, 4)), np.empty(forms.shape[0])
+    for face in range(forms.shape[0]):
+        if not boxes[face, LOW_V] <= boxes[face, HIGH_V]:
+            continue
+        top, bottom = _touched(boxes[face, LOW_V], boxes[face, HIGH_V], steps[2], steps[3], low, high)
+        if top >= bottom:
+            continue
+        left, right = _touched(boxes[face, LOW_U], boxes[face, HIGH_U], steps[0], steps[1], 0, width)
+        if left >= right:
+            continue
+        ready = False
+        for y in range(top, bottom):
+            if before[y * width + left] == before[y * width + right]:
+                continue
+            if not ready:
+                _write_edges(forms[face], grid, largest, edges)
+                near[face], ready = _nearest(grid, face), True
+            if used + right - left > space:
+                space = 2 * space + right - left
+                more, places = np.empty(space, dtype=np.int32), np.empty(space, dtype=np.int32)
+                more[:used], places[:used] = listed[:used], place[:used]
+                listed, place = more, places
+            for x in range(left, right):
+                number = numbers[(y - low) * width + x]
+                if number >= 0 and _may_touch(edges, float(x), float(y)):
+                    listed[used], place[used] = face, number
+                    used += 1
+    for entry in range(used):
+        ends[place[entry] + 1] += 1
+    for number in range(count):
+        ends[number + 1] += ends[number]
+    own = np.empty(used, dtype=np.int32)
+    # Filled from the end, so that the end of each pixel becomes that of the pixel before.
+    for entry in range(used - 1, -1, -1):
+        number = place[entry]
+        ends[number + 1] -= 1
+        own[ends[number + 1]] = listed[entry]
+    order = np.empty(_SORTED, dtype=np.int32)
+    for number in range(count):
+        n, after = firsts[number], firsts[number + 1]
+        first, last = ends[number + 1], ends[number + 2] if number + 1 < count else used
+        few = last - first <= _SORTED and after - n >= _MANY_RAYS
+        if few:
+            for k in range(last - first):
+                face = own[first + k]
+                at = k
+                while at > 0 and near[order[at - 1]] > near[face]:
+                    order[at] = order[at - 1]
+                    at -= 1
+                order[at] = face
+        for ray in range(n, after):
+            dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+            _, _, along = components(dx, dy, dz, frame)
+            best, nearest = -1, np.inf
+            for k in range(last - first):
+                face = order[k] if few else own[first + k]
+                if near[face] > nearest * along * (1.0 + _NEARER):
+                    if few:
+                        break
+                    continue
+                form = forms[face]
+                w0, w1, w2 = edge_functions(form, dx, dy, dz)
+                if not inside(w0, w1, w2, rounding(form, dx, dy, dz)):
+                    continue
+                depth = depth_on(form, dx, dy, dz)
+                if depth > 0.0 and (depth < nearest or (depth == nearest and face < best)):
+                    best, nearest = face, depth
+            face_out[ray], depth_out[ray], weights[ray, 0], weights[ray, 1] = best, np.nan, 0.0, 0.0
+            if best >= 0:
+                depth_out[ray] = nearest
+                weights[ray, 0], weights[ray, 1] = weigh(forms[best], dx, dy, dz)

@@ -1,0 +1,273 @@
+"""Reflection by materials: gloss, metal, and light that passes sheets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.raycast import RayCaster, ShadowCaster, Topology
+from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.lighting import Lamp, Lighting
+from scenetruth.scene.material import Material
+
+__all__ = ["Reflection", "ReflectionTables", "SeenPoints", "pack_materials"]
+
+_MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
+
+
+class ReflectionTables(NamedTuple):
+    """Materials as arrays for `reflectance_kernels`."""
+
+    values: NDArray[np.float64]
+    """For each material: refractive index, roughness along and across, metallic fraction, transmittance, mean albedo of
+    the boundary, mean albedo of mirrors, and the share of light reflected by further microfacets: of the boundary,
+    of black metal; and diffuse reflectance. Shape (k, 10).
+    """
+    tables: NDArray[np.float64]
+    """Directional albedo of the boundary, of mirrors, and the part of mirrors that is weighted by (1 - cos)^5, at the
+    nodes of `albedo_tables`; shape (k, 3, COSINES, AZIMUTHS).
+    """
+
+
+def pack_materials(materials: Sequence[Material]) -> ReflectionTables:
+    """Return the parameters and tables of materials, with one row each."""
+    rows = [
+        _pack(item.refractive_index, *_roughness(item), item.metallic, item.transmittance, item.reflectance)
+        for item in materials
+    ]
+    return ReflectionTables(np.array([row for row, _ in rows]), np.array([table for _, table in rows]))
+
+
+def _roughness(material: Material) -> tuple[float, float]:
+    """Return the roughness along and across."""
+    across = material.roughness
+    return (across if material.roughness_along is None else material.roughness_along), across
+
+
+@lru_cache(maxsize=64)
+def _pack(
+    index: float, along: float, across: float, metallic: float, transmittance: float, reflectance: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the row and the tables of one material."""
+    from scenetruth.render.reflectance_kernels import AZIMUTHS, COSINES, albedo_tables
+
+    values = np.array([index, along, across, metallic, transmittance, 0.0, 0.0, 0.0, 0.0, reflectance])
+    tables = np.zeros((3, COSINES, AZIMUTHS))
+    if index == 1.0 and metallic == 0.0:
+        return values, tables
+    single, mirror, grazing = (albedo_tables(kind, along, across) for kind in (index, 0.0, -1.0))
+    mirror_mean = _mean(mirror)
+    # Mean Fresnel reflectance of the facets, for light reflected again and again.
+    cosines = (np.arange(2000) + 0.5) / 2000
+    facets = (_fresnel(cosines, index), (1 - cosines) ** 5)
+    means = [2 * float(np.mean(reflectance * cosines)) for reflectance in facets]
+    further = [mean**2 * mirror_mean / (1 - mean * (1 - mirror_mean)) for mean in means]
+    boundary = single + (1 - mirror) * further[0]
+    values[5:9] = _mean(boundary), mirror_mean, *further
+    return values, np.stack([boundary, mirror, grazing])
+
+
+def _fresnel(cosines: NDArray[np.float64], index: float) -> NDArray[np.float64]:
+    from scenetruth.render.reflectance_kernels import fresnel
+
+    return np.array([fresnel(float(cosine), index) for cosine in cosines])
+
+
+def _mean(table: NDArray[np.float64]) -> float:
+    """Return the mean of a directional albedo over all directions, by cosine, as the kernels interpolate it."""
+    # Between nodes of s, the root of the cosine: the integral of 4 s³ E(s); azimuths by the trapezoidal rule.
+    edges = np.linspace(0, 1, len(table))
+    low, high = edges[:-1], edges[1:]
+    whole, first = high**4 - low**4, 4 * (high**5 - low**5) / 5
+    weights = np.zeros(len(table))
+    weights[:-1] += (high * whole - first) / (high - low)
+    weights[1:] += (first - low * whole) / (high - low)
+    azimuths = np.ones(table.shape[1])
+    azimuths[[0, -1]] = 0.5
+    return float(weights @ table @ azimuths / azimuths.sum())
+
+
+class SeenPoints(NamedTuple):
+    """Points of surfaces that a camera sees.
+
+    ``origin_mm``: Position of the camera, shape (3,).
+    ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
+    ``faces``: Face of each point, shape (n,).
+    ``starts_mm``: Origins of the shadow rays on the visible side, see `shading_kernels.smooth_points`, shape (n, 3).
+    """
+
+    origin_mm: NDArray[np.float64]
+    points_mm: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    starts_mm: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """Surfaces that cast shadows of one transmittance.
+
+    ``numbers``: Index of each face of the scene among these faces, -1 for others, shape (m,).
+    """
+
+    caster: ShadowCaster
+    numbers: NDArray[np.int32]
+    transmittance: float
+
+    @classmethod
+    def of(cls, caster: RayCaster, faces: NDArray[np.int64], topology: Topology, transmittance: float) -> _Sheet:
+        numbers = np.full(len(caster.topology.faces), -1, dtype=np.int32)
+        numbers[faces] = np.arange(len(faces), dtype=np.int32)
+        return cls(ShadowCaster(caster.vertices_mm, topology), numbers, transmittance)
+
+    @cached_property
+    def sphere(self) -> tuple[NDArray[np.float64], float]:
+        """Centre and radius of a sphere around the surfaces, mm."""
+        vertices = self.caster.vertices_mm[np.unique(self.caster.topology.faces)]
+        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        return centre, 1.001 * float(np.linalg.norm(vertices - centre, axis=1).max())
+
+    def hides(
+        self,
+        lamp: Lamp,
+        starts_mm: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        wanted: NDArray[np.bool_],
+        to_light: NDArray[np.float64],
+        distance_mm: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:
+        """Return which wanted points lie in the shadow of these surfaces, shape (n,)."""
+        own = self.numbers[faces]
+        hidden = np.zeros(len(faces), dtype=np.bool_)
+        reached = np.flatnonzero(wanted)
+        reached = reached[self._may_hide(lamp, starts_mm[reached])]
+        some = starts_mm[reached], own[reached]
+        if lamp.position_mm is None:
+            hidden[reached] = self.caster.blocked_parallel(*some, np.ones(len(reached), dtype=np.bool_), -lamp.axis)
+        else:
+            hidden[reached] = self.caster.blocked(*some, to_light[reached], distance_mm[reached])
+        return hidden
+
+    def _may_hide(self, lamp: Lamp, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points lie behind the sphere around these surfaces, as seen from the lamp."""
+        centre, radius = self.sphere
+        apart = points_mm - centre
+        if lamp.position_mm is None:
+            along = apart @ lamp.axis
+            beside = np.einsum("nk,nk->n", apart, apart) - along**2
+            return np.asarray((beside <= radius**2) & (along >= -radius))
+        # The distance of the centre from the ray between lamp and point.
+        to_lamp = lamp.position_mm - points_mm
+        share = -np.einsum("nk,nk->n", apart, to_lamp) / np.einsum("nk,nk->n", to_lamp, to_lamp)
+        nearest = apart + np.clip(share, 0.0, 1.0)[:, None] * to_lamp
+        return np.asarray(np.linalg.norm(nearest, axis=1) <= radius)
+
+
+class Reflection:
+    """Light that surfaces of any material reflect and transmit towards the camera."""
+
+    def __init__(self, lighting: Lighting, world: BuiltScene) -> None:
+        self._lighting = lighting
+        self._world = world
+        self._tangent: tuple[RayCaster, NDArray[np.float64]] | None = None
+        self._kinds: list[tuple[NDArray[np.int64], Topology, float]] | None = None
+        self._sheets: tuple[RayCaster, list[_Sheet]] | None = None
+
+    def light(
+        self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
+        """Compute factors, gloss, state numbers and blocked lamps of points, see `shading.Arrived`."""
+        from scenetruth.render.reflectance_kernels import reflect_ambient, reflect_light
+        from scenetruth.render.shading_kernels import direct_light
+
+        _, points_mm, normals, faces, _ = place
+        view = place[:4]
+        surface = (self._tangents(caster), self._world.face_material, *self._optics)
+        factors, gloss = np.zeros((2, len(points_mm)))
+        state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
+        reflect_ambient(self._lighting.ambient or 0.0, view, surface, factors, gloss)
+        through = self._optics.values[self._world.face_material[faces], 4] > 0
+        for number, lamp in enumerate(lamps):
+            if lamp.position_mm is None:
+                to_light = np.broadcast_to(-lamp.axis, points_mm.shape)
+            else:
+                to_light = lamp.position_mm - points_mm
+                to_light /= np.linalg.norm(to_light, axis=1)[:, None]
+            # At normal incidence.
+            light, zone, to_light, distance = direct_light(
+                points_mm,
+                np.ascontiguousarray(to_light),
+                np.zeros(3) if lamp.position_mm is None else lamp.position_mm,
+                lamp.axis,
+                lamp.position_mm is None,
+                lamp.irradiance,
+                lamp.reference_distance_mm,
+                lamp.cos_inner,
+                lamp.cos_outer,
+            )
+            facing = np.einsum("nk,nk->n", normals, to_light)
+            front, back = facing > 0, (facing < 0) & through
+            light[~(front | back)], zone[~(front | back)] = 0.0, 0
+            # Light on the other side of a sheet has zones of its own.
+            zone[back & (zone > 0)] += 2
+            dark = np.zeros(len(points_mm), dtype=np.bool_)
+            if self._lighting.shadows:
+                starts = np.where(front[:, None], place.starts_mm, points_mm)
+                for sheet in self._sheets_at(caster):
+                    hidden = sheet.hides(lamp, starts, faces, light > 0, to_light, distance)
+                    light[hidden] *= sheet.transmittance
+                    dark |= hidden
+                    # Points behind different sheets are in different shadows.
+                    zone[hidden] = zone[hidden] * 3 + 1
+                blocked |= dark.astype(np.uint64) << np.uint64(min(number, 63))
+            reflect_light(light, to_light, view, surface, factors, gloss)
+            state = state * _MIX + zone
+        return factors, gloss, state, blocked
+
+    @cached_property
+    def _optics(self) -> ReflectionTables:
+        return pack_materials([material for material, _ in self._world.materials])
+
+    def _tangents(self, caster: RayCaster) -> NDArray[np.float64]:
+        """Return the directions of x on the faces, of any length, shape (m, 3)."""
+        if self._tangent is None or self._tangent[0] is not caster:
+            corners = caster.vertices_mm[caster.topology.faces]
+            sides = corners[:, 1:] - corners[:, :1]
+            chart = self._world.chart_mm
+            across = chart[:, 1:] - chart[:, :1]
+            # x increases along the combination of the two sides along which y of the chart does not change.
+            weights = np.stack([across[:, 1, 1], -across[:, 0, 1]], axis=-1)
+            weights *= np.sign(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0])[:, None]
+            found = np.einsum("mk,mkj->mj", weights, sides)
+            flat = ~(np.linalg.norm(found, axis=1) > 0)
+            found[flat] = sides[flat, 0]
+            self._tangent = (caster, np.ascontiguousarray(found))
+        return self._tangent[1]
+
+    def _sheets_at(self, caster: RayCaster) -> list[_Sheet]:
+        """Return what casts shadows: all opaque surfaces together, and each surface that transmits light."""
+        if self._sheets is None or self._sheets[0] is not caster:
+            self._sheets = (caster, [_Sheet.of(caster, *part) for part in self._parts(caster)])
+        return self._sheets[1]
+
+    def _parts(self, caster: RayCaster) -> list[tuple[NDArray[np.int64], Topology, float]]:
+        """Return faces, topology and transmittance of what casts shadows."""
+        if self._kinds is None:
+            world, values = self._world, self._optics.values[:, 4]
+            through = values[world.face_material] > 0
+            groups = [(np.flatnonzero(~through), 0.0)]
+            for index in np.flatnonzero(values > 0):
+                texture = world.bodies[world.materials[index][1]].texture
+                mean = float(np.mean(texture.raster()))
+                groups.append((np.flatnonzero(world.face_material == index), mean * float(values[index])))
+            self._kinds = [
+                (chosen, Topology.of(caster.vertices_mm, world.faces[chosen], world.crease_deg[chosen]), share)
+                for chosen, share in groups
+                if len(chosen)
+            ]
+        return self._kinds
