@@ -142,7 +142,7 @@ def _pixel_hits(
     before: NDArray[np.int32], pixels: NDArray[np.int64], directions: NDArray[np.float64],
     face_out: NDArray[np.int32], depth_out: NDArray[np.float64], weights: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    width, steps, frame, origin = grid.width, grid.steps, grid.frame, grid.origin
+    width, steps, frame = grid.width, grid.steps, grid.frame
     start, end = before[low * width], before[high * width]
     largest = 1.0 + abs(steps[0]) + abs(steps[2]) + width * abs(steps[1]) + grid.height * abs(steps[3])
     # Number of each pixel with rays, and its first ray.

@@ -99,7 +99,7 @@ def cast_edges(
                 last = light.starts[cell + 1] if row <= bottom else light.large.shape[0]
                 for entry in range(first, last):
                     face = light.listed[entry] if row <= bottom else light.large[entry]
-                    if face == one or face == two or not numbers[face, STEEP] < np.inf:
+                    if face in (one, two) or not numbers[face, STEEP] < np.inf:
                         continue
                     enter, leave = _shadow_on(ends, edge, numbers, face, apart)
                     if enter < leave:

@@ -207,11 +207,11 @@ class AdaptiveRenderer(RaycastRenderer):
         light, shade, blocked = None, np.empty(0), np.empty(0, dtype=np.uint64)
         if self._shader is not None:
             if faces is not None and decided:
-                shade, blocked, steps = self._shader.pixels_on_faces(
+                shade, blocked, bare = self._shader.pixels_on_faces(
                     caster, t, origin, directions, hits, body, edges.mixed, faces
                 )
                 # Faces between which a shadow begins.
-                edges.mixed[steps], edges.bare[steps] = True, True
+                edges.mixed[bare], edges.bare[bare] = True, True
             else:
                 light = self._shader.on_pixels(caster, t, origin, directions, hits, edges.mixed)
                 shade, blocked = light.shade, light.blocked

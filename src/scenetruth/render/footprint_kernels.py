@@ -31,9 +31,9 @@ class Footprints(NamedTuple):
 
     pixels: NDArray[np.int64]
     """Pixel indices, shape (n,); each must have a hit."""
-    first: NDArray[np.int64]
+    firsts: NDArray[np.int64]
     """Index of the first sample of each pixel in ``offsets``, shape (n,)."""
-    count: NDArray[np.int64]
+    counts: NDArray[np.int64]
     """Number of samples of each pixel, shape (n,)."""
     offsets: NDArray[np.float64]
     """Offsets (x, y) from the pixel centre in px, shape (k, 2)."""
@@ -147,7 +147,7 @@ def _average_footprints(
     texel_rows, texel_columns = values.shape
     gain, level = raster.gain / (36.0 if cubic else 1.0), raster.mean
     by_lamp, dark_lamps, meeting = light.by_lamp, light.blocked, footprints.meeting
-    pixels, firsts, counts = footprints.pixels, footprints.first, footprints.count
+    pixels, firsts, counts = footprints.pixels, footprints.firsts, footprints.counts
     height = hits.shape[0] // width
     ambient = light.ambient
     apart, lit, lamps = 1 if across.shape[0] > 1 else 0, by_lamp.shape[0] > 0, by_lamp.shape[1]
