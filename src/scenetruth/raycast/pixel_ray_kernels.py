@@ -29,7 +29,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["PixelGrid", "pixel_hits"]
+__all__ = ["RayGrid", "pixel_hits"]
 
 _MARGIN = 1e-5  # deviation of rays from their pixel, in steps of the grid
 _NEARER = 1e-9  # relative margin of depths for rounding
@@ -39,7 +39,7 @@ _LEAST_CAST = 2048  # minimum number of rays per thread
 _FACES_PER_PIXEL = 12  # space for the faces of a pixel, enlarged if necessary
 
 
-class PixelGrid(NamedTuple):
+class RayGrid(NamedTuple):
     """Regular grid of pixels in the central projection of a mesh along an axis."""
 
     vertices: NDArray[np.float64]
@@ -59,7 +59,7 @@ class PixelGrid(NamedTuple):
 
 
 def pixel_hits(
-    grid: PixelGrid,
+    grid: RayGrid,
     forms: NDArray[np.float64],
     boxes: NDArray[np.float64],
     directions: NDArray[np.float64],
@@ -94,7 +94,7 @@ def _touched(one: float, other: float, low: float, step: float, first: int, last
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _write_edges(
-    form: NDArray[np.float64], grid: PixelGrid, largest: float, edges: NDArray[np.float64]
+    form: NDArray[np.float64], grid: RayGrid, largest: float, edges: NDArray[np.float64]
 ) -> None:  # fmt: skip
     """Write the edge functions of a face, divided by the ray component along the axis, as functions of column and row.
 
@@ -113,7 +113,7 @@ def _write_edges(
 
 
 @numba.njit(cache=True, nogil=True)
-def _nearest(grid: PixelGrid, face: int) -> Any:
+def _nearest(grid: RayGrid, face: int) -> Any:
     """Return the smallest distance of the corners of a face along the axis."""
     nearest = np.inf
     for corner in range(3):
@@ -138,7 +138,7 @@ def _may_touch(edges: NDArray[np.float64], x: float, y: float) -> Any:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _pixel_hits(
-    low: int, high: int, grid: PixelGrid, forms: NDArray[np.float64], boxes: NDArray[np.float64],
+    low: int, high: int, grid: RayGrid, forms: NDArray[np.float64], boxes: NDArray[np.float64],
     before: NDArray[np.int32], pixels: NDArray[np.int64], directions: NDArray[np.float64],
     face_out: NDArray[np.int32], depth_out: NDArray[np.float64], weights: NDArray[np.float64],
 ) -> None:  # fmt: skip

@@ -40,7 +40,7 @@ class Footprints(NamedTuple):
     weights: NDArray[np.float64]
     """Weights of the samples, shape (k,)."""
     meeting: NDArray[np.bool_]
-    """Faces that intersect other faces, shape (m,); none if this is not known."""
+    """Faces that intersect other faces, shape (m,); no entries if they are not determined."""
 
 
 class Raster(NamedTuple):
@@ -122,7 +122,7 @@ def _sample_raster(
 def average_footprints(
     mesh: TexturedMesh, rays: ImageRays, footprints: Footprints, raster: Raster, light: LampLight
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Average the radiance over pixels, whose samples are found by walks as in `walk_footprints`.
+    """Average the radiance over pixels, whose samples are reached by walks as in `walk_footprints`.
 
     Next to pixels of other bodies, walks end at faces that intersect others.
 
