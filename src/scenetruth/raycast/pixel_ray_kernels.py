@@ -29,7 +29,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["PixelGrid", "pixel_hits"]
+__all__ = ["RayGrid", "pixel_hits"]
 
 _MARGIN = 1e-5  # deviation of rays from their pixel, in steps of the grid
 _NEARER = 1e-9  # relative margin of depths for rounding
@@ -39,7 +39,7 @@ _LEAST_CAST = 2048  # minimum number of rays per thread
 _FACES_PER_PIXEL = 12  # space for the faces of a pixel, enlarged if necessary
 
 
-class PixelGrid(NamedTuple):
+class RayGrid(NamedTuple):
     """Regular grid of pixels in the central projection of a mesh along an axis."""
 
     vertices: NDArray[np.float64]
@@ -59,7 +59,7 @@ class PixelGrid(NamedTuple):
 
 
 def pixel_hits(
-    grid: PixelGrid,
+    grid: RayGrid,
     forms: NDArray[np.float64],
     boxes: NDArray[np.float64],
     directions: NDArray[np.float64],
@@ -72,14 +72,12 @@ def pixel_hits(
     ``pixels``: Pixel of each ray in row-major order, ascending, shape (n,).
     """
     count = directions.shape[0]
-    # Number of rays in the pixels before each.
-    before = np.zeros(grid.width * grid.height + 1, dtype=np.int32)
-    np.cumsum(np.bincount(pixels, minlength=grid.width * grid.height), out=before[1:])
+    row_start = np.searchsorted(pixels, np.arange(grid.height + 1) * grid.width)
     face, depth = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.float64)
     weights = np.empty((count, 2), dtype=np.float64)
     least = max(grid.height * _LEAST_CAST // max(count, 1), 1)
     in_bands(
-        _pixel_hits, grid.height, grid, forms, boxes, before, pixels, directions, face, depth, weights, least=least
+        _pixel_hits, grid.height, grid, forms, boxes, row_start, pixels, directions, face, depth, weights, least=least
     )
     return face, depth, weights
 
@@ -94,7 +92,7 @@ def _touched(one: float, other: float, low: float, step: float, first: int, last
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _write_edges(
-    form: NDArray[np.float64], grid: PixelGrid, largest: float, edges: NDArray[np.float64]
+    form: NDArray[np.float64], grid: RayGrid, largest: float, edges: NDArray[np.float64]
 ) -> None:  # fmt: skip
     """Write the edge functions of a face, divided by the ray component along the axis, as functions of column and row.
 
@@ -113,7 +111,7 @@ def _write_edges(
 
 
 @numba.njit(cache=True, nogil=True)
-def _nearest(grid: PixelGrid, face: int) -> Any:
+def _nearest(grid: RayGrid, face: int) -> Any:
     """Return the smallest distance of the corners of a face along the axis."""
     nearest = np.inf
     for corner in range(3):
@@ -138,21 +136,22 @@ def _may_touch(edges: NDArray[np.float64], x: float, y: float) -> Any:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _pixel_hits(
-    low: int, high: int, grid: PixelGrid, forms: NDArray[np.float64], boxes: NDArray[np.float64],
-    before: NDArray[np.int32], pixels: NDArray[np.int64], directions: NDArray[np.float64],
+    low: int, high: int, grid: RayGrid, forms: NDArray[np.float64], boxes: NDArray[np.float64],
+    row_start: NDArray[np.int64], pixels: NDArray[np.int64], directions: NDArray[np.float64],
     face_out: NDArray[np.int32], depth_out: NDArray[np.float64], weights: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    width, steps, frame, origin = grid.width, grid.steps, grid.frame, grid.origin
-    start, end = before[low * width], before[high * width]
+    width, steps, frame = grid.width, grid.steps, grid.frame
+    start, end = row_start[low], row_start[high]
     largest = 1.0 + abs(steps[0]) + abs(steps[2]) + width * abs(steps[1]) + grid.height * abs(steps[3])
-    # Number of each pixel with rays, and its first ray.
-    numbers = np.full((high - low) * width, -1, dtype=np.int32)
-    firsts, count = np.empty(end - start + 1, dtype=np.int32), 0
+    # First ray of each pixel with rays, and the number of such pixels before each pixel.
+    firsts, count, last = np.empty(end - start + 1, dtype=np.int32), 0, 0
+    numbers = np.empty((high - low) * width + 1, dtype=np.int32)
     for n in range(start, end):
         if n == start or pixels[n] != pixels[n - 1]:
-            numbers[pixels[n] - low * width], firsts[count] = count, n
-            count += 1
-    firsts[count] = end
+            pixel = pixels[n] - low * width
+            numbers[last : pixel + 1], firsts[count] = count, n
+            last, count = pixel + 1, count + 1
+    numbers[last:], firsts[count] = count, end
     # Faces that may touch a pixel, and the number of the pixel.
     space, used = 1024 + _FACES_PER_PIXEL * count, 0
     listed, place = np.empty(space, dtype=np.int32), np.empty(space, dtype=np.int32)
@@ -169,7 +168,8 @@ def _pixel_hits(
             continue
         ready = False
         for y in range(top, bottom):
-            if before[y * width + left] == before[y * width + right]:
+            row = (y - low) * width
+            if numbers[row + left] == numbers[row + right]:
                 continue
             if not ready:
                 _write_edges(forms[face], grid, largest, edges)
@@ -180,8 +180,8 @@ def _pixel_hits(
                 more[:used], places[:used] = listed[:used], place[:used]
                 listed, place = more, places
             for x in range(left, right):
-                number = numbers[(y - low) * width + x]
-                if number >= 0 and _may_touch(edges, float(x), float(y)):
+                number = numbers[row + x]
+                if numbers[row + x + 1] > number and _may_touch(edges, float(x), float(y)):
                     listed[used], place[used] = face, number
                     used += 1
     for entry in range(used):

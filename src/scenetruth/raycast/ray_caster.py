@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scenetruth.raycast.mesh_topology import Topology
 
 if TYPE_CHECKING:
-    from scenetruth.raycast.pixel_ray_kernels import PixelGrid
+    from scenetruth.raycast.pixel_ray_kernels import RayGrid
 
 __all__ = ["EmbreeMesh", "Hits", "RayCaster"]
 
@@ -99,7 +99,7 @@ class RayCaster:
         self._centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
         self._extent = float(np.abs(self.vertices_mm - self._centre).max())
         self._prepared: _Prepared | None = None
-        self._grid: PixelGrid | None = None
+        self._grid: RayGrid | None = None
 
     @cached_property
     def face_normals(self) -> NDArray[np.float64]:
@@ -153,7 +153,7 @@ class RayCaster:
 
     def _cover(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
         """Compute hits of a regular ray grid face by face; None for other grids, or if faces cover too many rays."""
-        from scenetruth.raycast.pixel_ray_kernels import PixelGrid
+        from scenetruth.raycast.pixel_ray_kernels import RayGrid
         from scenetruth.raycast.raster_kernels import grid_hits, grid_steps
 
         self._grid = None
@@ -177,7 +177,7 @@ class RayCaster:
         columns[boxes[:, 0] > boxes[:, 1]] = 0.0
         if columns @ rows > _MOST_LAYERS * len(directions):
             return None
-        self._grid = PixelGrid(self.vertices_mm, self.topology.faces, origin.copy(), frame, grid, width, height)
+        self._grid = RayGrid(self.vertices_mm, self.topology.faces, origin.copy(), frame, grid, width, height)
         return Hits(*grid_hits(forms, boxes, grid, directions, width))
 
     def _scatter(self, origin: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits | None:

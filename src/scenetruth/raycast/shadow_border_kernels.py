@@ -66,7 +66,7 @@ def cast_edges(
     ``ends``: Ends of the edges in light coordinates, shape (k, 2, 3).
     ``edge_faces``: Their faces, on which they cast no shadow, -1 for none, shape (k, 2).
     ``apart``: Distance in mm below which faces touch, and shadows are ignored.
-    ``pairs``: Output: edge and face, shape (space, 2). A pair may be found several times.
+    ``pairs``: Output: edge and face, shape (space, 2). A pair may occur several times.
     ``spans``: Output: range of the edge as fractions, shape (space, 2).
     """
     numbers, low, per_cell = light.numbers, light.low, light.per_cell
@@ -99,7 +99,7 @@ def cast_edges(
                 last = light.starts[cell + 1] if row <= bottom else light.large.shape[0]
                 for entry in range(first, last):
                     face = light.listed[entry] if row <= bottom else light.large[entry]
-                    if face == one or face == two or not numbers[face, STEEP] < np.inf:
+                    if face in (one, two) or not numbers[face, STEEP] < np.inf:
                         continue
                     enter, leave = _shadow_on(ends, edge, numbers, face, apart)
                     if enter < leave:
@@ -193,7 +193,7 @@ def cross_faces(
     ``places``: Vertices in light coordinates, shape (n, 3).
     ``boxes``: Lowest and highest u, v and h of the faces, shape (m, 6).
     ``apart``: As in `cast_edges`.
-    ``pairs``: Output: the two faces, shape (space, 2). A pair may be found several times.
+    ``pairs``: Output: the two faces, shape (space, 2). A pair may occur several times.
     ``lines``: Output: ends of the line in which they intersect, shape (space, 2, 3).
     """
     planes, line = np.empty((2, 6)), np.empty((2, 3))

@@ -162,7 +162,7 @@ class ShadowCaster:
             self.blocked_parallel(points_mm + sign * across, faces, every, to_light, confirmed=False)
             for sign in (-1, 1)
         )
-        return one != other
+        return np.asarray(one != other)
 
     def _contour(self, corners: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the edges of the contour seen along the third axis, for corners of the faces, shape (m, 3, 3)."""

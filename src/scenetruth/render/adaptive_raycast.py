@@ -207,11 +207,11 @@ class AdaptiveRenderer(RaycastRenderer):
         light, shade, blocked = None, np.empty(0), np.empty(0, dtype=np.uint64)
         if self._shader is not None:
             if faces is not None and decided:
-                shade, blocked, steps = self._shader.pixels_on_faces(
+                shade, blocked, bare = self._shader.pixels_on_faces(
                     caster, t, origin, directions, hits, body, edges.mixed, faces
                 )
                 # Faces between which a shadow begins.
-                edges.mixed[steps], edges.bare[steps] = True, True
+                edges.mixed[bare], edges.bare[bare] = True, True
             else:
                 light = self._shader.on_pixels(caster, t, origin, directions, hits, edges.mixed)
                 shade, blocked = light.shade, light.blocked
@@ -254,20 +254,26 @@ class AdaptiveRenderer(RaycastRenderer):
         self, body: NDArray[np.int32], where: NDArray[np.int64], uv: NDArray[np.float64], out: NDArray[np.float32]
     ) -> None:
         """Write the radiance without light at texture coordinates, for the indices ``where`` on the bodies there."""
+        for first in range(0, len(where), _PIXELS_PER_PIECE):
+            piece = where[first : first + _PIXELS_PER_PIECE]
+            own_body = body[piece]
+            order = np.argsort(own_body.astype(np.uint8) if len(self._world.bodies) < 256 else own_body, kind="stable")
+            bounds = np.searchsorted(own_body[order], np.arange(len(self._world.bodies) + 1))
+            for index in range(len(self._world.bodies)):
+                self._look_up_on(index, piece[order[bounds[index] : bounds[index + 1]]], uv, out)
+
+    def _look_up_on(
+        self, index: int, own: NDArray[np.int64], uv: NDArray[np.float64], out: NDArray[np.float32]
+    ) -> None:
+        """As `_look_up`, on one body."""
         from scenetruth.render.footprint_kernels import sample_raster
 
-        own_body = body[where]
-        order = np.argsort(own_body.astype(np.uint8) if len(self._world.bodies) < 256 else own_body, kind="stable")
-        bounds = np.searchsorted(own_body[order], np.arange(len(self._world.bodies) + 1))
-        for index, item in enumerate(self._world.bodies):
-            own = where[order[bounds[index] : bounds[index + 1]]]
-            if not len(own):
-                continue
-            raster = _raster_of(item.texture)
-            if raster is not None:
-                sample_raster(raster, uv, own, out)
-            else:
-                out[own] = item.texture.radiance(uv[own])
+        texture = self._world.bodies[index].texture
+        raster = _raster_of(texture)
+        if raster is not None:
+            sample_raster(raster, uv, own, out)
+        elif len(own):
+            out[own] = texture.radiance(uv[own])
 
     def _choose_for_bends(
         self, rules: NDArray[np.uint8], steps: NDArray[np.float32], place: NDArray[np.float64], body: NDArray[np.int32]

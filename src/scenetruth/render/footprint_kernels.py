@@ -31,16 +31,16 @@ class Footprints(NamedTuple):
 
     pixels: NDArray[np.int64]
     """Pixel indices, shape (n,); each must have a hit."""
-    first: NDArray[np.int64]
+    firsts: NDArray[np.int64]
     """Index of the first sample of each pixel in ``offsets``, shape (n,)."""
-    count: NDArray[np.int64]
+    counts: NDArray[np.int64]
     """Number of samples of each pixel, shape (n,)."""
     offsets: NDArray[np.float64]
     """Offsets (x, y) from the pixel centre in px, shape (k, 2)."""
     weights: NDArray[np.float64]
     """Weights of the samples, shape (k,)."""
     meeting: NDArray[np.bool_]
-    """Faces that intersect other faces, shape (m,); none if this is not known."""
+    """Faces that intersect other faces, shape (m,); no entries if they are not determined."""
 
 
 class Raster(NamedTuple):
@@ -122,7 +122,7 @@ def _sample_raster(
 def average_footprints(
     mesh: TexturedMesh, rays: ImageRays, footprints: Footprints, raster: Raster, light: LampLight
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Average the radiance over pixels, whose samples are found by walks as in `walk_footprints`.
+    """Average the radiance over pixels, whose samples are reached by walks as in `walk_footprints`.
 
     Next to pixels of other bodies, walks end at faces that intersect others.
 
@@ -147,7 +147,7 @@ def _average_footprints(
     texel_rows, texel_columns = values.shape
     gain, level = raster.gain / (36.0 if cubic else 1.0), raster.mean
     by_lamp, dark_lamps, meeting = light.by_lamp, light.blocked, footprints.meeting
-    pixels, firsts, counts = footprints.pixels, footprints.first, footprints.count
+    pixels, firsts, counts = footprints.pixels, footprints.firsts, footprints.counts
     height = hits.shape[0] // width
     ambient = light.ambient
     apart, lit, lamps = 1 if across.shape[0] > 1 else 0, by_lamp.shape[0] > 0, by_lamp.shape[1]

@@ -93,7 +93,7 @@ class FaceLight:
       uint64, shape (3, m). Lamps behind the face have no bit.
     ``decided``: Whether shadows are decided, for all faces but those.
     ``borders``: Lines that contain the borders, None without shadows.
-    ``meeting``: Faces that intersect others, shape (m,); empty if this is not known.
+    ``meeting``: Faces that intersect others, shape (m,); empty if they are not determined.
     """
 
     by_lamp: NDArray[np.float64]
