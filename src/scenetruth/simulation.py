@@ -189,7 +189,7 @@ def _stores(folder: Path, scene: Scene) -> tuple[Path, Path]:
 
 
 class _Image(NamedTuple):
-    """Image of the scan: index in the recording; moment; row, camera and frame; and what is known of it."""
+    """Image of the scan: index in the recording; moment; row, camera and frame; and, once rendered, its values."""
 
     at: dict[str, int]
     moment: ImageAcquisition

@@ -89,7 +89,7 @@ def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None, reason: str) ->
     def another() -> Renderer:
         return _behind_lens(scene, world, open_renderer, wrap)
 
-    # What a wrapper does is not known.
+    # A wrapper may depend on the order of the images.
     return BackendChoice(another(), reason, another if wrap is None else None)
 
 
