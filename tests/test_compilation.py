@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import pkgutil
@@ -9,16 +10,18 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
 import pytest
+from numba.extending import overload
 
 import scenetruth as st
 from scenetruth import compilation
 from scenetruth.compilation import announced_compilation, check_environment, keep_compiled_code, thread_count
+from scenetruth.kernels import kernel
 
 
 @pytest.fixture
@@ -121,6 +124,38 @@ def _compiled_kernels() -> Iterator[tuple[str, Any]]:
             for kernel in value.values() if isinstance(value, dict) else [value]:
                 if hasattr(kernel, "py_func"):
                     yield f"{found.name}.{name}", kernel
+
+
+def _probe(x: float) -> float:
+    """Stand-in whose code is given to the compiler by the test below, while it compiles."""
+    raise NotImplementedError
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_the_garbage_collector_is_suspended_while_kernels_are_compiled(enabled: bool) -> None:
+    during = []
+
+    @overload(_probe)
+    def _given(x: float) -> Callable[[float], float]:
+        during.append(gc.isenabled())
+        return lambda x: x
+
+    @kernel(cache=False)
+    def fails(x: float) -> float:
+        return x.missing  # type: ignore[attr-defined,no-any-return]
+
+    compiled = kernel(cache=False)(lambda x: _probe(x))
+    before = gc.isenabled()
+    (gc.enable if enabled else gc.disable)()
+    try:
+        assert compiled(1.0) == 1.0
+        assert gc.isenabled() == enabled
+        with pytest.raises(numba.TypingError):
+            fails(1.0)
+        assert gc.isenabled() == enabled
+    finally:
+        (gc.enable if before else gc.disable)()
+    assert during == [False]
 
 
 def test_kernels_are_no_closures_over_other_kernels() -> None:

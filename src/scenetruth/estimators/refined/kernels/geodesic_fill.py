@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
+
+from scenetruth.kernels import kernel
 
 __all__ = [
     "ExtensionRules",
@@ -18,7 +19,7 @@ __all__ = [
     "look_around",
 ]
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 
 @_jit
