@@ -21,11 +21,11 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile a function that is called from kernels only, and whose code becomes part of each of them.
+    """Compile a function whose code becomes part of every kernel that calls it.
 
     Its types are inferred once, instead of once for every call as with ``inline="always"``.
     """
-    return kernel(error_model="numpy", forceinline=True, no_cpython_wrapper=True)(function)
+    return kernel(error_model="numpy", forceinline=True)(function)
 
 
 class _CollectorPause(event.Listener):  # type: ignore[misc]

@@ -326,7 +326,8 @@ def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.fl
     mean = np.empty(warped.shape[2])
     for row in range(rows[0], rows[1]):
         mean_of_row(warped, row, least, mean)
-        texture[row] = mean
+        for x in range(len(mean)):
+            texture[row, x] = mean[x]
 
 
 _jit_exact = kernel(error_model="numpy")
