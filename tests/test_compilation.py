@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import pkgutil
@@ -15,10 +16,12 @@ from typing import Any
 
 import numba
 import pytest
+from numba.extending import overload
 
 import scenetruth as st
 from scenetruth import compilation
 from scenetruth.compilation import announced_compilation, check_environment, keep_compiled_code, thread_count
+from scenetruth.kernels import kernel
 
 
 @pytest.fixture
@@ -118,9 +121,42 @@ def _compiled_kernels() -> Iterator[tuple[str, Any]]:
         if "kernels" not in found.name:
             continue
         for name, value in vars(importlib.import_module(found.name)).items():
-            for kernel in value.values() if isinstance(value, dict) else [value]:
-                if hasattr(kernel, "py_func"):
-                    yield f"{found.name}.{name}", kernel
+            for each in value.values() if isinstance(value, dict) else [value]:
+                if hasattr(each, "py_func"):
+                    yield f"{found.name}.{name}", each
+
+
+def _probe(x: float) -> float:
+    """Stand-in whose code is given to the compiler by the test below, while it compiles."""
+    raise NotImplementedError
+
+
+def test_the_garbage_collector_is_suspended_while_kernels_are_compiled() -> None:
+    during = []
+
+    @overload(_probe)
+    def _given(x):  # type: ignore[no-untyped-def]  # numba compares the signatures, annotations too
+        during.append(gc.isenabled())
+        return lambda x: x
+
+    @kernel(cache=False)
+    def fails(x: float) -> float:
+        return x.missing  # type: ignore[attr-defined,no-any-return]
+
+    compiled = kernel(cache=False)(lambda x: _probe(x))
+    before = gc.isenabled()
+    try:
+        for enabled, value in ((True, 1.0), (False, 1)):
+            (gc.enable if enabled else gc.disable)()
+            during.clear()
+            assert compiled(value) == value
+            assert gc.isenabled() == enabled
+            with pytest.raises(numba.TypingError):
+                fails(value)
+            assert gc.isenabled() == enabled
+            assert set(during) == {False}
+    finally:
+        (gc.enable if before else gc.disable)()
 
 
 def test_kernels_are_no_closures_over_other_kernels() -> None:

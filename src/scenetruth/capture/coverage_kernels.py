@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from scenetruth.kernels import kernel
 
 __all__ = ["add_edges"]
 
 Array = NDArray[np.float64]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def add_edges(starts: Array, ends: Array, area: Array) -> None:
     """Add the edges of closed polygons to an image of area differences, shape (height, width + 1).
 
@@ -45,7 +46,7 @@ def add_edges(starts: Array, ends: Array, area: Array) -> None:
             _add_piece(area[row], width, left, right, sign * (bottom - top))
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _add_piece(row: Array, width: int, left: float, right: float, rise: float) -> None:
     """Add the part of an edge within one row of pixels: its range of x, and its signed height."""
     if left >= width:

@@ -1,11 +1,11 @@
 """Minimal kernel, whose absence from the cache of numba indicates the first run on a machine."""
 
-import numba
+from scenetruth.kernels import kernel
 
 __all__ = ["probe_kernel"]
 
 
-@numba.njit(cache=True)
+@kernel()
 def probe_kernel() -> int:
     """Return 0."""
     return 0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
@@ -44,7 +44,7 @@ _ROW_MARGIN = 1e-6  # relative tolerance by which rays may exceed their row of c
 _LEAST_SORTED, _LEAST_PROJECTED, _LEAST_CAST = 4096, 8192, 1024
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _cell(value: float, low: float, per_cell: float, last: int) -> Any:
     """Return the cell of a coordinate, from 0 to ``last``, monotonic in the coordinate."""
     return int(min(max((value - low) * per_cell, 0.0), last + 0.0))
@@ -68,7 +68,7 @@ def sort_rays(
     return order, start, field, bool(forward.all())
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _project(
     low: int, high: int, directions: NDArray[np.float64], frame: NDArray[np.float64], places: NDArray[np.float64],
     forward: NDArray[np.bool_],
@@ -82,7 +82,7 @@ def _project(
         places[n, 0], places[n, 1] = across / along, down / along
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _sort_places(places: NDArray[np.float64], side: int) -> Any:
     """Return the ray order, cell starts and ray field, see `sort_rays`."""
     count = places.shape[0]
@@ -135,7 +135,7 @@ def bin_faces(
     return listed, start
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _count_faces(
     low: int, high: int, boxes: NDArray[np.float64], field: NDArray[np.float64], used: NDArray[np.int64]
 ) -> None:
@@ -150,7 +150,7 @@ def _count_faces(
                 used[share, row] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _list_faces(
     low: int, high: int, boxes: NDArray[np.float64], field: NDArray[np.float64], used: NDArray[np.int64],
     listed: NDArray[np.int32],
@@ -167,7 +167,7 @@ def _list_faces(
                 used[share, row] += 1
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _outside(box: NDArray[np.float64], field: NDArray[np.float64]) -> Any:
     """Return whether a face touches no ray."""
     return not (
@@ -178,7 +178,7 @@ def _outside(box: NDArray[np.float64], field: NDArray[np.float64]) -> Any:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _reach_in_row(
     form: NDArray[np.float64],
     frame: NDArray[np.float64],
@@ -227,7 +227,7 @@ def scatter_hits(
     return face, depth, weights
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _scatter_hits(
     low_turn: int, high_turn: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], frame: NDArray[np.float64],
     field: NDArray[np.float64], side: int, rays: tuple[NDArray[Any], ...], lists: tuple[NDArray[Any], ...],

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import kernel
 from scenetruth.raycast.edge_kernels import sort_first
 from scenetruth.threads import in_bands
 
@@ -52,7 +52,7 @@ def cut_pixels(
     return firsts, *out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _clip(ends: NDArray[np.float64], edge: int, line: NDArray[np.float64]) -> Any:
     """Write the part of an edge inside the pixel, from the upper to the lower end; return whether there is one."""
     x0, y0, x1, y1 = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
@@ -73,7 +73,7 @@ def _clip(ends: NDArray[np.float64], edge: int, line: NDArray[np.float64]) -> An
     return True
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bounds(lines: NDArray[np.float64], used: int, bounds: NDArray[np.float64]) -> Any:
     """Write the heights between which no edge begins, ends or crosses another, in ascending order."""
     bounds[0], bounds[1], count = -0.5, 0.5, 2
@@ -92,7 +92,7 @@ def _bounds(lines: NDArray[np.float64], used: int, bounds: NDArray[np.float64]) 
     return count
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _cut_pixels(
     low: int, high: int, ends: NDArray[np.float64], starts: NDArray[np.int64], orders: NDArray[np.int64],
     nodes: NDArray[np.float64], weights: NDArray[np.float64], firsts: NDArray[np.int64],

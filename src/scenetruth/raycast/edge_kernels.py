@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.threads import in_bands
 
 __all__ = ["contour_edges", "cut_segments", "face_sides", "sort_first"]
@@ -33,7 +33,7 @@ def face_sides(
     return normals, front
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _face_sides(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
     normals: NDArray[np.float64], front: NDArray[np.bool_],
@@ -65,7 +65,7 @@ def contour_edges(
     return chosen
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _contour_edges(
     low: int, high: int, normals: NDArray[np.float64], front: NDArray[np.bool_], edge_faces: NDArray[np.int32],
     flipped: NDArray[np.bool_], crowded: NDArray[np.bool_], crease_cosine: NDArray[np.float64],
@@ -85,7 +85,7 @@ def _contour_edges(
         chosen[edge] = turned or cosine < crease_cosine[edge]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def sort_first(values: NDArray[np.float64], count: int) -> None:
     """Sort the first few values in place by insertion; numba's sort takes longer to compile than the other kernels."""
     for n in range(1, count):
@@ -96,7 +96,7 @@ def sort_first(values: NDArray[np.float64], count: int) -> None:
         values[at] = value
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def cut_segments(
     first: NDArray[np.float64],
     last: NDArray[np.float64],
@@ -140,7 +140,7 @@ def cut_segments(
     return inverses, positions, segments
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _cuts(
     first: NDArray[np.float64],
     last: NDArray[np.float64],

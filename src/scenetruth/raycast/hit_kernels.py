@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.mesh_topology import ImageRays, TexturedMesh
 from scenetruth.raycast.ray_triangle_kernels import (
     DISTANCE,
@@ -31,7 +31,7 @@ _U, _V, _DENOMINATOR = range(3)
 _CENTRE, _ACROSS, _DOWN = range(3)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _meet(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
     dx: float, dy: float, dz: float,
@@ -101,7 +101,7 @@ def refine_hits(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _refine_hits(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
     origin: NDArray[np.float64], directions: NDArray[np.float64], guesses: NDArray[np.int32], width: int, margin: float,
@@ -179,7 +179,7 @@ def footprint_forms(
     return forms, whole
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _footprint_forms(
     low: int, high: int, mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], reach: float,
     forms: NDArray[np.float64], whole: NDArray[np.bool_],
@@ -234,7 +234,7 @@ def _footprint_forms(
 _LEAST_MIXED = 4096  # minimum number of rays per thread
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _mixed(first: float, second: float, third: float, b1: float, b2: float) -> float:
     """Interpolate linearly such that a value common to all corners is reproduced exactly."""
     return first + b1 * (second - first) + b2 * (third - first)
@@ -249,7 +249,7 @@ def mix_vertices(
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _mix_vertices(
     low: int, high: int, face: NDArray[np.int32], weights: NDArray[np.float64], faces: NDArray[np.int32],
     values: NDArray[np.float64], out: NDArray[np.float64],
@@ -270,7 +270,7 @@ MOST_STEPS = 512
 _LEAST_WALKED = 128  # minimum number of pixels per thread
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def ways_out(w0: float, w1: float, w2: float) -> Any:
     """Return the number of edges that a ray is outside of, one of these edges, and their common corner if two.
 
@@ -315,7 +315,7 @@ def walk_footprints(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _walk_footprints(
     low: int, high: int, mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64],
     arrived: NDArray[np.bool_], face_out: NDArray[np.int32], depth_out: NDArray[np.float64],

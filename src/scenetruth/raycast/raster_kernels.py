@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
@@ -70,7 +70,7 @@ def _tile_rows(rays: int, width: int) -> int:
     return max(rays // (TILE * width), 1)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _tile_bounds(
     low: int, high: int, directions: NDArray[np.float64], width: int, frame: NDArray[np.float64],
     bounds: NDArray[np.float64], forward: NDArray[np.bool_],
@@ -116,7 +116,7 @@ def prepare_faces(
     return forms, boxes
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _prepare_faces(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
     frame: NDArray[np.float64], forms: NDArray[np.float64], boxes: NDArray[np.float64],
@@ -150,7 +150,7 @@ def _prepare_faces(
         write_forms(vertices, faces, face, origin, forms[face])
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _edges_of_tile(form: NDArray[np.float64], frame: NDArray[np.float64], bounds: NDArray[np.float64]) -> Any:
     """Return whether any ray of a tile may be inside the three edges of a face, and whether all rays certainly are."""
     may_positive, may_negative, all_positive, all_negative = True, True, True, True
@@ -195,7 +195,7 @@ def raster_hits(
     return face, depth, weights
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _weigh_hits(
     first: int, last: int, forms: NDArray[np.float64], directions: NDArray[np.float64], face: NDArray[np.int32],
     depth: NDArray[np.float64], weights: NDArray[np.float64],
@@ -209,7 +209,7 @@ def _weigh_hits(
         weights[n, 0], weights[n, 1] = weigh(forms[face[n]], dx, dy, dz)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _raster_hits(
     low: int, high: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], frame: NDArray[np.float64],
     bounds: NDArray[np.float64], directions: NDArray[np.float64], width: int, face_out: NDArray[np.int32],
@@ -273,7 +273,7 @@ def grid_steps(
     return grid, bool(regular.all())
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _grid_steps(
     low: int, high: int, directions: NDArray[np.float64], width: int, frame: NDArray[np.float64],
     grid: NDArray[np.float64], regular: NDArray[np.bool_],
@@ -313,7 +313,7 @@ def grid_hits(
     return face, depth, weights
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _covered(one: float, other: float, low: float, step: float, first: int, last: int) -> Any:
     """Return the first and last + 1 of the grid lines between two places, within a range."""
     start, end = (one - low) / step, (other - low) / step
@@ -321,7 +321,7 @@ def _covered(one: float, other: float, low: float, step: float, first: int, last
     return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _between_edges(
     form: NDArray[np.float64], directions: NDArray[np.float64], start: int, width: int, left: int, right: int
 ) -> Any:  # fmt: skip
@@ -363,7 +363,7 @@ def _between_edges(
     return left + int(np.ceil(low)), left + int(np.floor(high)) + 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _grid_hits(
     low: int, high: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], grid: NDArray[np.float64],
     directions: NDArray[np.float64], width: int, face_out: NDArray[np.int32], depth_out: NDArray[np.float64],

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from scenetruth.kernels import inlined
 
 __all__ = [
     "DISTANCE",
@@ -46,7 +47,7 @@ _ROUNDINGS = 8 * 2.0**-52
 _EDGE_ON = 1e3
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def blurs(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
 ) -> Any:  # fmt: skip
@@ -55,7 +56,7 @@ def blurs(
     return _ROUNDINGS * y * z, _ROUNDINGS * z * x, _ROUNDINGS * x * y
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def inside(w0: float, w1: float, w2: float, blur: float) -> Any:
     """Return whether a ray is inside a face, edges included.
 
@@ -73,7 +74,7 @@ def inside(w0: float, w1: float, w2: float, blur: float) -> Any:
     return False
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def write_forms(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
     form: NDArray[np.float64],
@@ -101,7 +102,7 @@ def write_forms(
     form[BLUR_X], form[BLUR_Y], form[BLUR_Z] = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def edge_functions(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
     """Return the edge functions of a face (Pineda, SIGGRAPH 1988) for a ray."""
     w2 = dx * form[W2_X] + dy * form[W2_Y] + dz * form[W2_Z]
@@ -110,19 +111,19 @@ def edge_functions(form: NDArray[np.float64], dx: float, dy: float, dz: float) -
     return w0, w1, w2
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def rounding(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
     """Return the bound of the rounding errors of a face's edge functions for a ray."""
     return abs(dx) * form[BLUR_X] + abs(dy) * form[BLUR_Y] + abs(dz) * form[BLUR_Z]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def slope(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
     """Return the scalar product of the face normal and the ray direction."""
     return form[NORMAL_X] * dx + form[NORMAL_Y] * dy + form[NORMAL_Z] * dz
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
     """Return the barycentric coordinates of a ray hit."""
     w0, w1, w2 = edge_functions(form, dx, dy, dz)
@@ -130,7 +131,7 @@ def weigh(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
     return w1 / total, w2 / total
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def depth_on(form: NDArray[np.float64], dx: float, dy: float, dz: float) -> Any:
     """Return the ray parameter of the intersection with the plane of a face; -1 for a parallel ray."""
     towards = slope(form, dx, dy, dz)
@@ -152,7 +153,7 @@ PLANE_MARGIN = 1e-12
 _ACROSS, _DOWN, _AXIS = range(3)  # rows of a frame: two transverse unit vectors and the axis
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def components(x: float, y: float, z: float, frame: NDArray[np.float64]) -> Any:
     """Return the components of a vector in a frame of two transverse unit vectors and the axis, shape (3, 3)."""
     across = x * frame[_ACROSS, 0] + y * frame[_ACROSS, 1] + z * frame[_ACROSS, 2]
@@ -161,7 +162,7 @@ def components(x: float, y: float, z: float, frame: NDArray[np.float64]) -> Any:
     return across, down, along
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def within(
     along_u: float, along_v: float, constant: float, margin: float, low_v: float, high_v: float, low: float, high: float
 ) -> Any:  # fmt: skip

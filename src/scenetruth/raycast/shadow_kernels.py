@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.threads import in_bands
 
 __all__ = [
@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def meets(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, start: NDArray[np.float64],
     way: NDArray[np.float64], farthest: float,
@@ -82,7 +82,7 @@ def confirm_blocked(
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _confirm_blocked(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
     starts: NDArray[np.float64], ways: NDArray[np.float64], guesses: NDArray[np.int32], own: NDArray[np.int32],
@@ -155,7 +155,7 @@ def flatten_faces(
     return numbers, boxes
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _flatten_faces(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], frame: NDArray[np.float64],
     tolerance: float, numbers: NDArray[np.float64], boxes: NDArray[np.float64],
@@ -219,13 +219,13 @@ def _flatten_faces(
         out[STEEP] = steep / abs(nz)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def cell_of(value: float, low: float, per_cell: float, last: int) -> Any:
     """Return the cell of a coordinate, from 0 to ``last``, monotonic in the coordinate."""
     return int(min(max((value - low) * per_cell, 0.0), last + 0.0))
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _touches(numbers: NDArray[np.float64], face: int, u: float, v: float, edge: float, tolerance: float) -> Any:
     """Return whether a face may touch the cell with lowest corner (u, v)."""
     for first in range(EDGES, PLANE, 3):
@@ -250,7 +250,7 @@ def sort_faces(
     return _sort_into_cells(order, numbers, boxes, low, per_cell, columns, rows, tolerance)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _sort_into_cells(
     order: NDArray[np.int64],
     numbers: NDArray[np.float64],
@@ -298,7 +298,7 @@ def _sort_into_cells(
     return starts, listed, large[:used].copy()
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _inside(numbers: NDArray[np.float64], face: int, u: float, v: float) -> Any:
     """Return the distance of a ray inside the edges of a face, negative outside; for edge-on faces, in their strip."""
     return min(
@@ -308,7 +308,7 @@ def _inside(numbers: NDArray[np.float64], face: int, u: float, v: float) -> Any:
     )
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _lowest(numbers: NDArray[np.float64], face: int, u: float, v: float, tolerance: float) -> Any:
     """Return the lowest possible height of a face at a ray within the tolerances of both."""
     lowest = numbers[face, LOWEST] - tolerance
@@ -318,7 +318,7 @@ def _lowest(numbers: NDArray[np.float64], face: int, u: float, v: float, toleran
     return lowest
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _decide(
     numbers: NDArray[np.float64], tolerance: float, u: float, v: float, height_of_point: float, own: int,
     touched: NDArray[np.int32], met: NDArray[np.bool_], used: int, neighbours: NDArray[np.int32],
@@ -380,7 +380,7 @@ def parallel_shadows(
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _parallel_shadows(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
     light: FacesInLight, points: NDArray[np.float64], own: NDArray[np.int32], wanted: NDArray[np.bool_],

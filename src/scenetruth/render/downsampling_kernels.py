@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
 __all__ = ["average_samples"]
@@ -18,7 +18,7 @@ def average_samples(samples: NDArray[np.float32], weights: NDArray[np.float64], 
     in_bands(_average_samples, out.shape[0], samples, weights, out, least=_LEAST_ROWS)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _average_samples(
     low: int, high: int, samples: NDArray[np.float32], weights: NDArray[np.float64], out: NDArray[np.float32]
 ) -> None:

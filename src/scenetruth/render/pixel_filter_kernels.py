@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
 __all__ = ["NO_RULE", "choose_rules", "filter_samples", "texture_ranges"]
@@ -44,7 +44,7 @@ def choose_rules(
     return rules, steps
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _choose_rules(
     low: int, high: int, uv: NDArray[np.float64], body: NDArray[np.int32], mixed: NDArray[np.bool_],
     texels: NDArray[np.float64], longest: NDArray[np.float64], rules: NDArray[np.uint8], steps: NDArray[np.float32],
@@ -103,7 +103,7 @@ def texture_ranges(
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _texture_ranges(
     low: int, high: int, lowest: NDArray[np.float32], highest: NDArray[np.float32], tiled: bool,
     places: NDArray[np.float64], reach: NDArray[np.float64], out: NDArray[np.float64],
@@ -143,7 +143,7 @@ def filter_samples(
     return out, done
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _filter_across(
     low: int, high: int, samples: NDArray[np.float32], usable: NDArray[np.bool_], body: NDArray[np.int32],
     taps: NDArray[np.float64], across: NDArray[np.float32], free: NDArray[np.bool_],
@@ -170,7 +170,7 @@ def _filter_across(
                 )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _filter_down(
     low: int, high: int, samples: NDArray[np.float32], across: NDArray[np.float32], free: NDArray[np.bool_],
     body: NDArray[np.int32], taps: NDArray[np.float64], out: NDArray[np.float32], done: NDArray[np.bool_],

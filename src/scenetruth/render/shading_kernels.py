@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.threads import in_bands
 
 __all__ = [
@@ -56,7 +56,7 @@ def smooth_points(
     return starts
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _smooth_points(
     low: int, high: int, points: NDArray[np.float64], normals: NDArray[np.float64], faces: NDArray[np.int64],
     weights: NDArray[np.float64], corners: NDArray[np.float64], corner_normals: NDArray[np.float64],
@@ -115,7 +115,7 @@ def facing_points(
     return points, normals
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _facing_points(
     low: int, high: int, origin: NDArray[np.float64], directions: NDArray[np.float64], depth: NDArray[np.float64],
     face: NDArray[np.int32], seen: NDArray[np.int64], face_normals: NDArray[np.float64],
@@ -167,7 +167,7 @@ def direct_light(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _direct_light(
     low: int, high: int, points: NDArray[np.float64], normals: NDArray[np.float64],
     position: NDArray[np.float64], axis: NDArray[np.float64], parallel_light: bool, irradiance: float,
@@ -213,7 +213,7 @@ def add_light(
     in_bands(_add_light, total.shape[0], total, state, light, zone, dark, least=_LEAST_EASY_POINTS)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _add_light(
     low: int, high: int, total: NDArray[np.float64], state: NDArray[np.uint64], light: NDArray[np.float64],
     zone: NDArray[np.uint8], dark: NDArray[np.bool_],
@@ -224,7 +224,7 @@ def _add_light(
         state[n] = state[n] * _MIX + place
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _joined(face: int, mixed: bool, other_face: int, other_mixed: bool) -> Any:
     """Return whether two pixel centres lie on one smooth surface; scalars avoid reference counting of arrays."""
     if face < 0 or other_face < 0:
@@ -257,7 +257,7 @@ def uneven_pixels(
     return uneven, borders
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _uneven_pixels(
     low: int, high: int, shade: NDArray[np.float64], state: NDArray[np.uint64], face: NDArray[np.int32],
     mixed: NDArray[np.bool_], steepest: float, uneven: NDArray[np.bool_], borders: NDArray[np.bool_],
@@ -303,7 +303,7 @@ def shade_image(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _shade_image(
     low: int, high: int, albedo: NDArray[np.float32], shade: NDArray[np.float64], face: NDArray[np.int32],
     mixed: NDArray[np.bool_], unknown: NDArray[np.bool_], uneven: NDArray[np.bool_], variance: float,
@@ -451,7 +451,7 @@ def lit_means(
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _lit_means(
     low: int, high: int, radiance: NDArray[np.float32], face: NDArray[np.int32], face_light: NDArray[np.float64],
     blocked: NDArray[np.uint64], ambient: float, weights: NDArray[np.float64], out: NDArray[np.float32],

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import kernel
 from scenetruth.scene.taylor import AA, AB, BB, TA, TB, A, B
 from scenetruth.threads import in_bands
 
@@ -59,7 +59,7 @@ def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[n
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _surface_tensors(
     low: int, high: int, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64],
     out: NDArray[np.float64],

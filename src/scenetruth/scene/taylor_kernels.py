@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
 __all__ = ["compose", "multiply"]
@@ -25,7 +25,7 @@ def multiply(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _multiply(begin: int, end: int, x: Any, y: Any, variables: int, out: Any) -> None:
     step_x, step_y = int(x.shape[1] > 1), int(y.shape[1] > 1)
     for low in range(begin, end, _BLOCK):
@@ -55,7 +55,7 @@ def compose(
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _compose(begin: int, end: int, x: Any, value: Any, first: Any, second: Any, variables: int, out: Any) -> None:
     step_x, step = int(x.shape[1] > 1), int(value.shape[0] > 1)
     for low in range(begin, end, _BLOCK):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.ray_triangle_kernels import PLANE_MARGIN, blurs, inside, within
 from scenetruth.threads import in_bands
 
@@ -22,7 +22,7 @@ _LEAST_POINTS, _LEAST_FACES = 8192, 1024  # minimum number of points and faces p
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _place(vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, b1: float, b2: float) -> Any:
     """Return a point on a face, and whether the front of the face is towards the origin."""
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -59,7 +59,7 @@ def place_points(
     return points, towards
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _place_points(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
     weights: NDArray[np.float64], points: NDArray[np.float64], towards: NDArray[np.bool_],
@@ -125,7 +125,7 @@ def look_at_points(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _look_at_points(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
     weights: NDArray[np.float64], sides: NDArray[np.bool_], camera: tuple[float, ...], out: tuple[NDArray[Any], ...],
@@ -144,7 +144,7 @@ def _look_at_points(
             turned[n] = False
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def sort_into_cells(
     points: NDArray[np.float64], pixels: NDArray[np.float64], chosen: NDArray[np.bool_], face: NDArray[np.int32],
     focal_px: float, centre_x: float, centre_y: float,
@@ -214,7 +214,7 @@ def hide_points(
     return hidden
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _hide_points(
     begin_face: int, end_face: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], cells: Cells,
     hidden: NDArray[np.bool_],

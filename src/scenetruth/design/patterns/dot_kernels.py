@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from scenetruth.kernels import kernel
 
 __all__ = ["draw_discs", "place_dots"]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def place_dots(
     candidates: NDArray[np.float64],
     placed: NDArray[np.float64],
@@ -63,7 +64,7 @@ def place_dots(
     return count, so_far
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def draw_discs(raster: NDArray[np.float32], centres: NDArray[np.float64], radius: float) -> None:
     """Draw discs on a raster of ink coverage.
 

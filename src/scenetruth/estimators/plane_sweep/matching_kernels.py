@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from scenetruth.estimators.intrinsic_kernels import add, least, ones, subtract
+from scenetruth.kernels import kernel
 
 __all__ = [
     "CENSUS_REACH",
@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 PHASES = 8
 """Number of subpixel positions at which views are sampled."""

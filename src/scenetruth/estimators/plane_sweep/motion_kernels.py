@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.intrinsic_kernels import ones
+from scenetruth.kernels import kernel
 
 __all__ = ["HALVES", "UNSEEN_BITS", "NeighbourFrame", "costs_of", "search"]
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 HALVES = 2
 """Number of subpixel positions at which images are sampled, along x and along y."""

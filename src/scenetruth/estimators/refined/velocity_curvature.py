@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +22,7 @@ from scenetruth.estimators.refined.kernels.window_solver import (
     Fit,
     describe_element,
 )
+from scenetruth.kernels import kernel
 
 __all__ = ["add_velocity", "remove_slopes", "remove_velocity", "smooth_velocity"]
 
@@ -139,7 +139,7 @@ def add_velocity(fit: Fit, smooth: Map, images: ImageStack, where: Mask, step: i
         _describe_rates(fit.theta, valid, step, *images.centre, images.focal, fit.element)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _describe_rates(
     theta: Any, where: Any, step: int, centre_x: float, centre_y: float, focal: float, element: Any
 ) -> None:

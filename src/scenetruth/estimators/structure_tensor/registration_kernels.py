@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from scenetruth.kernels import kernel
 
 __all__ = ["ENERGIES", "STEP", "gradient_energies", "matching_costs"]
 
@@ -20,7 +21,7 @@ UNSEEN = np.float32(1e30)
 # Half the side length of the square over which differences are summed, in grid points of STEP px.
 _HALF = 2
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 
 @_jit

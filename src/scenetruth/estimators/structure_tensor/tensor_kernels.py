@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.intrinsic_kernels import fma
 from scenetruth.estimators.structure_tensor.maps import BestRegistration
+from scenetruth.kernels import kernel
 
 __all__ = ["Criteria", "Filters", "Registered", "estimate_tile"]
 
@@ -59,7 +60,7 @@ _FOUND = 23
 _P_S, _RANK = 23, 26
 _FOUND_AND_NEEDED = 27
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 
 class Filters(NamedTuple):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.structure_tensor.maps import BestRegistration, EstimateMaps, Texture
+from scenetruth.kernels import kernel
 
 __all__ = ["Axes", "NoisePower", "WorkingPoints", "to_world"]
 
@@ -16,7 +16,7 @@ _NONE, _NORMAL, _FULL = 0, 1, 2
 # Largest residual displacement between two cameras or two frames at the best of several registrations, in px.
 _MOST_LEFT = 1.0
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 
 class Axes(NamedTuple):

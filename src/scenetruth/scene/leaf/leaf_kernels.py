@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
 __all__ = ["draw_dots", "draw_veins", "inside", "net"]
@@ -27,7 +27,7 @@ def inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _cross_edges(
     x: NDArray[np.float64],
     y: NDArray[np.float64],
@@ -44,7 +44,7 @@ def _cross_edges(
                 odd[n] = not odd[n]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def draw_veins(
     raster: NDArray[np.float32],
     points: NDArray[np.float64],
@@ -79,7 +79,7 @@ def draw_veins(
                         raster[i, j] = value
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def draw_dots(
     raster: NDArray[np.float32], points: NDArray[np.float64], sigma: float, strengths: NDArray[np.float64]
 ) -> None:
@@ -113,7 +113,7 @@ def net(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _net(
     low: int, high: int, x: NDArray[np.float32], y: NDArray[np.float32], seeds: NDArray[np.float64],
     strengths: NDArray[np.float64], cell: tuple[float, float], sigma: float, out: NDArray[np.float32],

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.threads import in_bands
 
 __all__ = [
@@ -24,7 +24,7 @@ _LEAST_POINTS, _LEAST_FOOTPRINTS = 8192, 256  # minimum number of points, and of
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def cubic_weights(share: np.float32) -> Any:
     """Return six times the four weights of a cubic B-spline between its second and third coefficient."""
     rest = np.float32(1.0) - share
@@ -34,7 +34,7 @@ def cubic_weights(share: np.float32) -> Any:
     return first, second, third, last
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@inlined
 def linear_at(values: NDArray[np.float32], u: float, v: float, tiled: bool) -> Any:
     """Return the value of `linear_lookup` at a point."""
     rows, columns = values.shape
@@ -62,7 +62,7 @@ def spline_lookup(coefficients: NDArray[np.float32], uv: NDArray[np.float64]) ->
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _spline_lookup(
     low: int, high: int, coefficients: NDArray[np.float32], uv: NDArray[np.float64], out: NDArray[np.float32]
 ) -> None:
@@ -115,7 +115,7 @@ def spline_means(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _spline_means(
     low: int, high: int, coefficients: NDArray[np.float32], forms: NDArray[np.float64], offsets: NDArray[np.float64],
     weights: NDArray[np.float64], out: NDArray[np.float32],
@@ -167,7 +167,7 @@ def linear_lookup(values: NDArray[np.float32], uv: NDArray[np.float64], tiled: b
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _linear_lookup(
     low: int, high: int, values: NDArray[np.float32], uv: NDArray[np.float64], tiled: bool, out: NDArray[np.float32]
 ) -> None:
@@ -188,7 +188,7 @@ def linear_means(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _linear_means(
     low: int, high: int, values: NDArray[np.float32], forms: NDArray[np.float64], offsets: NDArray[np.float64],
     weights: NDArray[np.float64], tiled: bool, out: NDArray[np.float32],
@@ -217,7 +217,7 @@ def plaid_means(
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _plaid_means(
     low: int, high: int, forms: NDArray[np.float64], offsets: NDArray[np.float64], weights: NDArray[np.float64],
     out: NDArray[np.float64],

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from scenetruth.kernels import kernel
 
 __all__ = ["correlate_images"]
 
 
 # Reassociation and contraction only: NaN must stay NaN.
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 # Contrast relative to the mean grey value that rounding errors of a constant image may have, and its least value.
 _ROUNDING, _LEAST_CONTRAST = 1e-6, 1e-30

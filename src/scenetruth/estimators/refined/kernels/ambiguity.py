@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,11 +18,12 @@ from scenetruth.estimators.refined.kernels.warp import (
     find_offsets,
     place_of,
 )
+from scenetruth.kernels import kernel
 
 __all__ = ["COSTS", "add_similarity", "compare_rivals", "compare_windows", "sum_members"]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @_jit

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from scenetruth.estimators.refined.kernels.window_solver import FULL, FUNCTIONALS, VALUES, describe_element
+from scenetruth.kernels import kernel
 
 __all__ = ["describe_rows", "propagate_rows"]
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 _SURFACE, _GRADIENT = 6, 3  # every parameter of surface and motion
 # Models of `describe_element`: with curvatures, and any velocity gradient. Literals would compile it once more.

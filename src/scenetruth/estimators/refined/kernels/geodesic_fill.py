@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
+
+from scenetruth.kernels import kernel
 
 __all__ = [
     "ExtensionRules",
@@ -18,7 +19,7 @@ __all__ = [
     "look_around",
 ]
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 
 @_jit
@@ -141,7 +142,8 @@ def fit_surfaces(disparity: Any, weight: Any, labels: Any, numbers: Any, prior: 
                 _add(sums[n], weight[y, x], x - own[n, 0], y - own[n, 1], disparity[y, x] - own[n, 2])
     for n in range(len(planes)):
         _solve(sums[n], prior, planes[n])
-        planes[n, :3] += own[n]
+        for k in range(3):
+            planes[n, k] += own[n, k]
 
 
 @_jit

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.window_solver import CURVED, FULL
+from scenetruth.kernels import kernel
 
 __all__ = ["STENCIL", "carry_rows", "find_smooth_cells", "interpolate_rows"]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 STENCIL = 4
 """Number of nodes along each axis from which a value between them is interpolated."""

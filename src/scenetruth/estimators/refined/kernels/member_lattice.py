@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.warp import STEADY
 from scenetruth.estimators.refined.kernels.window_solver import CURVED, DIRECTION, FULL, Fit
+from scenetruth.kernels import kernel
 
 __all__ = ["interpolate_members", "is_node"]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 # Relative positions of the nodes of a pixel in an odd column, in an odd row, and in both.
 _BESIDE = np.array([[[0, -1], [0, 1], [0, -1], [0, 1]], [[-1, 0], [1, 0], [-1, 0], [1, 0]]])

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.warp import STEADY
 from scenetruth.estimators.refined.kernels.window_solver import CURVED, FULL
+from scenetruth.kernels import kernel
 
 __all__ = ["find_jumps", "mark_extended"]
 
 
 # Reassociation and contraction only: NaN must stay NaN.
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @_jit

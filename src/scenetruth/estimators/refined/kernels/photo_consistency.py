@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,11 +23,12 @@ from scenetruth.estimators.refined.kernels.warp import (
     place_of,
 )
 from scenetruth.estimators.refined.kernels.window_solver import CURVED, FULL
+from scenetruth.kernels import kernel
 
 __all__ = ["LANES", "SIDES", "SUMS", "add_shifts", "carry_models", "compute_costs", "hide", "judge_pixels"]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 SUMS = 7
 """Number of sums that `add_shifts` fills."""
@@ -300,7 +300,7 @@ def compute_costs(
         out[number] = best
 
 
-_jit_exact = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit_exact = kernel(error_model="numpy")
 
 # Distance in px from an occluding surface within which grey values are a mixture.
 _MARGIN = 1

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.warp import ACCELERATED, STEADY, ImageView, place_of
+from scenetruth.kernels import kernel
 
 __all__ = [
     "ALL_PRODUCTS",
@@ -25,7 +26,7 @@ __all__ = [
 ]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 PRODUCTS, ALL_PRODUCTS = 22, 46
 """Numbers of maps that `add_products` fills: for the four fields d and q, and with those of the acceleration."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import kernel
 from scenetruth.threads import in_threads
 
 __all__ = ["gaussian_mean"]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 _ROWS = 32
 
 

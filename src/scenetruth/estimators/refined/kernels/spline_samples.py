@@ -11,6 +11,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from scenetruth.kernels import kernel
+
 __all__ = [
     "TAPS",
     "cubic_values",
@@ -22,7 +24,7 @@ __all__ = [
 ]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 TAPS = 6
 

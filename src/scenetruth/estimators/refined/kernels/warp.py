@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.spline_samples import sample_cubic, sample_quintic
+from scenetruth.kernels import kernel
 
 __all__ = [
     "ACCELERATED",
@@ -34,7 +35,7 @@ __all__ = [
 
 
 # Reassociation and contraction only: NaN must stay NaN.
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 STEADY, ACCELERATED = 4, 7
 """Numbers of fields: d, q_X, q_Y, q_Z, and for accelerated motion a_X, a_Y, a_Z."""
@@ -325,10 +326,11 @@ def mean_texture(warped: NDArray[np.float32], least: int, texture: NDArray[np.fl
     mean = np.empty(warped.shape[2])
     for row in range(rows[0], rows[1]):
         mean_of_row(warped, row, least, mean)
-        texture[row] = mean
+        for x in range(len(mean)):
+            texture[row, x] = mean[x]
 
 
-_jit_exact = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit_exact = kernel(error_model="numpy")
 
 
 @numba.njit(inline="always")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.kernels.pixel_equations import PAIR_OF, SIDE_OF, SQUARE_OF
 from scenetruth.estimators.refined.kernels.warp import ImageView
+from scenetruth.kernels import kernel
 
 __all__ = [
     "ALL",
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 FUNCTIONALS = 11
 """Number of quantities with a variance: slopes along X and Y, mean and Gaussian curvature, three components of the

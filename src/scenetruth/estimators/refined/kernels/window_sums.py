@@ -26,6 +26,7 @@ from scenetruth.estimators.refined.kernels.window_solver import (
     fit_window,
     work_space,
 )
+from scenetruth.kernels import kernel
 
 __all__ = ["EVERY_MODEL", "NO_MODEL", "solve_members", "solve_rows"]
 
@@ -36,7 +37,7 @@ EVERY_MODEL, NO_MODEL = -1, -2
 # Index of the number of valid channels among the products.
 _IN_USE = 16
 
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_jit = kernel(error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @numba.njit(inline="always")
