@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from scenetruth.estimators.refined import ImageStack, find_ambiguous, find_aperture, find_chance_fits, image_motion
 from tests.helpers.shifted_stack import FLOW, Array, shifted_parameters, shifted_stack
@@ -36,10 +37,13 @@ def _periodic_downwards(x: Array, y: Array) -> Array:
     return np.asarray(_waves(x, 0.0 * y) + 0.1 * np.cos(2 * np.pi * y / 8))
 
 
-def _share(images: ImageStack, theta: Array, prior: float | None = None) -> float:
-    aperture = find_aperture(images, theta, SIGMA, ~EVERYWHERE, SMALL, NOISE)
-    found = find_ambiguous(images, theta, SIGMA, ~EVERYWHERE, SMALL, NOISE, EVERYWHERE, aperture, prior)
-    return float(found[INSIDE].mean())
+def _find(images: ImageStack, theta: Array, prior: float | None = None, noise: float = NOISE) -> NDArray[np.bool_]:
+    aperture = find_aperture(images, theta, SIGMA, ~EVERYWHERE, SMALL, noise)
+    return find_ambiguous(images, theta, SIGMA, ~EVERYWHERE, SMALL, noise, EVERYWHERE, aperture, prior)
+
+
+def _share(images: ImageStack, theta: Array, prior: float | None = None, noise: float = NOISE) -> float:
+    return float(_find(images, theta, prior, noise)[INSIDE].mean())
 
 
 def test_a_texture_that_repeats_is_ambiguous() -> None:
@@ -64,6 +68,39 @@ def test_the_wrong_one_of_two_minima_is_ambiguous_too() -> None:
     images = shifted_stack(lambda x, y: _periodic_downwards(x, y) + 0.4 * _waves(y, x), noise=NOISE)
     assert _share(images, shifted_parameters()) < 0.05
     assert _share(images, shifted_parameters(flow=(FLOW[0], FLOW[1] + 8.0))) > 0.9
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1])
+def test_the_mean_image_excludes_rivals_that_noise_conceals_in_single_images(noise: float) -> None:
+    """Waves of standard deviation 0.13: at a noise of 0.1, four images leave a rival everywhere."""
+    assert _share(shifted_stack(_waves, noise=noise), shifted_parameters(), noise=noise) < 0.1
+    assert _share(shifted_stack(_plaid, noise=noise), shifted_parameters(), noise=noise) == 1.0
+
+
+@pytest.mark.parametrize("contrast", [0.2, 0.4])
+def test_the_mean_image_of_a_wrong_period_excludes_no_rival(contrast: float) -> None:
+    """It averages out the second texture, which contradicts that period."""
+    noise = 0.05
+
+    def texture(x: Array, y: Array) -> Array:
+        return np.asarray(_periodic_downwards(x, y) + contrast * _waves(y, x))
+
+    wrong = shifted_parameters(flow=(FLOW[0], FLOW[1] + 8.0))
+    assert _share(shifted_stack(texture, noise=noise), wrong, noise=noise) == 1.0
+
+
+def test_at_the_border_rivals_that_images_contradict_do_not_count() -> None:
+    """Windows of a coarse texture resemble others by chance, where few pixels of the rival are inside the images."""
+
+    def coarse(x: Array, y: Array) -> Array:
+        generator = np.random.default_rng(3)
+        lengths, angles = np.exp(generator.uniform(np.log(14), np.log(40), 40)), generator.uniform(0, 2 * np.pi, 40)
+        phases = generator.uniform(0, 2 * np.pi, 40)
+        at = [(np.cos(a) * x + np.sin(a) * y) / n + p for a, n, p in zip(angles, lengths, phases, strict=True)]
+        return np.asarray(0.03 * np.cos(2 * np.pi * np.array(at)).sum(axis=0))
+
+    assert not _find(shifted_stack(coarse, noise=NOISE), shifted_parameters()).any()
+    assert _find(shifted_stack(_plaid, noise=NOISE), shifted_parameters()).all()
 
 
 def _board(x: Array, y: Array) -> Array:

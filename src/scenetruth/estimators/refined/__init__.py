@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
     from scenetruth.estimators.refined.lattice import lattice_step
     from scenetruth.estimators.refined.lens_distortion import Lens, compute_jacobian, distort, lens_problems, undistort
+    from scenetruth.estimators.refined.mean_image import MeanImage, find_outlines
     from scenetruth.estimators.refined.model_tests import (
         Alternative,
         Linearisation,
@@ -109,6 +110,7 @@ __all__ = [
     "ImageView",
     "Lens",
     "Linearisation",
+    "MeanImage",
     "Model",
     "OtherViews",
     "RefinedState",
@@ -153,6 +155,7 @@ __all__ = [
     "find_far",
     "find_hidden",
     "find_open_blanks",
+    "find_outlines",
     "find_saturated_runs",
     "fine_contrast",
     "fit_bare_surfaces",
@@ -215,6 +218,7 @@ __getattr__, __dir__ = export_lazily(
         "kernels.window_solver": "Fit Model",
         "lattice": "lattice_step",
         "lens_distortion": "Lens compute_jacobian distort lens_problems undistort",
+        "mean_image": "MeanImage find_outlines",
         "model_tests": "Alternative Linearisation at_nodes enlarged find_far of_nearest_node",
         "noise_estimation": (
             "EVEN GreyVariance estimate_variance photon_transfer_variance resampled_transfer spline_transfer"

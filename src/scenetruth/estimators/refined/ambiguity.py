@@ -10,17 +10,19 @@ Amid a texture that repeats, and whose windows are mostly ambiguous or do not fi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.aperture import ApertureContext
 from scenetruth.estimators.refined.discontinuity_refit import find_hidden
-from scenetruth.estimators.refined.fit_maps import extract_fields
+from scenetruth.estimators.refined.fit_maps import extract_fields, find_discontinuities
 from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack
-from scenetruth.estimators.refined.kernels.ambiguity import COSTS, add_similarity, compare_rivals, compare_windows
+from scenetruth.estimators.refined.kernels.ambiguity import add_similarity, compare_windows
+from scenetruth.estimators.refined.mean_image import MeanImage
+from scenetruth.estimators.refined.rival_comparison import SAME, ImageComparison, MeanComparison, find_equal_rivals
 from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, around, window_weights
 from scenetruth.threads import in_threads
 
@@ -34,22 +36,13 @@ _BLOCKS = 2.0  # blocks per standard deviation of a window
 # refinement removes, leave a third.
 _CANDIDATE = 0.5
 _RIVALS = 16  # candidates per window
-# Two minima are equal if their costs differ by less than this number of standard deviations of noise, or than the
-# effect of this shift in px, to which the rival may be curved.
-_DEVIATIONS, _SHIFT_PX = 3.0, 0.1
-# Smallest fraction of the weight that a rival must have in the images to be compared; with less, near the border of the
-# image, the match is ambiguous if the reference resembles itself to this dissimilarity.
-_LEAST_COMMON, _SAME = 0.4, 0.15
 _LEAST_INSIDE = 0.8  # smallest fraction of both displaced windows inside the image, of 2
-_STAY = 0.5  # rivals that move by more than this fraction of their displacement are not minima
 _NEIGHBOURS = 5  # windows along each axis among which most decide
 _REPEATING = 9  # windows along each axis among which a texture that repeats is valid in most, or in none
 # Smallest share of pixels that fit, in a neighbourhood of this width in standard deviations of a window.
 _NEAR, _BY_CHANCE = 8, 0.1
 _TEXTURED = 3.0  # smallest variance of the grey values of a textured window, relative to that of noise
-_STEP, _ROUNDS = 2, 5  # pixels evaluated, and iterations
 _BYTES = 64e6  # of the dissimilarities in memory
-_TASK = 32  # rivals per task of a thread
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -96,7 +89,7 @@ class _Repetition:
             # After the first displacement at which the texture has changed.
             changed = np.logical_or.accumulate((values > _CANDIDATE) & (values != 1.0), axis=0)
             varied = np.asarray(changed.any(axis=0))
-            again = np.asarray((changed & (values < _SAME)).any(axis=0))
+            again = np.asarray((changed & (values < SAME)).any(axis=0))
         self.textured[places] |= varied & powerful
         self.repeated[places] |= again & powerful
 
@@ -111,12 +104,14 @@ def find_ambiguous(
     where: Mask,
     aperture: ApertureContext,
     max_motion_px: float | None,
+    outlines: Mask | None = None,
 ) -> Mask:
     """Return where another disparity, or another motion, fits the images as well.
 
     ``small``: Pixels whose windows have the smaller standard deviation, shape (y, x).
     ``where``: Pixels to be tested.
     ``max_motion_px``: Largest motion in columns per frame; rivals beyond it do not count.
+    ``outlines``: Discontinuities, in whose neighbourhood the mean image does not decide; by default those of the fits.
     """
     found = np.zeros(images.shape, dtype=np.bool_)
     if not where.any() or not np.isfinite(noise):
@@ -131,13 +126,15 @@ def find_ambiguous(
     flags = np.zeros((len(rows), len(columns)), dtype=np.bool_)
     textured, repeated = flags.copy(), flags.copy()
     widths = ((sigma_px, ~small), (small_sigma_px, small))
+    outlines = find_discontinuities(images, theta) if outlines is None else outlines
+    mean = MeanImage(images, theta, ~around(outlines, math.ceil(2.0 * sigma_px)))
     for axis in (_disparity_axis(images), _motion_axis(images)):
         if axis is None:
             continue
         wanted = [_Windows(sigma, (tested & among)[grid] & ~flags) for sigma, among in widths]
         repetition = _Repetition(textured, repeated, max_motion_px)
         flags |= _rivalled(
-            images, theta, axis, wanted, noise, (rows, columns), aperture, repetition, occluded=bool(small.any())
+            images, theta, axis, wanted, noise, (rows, columns), aperture, repetition, mean, occluded=bool(small.any())
         )
     flags |= mark_mostly(flags, tested[grid], _NEIGHBOURS)
     # Amid a texture that repeats, windows without a fit count as ambiguous.
@@ -233,6 +230,7 @@ def _rivalled(
     at: tuple[NDArray[np.int64], NDArray[np.int64]],
     aperture: ApertureContext,
     repetition: _Repetition,
+    mean: MeanImage,
     *,
     occluded: bool,
 ) -> Mask:
@@ -259,29 +257,14 @@ def _rivalled(
     stack = np.stack([_mean_of_channels(images, *image) for image in axis.images])
     bad = np.stack([images.bad[n][camera] for n, camera in axis.images]) if images.bad else NO_DEFECTS
     for windows, candidates in zip(wanted, every, strict=True):
+        if not len(candidates):
+            continue
         weights = window_weights(windows.sigma)[0, 0]
-        used = weights[::_STEP]
-        total, squares = used.sum() ** 2 * len(places), (used**2).sum() ** 2 * len(places)
-        for order in range(_RIVALS):
-            # The next candidate of the windows without a rival so far.
-            number = candidates[:, 5:7].astype(np.intp)
-            left = (candidates[:, 4] == order) & ~flags[number[:, 0], number[:, 1]]
-            rivals, number = candidates[left], number[left]
-            if not len(rivals):
-                continue
-            out = np.empty((COSTS, len(rivals)))
-            starts = np.ascontiguousarray(rivals[:, :4])
-            fixed = stack, reference, view, fields, bad, axis.factors, axis.both, weights, (_STEP, _ROUNDS), starts, out
-            work = partial(compare_rivals, *fixed)
-            in_threads(work, [(n, min(n + _TASK, len(rivals))) for n in range(0, len(rivals), _TASK)])
-            own, rival, weight, slope, moved = out
-            share = weight / total
-            # Differences of two images have twice the variance of one; those of the reference are common to both costs.
-            spread = 4.0 * square[starts[:, 0].astype(int), starts[:, 1].astype(int)] * np.sqrt(share * squares)
-            equal = rival < own + np.maximum(_DEVIATIONS * spread, _SHIFT_PX**2 * slope)
-            equal &= moved > _STAY * np.hypot(rivals[:, 2], rivals[:, 3])
-            equal = np.where(share > _LEAST_COMMON, equal, rivals[:, 7] < _SAME)
-            flags[number[equal, 0], number[equal, 1]] = True
+        compared = ImageComparison(stack, reference, view, fields, bad, axis.factors, axis.both, square, weights)
+        margin = np.abs(axis.offsets).max(axis=0).tolist()
+        nearest = axis.factors[np.argmin(np.abs(axis.factors).max(axis=1))]
+        in_mean = MeanComparison(mean, square, weights, nearest, axis.both, (margin[0], margin[1]))
+        find_equal_rivals(candidates, flags, compared, in_mean)
     return flags
 
 
@@ -475,7 +458,7 @@ def _resembling_in_plane(values: NDArray[np.float32], axis: _Axis, max_motion_px
     together = np.zeros((3, 3, 3, 3), dtype=np.bool_)
     together[:, :, 1, 1] = True
     areas, _ = label(plane < _CANDIDATE, together)
-    again = (plane < _SAME) & (areas != areas[reach, reach])
+    again = (plane < SAME) & (areas != areas[reach, reach])
     if max_motion_px is not None:
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         again &= (np.hypot(x, y) <= max_motion_px * axis.nearest)[:, :, None, None]

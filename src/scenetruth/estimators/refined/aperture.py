@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from scenetruth.estimators.refined.fit_maps import extract_fields, find_discontinuities
+from scenetruth.estimators.refined.fit_maps import find_discontinuities
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.ambiguity import sum_members
-from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, warp_rows
-from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, around, window_weights
+from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC
+from scenetruth.estimators.refined.mean_image import warped_rows
+from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.threads import in_threads
 
 __all__ = ["ApertureContext", "compute_normal_flow", "find_aperture"]
@@ -33,7 +34,6 @@ _BORDER_PX = 4  # splines are mirrored at the border, which is a second directio
 _PIXELS = 4000
 _REACH = 3.0  # standard deviations of a window around a pixel that the mean image decides
 _LEAST_SEEN = 0.5  # smallest fraction of the images that show a pixel of the mean image
-_ROWS, _TASK_ROWS = 64, 16  # rows of the mean image in memory, and per task of a thread
 _DISCONTINUITY_PX = 0.5  # pixels of a window that differ by more than this in the farthest image are of other surfaces
 
 Map = NDArray[np.float64]
@@ -62,6 +62,7 @@ def find_aperture(
     small_sigma_px: float,
     noise: float,
     where: Mask | None = None,
+    outlines: Mask | None = None,
 ) -> ApertureContext:
     """Test the structure tensor of the reference image in each window, less that of noise.
 
@@ -69,6 +70,7 @@ def find_aperture(
 
     ``small``: Pixels whose windows are smaller and contain the surface of the central pixel only, shape (y, x).
     ``where``: Pixels for which the mean image may decide; none by default.
+    ``outlines``: Discontinuities, in whose neighbourhood it may not decide; by default those of the fits.
     """
     products, variance, usable = _gradient_products(images, noise)
     maps = np.stack([*products, variance, usable])
@@ -79,7 +81,8 @@ def find_aperture(
     concealed &= where
     if (concealed & small).any():
         # At outlines, occluded images have the texture of another surface; at the border, they are outside.
-        concealed &= ~(small & around(find_discontinuities(images, theta), math.ceil(2.0 * sigma_px)))
+        outlines = find_discontinuities(images, theta) if outlines is None else outlines
+        concealed &= ~(small & around(outlines, math.ceil(2.0 * sigma_px)))
     if not concealed.any():
         return context
     near = around(concealed, math.ceil(_REACH * sigma_px)) & np.isfinite(theta).all(axis=0)
@@ -121,32 +124,19 @@ def _window_means(
 
 def _mean_products(images: ImageStack, theta: Map, noise: float, where: Mask) -> Map:
     """Return the gradient products of the mean of all images less noise, their variance, and where they are usable."""
-    view, count, width = images.view(), images.count, images.shape[1]
-    every = len(view.s)  # also excluded images, which are NaN
-    fields = np.where(where, extract_fields(theta), np.nan)
+    count = images.count
     energy, correlated = _noise_of_slope(images.spline, between=True)
     energy *= images.mean_share**_SHARE_POWER_BETWEEN
     out = np.zeros((5, *images.shape))
-    bad = images.bad_stack()
-    first = np.flatnonzero(where.any(axis=1))[0]
-    last = np.flatnonzero(where.any(axis=1))[-1] + 1
-    for channel in range(images.channels):
-        grey = images.grey(*images.reference(), channel)
-        stack = images.stack(channel)
-        for top in range(first, last, _ROWS):
-            rows = slice(top, min(top + _ROWS, last))
-            size = rows.stop - top
-            warped = np.full((every, size, width), np.nan, dtype=np.float32)
-            gradient = np.zeros((2, size, width), dtype=np.float32)
-            work = partial(warp_rows, stack, view, fields, NO_OCCLUSION, bad, top, warped, gradient)
-            in_threads(work, [(row, min(row + _TASK_ROWS, size)) for row in range(0, size, _TASK_ROWS)])
-            seen = np.isfinite(warped).sum(axis=0)
-            along, down = gradient.astype(np.float64)
-            of_noise = energy * noise**2 * images.variance.at(grey[rows]) / np.maximum(seen, 1)
-            usable = (seen >= max(_LEAST_SEEN * count, 1)) & where[rows]
-            parts = along * along - of_noise, along * down, down * down - of_noise, 2.0 * correlated * of_noise**2
-            out[:4, rows] += np.where(usable, np.stack(parts), 0.0)
-            out[4, rows] = usable
+    grey = [images.grey(*images.reference(), channel) for channel in range(images.channels)]
+    for channel, rows, warped, gradient in warped_rows(images, theta, where):
+        seen = np.isfinite(warped).sum(axis=0)
+        along, down = gradient.astype(np.float64)
+        of_noise = energy * noise**2 * images.variance.at(grey[channel][rows]) / np.maximum(seen, 1)
+        usable = (seen >= max(_LEAST_SEEN * count, 1)) & where[rows]
+        parts = along * along - of_noise, along * down, down * down - of_noise, 2.0 * correlated * of_noise**2
+        out[:4, rows] += np.where(usable, np.stack(parts), 0.0)
+        out[4, rows] = usable
     return out
 
 

@@ -23,6 +23,7 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, Fit
+from scenetruth.estimators.refined.mean_image import find_outlines
 from scenetruth.estimators.refined.noise_estimation import compute_noise_gradient, textured
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
@@ -286,9 +287,11 @@ def _determined(
     """Return which of the pixels in a mask are valid, have a normal component only, and are ambiguous; add reasons."""
     sigma = settings.window_sigma_px
     windows = sigma, beside.where, max(_SMALLEST_PX, _SMALL_WINDOW * sigma)
-    aperture = find_aperture(images, fit.theta, *windows, noise, known)
+    outlines = find_outlines(images, fit)
+    aperture = find_aperture(images, fit.theta, *windows, noise, known, outlines)
     largest = None if settings.max_motion_px is None else settings.max_motion_px / step_px
-    ambiguous = find_ambiguous(images, fit.theta, *windows, noise, known & aperture.disparity, aperture, largest)
+    tested = known & aperture.disparity
+    ambiguous = find_ambiguous(images, fit.theta, *windows, noise, tested, aperture, largest, outlines)
     # Amid textures in one direction, some pixels have a second one by chance.
     single = known & ~(aperture.disparity & aperture.motion)
     ambiguous |= known & ~single & mark_mostly(single, known, 4 * round(sigma) + 1)

@@ -313,6 +313,9 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                 normal[:] = 0.0
                 right_side[:] = 0.0
                 sums[:] = 0.0
+                if last:
+                    slope = 0.0
+                    before[:] = 0.0
                 for v in range(-reach, reach + 1, step):
                     y = row + v
                     if y < 0 or y >= bottom:
@@ -398,9 +401,6 @@ def _compile_rivals(*, accelerated: bool, cubic: bool) -> Any:
                     break
                 # The first two are those of the start.
                 previous = rival if iteration > 0 else np.inf
-                if first:
-                    slope = 0.0
-                    before[:] = 0.0
                 if solving:
                     largest = 0.0
                     for k in range(3 if both else 0):
