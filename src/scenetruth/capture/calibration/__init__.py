@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         field_of_residuals,
         identify_combinations,
         inconsistent_images,
+        pose_of_change,
         refit,
         step_problems,
     )
@@ -85,11 +86,10 @@ __all__ = [
     "RigSolution", "RigState", "ScaleTest", "TargetView", "VarianceComponents", "ViewResidual", "adjust", "advise_pose",
     "apparent_steps", "calibrate", "charuco_board", "check_models", "check_scale", "common_error", "compare_halves",
     "describe_fit", "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise",
-    "explains_scatter", "export_calibration", "field_of_residuals", "fit_rig", "identify_combinations",
-    "import_calibration", "import_camera", "inconsistent_images", "moving_point_modes", "observe_boards",
-    "observe_strip", "places_of_points",
-    "point_modes", "project", "refine_points", "refit", "rotation_matrix", "scatter_of_poses", "start_state",
-    "step_problems", "triangulate", "with_other_tilts",
+    "export_calibration", "field_of_residuals", "fit_rig", "identify_combinations", "import_calibration",
+    "import_camera", "inconsistent_images", "moving_point_modes", "observe_boards", "observe_strip", "places_of_points",
+    "point_modes", "pose_of_change", "project", "refine_points", "refit", "rotation_matrix", "scatter_of_poses",
+    "start_state", "step_problems", "triangulate", "with_other_tilts",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -102,8 +102,9 @@ __getattr__, __dir__ = export_lazily(
         "corner_detection": "Detection charuco_board detect_board",
         "corner_refinement": "RefinedPoints disc_bias estimate_noise refine_points",
         "diagnostics": (
-            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose explains_scatter "
-            "field_of_residuals identify_combinations inconsistent_images refit step_problems check_models check_scale"
+            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose "
+            "field_of_residuals identify_combinations inconsistent_images pose_of_change refit step_problems "
+            "check_models check_scale"
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
         "measurement_covariance": (
