@@ -29,6 +29,7 @@ from scenetruth.capture.calibration import (
     RigSolution,
     TargetView,
     describe_fit,
+    estimate_gain_spread,
     estimate_noise,
     fit_rig,
     import_camera,
@@ -73,6 +74,7 @@ CALIBRATION_FILE, POINTS_FILE = "calibration.yaml", "calibration_points.npz"
 _LEAST_POSES, _ADVISED_POSES = 3, 8
 _MOST_SATURATED = 0.01  # share of the pixels of an image
 _SATURATED_VARIANCE = 1e3  # in squares of full scale: saturated pixels have no weight
+_SPREAD_IMAGES = 6
 _STATED_FOCAL, _STATED_CENTRE_PX = 1e-3, 5.0
 _COEFFICIENTS = (*INTRINSICS[3:], "aspect")
 _ADVICE = "tilted by 35 to 40° about different axes"
@@ -458,6 +460,7 @@ class _BoardReader:
     """Reads board images in linear light, with the variance of the noise of every pixel.
 
     ``saturated``: Share of saturated pixels of images with more of them than usual.
+    ``gain_spread``: Standard deviation of the gains of the pixels where no flat field corrects them.
     """
 
     folder: CaptureFolder
@@ -465,6 +468,7 @@ class _BoardReader:
     noise: SensorNoise | None
     progress: Progress | None
     saturated: dict[str, float]
+    gain_spread: float = 0.0
     _variance: Floats | None = None
 
     @classmethod
@@ -473,7 +477,24 @@ class _BoardReader:
         linear = folder.images.pixels.encoding == "linear"
         noise = sensor_noise(folder) if linear else None
         known = noise is not None and bool(np.isfinite([noise.gain_dn_per_e, noise.dark_noise_dn]).all())
-        return cls(folder, folder.correction(), noise if known else None, progress, {})
+        reader = cls(folder, folder.correction(), noise if known else None, progress, {})
+        if known and "flat" not in folder.sets:
+            reader.gain_spread = reader.measure_gain_spread()
+            share = f"the gains of the pixels differ by {100 * reader.gain_spread:.2g} %"
+            say(f"files.flat: not stated; {share}, which adds to the noise of the corners")
+        return reader
+
+    def measure_gain_spread(self) -> float:
+        """Return the standard deviation of the gains of the pixels, the median over some board images."""
+        names = list(self.folder.board.values())
+        dark, found = self.folder.black(), []
+        for name in names[:: -(-len(names) // _SPREAD_IMAGES)]:
+            values = self.folder.images.read(MatchedFile(name, {})).astype(np.float64)
+            if values.ndim != 2:
+                return 0.0
+            variance = self._noise_variance(values, dark, np.ones(values.shape))
+            found.append(estimate_gain_spread(values - dark, variance))
+        return float(np.median(found))
 
     def board_image(
         self, name: str, position: int, pose: int, visit: int, task: str = "detect boards", total: int | None = None
@@ -518,11 +539,11 @@ class _BoardReader:
         return image, np.nan_to_num(variance, nan=_SATURATED_VARIANCE * full**2)
 
     def _noise_variance(self, values: Floats, dark: Floats, gain: Floats) -> Floats:
-        """Return the variance of a corrected image: its noise, and that of the mean dark frame and flat field."""
+        """Return the variance of a corrected image: its noise, that of the mean dark frame, and of the flat field."""
         assert self.noise is not None
         still = max(self.noise.dark_noise_dn**2, 1 / 12)
         signal = np.maximum(values - dark, 0.0)
-        variance = self.noise.gain_dn_per_e * signal + still
+        variance = self.noise.gain_dn_per_e * signal + still + (self.gain_spread * signal) ** 2
         if self.folder.dark is not None:
             variance += still / self.folder.dark.count
         level = self.folder.flat_level()
