@@ -205,7 +205,9 @@ def calibrate_folder(
     solution = fit_points(folder, _detect(folder, progress), start, priors)
     found = replace(describe_fit(solution), bit_depth=folder.images.pixels.bit_depth)
     found = _with_measured_visits(found, folder)
-    return replace(found, warnings=(*found.warnings, *compare_measurement(folder, found))), solution
+    bits = folder.images.used_bits.describe(folder.images.pixels)
+    words = (*found.warnings, *compare_measurement(folder, found), *([bits] if bits else []))
+    return replace(found, warnings=words), solution
 
 
 def _with_measured_visits(found: RigCalibration, folder: CaptureFolder) -> RigCalibration:

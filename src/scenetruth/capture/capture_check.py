@@ -198,7 +198,7 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
         findings += _brightness(folder, statistics)
         findings += _blurred(folder, statistics)
         findings += _encodings(folder)
-        if not saturated and (text := series.describe_bits()):
+        if not saturated and (text := series.used_bits.describe(series.pixels)):
             findings.append(CaptureFinding("bit_depth", "warning", text))
         level, dark = _dark(folder, statistics)
         gamma, more = check_response(folder, boards.exponent, usable=not saturated and not dark)

@@ -26,6 +26,7 @@ from scenetruth.capture.image_reading import (
     FrameMoments,
     ImageHeader,
     PixelFormat,
+    UsedBits,
     frame_moments,
     header_problems,
     read_header,
@@ -67,6 +68,7 @@ class FrameSet:
     ``levels``: Names of the files of each level; level 0 if the pattern has none.
     ``headers``: Headers by the name of the file.
     ``exposure_times_s``: Exposure time of each level, if it is stated.
+    ``used_bits``: Bits of all values read so far, those of the images included.
     """
 
     folder: Path
@@ -74,15 +76,18 @@ class FrameSet:
     headers: Mapping[str, ImageHeader]
     pixels: PixelFormat
     exposure_times_s: Mapping[int, float] = field(default_factory=dict)
+    used_bits: UsedBits = field(default_factory=UsedBits)
     _moments: dict[int, FrameMoments] = field(default_factory=dict, repr=False)
 
     def frames(self, level: int) -> Iterator[NDArray[Any]]:
         """Yield the frames of a level."""
         for name in self.levels[level]:
             try:
-                yield self.pixels.convert(read_pixels(self.folder / name))
+                values = read_pixels(self.folder / name)
             except PictureFileError as error:
                 raise CaptureError([Problem(name, str(error))], source=self.folder) from error
+            self.used_bits.add(values, name, self.pixels, self.folder)
+            yield self.pixels.convert(values)
 
     def moments(self, level: int) -> FrameMoments:
         """Return the moments of the frames of a level, which are read once."""
@@ -333,7 +338,7 @@ def open_capture(capture: CaptureLike) -> CaptureFolder:
         if text is not None:
             found = _frame_set(name, folder, read_pattern(text, ("level",)), names, capture, problems)
             if found is not None:
-                sets[name] = found
+                sets[name] = found if images is None else replace(found, used_bits=images.used_bits)
     board: dict[tuple[int, int, int], str] = {}
     if files.board is not None:
         pattern = read_pattern(files.board, ("pose", "s", "row"))
