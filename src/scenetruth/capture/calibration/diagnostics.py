@@ -500,8 +500,8 @@ def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
     pose = pose_of_change(fit)
     if pose is not None:
         words.append(
-            f"the poses scatter because the camera changed before pose {pose}: calibrate again with a fixed focus, and "
-            "a lens that does not move"
+            f"the poses scatter because the camera changed before pose {pose}, by a refocus or a lens that moved: "
+            "calibrate again with a fixed focus and a fixed lens"
         )
     words += [
         f"the residuals ask for {test.name} (chi-squared {test.chi2:.0f} for {test.dof}): {remedies[test.name]}"
