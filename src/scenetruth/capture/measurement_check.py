@@ -228,7 +228,8 @@ def _compare_strip(calibration: RigCalibration) -> list[str]:
     return [
         f"strip: shows other poses of the camera in the measurement than the board (chi-squared {square:.0f} for "
         f"{int(usable.sum())}, turned by up to {1e6 * largest:.2g} µrad): it was knocked or remounted, or the guide "
-        "does not repeat. The strip corrects it; calibrate again, or state the tolerance in strip.errors"
+        "does not repeat, which the strip corrects; or the strip has another size than strip.file states. Calibrate "
+        "again, check the strip, or state the tolerance in strip.errors"
     ]
 
 
