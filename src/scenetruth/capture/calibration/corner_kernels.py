@@ -124,7 +124,7 @@ def _correlated(u: float, v: float, correlation: float) -> float:
     """Return by how much that mean exceeds erf(u) erf(v): its derivative integrated from 0 by Gauss's rule."""
     middle = 8.0 * _density(u, v, 0.5 * correlation)
     outer = 5.0 * (_density(u, v, (0.5 - _NODE) * correlation) + _density(u, v, (0.5 + _NODE) * correlation))
-    return correlation * (middle + outer) / 18.0
+    return float(correlation * (middle + outer) / 18.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
