@@ -248,12 +248,14 @@ def plant_knock(lab: Lab) -> None:
     size = [1e-3, 1e-3, 4e-3] if lab.rig.settings["strip"] else [5e-3, 5e-3, 1e-2]
     angles = lab.generator.choice([-1, 1], 3) * size * lab.generator.uniform(0.8, 1.3, 3)
     warp = k @ Rotation.from_rotvec(angles).as_matrix() @ np.linalg.inv(k)
+    # The scene turns, not the fixed pattern of the sensor.
+    dark = np.mean([tifffile.imread(file) for file in lab.files("dark")], axis=0)
 
     def turn(values: Floats) -> Floats:
         rows, columns = np.indices(values.shape)
         seen = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ warp.T
         where = [seen[..., 1] / seen[..., 2], seen[..., 0] / seen[..., 2]]
-        return np.asarray(map_coordinates(values, where, order=3, mode="nearest"))
+        return np.asarray(map_coordinates(values - dark, where, order=3, mode="nearest") + dark)
 
     lab.change(lab.files("images"), turn)
 

@@ -272,7 +272,7 @@ def matched(fixed: Floats, dark: Floats, seed: int = 3) -> PatternMatch:
 def test_own_and_foreign_patterns(std: float, seed: int) -> None:
     own, foreign = pattern(seed, std), pattern(seed + 50, std)
     slope, deviation = matched(own, own).slope()
-    assert abs(slope - 1) < 4 * deviation + 0.03  # the centre of the window has 1 / 81 of its own weight
+    assert abs(slope - 1) < 4 * deviation + 0.03  # tolerance of the jackknife
     assert deviation < 0.2
     slope, deviation = matched(own, foreign).slope()
     assert abs(slope) < 4 * deviation

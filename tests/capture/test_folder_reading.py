@@ -105,6 +105,18 @@ def test_failed_import_leaves_nothing(captured: CapturedFolder, tmp_path: Path) 
     assert not (tmp_path / "run").exists()
 
 
+def test_flat_fields_of_more_bits_are_not_saturated(captured: CapturedFolder) -> None:
+    """Twelve bits with the default of eight: the cause is named wherever the frames are read."""
+    del captured.plain["camera"]["bit_depth"]
+    captured.plain["camera"]["black_level_dn"] = 0
+    captured.write()
+    for read in (lambda: open_capture(captured.folder).correction(), lambda: import_capture(captured.folder)):
+        with pytest.raises(CaptureError, match="more than the 255 of 8 bits; set bit_depth to that of the camera"):
+            read()
+    report = check_capture(captured.folder)
+    assert [each.mistake for each in report.findings if each.severity == "error"] == ["bit_depth"]
+
+
 def test_undistorted_import_is_the_undistorted_recording(captured: CapturedFolder, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="no distortion to remove"):
         import_capture(captured.folder, undistort=True)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import tifffile
 from scipy.ndimage import rotate
 
-from scenetruth.capture import RigCalibration, compare_measurement, open_capture
+from scenetruth.capture import RigCalibration, compare_measurement, import_capture, open_capture
 from scenetruth.capture.calibration import (
     CharucoBoard,
     charuco_board,
     detect_board,
 )
+from scenetruth.errors import CaptureWarning
 from tests.helpers.board_captures import changed_capture
 from tests.helpers.captured_folders import store
 
@@ -60,6 +63,31 @@ def test_positions_that_the_calibration_knows_are_no_knock(
     assert compare_measurement(open_capture(folder), replace(calibration, values=values)) == []
     (message,) = compare_measurement(open_capture(folder), calibration)
     assert "across the stage" in message
+
+
+def test_a_calibration_of_another_lens_is_named_at_the_import(
+    board_capture: Path, board_calibration: Calibrated
+) -> None:
+    """Of the same size, bits and positions; a depth of 1.3 times the stated distance shows it as well."""
+    calibration, values = board_calibration[0], board_calibration[0].values.copy()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        import_capture(board_capture, calibration=calibration)
+    values[calibration.names.index("f")] *= 1.3
+    with pytest.warns(CaptureWarning) as caught:
+        import_capture(board_capture, calibration=replace(calibration, values=values))
+    texts = [str(each.message) for each in caught]
+    assert any("use the calibration of this camera and lens, or correct camera.focal_length_px" in one for one in texts)
+    assert any("but distance_mm is 660" in one for one in texts)
+
+
+def test_a_calibration_of_another_stage_axis_is_named_at_the_import(
+    board_capture: Path, board_calibration: Calibrated
+) -> None:
+    calibration, values = board_calibration[0], board_calibration[0].values.copy()
+    values[calibration.names.index("axis_y")] += 0.03
+    with pytest.warns(CaptureWarning, match="displaced across the stage"):
+        import_capture(board_capture, calibration=replace(calibration, values=values))
 
 
 def test_two_boards_in_an_image_are_named() -> None:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from scenetruth.capture.capture_calibration import calibrate_capture
     from scenetruth.capture.capture_check import CaptureReport, check_capture
     from scenetruth.capture.capture_file import CAPTURE_FILE, Capture, CaptureLike, load_capture
+    from scenetruth.capture.capture_import import import_capture
     from scenetruth.capture.capture_run import CaptureRun, run_capture
     from scenetruth.capture.capture_template import capture_text, write_capture_file
     from scenetruth.capture.corrections import FixedPatternCorrection, PatternMatch, correct_images, undistort_images
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
         nearest_patterns,
         read_pattern,
     )
-    from scenetruth.capture.folder_reading import CaptureFolder, import_capture, open_capture
+    from scenetruth.capture.folder_reading import CaptureFolder, open_capture
     from scenetruth.capture.image_reading import (
         FrameMoments,
         ImageHeader,
@@ -104,7 +105,8 @@ __getattr__, __dir__ = export_lazily(
         "edge_response": "fit_edge_exponent",
         "measurement_check": "compare_measurement",
         "board_check": "describe_blurred sharpness",
-        "folder_reading": "CaptureFolder import_capture open_capture",
+        "capture_import": "import_capture",
+        "folder_reading": "CaptureFolder open_capture",
         "image_reading": ("FrameMoments ImageHeader PixelFormat average_frames frame_moments read_header read_pixels"),
         "ingest": "read_images",
         "radiometry": (

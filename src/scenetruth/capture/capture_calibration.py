@@ -7,7 +7,7 @@ import itertools
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, StageErrors
 from scenetruth.capture.board_check import board_of
+from scenetruth.capture.board_reading import BoardReader, in_camera_pixels
 from scenetruth.capture.calibration import (
-    BoardImage,
     CalibrationError,
     CalibrationTarget,
     DotGrid,
@@ -29,7 +29,6 @@ from scenetruth.capture.calibration import (
     RigSolution,
     TargetView,
     describe_fit,
-    estimate_noise,
     fit_rig,
     import_camera,
     observe_boards,
@@ -37,13 +36,10 @@ from scenetruth.capture.calibration import (
 )
 from scenetruth.capture.calibration.corner_detection import opencv
 from scenetruth.capture.calibration.rig_model import INTRINSICS
-from scenetruth.capture.capture_check import sensor_noise
 from scenetruth.capture.capture_file import CaptureLike, load_capture
-from scenetruth.capture.corrections import FixedPatternCorrection
-from scenetruth.capture.file_patterns import MatchedFile, read_pattern
+from scenetruth.capture.file_patterns import read_pattern
 from scenetruth.capture.folder_reading import CaptureFolder, measurement_hash, open_capture, read_table
 from scenetruth.capture.measurement_check import compare_measurement
-from scenetruth.capture.radiometry import SensorNoise
 from scenetruth.capture.rectification import calibration_problems
 from scenetruth.errors import CaptureError, Problem
 from scenetruth.output import check_output, write_atomically
@@ -71,8 +67,6 @@ CaptureGuess = RigGuess | Camera | RigCalibration | float | str | PathLike[str]
 CALIBRATION_FILE, POINTS_FILE = "calibration.yaml", "calibration_points.npz"
 """Names of the calibration and of the detected points in an output directory."""
 _LEAST_POSES, _ADVISED_POSES = 3, 8
-_MOST_SATURATED = 0.01  # share of the pixels of an image
-_SATURATED_VARIANCE = 1e3  # in squares of full scale: saturated pixels have no weight
 _STATED_FOCAL, _STATED_CENTRE_PX = 1e-3, 5.0
 _COEFFICIENTS = (*INTRINSICS[3:], "aspect")
 _ADVICE = "tilted by 35 to 40° about different axes"
@@ -203,7 +197,9 @@ def calibrate_folder(
     solution = fit_points(folder, _detect(folder, progress), start, priors)
     found = replace(describe_fit(solution), bit_depth=folder.images.pixels.bit_depth)
     found = _with_measured_visits(found, folder)
-    return replace(found, warnings=(*found.warnings, *compare_measurement(folder, found))), solution
+    bits = folder.images.used_bits.describe(folder.images.pixels)
+    words = (*found.warnings, *compare_measurement(folder, found), *([bits] if bits else []))
+    return replace(found, warnings=words), solution
 
 
 def _with_measured_visits(found: RigCalibration, folder: CaptureFolder) -> RigCalibration:
@@ -403,7 +399,7 @@ def _detect(folder: CaptureFolder, progress: Progress | None) -> Observations:
     pattern = read_pattern(folder.capture.files.board or "", ("pose", "s", "row"))
     positions = folder.images.positions
     middle = (len(positions) - 1) // 2
-    reader = _BoardReader.open(folder, progress)
+    reader = BoardReader.open(folder, progress)
     images = []
     for number, ((pose, _, s), name) in enumerate(sorted(folder.board.items())):
         place = positions.index(s) if "s" in pattern.fields else middle
@@ -414,10 +410,10 @@ def _detect(folder: CaptureFolder, progress: Progress | None) -> Observations:
     found = _with_strip(found, folder, reader)
     for name, share in reader.saturated.items():
         say(f"{name}: {100 * share:.2g} % of the pixels are saturated, and not used; shorten the exposure")
-    return _in_camera_pixels(found, folder)
+    return in_camera_pixels(found, folder)
 
 
-def _with_strip(given: Observations, folder: CaptureFolder, reader: _BoardReader) -> Observations:
+def _with_strip(given: Observations, folder: CaptureFolder, reader: BoardReader) -> Observations:
     """Return observations with the views of the strip in all images of the measurement."""
     points = strip_points(folder, [])
     if points is None or folder.capture.strip is None:
@@ -434,103 +430,6 @@ def _with_strip(given: Observations, folder: CaptureFolder, reader: _BoardReader
     half = float(np.abs(points).max())
     target = CalibrationTarget(name="strip", half_width_mm=half, scale_std=strip.scale_std, warp_mm=strip.warp_mm)
     return replace(given, targets=(*given.targets, target), views=(*given.views, *views))
-
-
-def _in_camera_pixels(given: Observations, folder: CaptureFolder) -> Observations:
-    """Return points of images of one colour of a mosaic in pixels of the camera."""
-    pixels, camera = folder.images.pixels, folder.capture.camera
-    if pixels.step == 1:
-        return given
-    row, column = pixels.offset
-    views = tuple(
-        replace(
-            view,
-            pixels=pixels.step * view.pixels + np.array([column, row]),
-            covariance_px2=pixels.step**2 * view.covariance_px2,
-        )
-        for view in given.views
-    )
-    return replace(given, width=camera.width, height=camera.height, views=views)
-
-
-@dataclass(eq=False)
-class _BoardReader:
-    """Reads board images in linear light, with the variance of the noise of every pixel.
-
-    ``saturated``: Share of saturated pixels of images with more of them than usual.
-    """
-
-    folder: CaptureFolder
-    correction: FixedPatternCorrection | None
-    noise: SensorNoise | None
-    progress: Progress | None
-    saturated: dict[str, float]
-    _variance: Floats | None = None
-
-    @classmethod
-    def open(cls, folder: CaptureFolder, progress: Progress | None) -> _BoardReader:
-        """Return a reader with the measured noise, if there is one."""
-        linear = folder.images.pixels.encoding == "linear"
-        noise = sensor_noise(folder) if linear else None
-        known = noise is not None and bool(np.isfinite([noise.gain_dn_per_e, noise.dark_noise_dn]).all())
-        return cls(folder, folder.correction(), noise if known else None, progress, {})
-
-    def board_image(
-        self, name: str, position: int, pose: int, visit: int, task: str = "detect boards", total: int | None = None
-    ) -> BoardImage:
-        """Return an image that is read when it is analysed."""
-        count = len(self.folder.board) if total is None else total
-        done = visit if total is None else visit - len(self.folder.board)
-
-        def read() -> Floats:
-            if self.progress is not None:
-                self.progress(task, min(done, count), count)
-            image, self._variance = self._read(name)
-            return image
-
-        def variance() -> Floats:
-            assert self._variance is not None  # the image is read before
-            return self._variance
-
-        return BoardImage(read, position, pose, visit, name=name, direction=0, variance=variance)
-
-    def _read(self, name: str) -> tuple[Floats, Floats]:
-        values = self.folder.images.read(MatchedFile(name, {})).astype(np.float64)
-        full = self.folder.images.pixels.full_scale
-        dark, gain = self.folder.black(), np.ones(values.shape)
-        if self.correction is not None and self.correction.flat is not None:
-            light = self.correction.flat - dark
-            gain = light.mean(axis=(0, 1)) / np.where(light > 0, light, np.nan)
-        image = (values - dark) * gain
-        saturated = np.asarray(values >= full)
-        if self.correction is not None and self.correction.defects is not None:
-            image[self.correction.defects] = np.nan
-        if image.ndim == 3:
-            image, saturated = image.mean(axis=-1), np.asarray(saturated.any(axis=-1))
-        share = float(saturated.mean())
-        if share > _MOST_SATURATED:
-            self.saturated[name] = share
-        variance = self._noise_variance(values, dark, gain) if self.noise is not None and values.ndim == 2 else None
-        if variance is None:
-            least = np.mean(gain[np.isfinite(gain)] ** 2) / 12
-            variance = np.full(image.shape, max(estimate_noise(image) ** 2, float(least)))
-        variance[saturated] = _SATURATED_VARIANCE * full**2
-        return image, np.nan_to_num(variance, nan=_SATURATED_VARIANCE * full**2)
-
-    def _noise_variance(self, values: Floats, dark: Floats, gain: Floats) -> Floats:
-        """Return the variance of a corrected image: its noise, and that of the mean dark frame and flat field."""
-        assert self.noise is not None
-        still = max(self.noise.dark_noise_dn**2, 1 / 12)
-        signal = np.maximum(values - dark, 0.0)
-        variance = self.noise.gain_dn_per_e * signal + still
-        if self.folder.dark is not None:
-            variance += still / self.folder.dark.count
-        level = self.folder.flat_level()
-        if self.correction is not None and self.correction.flat is not None and level is not None:
-            light = self.correction.flat - dark
-            bright = self.noise.gain_dn_per_e * np.maximum(light, 0.0) + still
-            variance += bright / self.folder.sets["flat"].moments(level).count * (signal / np.maximum(light, 1e-9)) ** 2
-        return np.asarray(gain**2 * variance)
 
 
 _ARRAYS = ("first", "points_mm", "pixels", "covariance_px2")

@@ -30,7 +30,8 @@ from scenetruth.capture.capture_calibration import (
 )
 from scenetruth.capture.capture_check import CaptureReport, check_capture
 from scenetruth.capture.capture_file import CaptureLike, load_capture
-from scenetruth.capture.folder_reading import CaptureFolder, import_capture, open_capture
+from scenetruth.capture.capture_import import import_capture
+from scenetruth.capture.folder_reading import CaptureFolder, open_capture
 from scenetruth.capture.report import CaptureResults, write_capture_page
 from scenetruth.errors import CaptureError, OutputExistsError, Problem
 from scenetruth.estimators import find_method, prepare

@@ -39,7 +39,7 @@ _PLACES = 4096  # subpixel positions at which the sum of the squared weights is 
 _TAPS = 16  # pixels on either side with a weight; those beyond are below 1e-6
 _DARK_SHARE = 0.01  # largest share of pixels whose flat field is not brighter than the dark frame
 _COEFFICIENTS = (4, 5, 8)
-_WINDOW_PX = 9
+_WINDOW_PX = 5
 _BLOCKS = 8  # along either axis, for the uncertainty (jackknife)
 _MOST_PIXELS = 4_000_000  # of an image; of larger images the middle is used
 _LEAST_VARIANCE = 1 / 12
@@ -408,8 +408,8 @@ def touched_pixels(bad: Mask, where: Floats) -> Mask:
 class PatternMatch:
     """How many times the pattern of dark frames is contained in images.
 
-    Both are taken less their local means. Every pixel has the weight of the inverse local variance of its image, so
-    that smooth parts count: the inside of squares of a board, or a background without texture.
+    Both are taken less their local means. Every pixel has the weight of the inverse variance of its neighbours, so that
+    smooth parts count: the inside of squares of a board, or a background without texture.
     """
 
     def __init__(self, dark: FrameMoments) -> None:
@@ -434,7 +434,9 @@ class PatternMatch:
     def add(self, image: NDArray[Any]) -> None:
         """Add an image of the same camera settings as the dark frames, shape (y, x)."""
         values = _fine(image[self._part].astype(np.float64))
-        variance = uniform_filter(values**2, _WINDOW_PX)
+        squares = values**2
+        # A pixel whose own value reduced its weight would contain too little of the pattern.
+        variance = (_WINDOW_PX**2 * uniform_filter(squares, _WINDOW_PX) - squares) / (_WINDOW_PX**2 - 1)
         # Rounding hides the pattern where there is no noise.
         weight = np.where(variance > _LEAST_VARIANCE, 1 / np.maximum(variance, _LEAST_VARIANCE), 0.0)
         self._sums += weight * values

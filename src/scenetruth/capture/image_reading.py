@@ -21,6 +21,7 @@ __all__ = [
     "FrameMoments",
     "ImageHeader",
     "PixelFormat",
+    "UsedBits",
     "average_frames",
     "frame_moments",
     "header_problems",
@@ -131,6 +132,40 @@ class PixelFormat:
         share = values / float(2**self.bit_depth - 1)
         straight = share**self.gamma if self.encoding == "gamma" else linearise(share, "srgb")
         return straight.astype(np.float32)
+
+
+@dataclass
+class UsedBits:
+    """Bits that are set in any value read so far, which must be those of the camera."""
+
+    bits: int = 0
+
+    def add(self, values: NDArray[Any], name: str, pixels: PixelFormat, folder: Path) -> None:
+        """Add the values of a file; raises `CaptureError` if they exceed the bit depth."""
+        self.bits |= int(np.bitwise_or.reduce(values, axis=None))
+        largest = 2**pixels.bit_depth - 1
+        if self.bits <= largest or (most := int(values.max())) <= largest:
+            return
+        shift = 8 * values.dtype.itemsize - pixels.bit_depth
+        message = f"has values up to {most:,}, more than the {largest:,} of {pixels.bit_depth} bits"
+        if self.bits & (2**shift - 1):
+            message += f"; set bit_depth to that of the camera, {self.bits.bit_length()} or more"
+        else:
+            message += (
+                f"; all are multiples of {2**shift}: the numbers are stored in the upper bits. Set bit_depth to "
+                f"{8 * values.dtype.itemsize}, which only changes their unit"
+            )
+        raise CaptureError([Problem(name, message)], source=folder)
+
+    def describe(self, pixels: PixelFormat) -> str:
+        """Return why the bit depth is likely to be another; empty if it is not."""
+        needed, bits = self.bits.bit_length(), pixels.bit_depth
+        if 0 < needed <= bits - 2 and bits > 8:
+            return (
+                f"bit_depth: no value needs more than {needed} of the {bits} bits; if the camera has {max(needed, 8)} "
+                "bits, set bit_depth to it, because it defines saturation"
+            )
+        return ""
 
 
 def read_header(file: Path) -> ImageHeader:

@@ -33,6 +33,7 @@ from scenetruth.capture.image_reading import (
     Encoding,
     ImageHeader,
     PixelFormat,
+    UsedBits,
     header_problems,
     read_header,
     read_pixels,
@@ -70,6 +71,7 @@ class ImageSeries:
     ``files``: Files by (row, position, frame).
     ``headers``: Headers by the name of the file.
     ``missing``: Names of the files that are missing.
+    ``used_bits``: Bits of all values read so far.
     """
 
     folder: Path
@@ -81,8 +83,7 @@ class ImageSeries:
     files: Mapping[Index, MatchedFile]
     headers: Mapping[str, ImageHeader]
     missing: tuple[str, ...] = ()
-    used_bits: list[int] = field(default_factory=lambda: [0])
-    """Bits that are set in any value read so far."""
+    used_bits: UsedBits = field(default_factory=UsedBits)
 
     @property
     def header(self) -> ImageHeader:
@@ -106,30 +107,8 @@ class ImageSeries:
             values = read_pixels(self.folder / file.name)
         except PictureFileError as error:
             raise CaptureError([Problem(file.name, str(error))], source=self.folder) from error
-        self.used_bits[0] |= int(np.bitwise_or.reduce(values, axis=None))
-        largest = 2**self.pixels.bit_depth - 1
-        if self.used_bits[0] > largest and (most := int(values.max())) > largest:
-            shift = 8 * values.dtype.itemsize - self.pixels.bit_depth
-            shifted = not self.used_bits[0] & (2**shift - 1)
-            message = f"has values up to {most:,}, more than the {largest:,} of {self.pixels.bit_depth} bits"
-            remedy = (
-                f"; all are multiples of {2**shift}: the numbers are stored in the upper bits. Set bit_depth to "
-                f"{8 * values.dtype.itemsize}, which only changes their unit"
-                if shifted
-                else "; correct bit_depth"
-            )
-            raise CaptureError([Problem(file.name, message + remedy)], source=self.folder)
+        self.used_bits.add(values, file.name, self.pixels, self.folder)
         return self.pixels.convert(values)
-
-    def describe_bits(self) -> str:
-        """Return why the bit depth is likely to be another, from all values read; empty if it is not."""
-        used, bits = self.used_bits[0], self.pixels.bit_depth
-        if used and bits > 8 and used.bit_length() < bits and used.bit_length() <= bits - 2:
-            return (
-                f"bit_depth: no value needs more than {used.bit_length()} of the {bits} bits; if the camera has "
-                f"{max(used.bit_length(), 8)} bits, set bit_depth to it, because it defines saturation"
-            )
-        return ""
 
 
 def split_pattern(given: str | os.PathLike[str]) -> tuple[Path, str]:
@@ -368,7 +347,7 @@ class RecordingPlan:
             plural = "s are" if len(missing) > 1 else " is"
             message = f"{len(missing):,} image{plural} missing and invalid (NaN): {list_missing(missing)}"
             warnings.warn(message, CaptureWarning, stacklevel=stacklevel + 1)
-        if text := self.series.describe_bits():
+        if text := self.series.used_bits.describe(self.series.pixels):
             warnings.warn(text, CaptureWarning, stacklevel=stacklevel + 1)
 
     def load(self, progress: Progress | None = None) -> xr.Dataset:

@@ -1,4 +1,4 @@
-"""Comparison of the images of a measurement with the calibration of its rig: direction, vertical parallax, strip."""
+"""Comparison of the images of a capture with a calibration: direction, vertical parallax, distance, strip."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from scipy.ndimage import gaussian_filter
 
 from scenetruth.capture.calibration import CalibrationError, RigCalibration
 from scenetruth.capture.calibration.corner_detection import opencv
-from scenetruth.capture.folder_reading import CaptureFolder
+from scenetruth.capture.folder_reading import CaptureFolder, measurement_hash
 from scenetruth.capture.ingest import RecordingPlan
 from scenetruth.capture.rectification import Rectification, recorded_pixels
 
-__all__ = ["compare_measurement"]
+__all__ = ["compare_measurement", "contradictions"]
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +30,7 @@ _DISTANT = 1e6  # depth of a distant plane in mm per px of focal length
 _CONTRAST = 0.02  # standard deviation of a block relative to the brightness
 _SMOOTH_PX = 0.7
 _MOST_PAIRS = 4
+_CLEAR_SHIFT_PX, _RATIO = 5.0, 1.25
 _IMPROBABLE = 1e-6
 _ROUNDING = 1e-9
 _TURNS = (
@@ -75,7 +76,7 @@ def compare_measurement(folder: CaptureFolder, calibration: RigCalibration) -> l
     where the camera moves to the right. Blocks of the reference image are searched in the others.
     """
     given, pixels = folder.images, folder.images.pixels
-    if calibration.measured_visits:
+    if calibration.measured_visits and calibration.measured_images == measurement_hash(given):
         return _compare_strip(calibration)
     if len(given.positions) < 2 or (pixels.bayer and pixels.plane == "mosaic"):
         return []
@@ -117,7 +118,40 @@ def compare_measurement(folder: CaptureFolder, calibration: RigCalibration) -> l
             "images of the measurement: move in the opposite direction of those of the board: were they turned by half "
             "a turn, mirrored, or numbered against the direction of the stage? Turn them, or reverse the positions"
         ]
-    return _describe_parallax(calibration, parallaxes) if parallaxes else []
+    if not parallaxes:
+        return []
+    return [*_describe_parallax(calibration, parallaxes), *_describe_distance(folder, calibration, parallaxes)]
+
+
+def _describe_distance(
+    folder: CaptureFolder, calibration: RigCalibration, parallaxes: Sequence[_Parallax]
+) -> list[str]:
+    """Return whether the displacements along the stage are those of another distance than is stated."""
+    stated, clear = folder.capture.distance_mm, [each for each in parallaxes if abs(each.along) > _CLEAR_SHIFT_PX]
+    if stated is None or not clear:
+        return []
+    seen = float(_usual_point(calibration, clear)[2])
+    if 1 / _RATIO < seen / stated < _RATIO:
+        return []
+    return [
+        f"images of the measurement: are displaced as those of a surface at {seen:.3g} mm, but distance_mm is "
+        f"{stated:g}: use the calibration of this camera and lens, check the size of the board, or correct distance_mm"
+    ]
+
+
+def contradictions(folder: CaptureFolder, calibration: RigCalibration) -> list[str]:
+    """Return what a capture and its images show against a calibration, without what that states itself."""
+    found = compare_measurement(folder, calibration)
+    camera = folder.capture.camera
+    if camera.focal_length_px is not None or camera.focal_length_mm is not None:
+        stated, calibrated = camera.to_camera().focal_px, calibration.value("f")
+        # Close objects need a longer image distance than the focal length of the lens.
+        if not 1 / _RATIO < calibrated / stated < _RATIO:
+            found.append(
+                f"calibration: has a focal length of {calibrated:.5g} px, but that of the capture file is "
+                f"{stated:.5g} px: use the calibration of this camera and lens, or correct camera.focal_length_px"
+            )
+    return [text for text in found if text not in calibration.warnings]
 
 
 def _usual_point(calibration: RigCalibration, parallaxes: Sequence[_Parallax]) -> Floats:
@@ -194,7 +228,8 @@ def _compare_strip(calibration: RigCalibration) -> list[str]:
     return [
         f"strip: shows other poses of the camera in the measurement than the board (chi-squared {square:.0f} for "
         f"{int(usable.sum())}, turned by up to {1e6 * largest:.2g} µrad): it was knocked or remounted, or the guide "
-        "does not repeat. The strip corrects it; calibrate again, or state the tolerance in strip.errors"
+        "does not repeat, which the strip corrects; or the strip has another size than strip.file states. Calibrate "
+        "again, check the strip, or state the tolerance in strip.errors"
     ]
 
 

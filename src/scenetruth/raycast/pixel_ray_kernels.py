@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
@@ -82,7 +82,7 @@ def pixel_hits(
     return face, depth, weights
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _touched(one: float, other: float, low: float, step: float, first: int, last: int) -> Any:
     """Return the first and last + 1 of the pixels, half a step around grid lines, between two places, in a range."""
     start, end = (one - low) / step, (other - low) / step
@@ -90,7 +90,7 @@ def _touched(one: float, other: float, low: float, step: float, first: int, last
     return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _write_edges(
     form: NDArray[np.float64], grid: RayGrid, largest: float, edges: NDArray[np.float64]
 ) -> None:  # fmt: skip
@@ -110,7 +110,7 @@ def _write_edges(
         edges[k, 3] = (0.5 + _MARGIN) * (abs(right) + abs(below)) + margin
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _nearest(grid: RayGrid, face: int) -> Any:
     """Return the smallest distance of the corners of a face along the axis."""
     nearest = np.inf
@@ -123,7 +123,7 @@ def _nearest(grid: RayGrid, face: int) -> Any:
     return nearest
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _may_touch(edges: NDArray[np.float64], x: float, y: float) -> Any:
     """Return whether any ray in a pixel may be inside the three edges of a face."""
     one = edges[0, 0] + edges[0, 1] * x + edges[0, 2] * y
@@ -134,7 +134,7 @@ def _may_touch(edges: NDArray[np.float64], x: float, y: float) -> Any:
     return positive | negative
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _pixel_hits(
     low: int, high: int, grid: RayGrid, forms: NDArray[np.float64], boxes: NDArray[np.float64],
     row_start: NDArray[np.int64], pixels: NDArray[np.int64], directions: NDArray[np.float64],

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.shadow_kernels import EDGES, LOWEST, PLANE, STEEP, FacesInLight, cell_of
 
 __all__ = ["cast_edges", "cross_faces"]
@@ -15,7 +15,7 @@ __all__ = ["cast_edges", "cross_faces"]
 _ROW_MARGIN = 1e-6  # relative margin of the cells for rounding
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _clip(at_start: float, at_end: float, enter: float, leave: float) -> Any:
     """Narrow a range of fractions of a segment to where a function with values at its ends is at least 0."""
     if at_start < 0.0 and at_end < 0.0:
@@ -27,7 +27,7 @@ def _clip(at_start: float, at_end: float, enter: float, leave: float) -> Any:
     return enter, leave
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _shadow_on(
     ends: NDArray[np.float64], edge: int, numbers: NDArray[np.float64], face: int, apart: float
 ) -> Any:  # fmt: skip
@@ -52,7 +52,7 @@ def _shadow_on(
     return enter, leave
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def cast_edges(
     ends: NDArray[np.float64],
     edge_faces: NDArray[np.int32],
@@ -110,7 +110,7 @@ def cast_edges(
     return used
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _height_over(plane: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
     """Return the distance of a point from a plane, given by a point and the unit normal."""
     return (
@@ -118,7 +118,7 @@ def _height_over(plane: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _plane_of(
     places: NDArray[np.float64], corners: NDArray[np.int32], plane: NDArray[np.float64]
 ) -> None:  # fmt: skip
@@ -131,7 +131,7 @@ def _plane_of(
     plane[0], plane[1], plane[2], plane[3], plane[4], plane[5] = a[0], a[1], a[2], nx / length, ny / length, nz / length
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _crossing(
     places: NDArray[np.float64], one: NDArray[np.int32], other: NDArray[np.int32], planes: NDArray[np.float64],
     line: NDArray[np.float64], apart: float,
@@ -178,7 +178,7 @@ def _crossing(
     return (leave - enter) * length > apart
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def cross_faces(
     places: NDArray[np.float64],
     faces: NDArray[np.int32],

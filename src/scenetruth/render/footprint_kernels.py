@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast import ImageRays, TexturedMesh
 from scenetruth.raycast.hit_kernels import MOST_STEPS, ways_out
 from scenetruth.raycast.ray_triangle_kernels import (
@@ -69,7 +69,7 @@ class LampLight(NamedTuple):
     """Irradiance by ambient light."""
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
+@inlined
 def _spline_at(flat: NDArray[np.float32], rows: int, columns: int, u: float, v: float) -> Any:
     """Return 36 times the value of a spline, from its coefficients in row-major order; see `spline_lookup`."""
     x, y = u * columns - 0.5, v * rows - 0.5
@@ -103,7 +103,7 @@ def sample_raster(raster: Raster, uv: NDArray[np.float64], where: NDArray[np.int
     in_bands(_sample_raster, where.shape[0], raster, uv, where, out, least=_LEAST_POINTS)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _sample_raster(
     low: int, high: int, raster: Raster, uv: NDArray[np.float64], where: NDArray[np.int64], out: NDArray[np.float32]
 ) -> None:  # fmt: skip
@@ -134,7 +134,7 @@ def average_footprints(
     return arrived, means
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _average_footprints(
     low: int, high: int, mesh: TexturedMesh, rays: ImageRays, footprints: Footprints, raster: Raster, light: LampLight,
     arrived: NDArray[np.bool_], means: NDArray[np.float32],

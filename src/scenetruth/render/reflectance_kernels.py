@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
 __all__ = ["AZIMUTHS", "COSINES", "albedo_tables", "fresnel", "reflect_ambient", "reflect_light"]
@@ -19,7 +19,7 @@ _LEAST_COSINE = 1e-4  # of directions along the surface, where the model has a l
 _LEAST_POINTS = 4096
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fresnel(cosine: float, index: float) -> Any:
     """Return the reflectance of a dielectric of a refractive index for unpolarised light, from outside.
 
@@ -31,14 +31,14 @@ def fresnel(cosine: float, index: float) -> Any:
     return 0.5 * (across * across + along * along)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _slope(x: float, y: float, z: float, along: float, wide: float) -> Any:
     """Return Λ of Smith for a direction in the frame of the surface (Heitz 2014, eq. 86)."""
     ratio = ((along * x) ** 2 + (wide * y) ** 2) / max(z * z, 1e-300)
     return 0.5 * (np.sqrt(1.0 + ratio) - 1.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _facets(view: tuple[Any, ...], light: tuple[Any, ...], half: tuple[Any, ...], along: float, wide: float) -> Any:
     """Return π D G / (4 cos θ_v), the reflectance of perfect mirrors times π cos θ_l.
 
@@ -50,7 +50,7 @@ def _facets(view: tuple[Any, ...], light: tuple[Any, ...], half: tuple[Any, ...]
     return 1.0 / (along * wide * spread * spread * shadowing * 4.0 * view[2])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _visible_albedo(view: tuple[Any, ...], index: float, along: float, wide: float) -> Any:
     """Return the directional albedo of one reflection, by the visible normals (Dupuy and Benyoub 2023).
 
@@ -80,7 +80,7 @@ def _visible_albedo(view: tuple[Any, ...], index: float, along: float, wide: flo
     return total / (_ACROSS * _ROUND)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def albedo_tables(index: float, along: float, wide: float) -> Any:
     """Return the directional albedo of GGX microfacets at the nodes, shape (COSINES, AZIMUTHS).
 
@@ -99,7 +99,7 @@ def albedo_tables(index: float, along: float, wide: float) -> Any:
     return table
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _interpolate(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
     """Return the value of a table of directional albedo for a direction in the frame of the surface, on either side."""
     x, y, z = direction
@@ -137,7 +137,7 @@ def reflect_light(
     in_bands(_reflect_light, len(factors), irradiance, to_light, view, surface, factors, gloss, least=_LEAST_POINTS)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _reflect_light(
     low: int, high: int, irradiance: NDArray[np.float64], to_light: NDArray[np.float64],
     view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...], factors: NDArray[np.float64],
@@ -179,7 +179,7 @@ def _reflect_light(
         gloss[n] += metal * (single * grazing + again * values[m, 8])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _frame(normal: NDArray[np.float64], along: NDArray[np.float64]) -> Any:
     """Return tangent, bitangent and normal of a surface, with the tangent in the plane of a direction along it."""
     nx, ny, nz = normal[0], normal[1], normal[2]
@@ -190,14 +190,14 @@ def _frame(normal: NDArray[np.float64], along: NDArray[np.float64]) -> Any:
     return (x, y, z), (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x), (nx, ny, nz)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _in_frame(frame: tuple[Any, ...], x: float, y: float, z: float) -> Any:
     """Return the components of a vector in a frame."""
     a, b, c = frame
     return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _towards(frame: tuple[Any, ...], origin: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
     """Return the unit vector from a point to the camera in a frame; along the surface at least."""
     dx, dy, dz = origin[0] - point[0], origin[1] - point[1], origin[2] - point[2]
@@ -218,7 +218,7 @@ def reflect_ambient(
         in_bands(_reflect_ambient, len(factors), ambient, view, surface, factors, gloss, least=_LEAST_POINTS)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _reflect_ambient(
     low: int, high: int, ambient: float, view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...],
     factors: NDArray[np.float64], gloss: NDArray[np.float64],

@@ -400,7 +400,7 @@ def shadow_steps(
     return dark, steps
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel()
 def _shadow_steps(
     low: int, high: int, face: NDArray[np.int32], body: NDArray[np.int32], mixed: NDArray[np.bool_],
     bits: NDArray[np.uint64], blocked: NDArray[np.uint64], dark: NDArray[np.uint64], steps: NDArray[np.bool_],

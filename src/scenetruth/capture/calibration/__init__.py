@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from scenetruth.capture.calibration.corner_refinement import (
         RefinedPoints,
         disc_bias,
+        estimate_gain_spread,
         estimate_noise,
         refine_points,
     )
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
         field_of_residuals,
         identify_combinations,
         inconsistent_images,
+        pose_of_change,
         refit,
         step_problems,
     )
@@ -84,12 +86,11 @@ __all__ = [
     "PoseScatter", "RefinedPoints", "RigCalibration", "RigFit", "RigGeometry", "RigGuess", "RigLayout", "RigPriors",
     "RigSolution", "RigState", "ScaleTest", "TargetView", "VarianceComponents", "ViewResidual", "adjust", "advise_pose",
     "apparent_steps", "calibrate", "charuco_board", "check_models", "check_scale", "common_error", "compare_halves",
-    "describe_fit", "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_noise",
-    "explains_scatter", "export_calibration", "field_of_residuals", "fit_rig", "identify_combinations",
+    "describe_fit", "detect_board", "diagnose", "disc_bias", "estimate_components", "estimate_gain_spread",
+    "estimate_noise", "export_calibration", "field_of_residuals", "fit_rig", "identify_combinations",
     "import_calibration", "import_camera", "inconsistent_images", "moving_point_modes", "observe_boards",
-    "observe_strip", "places_of_points",
-    "point_modes", "project", "refine_points", "refit", "rotation_matrix", "scatter_of_poses", "start_state",
-    "step_problems", "triangulate", "with_other_tilts",
+    "observe_strip", "places_of_points", "point_modes", "pose_of_change", "project", "refine_points", "refit",
+    "rotation_matrix", "scatter_of_poses", "start_state", "step_problems", "triangulate", "with_other_tilts",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -100,10 +101,11 @@ __getattr__, __dir__ = export_lazily(
         "bundle_adjustment": "PoseScatter RigFit ViewResidual adjust",
         "calibration_result": "RigCalibration",
         "corner_detection": "Detection charuco_board detect_board",
-        "corner_refinement": "RefinedPoints disc_bias estimate_noise refine_points",
+        "corner_refinement": "RefinedPoints disc_bias estimate_gain_spread estimate_noise refine_points",
         "diagnostics": (
-            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose explains_scatter "
-            "field_of_residuals identify_combinations inconsistent_images refit step_problems check_models check_scale"
+            "Combination HalvesTest ModelTest ScaleTest apparent_steps compare_halves diagnose "
+            "field_of_residuals identify_combinations inconsistent_images pose_of_change refit step_problems "
+            "check_models check_scale"
         ),
         "foreign_calibrations": "export_calibration import_calibration import_camera",
         "measurement_covariance": (

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
 from scenetruth.camera import Camera
 from scenetruth.capture.calibration.boards import Board, CharucoBoard, Checkerboard, DotGrid
@@ -14,7 +15,7 @@ from scenetruth.capture.calibration.corner_kernels import centroids, fit_corners
 from scenetruth.capture.calibration.disc_kernels import fit_discs
 from scenetruth.capture.calibration.start_values import fit_homography
 
-__all__ = ["RefinedPoints", "disc_bias", "estimate_noise", "refine_points"]
+__all__ = ["RefinedPoints", "disc_bias", "estimate_gain_spread", "estimate_noise", "refine_points"]
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,9 @@ _SHARP_PX, _SHARP_BLUR_PX = 0.007, 0.4
 """Error of dots with edges sharper than a pixel, times the root of the radius in px, measured with renders of 4 and
 8 px radius without blur; and the blur from which it vanishes.
 """
+_MEDIAN_SQUARE = 0.4549364231195724  # of a normal value
+_SMOOTH_PX, _SMOOTH_SIGMAS, _FEWEST_SMOOTH = 7, 4.0, 500
+"""Parts whose means of 3 x 3 px differ by less than four standard deviations of a pixel, 12 of a mean, are smooth."""
 _FLOOR_PX = 5e-4
 """Standard deviation of what the edge model leaves out, for example curved edges: without noise, the corners of
 rendered boards have errors of 0.0002 to 0.0005 px rms.
@@ -69,12 +73,38 @@ def estimate_noise(image: Array) -> float:
 
     The median over the image makes edges irrelevant.
     """
+    return float(np.sqrt(np.nanmedian(_local_noise(image)) / _MEDIAN_SQUARE))
+
+
+def estimate_gain_spread(light: Array, variance: Array) -> float:
+    """Return the standard deviation of the gains of single pixels, from bright, smooth parts of an image.
+
+    It is what the differences of neighbours have in excess of the noise in time; 0 if too few pixels are smooth.
+
+    ``light``: Values less those of the dark frame.
+    ``variance``: Variance of their noise in time.
+    """
+    mean = uniform_filter(light, 3)
+    span = maximum_filter(mean, _SMOOTH_PX) - minimum_filter(mean, _SMOOTH_PX)
+    smooth = span < _SMOOTH_SIGMAS * np.sqrt(variance)
+    smooth &= mean > np.median(mean)
+    smooth[[0, -1]] = smooth[:, [0, -1]] = False
+    if np.count_nonzero(smooth) < _FEWEST_SMOOTH:
+        return 0.0
+    inner = smooth[1:-1, 1:-1]
+    ratio = _local_noise(light)[inner] / uniform_filter(variance, 3)[smooth]
+    excess = float(np.median(ratio)) / _MEDIAN_SQUARE - 1
+    return float(np.sqrt(max(excess, 0.0) * np.median(variance[smooth]) / np.median(mean[smooth]) ** 2))
+
+
+def _local_noise(image: Array) -> Array:
+    """Return squared second differences along both axes, whose mean is the variance of white noise."""
     core = (
         image[:-2, :-2] - 2 * image[:-2, 1:-1] + image[:-2, 2:]
         - 2 * (image[1:-1, :-2] - 2 * image[1:-1, 1:-1] + image[1:-1, 2:])
         + image[2:, :-2] - 2 * image[2:, 1:-1] + image[2:, 2:]
     )  # fmt: skip
-    return float(np.nanmedian(np.abs(core)) / 0.6744897501960817 / 6)
+    return np.asarray((core / 6) ** 2)
 
 
 def refine_points(image: Array, variance: Array | float, board: Board, detection: Detection) -> RefinedPoints:

@@ -38,10 +38,10 @@ __all__ = [
     "compare_halves",
     "diagnose",
     "displaced_images",
-    "explains_scatter",
     "field_of_residuals",
     "identify_combinations",
     "inconsistent_images",
+    "pose_of_change",
     "refit",
 ]  # fmt: skip
 
@@ -57,6 +57,7 @@ _LARGER_THAN_MEDIAN = 1.5**2
 _CELLS, _FEWEST_IN_CELL = (8, 6), 10
 _FAR = 8.0
 """Standard deviations of the tolerances beyond which an image was not taken where it is stated."""
+_LEAST_POSES = 2  # on either side of a change of the camera
 _NAMED = 4  # parameters of a combination
 _LEAST_SHARE = 0.15  # of the largest component
 _WEAK_TILT = 0.01
@@ -193,43 +194,59 @@ def compare_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str)
 
 
 def _fit_halves(given: Observations, fit: RigFit, priors: RigPriors, by: str) -> tuple[RigFit, RigFit] | None:
-    poses = list(dict.fromkeys(view.pose for view in fit.given.views))
+    poses = _board_poses(fit)
     first = set(poses[: len(poses) // 2]) if by == "first against last" else set(poses[::2])
     found = []
-    for inside in (True, False):
-        half = [view for view in fit.given.views if (view.pose in first) == inside]
-        part = refit(given.selected(half), fit, priors) if len({view.pose for view in half}) > 1 else None
+    for chosen in (first, set(poses) - first):
+        # The time of a strip relative to the boards is unknown.
+        half = [view for view in fit.given.views if view.pose in chosen]
+        part = refit(given.selected(half), fit, priors) if len(chosen) > 1 else None
         if part is None:
             return None
         found.append(part)
     return found[0], found[1]
 
 
-def explains_scatter(given: Observations, fit: RigFit, priors: RigPriors) -> bool:
-    """Return whether results of single poses scatter because the camera changes half-way.
+def _board_poses(fit: RigFit) -> list[int]:
+    """Return the poses of the board in order of time, without that of a strip."""
+    return list(dict.fromkeys(view.pose for view in fit.given.views if view.target == 0))
 
-    The change also widens the uncertainty in which it is tested. Without it, the poses scatter much less.
+
+def pose_of_change(fit: RigFit) -> int | None:
+    """Return the pose from which on another camera explains why results of single poses scatter; None if none does.
+
+    The change also widens the uncertainty in which a refocus is tested. Without it, the poses scatter much less. The
+    images of a strip were taken before or after the change.
     """
-    halves = None if fit.scatter is None else _fit_halves(given, fit, priors, "first against last")
-    if fit.scatter is None or halves is None:
-        return False
-    count = len(INTRINSICS)
-    change = np.where(fit.free[:count], halves[1].state.values[:count] - halves[0].state.values[:count], 0.0)
+    if fit.scatter is None:
+        return None
     _, slopes = project(fit.given, fit.state, derivatives=True)
-    moves = (slopes[:, :, :count] @ change) * _later_half(fit)[:, None]
+    whitened, z = _weighted(fit, slopes)
+    lens = np.flatnonzero(fit.free[: len(INTRINSICS)])
+    poses = _board_poses(fit)
+    sides = (0.5, -0.5) if any(view.target != 0 for view in fit.given.views) else (0.0,)
+    best: tuple[float, int, Array] | None = None
+    for onset in range(_LEAST_POSES, len(poses) - _LEAST_POSES + 1):
+        for side in sides:
+            later = _later(fit, poses[onset:], strip=side)
+            chi2, _, change = _score(fit, whitened, whitened[:, :, lens] * later[:, None, None], z)
+            if best is None or chi2 > best[0]:
+                best = chi2, poses[onset], (slopes[:, :, lens] @ change) * later[:, None]
+    if best is None:
+        return None
     views = [
         replace(view, pixels=view.pixels - move)
-        for view, move in zip(fit.given.views, np.split(moves, fit.given.first[1:-1]), strict=True)
+        for view, move in zip(fit.given.views, np.split(best[2], fit.given.first[1:-1]), strict=True)
     ]
     left = scatter_of_poses(adjust(fit.given.selected(views), fit.state, fit.start, must_converge=False))
-    return left is None or left.mean < _EXPLAINED * fit.scatter.mean
+    return best[1] if left is None or left.mean < _EXPLAINED * fit.scatter.mean else None
 
 
-def _later_half(fit: RigFit) -> Array:
-    """Return 0.5 for the points of the later half of the poses, -0.5 for the others, shape (n,)."""
-    poses = list(dict.fromkeys(view.pose for view in fit.given.views))
-    later, counts = set(poses[len(poses) // 2 :]), np.diff(fit.given.first)
-    return np.repeat([0.5 if view.pose in later else -0.5 for view in fit.given.views], counts)
+def _later(fit: RigFit, poses: Sequence[int], *, strip: float = 0.0) -> Array:
+    """Return 0.5 for the points of later poses, -0.5 for the others, and a value for those of a strip, shape (n,)."""
+    chosen, counts = set(poses), np.diff(fit.given.first)
+    signs = [strip if view.target != 0 else 0.5 if view.pose in chosen else -0.5 for view in fit.given.views]
+    return np.repeat(signs, counts)
 
 
 def refit(given: Observations, fit: RigFit, priors: RigPriors) -> RigFit | None:
@@ -285,13 +302,9 @@ def check_scale(fit: RigFit, priors: RigPriors) -> ScaleTest | None:
 
 def check_models(fit: RigFit) -> list[ModelTest]:
     """Return score tests of parameters that the model lacks: k3, k4..k6, aspect, and a refocus half-way."""
-    _, slopes = project(fit.given, fit.state, derivatives=True)
-    # The weights are those of the covariance: the poses absorb all but 1e-5 of a refocus, and 1 % would hide it.
-    root = np.sqrt(robust_weights(np.hypot(fit.z[:, 0], fit.z[:, 1])))[:, None]
-    whitened = root[:, :, None] * (fit.given.whitening @ slopes)
-    z = root * fit.z
-    tests = []
-    poses, half = {view.pose for view in fit.given.views}, _later_half(fit)
+    whitened, z = _weighted(fit, project(fit.given, fit.state, derivatives=True)[1])
+    poses, tests = _board_poses(fit), list[ModelTest]()
+    half = _later(fit, poses[len(poses) // 2 :])
     candidates: list[tuple[str, list[Callable[[], Array]]]] = []
     if not fit.free[7]:
         candidates.append(("k3", [lambda: whitened[:, :, 7]]))
@@ -299,15 +312,33 @@ def check_models(fit: RigFit) -> list[ModelTest]:
         candidates.append(("k4..k6", [lambda k=k: whitened[:, :, k] for k in (8, 9, 10)]))  # type: ignore[misc]
     if not fit.free[_ASPECT]:
         candidates.append(("aspect", [lambda: whitened[:, :, _ASPECT]]))
-    if len(poses) > 3:
+    if len(poses) >= 2 * _LEAST_POSES:
         candidates.append(("refocus", [lambda: whitened[:, :, 0] * half[:, None]]))
     for name, columns in candidates:
         tests.append(_score_test(name, fit, whitened, np.stack([column() for column in columns], axis=-1), z))
     return tests
 
 
+def _weighted(fit: RigFit, slopes: Array) -> tuple[Array, Array]:
+    """Return slopes and residuals in units of the noise, with the weights of the covariance.
+
+    The poses absorb all but 1e-5 of a refocus, which a difference of 1 % in the weights would hide.
+    """
+    root = np.sqrt(robust_weights(np.hypot(fit.z[:, 0], fit.z[:, 1])))[:, None]
+    return root[:, :, None] * (fit.given.whitening @ slopes), root * fit.z
+
+
 def _score_test(name: str, fit: RigFit, whitened: Array, extra: Array, z: Array) -> ModelTest:
     """Return the score test of columns (n, 2, m) in addition to all estimated parameters."""
+    square, dof, estimates = _score(fit, whitened, extra, z)
+    factor = max(fit.variance_factor, 1.0) if fit.scatter is None else fit.scale * fit.scatter.mean
+    chi2 = square / factor
+    estimate = float(estimates[0]) if len(estimates) == 1 else np.nan
+    return ModelTest(name, chi2, dof, _survival(chi2, dof) if dof else 1.0, estimate)
+
+
+def _score(fit: RigFit, whitened: Array, extra: Array, z: Array) -> tuple[float, int, Array]:
+    """Return the statistic of a score test, its degrees of freedom, and the estimates of the m parameters."""
     count = extra.shape[2]
     cross = fit.state.layout.gather(fit.given, whitened, extra)
     flat = extra.reshape(-1, count)
@@ -319,11 +350,8 @@ def _score_test(name: str, fit: RigFit, whitened: Array, extra: Array, z: Array)
     # Combinations that the estimated parameters absorb are excluded.
     kept = values > _ABSORBED
     projected = vectors[:, kept].T @ (score * scale)
-    factor = max(fit.variance_factor, 1.0) if fit.scatter is None else fit.scale * fit.scatter.mean
-    chi2 = float((projected**2 / values[kept]).sum()) / factor
-    dof = int(kept.sum())
-    estimate = float(score[0] / information[0, 0]) if count == 1 else np.nan
-    return ModelTest(name, chi2, dof, _survival(chi2, dof) if dof else 1.0, estimate)
+    estimates = scale * (vectors[:, kept] @ (projected / values[kept]))
+    return float((projected**2 / values[kept]).sum()), int(kept.sum()), estimates
 
 
 def inconsistent_images(fit: RigFit) -> list[str]:
@@ -469,24 +497,24 @@ def diagnose(given: Observations, fit: RigFit, priors: RigPriors) -> list[str]:
         "aspect": "add aspect to free_distortion",
         "refocus": "calibrate again with a fixed focus; the focal length differs between the halves",
     }
+    pose = pose_of_change(fit)
+    if pose is not None:
+        words.append(
+            f"the poses scatter because the camera changed before pose {pose}, by a refocus or a lens that moved: "
+            "calibrate again with a fixed focus and a fixed lens"
+        )
     words += [
         f"the residuals ask for {test.name} (chi-squared {test.chi2:.0f} for {test.dof}): {remedies[test.name]}"
         for test in check_models(fit)
-        if test.probability < _SIGNIFICANT
+        if test.probability < _SIGNIFICANT and not (pose is not None and test.name == "refocus")
     ]
-    for by in ("first against last", "even against odd"):
+    for by in ("first against last", "even against odd") if pose is None else ():
         halves = compare_halves(given, fit, priors, by)
         if halves is not None and halves.probability < _SIGNIFICANT:
             words.append(
                 f"the halves differ ({by}: chi-squared {halves.chi2:.0f} for {halves.dof}): "
                 "the camera changed, or the noise of the corners is understated"
             )
-    named = any("the halves" in text for text in words)
-    if not named and explains_scatter(given, fit, priors):
-        words.append(
-            "the poses scatter because the camera changed between the halves: calibrate again with a fixed focus, "
-            "and a lens that does not move"
-        )
     advice = advise_pose(fit, priors)
     if advice:
         words.append(advice)

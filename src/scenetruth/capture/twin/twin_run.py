@@ -14,7 +14,8 @@ import xarray as xr
 from scenetruth.capture.calibration import RigCalibration
 from scenetruth.capture.calibration_errors import add_calibration_errors
 from scenetruth.capture.capture_file import Capture, CaptureLike, load_capture
-from scenetruth.capture.folder_reading import CaptureFolder, import_capture, open_capture
+from scenetruth.capture.capture_import import import_capture
+from scenetruth.capture.folder_reading import CaptureFolder, open_capture
 from scenetruth.capture.simulated_capture import simulate_capture
 from scenetruth.capture.twin.prediction import (
     Comparison,
