@@ -149,9 +149,16 @@ def _pixel_hits(
     for n in range(start, end):
         if n == start or pixels[n] != pixels[n - 1]:
             pixel = pixels[n] - low * width
-            numbers[last : pixel + 1], firsts[count] = count, n
-            last, count = pixel + 1, count + 1
-    numbers[last:], firsts[count] = count, end
+            # Slices take long to compile.
+            while last <= pixel:
+                numbers[last] = count
+                last += 1
+            firsts[count] = n
+            count += 1
+    while last < numbers.shape[0]:
+        numbers[last] = count
+        last += 1
+    firsts[count] = end
     # Faces that may touch a pixel, and the number of the pixel.
     space, used = 1024 + _FACES_PER_PIXEL * count, 0
     listed, place = np.empty(space, dtype=np.int32), np.empty(space, dtype=np.int32)
@@ -177,7 +184,8 @@ def _pixel_hits(
             if used + right - left > space:
                 space = 2 * space + right - left
                 more, places = np.empty(space, dtype=np.int32), np.empty(space, dtype=np.int32)
-                more[:used], places[:used] = listed[:used], place[:used]
+                for entry in range(used):
+                    more[entry], places[entry] = listed[entry], place[entry]
                 listed, place = more, places
             for x in range(left, right):
                 number = numbers[row + x]

@@ -223,6 +223,8 @@ def cross_faces(
                     continue
                 if used < space:
                     pairs[used, 0], pairs[used, 1] = one, other
-                    lines[used] = line
+                    for k in range(2):
+                        for m in range(3):
+                            lines[used, k, m] = line[k, m]
                 used += 1
     return used
