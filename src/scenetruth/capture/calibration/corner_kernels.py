@@ -21,7 +21,6 @@ _SHARP_BLUR, _SHARPEST_BLUR = 0.25, 0.01
 _PARTS = np.array([1, 4])
 _FAR = 4.0  # erfc(4) = 1.5e-8
 _FEWEST = 20  # pixels
-_NODE = math.sqrt(3.0 / 20.0)
 # A pixel integrates over its area. Two points per axis and a Gaussian of this variance have the second and fourth
 # moment of the box, 1 / 12 and 1 / 80: a^2 = 240^-0.5 and 1 / 12 - a^2.
 PART = 240.0**-0.25
@@ -114,21 +113,6 @@ def position_covariance(
 
 
 @kernel(error_model="numpy")
-def _density(u: float, v: float, correlation: float) -> float:
-    """Return the derivative by the correlation of the mean of sign(u + n) sign(v + m), of noise of variance 1 / 2."""
-    rest = 1.0 - correlation * correlation
-    return 2.0 / math.pi / math.sqrt(rest) * math.exp(-(u * u - 2.0 * correlation * u * v + v * v) / rest)
-
-
-@kernel(error_model="numpy")
-def _correlated(u: float, v: float, correlation: float) -> float:
-    """Return by how much that mean exceeds erf(u) erf(v): its derivative integrated from 0 by Gauss's rule."""
-    middle = 8.0 * _density(u, v, 0.5 * correlation)
-    outer = 5.0 * (_density(u, v, (0.5 - _NODE) * correlation) + _density(u, v, (0.5 + _NODE) * correlation))
-    return float(correlation * (middle + outer) / 18.0)
-
-
-@kernel(error_model="numpy")
 def _accumulate(
     values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64],
     p: NDArray[np.float64], parts: int, normal: NDArray[np.float64], gradient: NDArray[np.float64],
@@ -143,8 +127,6 @@ def _accumulate(
     total = p[4] * p[4] + PART_VARIANCE / (parts * parts)
     unit = math.sqrt(2.0 * total)
     far = _FAR * unit + 0.75
-    # Edges that are not at right angles: the blurs along their normals correlate.
-    cosine, sine = c1 * c2 + s1 * s2, s2 * c1 - c2 * s1
     slope = np.empty(_PARAMETERS)
     cost = squares = 0.0
     for n in range(values.size):
@@ -166,18 +148,9 @@ def _accumulate(
             u, v = (c1 * dx + s1 * dy) / unit, (c2 * dx + s2 * dy) / unit
             e1 = math.erf(u) if first else math.copysign(1.0, u)
             e2 = math.erf(v) if second else math.copysign(1.0, v)
-            g1 = 2.0 / math.sqrt(math.pi) * math.exp(-u * u) if first else 0.0
-            g2 = 2.0 / math.sqrt(math.pi) * math.exp(-v * v) if second else 0.0
-            if first and second:
-                product += (e1 * e2 + _correlated(u, v, cosine)) * share
-                g1 *= math.erf((v - cosine * u) / abs(sine))
-                g2 *= math.erf((u - cosine * v) / abs(sine))
-                turn = amplitude * sine * _density(u, v, cosine)
-                slope[2] += turn
-                slope[3] -= turn
-            else:
-                product += e1 * e2 * share
-                g1, g2 = g1 * e2, g2 * e1
+            g1 = 2.0 / math.sqrt(math.pi) * math.exp(-u * u) * e2 if first else 0.0
+            g2 = 2.0 / math.sqrt(math.pi) * math.exp(-v * v) * e1 if second else 0.0
+            product += e1 * e2 * share
             slope[0] -= amplitude * (g1 * c1 + g2 * c2) / unit
             slope[1] -= amplitude * (g1 * s1 + g2 * s2) / unit
             slope[2] += amplitude * g1 * (c1 * dy - s1 * dx) / unit
@@ -239,7 +212,7 @@ def fit_corners(
     image: NDArray[np.float64], variance: NDArray[np.float64], starts: NDArray[np.float64],
     axes: NDArray[np.float64], gaps: NDArray[np.float64], reach: float, half: int, found: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Fit m + h s(u) s(v), the blurred signs of two edges, times a linear light to the surroundings of corners.
+    """Fit m + h erf(u) erf(v) times a linear light to the surroundings of corners.
 
     ``image``, ``variance``: Grey values and the variances of their noise, shape (rows, columns).
     ``starts``: Start positions (x, y) in px, shape (n, 2).
