@@ -15,7 +15,7 @@ from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 from scenetruth.scene.material import Material
 
-__all__ = ["Reflection", "ReflectionTables", "SeenPoints", "pack_materials"]
+__all__ = ["Reflection", "ReflectionTables", "SeenPoints", "light_of", "pack_materials"]
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
 
@@ -90,6 +90,25 @@ def _mean(table: NDArray[np.float64]) -> float:
     azimuths = np.ones(table.shape[1])
     azimuths[[0, -1]] = 0.5
     return float(weights @ table @ azimuths / azimuths.sum())
+
+
+def light_of(
+    lamp: Lamp, points_mm: NDArray[np.float64], normals: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the light of a lamp on points, see `shading_kernels.direct_light`."""
+    from scenetruth.render.shading_kernels import direct_light
+
+    return direct_light(
+        points_mm,
+        normals,
+        np.zeros(3) if lamp.position_mm is None else lamp.position_mm,
+        lamp.axis,
+        lamp.position_mm is None,
+        lamp.irradiance,
+        lamp.reference_distance_mm,
+        lamp.cos_inner,
+        lamp.cos_outer,
+    )
 
 
 class SeenPoints(NamedTuple):
@@ -183,7 +202,6 @@ class Reflection:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
         """Compute factors, gloss, state numbers and blocked lamps of points, see `shading.Arrived`."""
         from scenetruth.render.reflectance_kernels import reflect_ambient, reflect_light
-        from scenetruth.render.shading_kernels import direct_light
 
         _, points_mm, normals, faces, _ = place
         view = place[:4]
@@ -199,17 +217,7 @@ class Reflection:
                 to_light = lamp.position_mm - points_mm
                 to_light /= np.linalg.norm(to_light, axis=1)[:, None]
             # At normal incidence.
-            light, zone, to_light, distance = direct_light(
-                points_mm,
-                np.ascontiguousarray(to_light),
-                np.zeros(3) if lamp.position_mm is None else lamp.position_mm,
-                lamp.axis,
-                lamp.position_mm is None,
-                lamp.irradiance,
-                lamp.reference_distance_mm,
-                lamp.cos_inner,
-                lamp.cos_outer,
-            )
+            light, zone, to_light, distance = light_of(lamp, points_mm, np.ascontiguousarray(to_light))
             facing = np.einsum("nk,nk->n", normals, to_light)
             front, back = facing > 0, (facing < 0) & through
             light[~(front | back)], zone[~(front | back)] = 0.0, 0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast import Changes, Hits, RayCaster, ShadowCaster, SurfaceLines
-from scenetruth.render.reflection import Reflection, SeenPoints
+from scenetruth.render.reflection import Reflection, SeenPoints, light_of
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 
@@ -278,22 +278,12 @@ class Shader:
         ``faces``: Face of each point, shape (n,), which casts no shadow on it.
         ``starts_mm``: Origins of the shadow rays, shape (n, 3): the points, or points above them on a smooth surface.
         """
-        from scenetruth.render.shading_kernels import add_light, direct_light
+        from scenetruth.render.shading_kernels import add_light
 
         total = np.full(len(points_mm), self._lighting.ambient or 0.0)
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
         for number, lamp in enumerate(lamps):
-            light, zone, to_light, distance = direct_light(
-                points_mm,
-                normals,
-                np.zeros(3) if lamp.position_mm is None else lamp.position_mm,
-                lamp.axis,
-                lamp.position_mm is None,
-                lamp.irradiance,
-                lamp.reference_distance_mm,
-                lamp.cos_inner,
-                lamp.cos_outer,
-            )
+            light, zone, to_light, distance = light_of(lamp, points_mm, normals)
             dark = np.zeros(len(points_mm), dtype=np.bool_)
             if self._lighting.shadows:
                 caster_of_shadows = self._shadow_caster(caster)
