@@ -151,7 +151,7 @@ def test_what_fails_leaves_nothing(kitchen: Kitchen, monkeypatch: pytest.MonkeyP
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr("scenetruth.simulation._Work.measure", fail)
+        patched.setattr("scenetruth.simulation.TruthTasks.put", fail)
         with pytest.raises(KeyboardInterrupt):
             kitchen.open()(SMALL, "seed=3")
     assert len(list(kitchen.folder.glob("*"))) == 1

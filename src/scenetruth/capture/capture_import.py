@@ -86,8 +86,11 @@ def import_capture(
 
     Examples
     --------
+    >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
     >>> import imageio.v3 as imageio
+    >>> import numpy as np
+    >>> from scenetruth.capture import Capture
     >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 100}, "frames": {"count": 1}}
     >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "files": {"images": "s{s:+d}.png", "dark": "dark.png"}}
     >>> with TemporaryDirectory() as folder:

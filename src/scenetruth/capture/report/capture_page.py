@@ -103,6 +103,7 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
             noise=noise_words(results.folder, results.check.noise),
             noise_figures=noise_figures,
             findings=[str(finding) for finding in results.check.findings],
+            mistakes=any(finding.severity != "note" for finding in results.check.findings),
             **found,
         )
     )
