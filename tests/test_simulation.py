@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import json
 import os
 import subprocess
 import sys
+import weakref
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -19,6 +21,7 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.compilation import thread_count
 from scenetruth.provenance import scene_hash
+from scenetruth.truth import TruthTasks
 from tests.helpers.scenes import SCENES, cube
 
 SMALL = {"frames": {"count": 2}, "stage": {"positions": 3, "baseline_mm": 5.0}}
@@ -198,3 +201,23 @@ def test_wrong_arguments_are_named_together(
     with pytest.raises(st.ArgumentError, match=r"scene: must be a scene, its values, .* \(got 'int'\)"):
         call(3)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_of_a_simulation_is_left_without_the_garbage_collector(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Objects that refer to each other are freed late: 100 to 500 MB for each simulation of a plant.
+    made: list[weakref.ref[Any]] = []
+
+    class Watched(TruthTasks):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            made.append(weakref.ref(self))
+
+    monkeypatch.setattr("scenetruth.simulation.TruthTasks", Watched)
+    scene = cube(**SMALL)
+    gc.collect()
+    gc.disable()
+    try:
+        st.simulate(scene)
+        assert [each() for each in made] == [None]
+    finally:
+        gc.enable()

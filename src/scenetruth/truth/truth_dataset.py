@@ -266,8 +266,6 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
 class TruthTasks:
     """Ground truth of a scene, in tasks that several threads may perform at the same time.
 
-    ``tasks``: Functions that compute the maps of one image, or the visibility of the points of the reference image in
-      all images of a frame. The first must begin no later than the others, which may wait for the reference image.
     ``warnings``: Those about the reference image, once the first task is done.
     """
 
@@ -291,12 +289,21 @@ class TruthTasks:
         centre = self._cameras.index((0, 0))
         others = (k for k in range(len(self._cameras)) if k != centre)
         self._views = [centre] if choice.views == "reference" else [centre, *others]
+
+    @property
+    def tasks(self) -> list[Callable[[], list[PlacedMap]]]:
+        """Functions that compute the maps of one image, or the visibility of the reference points in those of a frame.
+
+        The first must begin no later than the others, which may wait for the reference image. They are not retained
+        here, because objects that refer to each other are freed late.
+        """
+        frames, found = self._scene.frames, list[Callable[[], list[PlacedMap]]]()
         # The reference image comes first, because the visibility of its points in all other images is evaluated.
         first = frames.t.tolist().index(0)
-        self.tasks: list[Callable[[], list[PlacedMap]]] = []
         for frame in [first, *(n for n in range(frames.count) if n != first)]:
-            self.tasks += [partial(self._image, index, frame) for index in self._views]
-            self.tasks.append(partial(self._visible, frame))
+            found += [partial(self._image, index, frame) for index in self._views]
+            found.append(partial(self._visible, frame))
+        return found
 
     @property
     def steps(self) -> int:
