@@ -20,6 +20,7 @@ from scipy.ndimage import gaussian_filter
 from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.raycast import Topology
+from scenetruth.render.adaptive_raycast import AdaptiveRenderer
 from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene, load_scene
@@ -152,6 +153,9 @@ def own_rows(case: Case, reference: Map) -> list[Row]:
             with renderer as ready:
                 image, each = timed(lambda ready=ready: ready.render(0.0, Viewpoint.on_axis(0.0)))
                 rows.append((f"{name} {samples} x {samples}", each, "", case.image_error(image, reference)))
+    with AdaptiveRenderer(case.world, scene.camera, scene.background) as ready:
+        image, each = timed(lambda: ready.render(0.0, Viewpoint.on_axis(0.0)))
+        rows.append(("raycast, auto", each, "", case.image_error(image, reference)))
     maps, each = timed(case.make_truth)
     rows.append(("truth, all maps", each, case.depth_error(maps["depth"]), ""))
     return rows
