@@ -11,6 +11,7 @@ from scenetruth.raycast import ShadowCaster, Topology
 from scenetruth.raycast.shadow_kernels import BLOCKED, LIT, UNSURE
 
 TO_LIGHT = np.array([0.36, -0.48, 0.8])
+EDGE_ON = 1e-3  # tangent of the angle between face and light below which the light counts as parallel to the face
 
 
 def soup(seed: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -21,9 +22,8 @@ def soup(seed: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]
     return vertices, np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
 
 
-# In about one of a hundred random soups, a border of intersecting faces is missing: the renderer samples there.
-@settings(max_examples=8, deadline=None, derandomize=True)
-@given(seed=some.integers(0, 40), count=some.sampled_from([5, 18, 35]))
+@settings(max_examples=8, deadline=None)
+@given(seed=some.integers(0, 10_000), count=some.integers(2, 40))
 def test_faces_are_decided_and_cut_where_the_shadow_changes(seed: int, count: int) -> None:
     vertices, faces = soup(seed, count)
     caster = ShadowCaster(vertices, Topology.of(vertices, faces))
@@ -42,6 +42,10 @@ def test_faces_are_decided_and_cut_where_the_shadow_changes(seed: int, count: in
         face = own[other]
         starts, ends = found.starts_mm[found.face == face], found.ends_mm[found.face == face]
         normal = np.cross(*(vertices[faces[face, 1:]] - vertices[faces[face, 0]]))
+        if abs(normal @ TO_LIGHT) < 1.001 * EDGE_ON * np.linalg.norm(np.cross(normal, TO_LIGHT)):
+            # It has no borders, is not decided, and receives less than a thousandth of the light.
+            assert found.state[face] == UNSURE
+            continue
         across = np.cross(normal, points[other] - points[one])
         sides = (starts - points[one]) @ across, (ends - points[one]) @ across
         along = np.cross(normal, ends - starts)
