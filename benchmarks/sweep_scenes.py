@@ -76,8 +76,8 @@ def disparity_rows(name: str, changes: Sequence[str]) -> list[list[str]]:
     rows = []
     for method, found in disparities(recording, scene, true):
         wrong = bad(found, true)
-        told = wrong & np.isfinite(found)
-        rows.append([name, method, *(share(wrong, place) for place in places), share(told, places[0])])
+        wrong_valid = wrong & np.isfinite(found)
+        rows.append([name, method, *(share(wrong, place) for place in places), share(wrong_valid, places[0])])
     return rows
 
 

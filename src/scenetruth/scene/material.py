@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from scenetruth.validated_model import FrozenModel, NonNegative, Preset, preset
 
-__all__ = ["MATERIALS", "MATT", "Material", "MaterialName"]
+__all__ = ["MATERIALS", "MATT", "Material", "MaterialName", "MaterialOwner"]
 
 Roughness = Annotated[float, Field(gt=0, le=1)]
 
@@ -112,3 +112,17 @@ class Material(FrozenModel):
 
 MATT = Material()
 """Surface without gloss and transmission."""
+
+
+class MaterialOwner(FrozenModel):
+    """Base class of models with a field ``material``, which does not appear in their values if it is matt.
+
+    Scenes without gloss keep their hash.
+    """
+
+    @model_serializer(mode="wrap")
+    def _write(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        plain: dict[str, Any] = write(self)
+        if plain.get("material") == MATT.model_dump(mode="json"):
+            del plain["material"]
+        return plain

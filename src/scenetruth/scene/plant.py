@@ -5,21 +5,21 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field
 
 from scenetruth.scene.deformation import Deformation, DeformationModel, Growth, Hinge
 from scenetruth.scene.leaf.leaf_mesh import LeafMesh
 from scenetruth.scene.leaf.leaf_model import Petiole
 from scenetruth.scene.leaf.texture_synthesis import LeafTexture
-from scenetruth.scene.material import MATT, Material
+from scenetruth.scene.material import MATT, Material, MaterialOwner
 from scenetruth.scene.motion import MotionModel
 from scenetruth.scene.motion.rigid_motions import Motion
 from scenetruth.scene.motion.time_curve import HarmonicCurve
 from scenetruth.scene.scene_object import Pose, Rotation, SceneObject
-from scenetruth.validated_model import Finite, FrozenModel, Name, NonNegative, Positive, Vector3
+from scenetruth.validated_model import Finite, Name, NonNegative, Positive, Vector3
 
 __all__ = ["LeafPlace", "PlantModel", "Rosette", "Seedling"]
 
@@ -42,7 +42,7 @@ class LeafPlace:
     """1 for the oldest leaf, 0 for the youngest."""
 
 
-class PlantModel(FrozenModel):
+class PlantModel(MaterialOwner):
     """Base class of plants. The stem points to -Z, towards the camera (top view)."""
 
     name: Name
@@ -73,14 +73,6 @@ class PlantModel(FrozenModel):
     """Further deformations of every leaf, in the leaf frame."""
     motion: tuple[Motion, ...] = ()
     """Motion of the whole plant in the world."""
-
-    @model_serializer(mode="wrap")
-    def _without_matt(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave matt materials out: scenes without gloss keep their hash."""
-        plain: dict[str, Any] = write(self)
-        if self.material == MATT:
-            plain.pop("material", None)
-        return plain
 
     @abstractmethod
     def places(self) -> Sequence[LeafPlace]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pydantic import SerializerFunctionWrapHandler, ValidationInfo, field_validator, model_serializer
+from pydantic import ValidationInfo, field_validator
 
 from scenetruth.discovery import discriminated_union
 from scenetruth.scene.deformation import OwnFrameModel
-from scenetruth.scene.material import MATT, Material
+from scenetruth.scene.material import MATT, Material, MaterialOwner
 from scenetruth.scene.mesh import MeshModel
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.motion.rigid_motions import Motion
@@ -49,7 +49,7 @@ else:
     Texture = discriminated_union(TextureModel, "scenetruth.scene.texture", "scenetruth.scene.leaf")
 
 
-class SceneObject(FrozenModel):
+class SceneObject(MaterialOwner):
     """Textured mesh with pose, deformation and motion."""
 
     name: Name
@@ -66,14 +66,6 @@ class SceneObject(FrozenModel):
     """Deformations in the object frame, applied in order before the pose."""
     motion: tuple[Motion, ...] = ()
     """Motions in the world, applied in order."""
-
-    @model_serializer(mode="wrap")
-    def _without_matt(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave matt materials out: scenes without gloss keep their hash."""
-        plain: dict[str, Any] = write(self)
-        if self.material == MATT:
-            plain.pop("material", None)
-        return plain
 
     @field_validator("deformation")
     @classmethod

@@ -54,7 +54,7 @@ def warped_rows(
     """Give, channel by channel, rows, their images at the points of the reference pixels, and the mean gradient.
 
     Images are NaN where they do not show a point, and everywhere if they are excluded, shape (n, rows, x); the gradient
-    has shape (2, rows, x). Rows without a pixel in the mask are left out.
+    has shape (2, rows, x). Rows without a pixel in the mask are not given.
     """
     view, width = images.view(), images.shape[1]
     every = len(view.s)  # also excluded images, which are NaN
